@@ -1,0 +1,1 @@
+"""Physically based volume rendering."""

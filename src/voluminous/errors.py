@@ -1,0 +1,70 @@
+"""The errors voluminous raises: each says what was expected, what came, and what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class VoluminousError(Exception):
+    """Base class of all errors raised on purpose by voluminous."""
+
+
+class InputError(VoluminousError, ValueError):
+    """A value that a user gave cannot be used."""
+
+
+class UnitsError(InputError):
+    """A unit is missing, unknown, or of the wrong physical type."""
+
+
+class ExpressionError(InputError):
+    """An expression cannot be parsed, or uses something the language does not have."""
+
+
+class FileFormatError(InputError):
+    """A file is not what it claims to be; names the file, the place and the expectation."""
+
+
+class UnknownNameError(VoluminousError, KeyError):
+    """A name (field, scheme, colormap, key …) that does not exist; names the nearest one."""
+
+    def __str__(self) -> str:
+        # KeyError would print the repr of the message, quotes and escapes included.
+        return str(self.args[0]) if self.args else ""
+
+
+class MemoryNeededError(VoluminousError, MemoryError):
+    """The work needs more memory than there is; says how many bytes."""
+
+
+class DeviceError(VoluminousError, RuntimeError):
+    """No usable compute device, or the LLVM library it needs cannot be found."""
+
+
+class MissingPackageError(VoluminousError, ImportError):
+    """An optional package is needed; says how to install it."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownNameError:
+    """Return the error for an unknown `name`, naming the nearest among the `known` ones.
+
+    Parameters
+    ----------
+    kind : str
+        What the name stands for, e.g. ``"field"``.
+    name : str
+        The name that was given.
+    known : iterable of str
+        The names that exist.
+
+    Examples
+    --------
+    >>> str(unknown_name("field", "densty", ["density", "temperature"]))
+    "unknown field 'densty'; did you mean 'density'? known fields: density, temperature"
+    """
+    names = sorted(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ";"
+    listed = ", ".join(names) if names else "(none)"
+    return UnknownNameError(f"unknown {kind} {name!r}{hint} known {kind}s: {listed}")

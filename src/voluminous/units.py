@@ -1,0 +1,117 @@
+"""The only door for units: quantities come in, plain floats in the volume's unit go on.
+
+Kernels never see units. astropy is imported only when a quantity or a unit really appears, because
+its import takes longer than a picture.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from .errors import UnitsError
+
+
+def is_quantity(value: Any) -> bool:
+    """Return True if `value` carries a unit (astropy or anything that looks like it)."""
+    return hasattr(value, "unit") and hasattr(value, "to")
+
+
+def parse_unit(unit: Any) -> Any:
+    """Return the astropy unit for a name, a unit or None (dimensionless).
+
+    Raises
+    ------
+    UnitsError
+        If the name is not a unit astropy knows.
+    """
+    if unit is None or unit == "":
+        return None
+    from astropy import units as u
+
+    try:
+        parsed = u.Unit(unit)
+    except (ValueError, TypeError) as error:
+        raise UnitsError(
+            f"{unit!r} is not a unit; expected an astropy unit such as 'cm', 'pc' or 'g / cm3'"
+        ) from error
+    if parsed == u.dimensionless_unscaled:
+        return None
+    return parsed
+
+
+def unit_name(unit: Any) -> str:
+    """Return the name of a unit; the empty string for dimensionless."""
+    return "" if unit is None else str(unit)
+
+
+def unit_of(value: Any) -> Any:
+    """Return the unit of `value`, or None for plain numbers, arrays and sequences of them."""
+    if is_quantity(value):
+        return parse_unit(value.unit)
+    if isinstance(value, (list, tuple)) and value and is_quantity(value[0]):
+        return parse_unit(value[0].unit)
+    return None
+
+
+def plain(value: Any, unit: Any, what: str) -> Any:
+    """Return `value` as plain float or float64 array in `unit`; plain input is taken as it is.
+
+    Parameters
+    ----------
+    value : float, array_like or Quantity
+        What the user gave.
+    unit : unit or None
+        The unit to express it in; None means dimensionless.
+    what : str
+        What the value is, for the error message.
+
+    Raises
+    ------
+    UnitsError
+        If the value has a unit that cannot be converted.
+    """
+    if isinstance(value, (list, tuple)) and any(is_quantity(v) for v in value):
+        return np.array([plain(v, unit, what) for v in value])
+    if not is_quantity(value):
+        return _as_float(value, what)
+    from astropy import units as u
+
+    target = u.dimensionless_unscaled if unit is None else u.Unit(unit)
+    try:
+        converted = value.to(target).value
+    except u.UnitConversionError as error:
+        name = unit_name(parse_unit(unit)) or "dimensionless"
+        advice = (
+            "; the volume's length unit is dimensionless: build its grid from quantities, "
+            "or give a plain number"
+            if unit is None
+            else f"; give a quantity convertible to {name}, or a plain number in {name}"
+        )
+        raise UnitsError(f"{what} is in {value.unit}, expected {name}{advice}") from error
+    return _as_float(converted, what)
+
+
+def _as_float(value: Any, what: str) -> Any:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise UnitsError(f"{what} must be a number or a quantity, got {value!r}") from error
+    return float(array) if array.ndim == 0 else array
+
+
+def degrees(value: Any, what: str) -> float:
+    """Return an angle in degrees; plain numbers are degrees."""
+    return plain(value, "deg", what) if is_quantity(value) else _as_float(value, what)
+
+
+def radians(value: Any, what: str) -> Any:
+    """Return an angle in radians; plain numbers are radians."""
+    return plain(value, "rad", what) if is_quantity(value) else _as_float(value, what)
+
+
+def astropy_loaded() -> bool:
+    """Return True if astropy.units is already imported, so that using it is free."""
+    return "astropy.units" in sys.modules
