@@ -1,0 +1,154 @@
+"""Devices and precisions: the array types a kernel is traced with."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import DeviceError, InputError, unknown_name
+from .llvm import check_llvm, ensure_llvm
+
+PRECISIONS = ("single", "double")
+DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}
+
+
+@dataclass(frozen=True)
+class Backend:
+    """The array types of one device in one precision.
+
+    Attributes
+    ----------
+    device : str
+        ``"cpu"``, ``"cuda"`` or ``"metal"``.
+    precision : str
+        ``"single"`` or ``"double"``.
+    Float, Int, UInt, Bool : type
+        Dr.Jit arrays kernels compute with.
+    Wide : type
+        Double precision where the device has it. Work done once per ray or once per cell is done
+        in it, so that single precision costs digits only where it saves time.
+    """
+
+    device: str
+    precision: str
+    Float: Any
+    Wide: Any
+    Int: Any
+    UInt: Any
+    Bool: Any
+    module: Any
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """NumPy type of `Float`."""
+        return np.dtype(np.float32 if self.precision == "single" else np.float64)
+
+    @property
+    def tiny(self) -> float:
+        """Smallest normal number of `Float`: what is below is clamped to zero."""
+        return float(np.finfo(self.dtype).tiny)
+
+    def packet(self, width: int) -> Any:
+        """Return the type of `width` neighbouring values gathered at once (1, 2 or 4)."""
+        if width == 1:
+            return self.Float
+        suffix = "f" if self.precision == "single" else "f64"
+        return getattr(self.module, f"Array{width}{suffix}")
+
+    def opaque(self, value: float) -> Any:
+        """Return a number as run-time data: changing it never compiles a kernel again."""
+        import drjit as dr
+
+        return dr.opaque(self.Float, value)
+
+    def wide(self, value: float) -> Any:
+        """Return a number as run-time data in `Wide` precision."""
+        import drjit as dr
+
+        return dr.opaque(self.Wide, value)
+
+
+def get_backend(device: str = "auto", precision: str = "single") -> Backend:
+    """Return the backend for a device and a precision.
+
+    Parameters
+    ----------
+    device : {"auto", "cpu", "cuda", "metal"}
+        ``"auto"`` takes a GPU where there is one that has the precision, else the CPU.
+    precision : {"single", "double"}
+        Floating-point precision of the kernels.
+
+    Raises
+    ------
+    UnknownNameError
+        For any other name.
+    DeviceError
+        If the device is not there.
+    """
+    if precision not in PRECISIONS:
+        raise unknown_name("precision", str(precision), PRECISIONS)
+    if device != "auto" and device not in DEVICES:
+        raise unknown_name("device", str(device), ("auto", *DEVICES))
+    ensure_llvm_quietly() if device in ("auto", "cuda", "metal") else ensure_llvm()
+    if device == "auto":
+        device = _best_device(precision)
+    return _backend(device, precision)
+
+
+def ensure_llvm_quietly() -> None:
+    """Find LLVM if it is there; a GPU does not need it."""
+    try:
+        ensure_llvm()
+    except DeviceError:
+        if not _has("cuda") and not _has("metal"):
+            raise
+
+
+@functools.cache
+def _backend(device: str, precision: str) -> Backend:
+    if device == "cpu":
+        check_llvm()
+    elif not _has(device):
+        raise DeviceError(
+            f"device {device!r} is not available here; "
+            f"available: {', '.join(available_devices())}. Use device='auto'"
+        )
+    if device == "metal" and precision == "double":
+        raise InputError("Metal GPUs have no double precision; use precision='single' or 'cpu'")
+    module = importlib.import_module(f"drjit.{DEVICES[device]}")
+    real = module.Float32 if precision == "single" else module.Float64
+    return Backend(
+        device=device,
+        precision=precision,
+        Float=real,
+        Wide=module.Float32 if device == "metal" else module.Float64,
+        Int=module.Int,
+        UInt=module.UInt,
+        Bool=module.Bool,
+        module=module,
+    )
+
+
+def available_devices() -> tuple[str, ...]:
+    """Return the names of the devices that work here."""
+    return tuple(name for name in DEVICES if _has(name))
+
+
+@functools.cache
+def _has(device: str) -> bool:
+    import drjit as dr
+
+    kind = getattr(dr.JitBackend, DEVICES[device].upper(), None)
+    return kind is not None and bool(dr.has_backend(kind))
+
+
+def _best_device(precision: str) -> str:
+    if _has("cuda"):
+        return "cuda"
+    if _has("metal") and precision == "single":
+        return "metal"
+    return "cpu"

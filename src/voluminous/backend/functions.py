@@ -1,0 +1,75 @@
+"""Functions of optical depth that keep all their digits, for arrays of any device and precision."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+# Cody & Waite split of ln 2: n·LN2_HIGH is exact for the n that occur, in either precision.
+_LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
+_LN2_LOW = {"single": -2.12194440e-4, "double": 1.90821492927058770002e-10}
+# Terms of (1 - exp(-r))/r = Σ (-r)^k/(k+1)! needed for |r| <= ln(2)/2 and full precision.
+_TERMS = {"single": 8, "double": 14}
+
+
+def attenuation(tau: Any) -> tuple[Any, Any]:
+    """Return ``exp(-tau)`` and ``(1 - exp(-tau))/tau`` without cancellation.
+
+    The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both come from
+    one polynomial, at the price of one exponential. ``tau = n ln 2 + r`` with ``|r| <= ln(2)/2``
+    (Cody & Waite 1980, section 6.2), so ``1 - exp(-tau) = (1 - 2^-n) + 2^-n (1 - exp(-r))`` adds
+    positive numbers where ``n > 0`` and is the polynomial alone where ``n = 0``.
+
+    Parameters
+    ----------
+    tau : Dr.Jit float array
+        Optical depth, at least about ``-0.3`` (negative ones only in signed measurements).
+    """
+    real = type(tau)
+    precision = precision_of(real)
+    capped = dr.minimum(tau, 80.0 if precision == "single" else 700.0)
+    n = dr.round(capped * 1.4426950408889634)
+    r = dr.fma(-n, _LN2_HIGH[precision], capped)
+    r = dr.fma(-n, _LN2_LOW[precision], r)
+    mean = _mean_transparency_near_zero(r, _TERMS[precision])
+    scale = power_of_two(-n)
+    lost = dr.fma(scale, dr.fma(r, mean, -1.0), 1.0)
+    theta = scale * dr.fma(-r, mean, 1.0)
+    return theta, dr.select(n == 0, mean, lost / tau)
+
+
+def _mean_transparency_near_zero(r: Any, terms: int) -> Any:
+    """Return ``(1 - exp(-r))/r`` by its Taylor polynomial (Horner's rule)."""
+    coefficients = [1.0]
+    for k in range(2, terms + 1):
+        coefficients.append(-coefficients[-1] / k)
+    total = type(r)(coefficients[-1])
+    for c in coefficients[-2::-1]:
+        total = dr.fma(total, r, c)
+    return total
+
+
+def power_of_two(n: Any) -> Any:
+    """Return 2 to a whole number within the exponent range, by building its bits."""
+    real = type(n)
+    single = precision_of(real) == "single"
+    integer = dr.int32_array_t(real) if single else dr.int64_array_t(real)
+    bias, shift = (127, 23) if single else (1023, 52)
+    return dr.reinterpret_array(real, (integer(n) + bias) << shift)
+
+
+def precision_of(real: Any) -> str:
+    """Return ``"single"`` or ``"double"`` for a Dr.Jit float type."""
+    return "double" if dr.type_v(real) == dr.VarType.Float64 else "single"
+
+
+def flush_subnormal(value: Any) -> Any:
+    """Clamp what is below the smallest normal number to zero.
+
+    Dr.Jit's worker threads flush such numbers, the calling thread does not, and arithmetic on them
+    is a hundred times slower: without this a picture would depend on the number of threads.
+    """
+    kind = np.float32 if precision_of(type(value)) == "single" else np.float64
+    return dr.select(dr.abs(value) < float(np.finfo(kind).tiny), 0.0, value)

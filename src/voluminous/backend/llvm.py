@@ -1,0 +1,123 @@
+"""Find an LLVM shared library that Dr.Jit can use, before Dr.Jit looks for one itself.
+
+Left alone, Dr.Jit takes whatever the system carries. Of those that Debian 12 has, 14 is refused and
+15 aborts the whole process inside the compiler, so an old one must never be picked silently.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import DeviceError
+
+OLDEST_LLVM = 16
+VARIABLE = "DRJIT_LIBLLVM_PATH"
+WHEEL = "karellen-llvm-core"
+
+_SYSTEM_PATTERNS = {
+    "linux": (
+        "/usr/lib/*-linux-gnu/libLLVM*.so*",
+        "/usr/lib/llvm-*/lib/libLLVM*.so*",
+        "/usr/lib64/libLLVM*.so*",
+        "/usr/lib/libLLVM*.so*",
+    ),
+    "darwin": (
+        "/opt/homebrew/opt/llvm*/lib/libLLVM*.dylib",
+        "/usr/local/opt/llvm*/lib/libLLVM*.dylib",
+    ),
+    "win32": ("C:/Program Files/LLVM/bin/LLVM-C.dll",),
+}
+
+
+@functools.cache
+def ensure_llvm() -> None:
+    """Point Dr.Jit to a usable LLVM library; call before the LLVM backend is first used.
+
+    Raises
+    ------
+    DeviceError
+        If there is none, or the one named by ``DRJIT_LIBLLVM_PATH`` does not exist.
+    """
+    chosen = os.environ.get(VARIABLE)
+    if chosen:
+        if not Path(chosen).exists():
+            raise DeviceError(
+                f"{VARIABLE} is set to {chosen!r}, which does not exist; "
+                "correct it, or unset it to let voluminous find LLVM"
+            )
+        return
+    library = _from_wheel() or _from_system()
+    if library is None:
+        raise DeviceError(
+            f"no LLVM shared library (version {OLDEST_LLVM} or newer) was found. "
+            f"On Linux x86-64: pip install {WHEEL}. On macOS: brew install llvm. "
+            f"Elsewhere install LLVM and set {VARIABLE} to its shared library"
+        )
+    os.environ[VARIABLE] = str(library)
+
+
+def check_llvm() -> None:
+    """Refuse an LLVM too old to be trusted; call once the LLVM backend is loaded."""
+    version = llvm_version()
+    if version is None:
+        raise DeviceError(
+            f"Dr.Jit could not load the LLVM library {os.environ.get(VARIABLE)!r}; "
+            f"install another one, or set {VARIABLE}"
+        )
+    if version[0] < OLDEST_LLVM:
+        name = ".".join(map(str, version))
+        raise DeviceError(
+            f"Dr.Jit loaded LLVM {name}, which is too old (it miscompiles or aborts); version "
+            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL}"
+        )
+
+
+def llvm_version() -> tuple[int, int, int] | None:
+    """Return the version of the LLVM that Dr.Jit uses, or None if it cannot be loaded."""
+    import drjit as dr
+
+    if not dr.has_backend(dr.JitBackend.LLVM):
+        return None
+    major, minor, patch = dr.detail.llvm_version()
+    return major, minor, patch
+
+
+def _from_wheel() -> Path | None:
+    """Return the library carried by the LLVM wheel, if that is installed."""
+    try:
+        files = importlib.metadata.files(WHEEL) or []
+    except importlib.metadata.PackageNotFoundError:
+        return None
+    found = [f for f in files if re.match(r"(libLLVM.*\.(so|dylib)|LLVM-C.*\.dll)", f.name)]
+    # Real file first: the plain name is a symbolic link made after installation.
+    for file in sorted(found, key=lambda f: -len(f.name)):
+        path = Path(str(file.locate())).resolve()
+        if path.exists():
+            return path
+    return None
+
+
+def _from_system() -> Path | None:
+    """Return the newest system library that is new enough."""
+    candidates = [(v, p) for p in _system_libraries() if (v := _version_in_name(p)) >= OLDEST_LLVM]
+    return max(candidates)[1] if candidates else None
+
+
+def _system_libraries() -> Iterator[Path]:
+    for pattern in _SYSTEM_PATTERNS.get(sys.platform, ()):
+        root = Path(pattern).anchor
+        yield from Path(root).glob(pattern[len(root) :])
+
+
+def _version_in_name(path: Path) -> int:
+    """Return the major version told by a path such as ``libLLVM-19.so`` or ``llvm-19/lib/…``."""
+    text = str(path.resolve())
+    match = re.search(r"LLVM-(\d+)", text) or re.search(r"libLLVM\.so\.(\d+)", text)
+    match = match or re.search(r"llvm[-@](\d+)", text) or re.search(r"llvm/(\d+)\.", text)
+    return int(match.group(1)) if match else 0

@@ -1,0 +1,23 @@
+"""A small, safe language for values computed from fields, such as ``"log10(density)"``.
+
+The text is parsed with Python's grammar into a tree of plain nodes (no code object is ever made or
+run). The same tree is then evaluated with NumPy (`NumpyOps`) or traced with Dr.Jit (`DrjitOps`).
+
+Everything is floating point and everything is per element. Comparisons are true or false; in
+arithmetic true counts 1 and false 0, and in a logical place any number but 0 is true.
+"""
+
+from .drjit_ops import DrjitOps
+from .expression import Expression, check_names
+from .ops import NumpyOps, Ops
+from .parser import CONSTANTS, FUNCTIONS
+
+__all__ = [
+    "CONSTANTS",
+    "FUNCTIONS",
+    "DrjitOps",
+    "Expression",
+    "NumpyOps",
+    "Ops",
+    "check_names",
+]

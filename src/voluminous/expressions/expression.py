@@ -1,0 +1,147 @@
+"""`Expression`: the text a user wrote, parsed once, evaluated with NumPy or Dr.Jit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from ..errors import ExpressionError, unknown_name
+from .ops import Ops
+from .parser import parse
+from .source import one_line
+from .tree import Node
+
+
+class Expression:
+    """A value computed from fields, element by element.
+
+    Parameters
+    ----------
+    source : str, float or Expression
+        The text, for example ``"log10(density)"``, or a number. An `Expression` is returned as is.
+
+    Attributes
+    ----------
+    text : str
+        What the user wrote, on one line and without the spaces around it.
+    names : tuple of str
+        The field names used, without repetition, in order of first appearance. Identifiers are in
+        Unicode normal form NFKC, as everywhere in Python.
+
+    Raises
+    ------
+    ExpressionError
+        If the text is not in the language; shows the place with a caret.
+
+    Notes
+    -----
+    Operators are Python's ``+ - * / // % **``, comparisons (also chained), ``and or not`` (also
+    written ``& | ~``) and ``a if c else b``; functions are ``where log10 log exp sqrt abs min max
+    sin cos tan tanh atan2 clip``; constants are numbers, ``pi``, ``e``, ``true`` and ``false``.
+    ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
+
+    Two expressions are equal if they mean the same tree: ``a+b`` equals ``(a + b)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> expr = Expression("2 * density if density > 1 else 0")
+    >>> expr.names
+    ('density',)
+    >>> expr.evaluate(NumpyOps(), {"density": np.array([0.5, 3.0])})
+    array([0., 6.])
+    """
+
+    __slots__ = ("_tree", "names", "text")
+
+    text: str
+    names: tuple[str, ...]
+    _tree: Node
+
+    def __new__(cls, source: str | float | Expression) -> Expression:
+        """Return the parsed `source`, or `source` itself if it is parsed already."""
+        if isinstance(source, Expression):
+            return source
+        self = super().__new__(cls)
+        text = _source_text(source)
+        tree, names = parse(text)
+        for attribute, value in (("text", text), ("names", names), ("_tree", tree)):
+            object.__setattr__(self, attribute, value)
+        return self
+
+    def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
+        """Return the value of the expression.
+
+        Parameters
+        ----------
+        ops : Ops
+            `NumpyOps` or `DrjitOps`.
+        values : mapping of str to array
+            The fields; all that are in `names` must be there.
+
+        Returns
+        -------
+        array
+            Numbers of the fields' common shape (a scalar array if no field is used). A comparison
+            gives 1 and 0. Where a value does not exist, such as ``log10(0)``, infinite or NaN.
+
+        Raises
+        ------
+        UnknownNameError
+            If a field is missing; names the nearest.
+        """
+        check_names(self, values)
+        fitted, fields = ops.prepare({name: values[name] for name in self.names})
+        # Dr.Jit knows no floating-point warnings; for NumPy the result itself says enough.
+        with np.errstate(all="ignore"):
+            return self._tree.number(fitted, fields)
+
+    def __setattr__(self, attribute: str, value: Any) -> None:
+        raise AttributeError("an Expression cannot be changed; make a new one")
+
+    def __eq__(self, other: object) -> bool:
+        return self._tree == other._tree if isinstance(other, Expression) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._tree)
+
+    def __repr__(self) -> str:
+        return f"Expression({self.text!r})"
+
+    def __reduce__(self) -> tuple[type[Expression], tuple[str]]:
+        return Expression, (self.text,)
+
+
+def check_names(expr: Expression, known: Iterable[str]) -> None:
+    """Raise the error for the first name in `expr` that is not `known`.
+
+    Raises
+    ------
+    UnknownNameError
+        Names the nearest known field.
+    """
+    names = list(known)
+    for name in expr.names:
+        if name not in names:
+            raise unknown_name("field", name, names)
+
+
+def _source_text(source: Any) -> str:
+    if isinstance(source, str):
+        return one_line(source)
+    if not isinstance(source, Real):
+        raise ExpressionError(
+            f"an expression is text such as 'log10(density)' or a number, "
+            f"got {type(source).__name__}"
+        )
+    try:
+        number = float(source)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ExpressionError(f"an expression must be a finite number or text, got {number}")
+    return repr(number)

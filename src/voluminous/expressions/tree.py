@@ -1,0 +1,125 @@
+"""The nodes of a parsed expression: immutable, comparable, and able to evaluate themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from .ops import Ops
+
+Fields = Mapping[str, Any]
+
+
+class Node:
+    """A part of an expression."""
+
+    __slots__ = ()
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the value: numbers or a mask."""
+        raise NotImplementedError
+
+    def number(self, ops: Ops, fields: Fields) -> Any:
+        """Return the value as numbers; true is 1 and false is 0."""
+        return ops.number(self.evaluate(ops, fields))
+
+    def mask(self, ops: Ops, fields: Fields) -> Any:
+        """Return the value as a mask; all but 0 is true."""
+        return ops.mask(self.evaluate(ops, fields))
+
+
+@dataclass(frozen=True, slots=True)
+class Constant(Node):
+    """A number; always a float, so that no literal can start big-integer arithmetic."""
+
+    value: float
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the constant in the evaluator's type."""
+        return ops.constant(self.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Field(Node):
+    """The values of a named field."""
+
+    name: str
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the field."""
+        return fields[self.name]
+
+
+@dataclass(frozen=True, slots=True)
+class Call(Node):
+    """An operation on numbers: arithmetic or a function; `operation` is a method of `Ops`."""
+
+    operation: str
+    arguments: tuple[Node, ...]
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the operation's result on the arguments as numbers."""
+        numbers = [argument.number(ops, fields) for argument in self.arguments]
+        return getattr(ops, self.operation)(*numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class IntegerPower(Node):
+    """A power with a small whole exponent that is written in the expression."""
+
+    base: Node
+    exponent: int
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the power, by multiplication."""
+        return ops.integer_power(self.base.number(ops, fields), self.exponent)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison(Node):
+    """A chain such as ``1 < x <= 2``: true where every neighbouring pair compares so."""
+
+    operations: tuple[str, ...]
+    operands: tuple[Node, ...]
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the mask; each operand is evaluated once."""
+        values = [operand.number(ops, fields) for operand in self.operands]
+        pairs = zip(self.operations, pairwise(values), strict=True)
+        result, *others = (getattr(ops, operation)(*pair) for operation, pair in pairs)
+        for other in others:
+            result = ops.logical_and(result, other)
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class Logic(Node):
+    """A logical operation, ``and``, ``or`` or ``not``; `operation` is a method of `Ops`."""
+
+    operation: str
+    arguments: tuple[Node, ...]
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the mask."""
+        result, *others = (argument.mask(ops, fields) for argument in self.arguments)
+        if not others:
+            return getattr(ops, self.operation)(result)
+        for other in others:
+            result = getattr(ops, self.operation)(result, other)
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class Where(Node):
+    """The one value where the condition is true, the other elsewhere."""
+
+    condition: Node
+    chosen: Node
+    otherwise: Node
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the selected numbers; both branches are evaluated everywhere."""
+        mask = self.condition.mask(ops, fields)
+        return ops.where(mask, self.chosen.number(ops, fields), self.otherwise.number(ops, fields))

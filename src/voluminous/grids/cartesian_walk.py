@@ -1,0 +1,203 @@
+"""The walk of rays through a Cartesian grid (Amanatides & Woo 1987).
+
+A ray's cell is an integer, and the distance of the next wall is computed from it afresh: rounding
+never accumulates and no ray leaks. The lengths of a ray's segments add up to its chord.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+
+from .axes import NEVER, AxisTrack, make_axis
+from .contract import Corners, Ray, Segment
+
+# Slower than this (in cells per cell width), a ray never crosses a wall: it runs parallel to it.
+_PARALLEL = 1e-20
+
+
+@dataclass
+class Side:
+    """One axis of a ray in `Wide`: mirrored position and speed, and when it is between the walls."""
+
+    position: Any
+    speed: Any
+    down: Any
+    arrive: Any
+    leave: Any
+
+
+@dataclass
+class Track:
+    """What is constant along a ray: its axes, the strides with their signs, and where it ends."""
+
+    axes: list[AxisTrack]
+    cell_stride: list[Any]
+    vertex_stride: list[Any]
+    last: Any
+
+
+@dataclass
+class Cursor:
+    """Where a ray is: mirrored cell indices, flat numbers of cell and lower vertex, distance."""
+
+    index: list[Any]
+    cell: Any
+    vertex: Any
+    t: Any
+    inside: Any
+
+
+@dataclass
+class Exit:
+    """How a segment leaves its cell: through which wall, and where that cell was and the next is."""
+
+    through: list[Any]
+    index: list[Any]
+    vertex: Any
+    next_vertex: Any
+
+
+class CartesianWalk:
+    """Rays through a `CartesianGrid`; see `grids.contract.Walk`."""
+
+    def __init__(self, grid: Any, backend: Any) -> None:
+        self.backend = backend
+        self.axes = [make_axis(e, grid.scale, backend) for e in grid.edges]
+        self.to_scale = backend.wide(1.0 / grid.scale)
+        self.limits = [backend.opaque(float(n)) for n in grid.shape]
+        self.cell_strides = self._strides(grid.shape)
+        self.vertex_strides = self._strides([n + 1 for n in grid.shape])
+
+    def _strides(self, counts: Any) -> list[Any]:
+        return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
+
+    def enter(self, ray: Ray) -> tuple[Track, Cursor]:
+        """Return the track and the cursor at the point where each ray enters the domain."""
+        Wide = self.backend.Wide
+        sides = [
+            _mirror(axis, o, d, Wide)
+            for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)
+        ]
+        arrive = dr.maximum(dr.maximum(sides[0].arrive, sides[1].arrive), sides[2].arrive)
+        leave = dr.minimum(dr.minimum(sides[0].leave, sides[1].leave), sides[2].leave)
+        first = None if ray.first is None else ray.first * self.to_scale
+        last = None if ray.last is None else ray.last * self.to_scale
+        start = arrive if first is None else dr.maximum(arrive, first)
+        inside = start < (leave if last is None else dr.minimum(leave, last))
+        # A ray that misses starts somewhere finite, so that no lane computes with infinities.
+        arrive = dr.select(inside, arrive, Wide(0))
+        begin = dr.select(inside, start, Wide(0)) - arrive
+        end = None if last is None else self.backend.Float(dr.minimum(last - arrive, NEVER))
+        return self._start(sides, arrive, begin, inside, end)
+
+    def _start(
+        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, end: Any
+    ) -> tuple[Track, Cursor]:
+        """Return track and cursor of rays that reach the domain at `arrive`, start `begin` later."""
+        Float, Int = self.backend.Float, self.backend.Int
+        tracks, index, cells, vertices = [], [], Int(0), Int(0)
+        cell_stride, vertex_stride = [], []
+        for a, (axis, side) in enumerate(zip(self.axes, sides, strict=True)):
+            position = dr.fma(arrive, side.speed, side.position)
+            track = axis.track(side, position)
+            on_wall = (side.arrive == arrive) & (begin == 0)
+            cell = axis.index_of(track, dr.fma(begin, side.speed, position))
+            cell = dr.select(on_wall, 0.0, dr.clip(cell, 0.0, axis.last_index))
+            whole = Int(cell)
+            own = dr.select(side.down, Int(axis.last_index) - whole, whole)
+            cells += own * self.cell_strides[a]
+            vertices += (own + Int(side.down)) * self.vertex_strides[a]
+            cell_stride.append(_signed(self.cell_strides[a], side.down))
+            vertex_stride.append(_signed(self.vertex_strides[a], side.down))
+            tracks.append(track)
+            index.append(Float(cell))
+        track = Track(tracks, cell_stride, vertex_stride, end)
+        return track, Cursor(index, cells, vertices, Float(begin), inside)
+
+    def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
+        """Return the segment through the present cell, and the cursor in the next one."""
+        ahead = [
+            axis.crossing(t, i)
+            for axis, t, i in zip(self.axes, track.axes, cursor.index, strict=True)
+        ]
+        wall = dr.minimum(dr.minimum(ahead[0], ahead[1]), ahead[2])
+        x = (ahead[0] <= ahead[1]) & (ahead[0] <= ahead[2])
+        y = ~x & (ahead[1] <= ahead[2])
+        through = [x, y, ~(x | y)]
+        end = wall if track.last is None else dr.minimum(wall, track.last)
+        end = dr.maximum(end, cursor.t)
+        index = [
+            dr.select(crossed, i + 1.0, i)
+            for crossed, i in zip(through, cursor.index, strict=True)
+        ]
+        inside = (
+            (index[0] != self.limits[0])
+            & (index[1] != self.limits[1])
+            & (index[2] != self.limits[2])
+        )
+        if track.last is not None:
+            inside &= end < track.last
+        vertex = cursor.vertex + _pick(through, track.vertex_stride)
+        leaving = Exit(through, cursor.index, cursor.vertex, vertex)
+        segment = Segment(self.backend.UInt(cursor.cell), end - cursor.t, end, cursor.inside, leaving)
+        cell = cursor.cell + _pick(through, track.cell_stride)
+        return segment, Cursor(index, cell, vertex, end, inside)
+
+    def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
+        """Return the eight vertices of the cell and trilinear weights at the cursor."""
+        return self._trilinear(track, cursor.index, cursor.vertex, cursor.t)
+
+    def exit_corners(self, track: Track, segment: Segment) -> Corners:
+        """Return the vertices around the end of a segment: four of the wall it leaves through."""
+        leaving = segment.exit
+        if track.last is not None:  # it may end inside the cell
+            return self._trilinear(track, leaving.index, leaving.vertex, segment.end)
+        f = self._fractions(track, leaving.index, segment.end)
+        s = track.vertex_stride
+        through = leaving.through
+        u, v = _pick(through, [f[1], f[2], f[0]]), _pick(through, [f[2], f[0], f[1]])
+        du, dv = _pick(through, [s[1], s[2], s[0]]), _pick(through, [s[2], s[0], s[1]])
+        base = leaving.next_vertex
+        # Four products instead of six: the last three weights are differences.
+        both = u * v
+        vertex = [base, base + du, base + dv, base + du + dv]
+        return Corners(vertex, [1.0 - u - v + both, u - both, v - both, both])
+
+    def _trilinear(self, track: Track, index: list[Any], vertex: Any, t: Any) -> Corners:
+        vertices, weights = [vertex], [self.backend.Float(1)]
+        for f, stride in zip(self._fractions(track, index, t), track.vertex_stride, strict=True):
+            vertices += [v + stride for v in vertices]
+            weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
+        return Corners(vertices, weights)
+
+    def _fractions(self, track: Track, index: list[Any], t: Any) -> list[Any]:
+        return [
+            axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
+        ]
+
+
+def _mirror(axis: Any, origin: Any, direction: Any, Wide: Any) -> Side:
+    """Return one axis of rays, counted from the far end where they run down the axis."""
+    down = direction < 0
+    position = (origin - axis.low) * axis.to_own
+    position = dr.select(down, axis.extent - position, position)
+    speed = dr.abs(direction) * axis.speed_unit
+    parallel = speed < _PARALLEL
+    speed = dr.select(parallel, 0.0, speed)
+    pace = 1.0 / dr.select(parallel, 1.0, speed)
+    between = (position >= 0) & (position <= axis.extent)
+    arrive = dr.select(parallel, dr.select(between, Wide(-NEVER), Wide(NEVER)), -position * pace)
+    leave = dr.select(parallel, Wide(NEVER), (axis.extent - position) * pace)
+    return Side(position, speed, down, arrive, leave)
+
+
+def _signed(stride: Any, down: Any) -> Any:
+    return dr.select(down, -stride, stride)
+
+
+def _pick(through: list[Any], values: list[Any]) -> Any:
+    """Return the value that belongs to the axis of the wall crossed."""
+    return dr.select(through[0], values[0], dr.select(through[1], values[1], values[2]))

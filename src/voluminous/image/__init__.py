@@ -1,0 +1,9 @@
+"""What comes out of a render: intensities with coordinates, units and the story of their making.
+
+`image.py` holds the picture, `tone.py` turns intensities into something to look at, `plot.py`
+draws it with axes, and `formats/` has one file per file format.
+"""
+
+from .image import Image
+
+__all__ = ["Image"]

@@ -1,0 +1,100 @@
+"""Files that appear whole or not at all, and errors that name the file."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..errors import FileFormatError, InputError, VoluminousError
+
+
+class MissingPathError(InputError, FileNotFoundError):
+    """A file or a directory that does not exist."""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary path to write to, which takes the place of `path` when all went well.
+
+    The temporary file lies in the same directory, so the last step is one atomic rename: at every
+    moment `path` is either the old file or the whole new one. After an error or an interruption
+    the temporary file is removed.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file shall be; a symbolic link is followed, not replaced.
+
+    Raises
+    ------
+    MissingPathError
+        If the directory does not exist.
+    InputError
+        If `path` is a directory.
+    """
+    target = Path(os.path.realpath(path))
+    _check_place(path, target)
+    # The start of the name tells a person what was left behind should the machine lose power.
+    temporary = target.with_name(f".{target.stem[:40]}.{secrets.token_hex(6)}.part{target.suffix}")
+    try:
+        yield temporary
+        if target.exists():
+            shutil.copymode(target, temporary)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _check_place(path: Path, target: Path) -> None:
+    if target.is_dir():
+        raise InputError(f"{path} is a directory; give the name of a file in it")
+    if not target.parent.is_dir():
+        raise MissingPathError(
+            f"cannot save {path}: the directory {target.parent} does not exist; create it first"
+        )
+
+
+def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
+    """Check that a file exists, is not empty and starts with one of the `magic` bytes.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    FileFormatError
+        If it starts with something else.
+    """
+    try:
+        with open(path, "rb") as file:
+            start = file.read(max(len(m) for m in magic))
+    except FileNotFoundError:
+        raise MissingPathError(f"there is no file {path}") from None
+    if not start:
+        raise FileFormatError(f"{path} is empty; expected {expectation}")
+    if not start.startswith(magic):
+        raise FileFormatError(f"{path} is not {expectation}: it starts with {start!r}")
+
+
+@contextmanager
+def expecting(path: Path, expectation: str) -> Iterator[None]:
+    """Turn whatever a library raises while it reads `path` into an error that names the file.
+
+    Raises
+    ------
+    FileFormatError
+        In place of any other error.
+    """
+    try:
+        yield
+    except VoluminousError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    except Exception as error:
+        # A damaged file makes its library raise nearly anything, from KeyError to zlib.error.
+        raise FileFormatError(
+            f"{path}: expected {expectation}, but it is damaged or of another kind "
+            f"({type(error).__name__}: {error})"
+        ) from error

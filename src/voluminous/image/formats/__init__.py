@@ -1,0 +1,49 @@
+"""Image files: one format per module, found by suffix through one list."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import unknown_name
+from ..files import check_start, expecting, replacing
+from ..options import check_options
+from . import exr, fits, npz, png, tiff
+from .contract import Format
+
+if TYPE_CHECKING:
+    from ..image import Image
+
+FORMATS: tuple[Format, ...] = (png.FORMAT, tiff.FORMAT, exr.FORMAT, fits.FORMAT, npz.FORMAT)
+
+
+def format_of(path: Path) -> Format:
+    """Return the format that the suffix of `path` stands for.
+
+    Raises
+    ------
+    UnknownNameError
+        If no format has this suffix; names the nearest.
+    """
+    known = {suffix: f for f in FORMATS for suffix in f.suffixes}
+    suffix = path.suffix.lower()
+    if suffix not in known:
+        raise unknown_name("image suffix", suffix, known)
+    return known[suffix]
+
+
+def save(image: Image, path: Path, **options: Any) -> None:
+    """Write `image` to `path`, whole or not at all; see `Image.save`."""
+    form = format_of(path)
+    check_options(f"{path.suffix} option", options, form.options)
+    with replacing(path) as temporary:
+        form.write(image, temporary, **options)
+
+
+def load(path: Path, make: Callable[..., Image]) -> Image:
+    """Return what `make` (the class `Image`) makes of the file; see `Image.load`."""
+    form = format_of(path)
+    check_start(path, form.magic, form.name)
+    with expecting(path, form.name):
+        return make(**form.read(path))

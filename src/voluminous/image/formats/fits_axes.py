@@ -1,0 +1,104 @@
+"""Pixel coordinates as FITS cards: a linear WCS (Greisen & Calabretta 2002, A&A 395, 1061)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ..image import Image
+
+Card = tuple[str, Any, str]
+Linear = tuple[NDArray[np.float64], float]  # coordinates and their step
+# Coordinates this near to a linear axis (in pixels) are told by it; rounding is far below.
+_LINEAR_TO = 1e-6
+
+
+def cards(image: Image) -> Iterator[Card]:
+    """Give the cards for x, y and, if there are several, the channels."""
+    axes = 2 if image.channels == 1 else 3
+    yield "WCSAXES", axes, "number of axes"
+    yield from _axis_cards(1, "X", image.x, image.pixel_size[0], image.unit)
+    yield from _axis_cards(2, "Y", image.y, image.pixel_size[1], image.unit)
+    if axes == 3:
+        indices = np.arange(image.channels, dtype=np.float64)
+        yield from _axis_cards(3, "CHANNEL", indices, 1.0, "")
+
+
+def _axis_cards(
+    number: int, name: str, centres: NDArray[np.float64], step: float, unit: str
+) -> Iterator[Card]:
+    middle = (centres.size + 1) / 2
+    value = (centres[0] + centres[-1]) / 2
+    if not _agree(centres, _linear(centres.size, middle, value, step), step):
+        return  # uneven: no card can tell it
+    yield f"CTYPE{number}", name, "linear"
+    yield f"CRPIX{number}", middle, "reference pixel; centre of the first is 1"
+    yield f"CRVAL{number}", float(value), "coordinate there"
+    yield f"CDELT{number}", step, "size of a pixel"
+    if unit:
+        yield f"CUNIT{number}", unit_card(unit), "unit"
+
+
+def _linear(count: int, pixel: float, value: float, step: float) -> NDArray[np.float64]:
+    return np.float64(value) + step * (np.arange(1, count + 1, dtype=np.float64) - pixel)
+
+
+def _agree(a: NDArray[np.float64], b: NDArray[np.float64], step: float) -> bool:
+    return a.shape == b.shape and bool((np.abs(a - b) <= _LINEAR_TO * abs(step)).all())
+
+
+def unit_card(unit: str) -> str:
+    """Return the name FITS has for a unit; the given one, in ASCII, if it has none."""
+    if not unit:
+        return ""
+    from astropy import units as u
+
+    try:
+        return u.Unit(unit).to_string("fits")
+    except (ValueError, TypeError):
+        return unit.encode("ascii", "replace").decode()[:68]
+
+
+def read(
+    header: Any, shape: tuple[int, ...], extras: dict[str, NDArray[Any]], pixel_size: Any
+) -> dict[str, Any]:
+    """Return x, y, unit and pixel_size as far as the header and the extensions tell them.
+
+    Our exact coordinates (extensions X and Y) hold as long as nobody changed the header since.
+    For a projection of the sky the plane of projection is meant: offsets from the reference
+    point. Rotated axes have no coordinates of their own and are left as pixel indices.
+    """
+    across, up = (_linear_axis(header, n, shape[2 - n]) for n in (1, 2))
+    units = {str(header.get(f"CUNIT{n}", "")).strip() for n in (1, 2)}
+    if len(units) != 1:
+        return {}
+    x = _untouched(extras.get("X"), across, shape[1])
+    y = _untouched(extras.get("Y"), up, shape[0])
+    if x is not None and y is not None:
+        return {"x": x, "y": y, "unit": units.pop(), "pixel_size": pixel_size}
+    if across is None or up is None:
+        return {}
+    size = (across[1], up[1])
+    return {"x": across[0], "y": up[0], "unit": units.pop(), "pixel_size": size}
+
+
+def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDArray[Any] | None:
+    """Return our exact coordinates if they still fit the image and the cards."""
+    if own is None or own.shape != (count,):
+        return None
+    return own if axis is None or _agree(own, *axis) else None
+
+
+def _linear_axis(header: Any, number: int, count: int) -> Linear | None:
+    step = header.get(f"CDELT{number}", header.get(f"CD{number}_{number}"))
+    other = 3 - number
+    rotated = any(header.get(f"{m}{number}_{other}", 0.0) for m in ("CD", "PC"))
+    if not step or rotated:
+        return None
+    projected = "-" in str(header.get(f"CTYPE{number}", ""))
+    value = 0.0 if projected else header.get(f"CRVAL{number}", 0.0)
+    return _linear(count, header.get(f"CRPIX{number}", 0.0), value, step), step

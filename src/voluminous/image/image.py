@@ -1,0 +1,288 @@
+"""The result of a render: an array of intensities that knows where, in what unit and how."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import coordinates, planes
+from .metadata import json_value
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.floating[Any]]
+
+
+class Image:
+    """A picture: intensity per pixel and channel, with coordinates, units and provenance.
+
+    Parameters
+    ----------
+    intensity : array_like or Quantity, shape (ny, nx, channel) or (ny, nx)
+        Row 0 is at the bottom, x runs to the right. float32 and float64 are kept as they are,
+        integers become float64.
+    transparency : array_like, optional
+        exp(-optical depth) along each ray. Broadcastable to (ny, nx, channel); two axes mean
+        (ny, nx), the same for every channel.
+    optical_depth : array_like or callable, optional
+        Likewise; or a function without arguments that gives it, called once, on first use.
+    x, y : array_like or Quantity, shapes (nx,) and (ny,), optional
+        Coordinates of the pixel centres on the image plane. Default: pixel indices.
+    unit : str or unit, optional
+        Unit of `x` and `y`: a length, ``"rad"`` for angles, ``""`` for dimensionless.
+    intensity_unit : str or unit, optional
+        Unit of `intensity`.
+    pixel_size : (float, float), optional
+        Width and height of a pixel in `unit`. Follows from `x` and `y`, unless there is but one
+        column or row; then pixels are taken as square if it is not given.
+    camera : dict, optional
+        What saw the scene (type, angles, …).
+    provenance : dict, optional
+        What made the image (scene, versions, …). Both are saved with the image in every format, so
+        they hold dicts, lists, strings, numbers, booleans and None only.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, or something cannot be saved.
+    UnitsError
+        If a quantity cannot be converted to the unit that is given.
+
+    Examples
+    --------
+    >>> Image([[0.0, 0.5], [1.0, 2.0]], unit="pc")
+    <Image 2×2 pixels, 1 channel, 2×2 pc, intensity 0 … 2>
+    """
+
+    def __init__(
+        self,
+        intensity: ArrayLike,
+        *,
+        transparency: ArrayLike | None = None,
+        optical_depth: ArrayLike | Callable[[], ArrayLike] | None = None,
+        x: ArrayLike | None = None,
+        y: ArrayLike | None = None,
+        unit: Any = "",
+        intensity_unit: Any = "",
+        pixel_size: Sequence[float] | None = None,
+        camera: dict[str, Any] | None = None,
+        provenance: dict[str, Any] | None = None,
+    ) -> None:
+        self.intensity, self.intensity_unit = planes.intensity(intensity, intensity_unit)
+        self._transparency = planes.plane(transparency, self.shape, "transparency")
+        self._optical_depth: Array | None = None
+        self._pending = optical_depth if callable(optical_depth) else None
+        if self._pending is None:
+            self._optical_depth = planes.plane(optical_depth, self.shape, "optical_depth")
+        self.unit = coordinates.length_unit(unit, x, y)
+        self.x = coordinates.axis(x, self.shape[1], self.unit, "x")
+        self.y = coordinates.axis(y, self.shape[0], self.unit, "y")
+        self.pixel_size = coordinates.pixel_size(self.x, self.y, pixel_size)
+        self.camera = json_value(camera, "camera")
+        self.provenance = json_value(provenance, "provenance")
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Rows, columns and channels."""
+        ny, nx, count = self.intensity.shape
+        return ny, nx, count
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return self.shape[2]
+
+    @property
+    def transparency(self) -> Array | None:
+        """Part of the light from behind that comes through, (ny, nx, channel); None if unknown."""
+        return planes.spread(self._transparency, self.shape)
+
+    @property
+    def optical_depth(self) -> Array | None:
+        """Optical depth along each ray, (ny, nx, channel); None if unknown."""
+        if self._pending is not None:
+            self._optical_depth = planes.plane(self._pending(), self.shape, "optical_depth")
+            self._pending = None
+        return planes.spread(self._optical_depth, self.shape)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Outer edges of the picture (left, right, bottom, top), as matplotlib's imshow takes."""
+        return coordinates.extent(self.x, self.y, self.pixel_size)
+
+    @property
+    def pixel_area(self) -> float:
+        """Area of a pixel, in `unit` squared."""
+        return abs(self.pixel_size[0] * self.pixel_size[1])
+
+    def to_rgb(
+        self,
+        exposure: float | None = None,
+        stretch: str | float = "linear",
+        gamut: str = "hue",
+        *,
+        channels: int | Sequence[int] | None = None,
+        mix: ArrayLike | None = None,
+        colormap: Any = None,
+        norm: Any = None,
+        vmin: float | None = None,
+        vmax: float | None = None,
+        background: Any = None,
+        softening: float | None = None,
+    ) -> NDArray[np.float32]:
+        """Return display values, shape (ny, nx, 3), from 0 to 1, row 0 at the bottom.
+
+        The values are meant to be shown as they are, as every PNG viewer and matplotlib do: with
+        the default `stretch` an intensity of 0.5 / exposure is half of full scale.
+
+        Parameters
+        ----------
+        exposure : float, optional
+            Intensities are multiplied by it; 1 / exposure is as bright as a display can show.
+            Default: 1 / w, where 99.9 % of the pixels that are not black stay below w in their
+            brightest colour. Give a number to the frames of a movie.
+        stretch : {"linear", "sqrt", "asinh", "log", "gamma"} or float
+            Curve between black (0) and white (1), which brings out what is faint. A number g is
+            v**(1/g); "gamma" is 2.2; "asinh" and "log" are linear far below `softening` and
+            logarithmic far above.
+        gamut : {"hue", "clip"}
+            "hue" puts the stretch and the limit on the brightest of the three colours and scales
+            the other two along, so colours never shift; "clip" treats each on its own, so that
+            overexposed places turn white.
+        channels : int or sequence of int, optional
+            Channels to show, e.g. ``(2, 1, 0)``; one alone is shown in grey. Default: all.
+        mix : array_like, shape (shown channels, 3), optional
+            Red, green and blue of each shown channel. Default: grey for one; orange and blue for
+            two; red, green, blue for three, and every further one (such as a star's) white.
+        colormap : str or matplotlib colormap, optional
+            Show one channel through this colormap instead. Values run from `vmin` (default: the
+            least) to `vmax` (default: the greatest, or 1 / exposure), bent by `stretch`.
+        norm : {"linear", "log"} or matplotlib Normalize, optional
+            Used with `colormap` in place of `stretch`. "log" starts at the least positive value,
+            though at most six decades below `vmax`.
+        vmin, vmax : float, optional
+            Intensities shown as black (default: 0) and as white (another way to say `exposure`).
+        background : color, optional
+            Put this behind the picture, seen through its transparency. For images rendered in
+            front of a black background.
+        softening : float, optional
+            For "asinh" (default 0.1) and "log" (0.01), in units of white.
+
+        Raises
+        ------
+        InputError
+            If options contradict each other or do not fit the image.
+        UnknownNameError
+            If a stretch, gamut or colormap does not exist.
+
+        Notes
+        -----
+        Pixels that are not numbers or are negative are black (in a colormap: its "bad" color and
+        its lowest), infinite ones are as bright as can be. An image of zeros is black.
+        """
+        from .tone import display
+
+        return display(
+            self.intensity,
+            self.transparency,
+            exposure=exposure,
+            stretch=stretch,
+            gamut=gamut,
+            channels=channels,
+            mix=mix,
+            colormap=colormap,
+            norm=norm,
+            vmin=vmin,
+            vmax=vmax,
+            background=background,
+            softening=softening,
+        )
+
+    def save(self, path: str | Path, **options: Any) -> None:
+        """Write the image to a file, whose suffix tells the format.
+
+        The file appears whole or not at all: an error or an interruption leaves an existing file
+        as it was.
+
+        Parameters
+        ----------
+        path : str or Path
+            ``.png`` holds display values; ``.tif``, ``.exr`` the intensities rounded to float32;
+            ``.fits``, ``.npz`` everything as it is. All carry coordinates, units, camera and
+            provenance.
+        **options
+            PNG: all of `to_rgb`, ``bits=16`` and ``transparent=True`` (alpha from the
+            transparency). EXR: ``half=True`` (16-bit floats).
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such format or option; names the nearest.
+        MissingPathError
+            If the directory does not exist.
+        """
+        from .formats import save
+
+        save(self, Path(path), **options)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Image:
+        """Read an image that `save` or another program wrote.
+
+        NPZ and FITS give back everything bit for bit, TIFF and EXR the intensities in float32
+        (EXR optical depth and transparency too). A PNG gives its display values, from 0 to 1.
+
+        Raises
+        ------
+        MissingPathError
+            If there is no such file.
+        FileFormatError
+            If it is damaged, or is not what its suffix says.
+        """
+        from .formats import load
+
+        return load(Path(path), cls)
+
+    def plot(self, ax: Axes | None = None, *, scale_bar: bool = False, **options: Any) -> Axes:
+        """Draw the image with axes in its unit; a colour bar where one channel is shown.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw. Default: a new figure, shown by notebooks and ``plt.show()`` if pyplot
+            is in use; otherwise a figure without a window, for ``ax.figure.savefig(...)``.
+        scale_bar : bool
+            Add a bar of a round length.
+        **options
+            Those of `to_rgb`.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        from .plot import plot
+
+        return plot(self, ax, scale_bar=scale_bar, **options)
+
+    def _repr_png_(self) -> bytes:
+        """Return the picture for notebooks."""
+        from .formats.png import encode
+
+        return encode(self)
+
+    def __repr__(self) -> str:
+        ny, nx, count = self.shape
+        left, right, bottom, top = self.extent
+        finite = self.intensity[np.isfinite(self.intensity)]
+        span = f"{finite.min():.4g} … {finite.max():.4g}" if finite.size else "not finite"
+        return (
+            f"<Image {nx}×{ny} pixels, {count} channel{'s' * (count > 1)}, "
+            f"{abs(right - left):.4g}×{abs(top - bottom):.4g} {self.unit}".rstrip()
+            + f", intensity {span} {self.intensity_unit}".rstrip()
+            + ">"
+        )

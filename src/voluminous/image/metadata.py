@@ -1,0 +1,87 @@
+"""What is known about an image beside its pixels, as one JSON text that every format can carry."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileFormatError, InputError
+
+if TYPE_CHECKING:
+    from .image import Image
+
+# The name of the entry in a file's header; also the key that marks the text as ours.
+KEY = "voluminous"
+VERSION = 1
+
+
+def json_value(value: Any, what: str) -> Any:
+    """Return `value` as it will be after saving and loading: dicts, lists, strings and numbers.
+
+    Raises
+    ------
+    InputError
+        If there is something in it that JSON cannot hold.
+    """
+    if value is None:
+        return None
+    try:
+        return json.loads(json.dumps(value, default=_plain_number))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{what} must be made of dicts, lists, strings, numbers, booleans and None, "
+            f"so that it can be saved: {error}"
+        ) from error
+
+
+def _plain_number(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"{value!r} is a {type(value).__name__}")
+
+
+def dumps(image: Image, *, coordinates: bool = True) -> str:
+    """Return an ASCII text with units, camera, provenance and, if asked for, pixel coordinates."""
+    entries: dict[str, Any] = {
+        KEY: VERSION,
+        "unit": image.unit,
+        "intensity_unit": image.intensity_unit,
+        "pixel_size": image.pixel_size,
+        "camera": image.camera,
+        "provenance": image.provenance,
+    }
+    if coordinates:
+        # Decimal numbers as Python writes them come back with the same bits.
+        entries |= {"x": image.x.tolist(), "y": image.y.tolist()}
+    return json.dumps(entries)
+
+
+def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
+    """Return what `dumps` wrote as keyword arguments of `Image`; {} if the text is not ours.
+
+    Coordinates are left out if they do not fit `shape` (ny, nx): another program may have cut the
+    picture and kept the text.
+
+    Raises
+    ------
+    FileFormatError
+        If the text is ours but damaged, or from a later version.
+    """
+    if not text or not text.startswith(f'{{"{KEY}":'):
+        return {}
+    try:
+        entries = json.loads(text)
+    except ValueError as error:
+        raise FileFormatError(f"the description of the image is damaged: {error}") from error
+    if entries.pop(KEY) != VERSION:
+        raise FileFormatError(
+            "the description of the image was written by a newer voluminous; install that version"
+        )
+    fits = (len(entries.get("y", ())), len(entries.get("x", ()))) == tuple(shape[:2])
+    return entries if fits or "x" not in entries else _without_coordinates(entries)
+
+
+def _without_coordinates(entries: dict[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in entries.items() if k not in ("x", "y", "unit", "pixel_size")}

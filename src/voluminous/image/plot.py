@@ -1,0 +1,143 @@
+"""An image with axes, a colour bar and a scale bar, drawn by matplotlib."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import mixing
+from .colormap import find, scale
+from .options import check_options
+from .stretch import curve, finite
+from .tone import OPTIONS, display, white_level
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+
+    from .image import Image
+
+_BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
+_MARGIN = 0.05
+
+
+def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> Axes:
+    """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
+    check_options("display option", options, OPTIONS)
+    axes = _new_axes() if ax is None else ax
+    place: dict[str, Any] = {"origin": "lower", "extent": image.extent}
+    if _shows_one_channel(image, options):
+        shown = axes.imshow(**_one_channel(image, **options), **place)
+        _add_colorbar(axes, shown, image.intensity_unit)
+    else:
+        axes.imshow(display(image.intensity, image.transparency, **options), **place)
+    axes.set_xlabel(_label("x", image.unit))
+    axes.set_ylabel(_label("y", image.unit))
+    if scale_bar:
+        _add_scale_bar(axes, image)
+    return axes
+
+
+def _new_axes() -> Axes:
+    # pyplot keeps every figure alive and chooses a window system; only a program or a notebook
+    # that uses it already wants that.
+    if "matplotlib.pyplot" in sys.modules or _in_notebook():
+        import matplotlib.pyplot as plt
+
+        return plt.subplots(layout="constrained")[1]
+    from matplotlib.figure import Figure
+
+    return Figure(layout="constrained").add_subplot()
+
+
+def _in_notebook() -> bool:
+    shell = sys.modules.get("IPython")
+    return shell is not None and shell.get_ipython() is not None
+
+
+def _shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
+    if options.get("mix") is not None or options.get("background") is not None:
+        return False
+    if options.get("colormap") is not None:
+        return True
+    shown = mixing.chosen(options.get("channels"), image.channels)
+    return len(shown) == 1 and options.get("norm") is None
+
+
+def _one_channel(image: Image, **options: Any) -> dict[str, Any]:
+    """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
+    index = mixing.single(options.get("channels"), image.channels, "a colormap")
+    values = image.intensity[..., index]
+    bend = curve(options.get("stretch", "linear"), options.get("softening"))
+    limits = [options.get(name) for name in ("exposure", "vmin", "vmax")]
+    colormap = options.get("colormap")
+    if colormap is None:
+        limits = _grey_limits(values, *limits)
+    norm = scale(values, bend, options.get("norm"), *limits)
+    return {"X": values, "norm": norm, "cmap": find("gray" if colormap is None else colormap)}
+
+
+def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> list[Any]:
+    """Return limits as `to_rgb` has them without a colormap: from 0 to white."""
+    black = 0.0 if vmin is None else finite(vmin, "vmin")
+    return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]
+
+
+def _add_colorbar(axes: Axes, shown: ScalarMappable, unit: str) -> None:
+    figure = axes.get_figure()
+    assert figure is not None
+    figure.colorbar(shown, ax=axes, label=_label("intensity", unit))
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def round_length(longest: float) -> float:
+    """Return the greatest 1, 2 or 5 times a power of ten that is not above `longest`.
+
+    Examples
+    --------
+    >>> round_length(0.0625)
+    0.05
+    """
+    power = math.floor(math.log10(longest))
+    # Powers of ten below one are made by division, which rounds to the number people write.
+    steps = [f * 10**power if power >= 0 else f / 10**-power for f in (1, 2, 5)]
+    return float(max((s for s in steps if s <= longest), default=steps[0]))
+
+
+def _add_scale_bar(axes: Axes, image: Image) -> None:
+    from matplotlib.patheffects import withStroke
+
+    left, right, bottom, top = image.extent
+    width, height = right - left, top - bottom
+    length = round_length(_BAR_PART * abs(width))
+    start = left + _MARGIN * width
+    level = bottom + _MARGIN * height
+    # White with a dark rim can be read on any picture.
+    rim: dict[str, Any] = {"path_effects": [withStroke(linewidth=4, foreground="black", alpha=0.6)]}
+    end = start + math.copysign(length, width)
+    axes.plot([start, end], [level, level], color="white", linewidth=2, gid="scale-bar", **rim)
+    axes.annotate(
+        _length_text(length, image.unit),
+        ((start + end) / 2, level),
+        xytext=(0, 4),
+        textcoords="offset points",
+        color="white",
+        ha="center",
+        va="bottom",
+        **rim,
+    )
+
+
+def _length_text(length: float, unit: str) -> str:
+    if 1e-3 <= length < 1e5:
+        return f"{length:g} {unit}".rstrip()
+    mantissa, power = f"{length:.0e}".split("e")
+    times = "" if mantissa == "1" else rf"{mantissa}\times "
+    return rf"${times}10^{{{int(power)}}}$ {unit}".rstrip()

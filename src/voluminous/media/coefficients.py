@@ -1,0 +1,91 @@
+"""Emissivity and extinction straight from fields."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..errors import InputError, UnitsError
+from ..expressions import Expression
+from .contract import Coefficients as Values
+from .contract import Context, Medium
+
+
+class Coefficients(Medium):
+    """j and α as expressions of the fields, per unit length.
+
+    Parameters
+    ----------
+    emissivity : sequence of str (or one str)
+        One expression per channel.
+    extinction : str or sequence of str
+        One expression (grey) or one per channel. Where its unit is an inverse length, it is
+        converted to the volume's; a plain number is per unit length of the volume.
+
+    Raises
+    ------
+    InputError
+        If the numbers of expressions do not fit.
+    UnitsError
+        When rendering, if the extinction has a unit that is not an inverse length.
+    """
+
+    def __init__(self, emissivity: Any, extinction: Any) -> None:
+        self.emissivity = _expressions(emissivity, "emissivity")
+        self.extinction = _expressions(extinction, "extinction")
+        self.channels = len(self.emissivity)
+        if len(self.extinction) not in (1, self.channels):
+            raise InputError(
+                f"extinction must be one expression (grey) or {self.channels} (one per channel), "
+                f"got {len(self.extinction)}"
+            )
+        self.grey = len(self.extinction) == 1
+        used = (name for e in self.emissivity + self.extinction for name in e.names)
+        self.names = tuple(dict.fromkeys(used))
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> Values:
+        """Return j and α per unit length."""
+        return Values(
+            [context.evaluate(e, fields) for e in self.emissivity],
+            [
+                context.number(_per_length(context, e)) * context.evaluate(e, fields)
+                for e in self.extinction
+            ],
+        )
+
+    def key(self) -> Any:
+        """Return all expressions."""
+        return ("Coefficients", *(e.text for e in self.emissivity), "|", *(e.text for e in self.extinction))
+
+    def describe(self) -> dict[str, Any]:
+        """Return the medium as plain values."""
+        extinction = [e.text for e in self.extinction]
+        return {
+            "type": "coefficients",
+            "emissivity": [e.text for e in self.emissivity],
+            "extinction": extinction[0] if self.grey else extinction,
+        }
+
+
+def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
+    single = isinstance(value, (str, int, float, Expression))
+    parts = (value,) if single else tuple(value)
+    if not parts:
+        raise InputError(f"{what} must be an expression or a list of them, got {value!r}")
+    return tuple(Expression(part) for part in parts)
+
+
+def _per_length(context: Context, expression: Expression) -> float:
+    """Return what turns the expression's unit into an inverse length of the volume."""
+    unit = context.unit_of(expression)
+    if unit is None:
+        return 1.0
+    from astropy import units as u
+
+    length = context.unit if context.unit is not None else u.dimensionless_unscaled
+    try:
+        return float(unit.to(1 / length))
+    except u.UnitConversionError as error:
+        raise UnitsError(
+            f"extinction {expression.text!r} is in {unit}, expected an inverse length such as "
+            f"{1 / length}; multiply densities by an opacity (area per mass or per particle)"
+        ) from error

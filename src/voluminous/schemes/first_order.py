@@ -1,0 +1,36 @@
+"""First order: emissivity and extinction are constant in a cell. Exact for such a medium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..backend.functions import attenuation
+from .contract import Solution
+
+
+class FirstOrder:
+    """Solve a homogeneous segment: θ = e^{-α s}, b = j (1 - e^{-α s}) / α.
+
+    The formal solution of the transfer equation with constant coefficients (e.g. Rybicki &
+    Lightman 1979, equation 1.30), in a form that holds its digits for every optical depth and is
+    b = j s for a pure emitter.
+    """
+
+    name = "first-order"
+    order = 1
+    place = "cell"
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry nothing: a segment knows its cell."""
+        return []
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Solution, list[Any]]:
+        """Return the solution of one segment; see `schemes.contract.Scheme`."""
+        j, alpha = source.at(segment.cell, segment.active)
+        depth = [a * segment.length for a in alpha]
+        solved = [attenuation(tau) for tau in depth]
+        visible = [mean * segment.length for _, mean in solved]
+        emission = [jc * visible[c if len(visible) > 1 else 0] for c, jc in enumerate(j)]
+        return Solution(emission, [theta for theta, _ in solved], depth), carried

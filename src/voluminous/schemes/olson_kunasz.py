@@ -1,0 +1,75 @@
+"""RADMC-3D's second-order rule, its branches and its cap included, for comparison.
+
+Olson & Kunasz (1987, JQSRT 38, 325) take the source function as linear in OPTICAL DEPTH, with the
+optical depth by the trapezoidal rule; RADMC-3D 2.0 adds that the emission never exceeds the
+optically thin trapezoid. This is not the exact solution for coefficients linear in distance
+(scheme ``second-order``): it differs by 2e-4 (smooth) to 1e-1 (white noise) of the image maximum.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..backend.functions import precision_of
+from .contract import Solution
+from .linear import end_values, start_values
+
+# Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
+_SERIES_BELOW = 1e-6
+_THIN_BELOW = float(np.float32(1e-9))
+
+
+class OlsonKunasz:
+    """Solve a segment as RADMC-3D's ``secondorder`` does."""
+
+    name = "olson-kunasz"
+    order = 2
+    place = "vertex"
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry the coefficients where the ray is."""
+        return start_values(source, walk, track, cursor)
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Solution, list[Any]]:
+        """Return the solution of one segment; see `schemes.contract.Scheme`."""
+        front, back, reached = end_values(source, walk, track, segment, carried, backward)
+        s, n = segment.length, source.channels
+        depth = [0.5 * (f + b) * s for f, b in zip(front[n:], back[n:], strict=True)]
+        weights = [_weights(tau) for tau in depth]
+        emission = []
+        for c in range(n):
+            k = c if len(depth) > 1 else 0
+            emission.append(
+                _emission(front[c], back[c], front[n + k], back[n + k], s, depth[k], weights[k])
+            )
+        return Solution(emission, [theta for theta, _, _ in weights], depth), reached
+
+
+def _weights(tau: Any) -> tuple[Any, Any, Any]:
+    """Return the transparency and the weights of the back and the front source function."""
+    thin = tau <= _SERIES_BELOW
+    e = dr.exp(-tau)
+    e0 = 1.0 - e
+    front = (tau - e0) / dr.select(thin, 1.0, tau)
+    half = 0.5 * tau
+    return (
+        dr.select(thin, 1.0 - tau, e),
+        dr.select(thin, half, e0 - front),
+        dr.select(thin, half, front),
+    )
+
+
+def _emission(
+    j_front: Any, j_back: Any, a_front: Any, a_back: Any, s: Any, tau: Any, weights: Any
+) -> Any:
+    single = precision_of(type(tau)) == "single"
+    tiny = float(np.finfo(np.float32).tiny) if single else 1e-99
+    _, w_back, w_front = weights
+    q = w_back * (j_back / (a_back + tiny)) + w_front * (j_front / (a_front + tiny))
+    cap = 0.5 * (j_front + j_back) * s
+    return dr.minimum(dr.select(tau > _THIN_BELOW, q, cap), cap)

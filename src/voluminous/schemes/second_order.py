@@ -1,0 +1,129 @@
+"""Second order: j and α linear along the segment, integrated exactly at any optical depth.
+
+With x running from the front (0) to the back (1) of a segment of length s,
+
+    τ(x) = s (α_f x + (α_b - α_f) x²/2),    θ = e^{-τ(1)},
+    b = s ∫ (j_f (1 - x) + j_b x) e^{-τ(x)} dx = s (j_f W_f + j_b W_b).
+
+The two weights have closed forms in error functions and Dawson's integral, which lose all digits as
+α_f → α_b or τ → 0. The integrand is entire, so Gauss-Legendre quadrature is exact to rounding with
+few nodes: three (single precision) or four (double) for thin segments, and for thick ones twelve or
+twenty-four over the part of the segment that can be seen from its front.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from ..backend.functions import precision_of
+from .contract import Solution
+from .linear import end_values, start_values
+
+# (nodes, largest end-to-end optical depth) of the thin rule. The error of n nodes is
+# τ^{2n} (n!)^4 / ((2n+1) ((2n)!)^3): 1e-7 at 0.75 for n = 3 and 1e-16 at 0.14 for n = 4.
+_THIN = {"single": (3, 0.7), "double": (4, 0.12)}
+# (nodes, optical depth beyond which nothing is seen) of the thick rule.
+_THICK = {"single": (12, 18.0), "double": (26, 40.0)}
+
+
+class SecondOrder:
+    """Solve a segment whose emissivity and extinction are linear in distance."""
+
+    name = "second-order"
+    order = 2
+    place = "vertex"
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry the coefficients where the ray is."""
+        return start_values(source, walk, track, cursor)
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Solution, list[Any]]:
+        """Return the solution of one segment; see `schemes.contract.Scheme`."""
+        front, back, reached = end_values(source, walk, track, segment, carried, backward)
+        s, n = segment.length, source.channels
+        a_front, a_back = ([a * s for a in values[n:]] for values in (front, back))
+        depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]
+        weights = visibility_weights(a_front, a_back, depth)
+        emission = []
+        for c in range(n):
+            w_front, w_back = weights[c if len(weights) > 1 else 0]
+            emission.append(s * dr.fma(front[c], w_front, back[c] * w_back))
+        return Solution(emission, [dr.exp(-tau) for tau in depth], depth), reached
+
+
+def visibility_weights(
+    a_front: list[Any], a_back: list[Any], depth: list[Any]
+) -> list[tuple[Any, Any]]:
+    """Return (W_f, W_b) for each extinction: how much of each end's emission is seen.
+
+    Parameters
+    ----------
+    a_front, a_back : list of arrays
+        Extinction times segment length at the two ends.
+    depth : list of arrays
+        Optical depth of the segment, the mean of both.
+    """
+    precision = precision_of(type(depth[0]))
+    thin = functools.reduce(dr.maximum, depth) <= _THIN[precision][1]
+    flat = dr.if_stmt(
+        args=(a_front, a_back),
+        cond=thin,
+        true_fn=_thin_weights,
+        false_fn=_thick_weights,
+    )
+    return [(flat[2 * k], flat[2 * k + 1]) for k in range(len(depth))]
+
+
+def _thin_weights(a_front: list[Any], a_back: list[Any]) -> list[Any]:
+    nodes, weights = gauss_legendre(_THIN[precision_of(type(a_front[0]))][0])
+    flat = []
+    for af, ab in zip(a_front, a_back, strict=True):
+        half = 0.5 * (ab - af)
+        seen = [
+            w * dr.exp(-x * dr.fma(half, x, af)) for x, w in zip(nodes, weights, strict=True)
+        ]
+        flat.append(sum((1.0 - x) * e for x, e in zip(nodes[1:], seen[1:], strict=True)) + (1.0 - nodes[0]) * seen[0])
+        flat.append(sum(x * e for x, e in zip(nodes[1:], seen[1:], strict=True)) + nodes[0] * seen[0])
+    return flat
+
+
+def _thick_weights(a_front: list[Any], a_back: list[Any]) -> list[Any]:
+    """Integrate over the visible part, in a loop: this is the rare case, and code is not free."""
+    real = type(a_front[0])
+    count, deepest = _THICK[precision_of(real)]
+    nodes, weights = (real(values) for values in gauss_legendre(count))
+    reach = [_visible_fraction(f, b, deepest) for f, b in zip(a_front, a_back, strict=True)]
+
+    def body(k: Any, flat: list[Any]) -> tuple[Any, list[Any]]:
+        node, weight = dr.gather(real, nodes, k), dr.gather(real, weights, k)
+        added = []
+        for i, (af, ab) in enumerate(zip(a_front, a_back, strict=True)):
+            x = node * reach[i]
+            seen = weight * reach[i] * dr.exp(-x * dr.fma(0.5 * (ab - af), x, af))
+            added += [dr.fma(1.0 - x, seen, flat[2 * i]), dr.fma(x, seen, flat[2 * i + 1])]
+        return k + 1, added
+
+    zeros = [real(0) for _ in range(2 * len(a_front))]
+    _, flat = dr.while_loop((dr.uint32_array_t(real)(0), zeros), lambda k, _: k < count, body)
+    return flat
+
+
+def _visible_fraction(a_front: Any, a_back: Any, deepest: float) -> Any:
+    """Return the x in [0, 1] up to which τ(x) stays below `deepest` (root without cancellation)."""
+    discriminant = dr.fma(a_front, a_front, 2.0 * deepest * (a_back - a_front))
+    root = a_front + dr.sqrt(dr.maximum(discriminant, 0.0))
+    tiny = 1e-30
+    return dr.select(discriminant < 0.0, 1.0, dr.minimum(1.0, 2.0 * deepest / dr.maximum(root, tiny)))
+
+
+@functools.cache
+def gauss_legendre(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return nodes and weights of Gauss-Legendre quadrature on [0, 1]."""
+    x, w = np.polynomial.legendre.leggauss(count)
+    return tuple(0.5 * (x + 1.0)), tuple(0.5 * w)

@@ -1,0 +1,628 @@
+"""The expression language: what it means, what it refuses, and that both evaluators agree."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from voluminous.errors import ExpressionError, InputError, UnknownNameError
+from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names
+
+
+@pytest.fixture(scope="module")
+def drjit():
+    from voluminous.backend import ensure_llvm
+
+    ensure_llvm()
+    import drjit
+    import drjit.llvm
+
+    return drjit
+
+
+@pytest.fixture(scope="module", params=["single", "double"])
+def float_type(request, drjit):
+    return {"single": drjit.llvm.Float, "double": drjit.llvm.Float64}[request.param]
+
+
+def numpy_type(float_type):
+    return float_type(0).numpy().dtype
+
+
+def with_numpy(text, **values):
+    return Expression(text).evaluate(NumpyOps(), values)
+
+
+def with_drjit(text, float_type, **values):
+    fields = {name: float_type(np.atleast_1d(value)) for name, value in values.items()}
+    return Expression(text).evaluate(DrjitOps(float_type), fields).numpy()
+
+
+# --- the text and what is known of it ------------------------------------------------------------
+
+
+def test_an_expression_knows_its_text_and_names():
+    expr = Expression("  where(T > 1e4, log10(density), -pi*e) if true else T ")
+    assert expr.text == "where(T > 1e4, log10(density), -pi*e) if true else T"
+    assert expr.names == ("T", "density")
+    assert repr(Expression("a + b")) == "Expression('a + b')"
+
+
+def test_an_expression_of_an_expression_is_the_same_object():
+    expr = Expression("a + b")
+    assert Expression(expr) is expr
+
+
+@pytest.mark.parametrize("number", [3.5, -2, np.float32(0.25), np.int16(7), True])
+def test_a_number_is_an_expression(number):
+    expr = Expression(number)
+    assert expr.names == ()
+    assert expr.evaluate(NumpyOps(), {}) == number
+
+
+def test_equality_is_that_of_meaning():
+    expr = Expression("a+2*b")
+    assert expr == Expression("(a + 2.0 * b)")
+    assert hash(expr) == hash(Expression("(a + 2.0 * b)"))
+    assert expr != Expression("a + 3 * b")
+    assert expr != "a+2*b"
+
+
+def test_an_expression_can_be_pickled_but_not_changed():
+    expr = Expression("a + b")
+    assert pickle.loads(pickle.dumps(expr)) == expr
+    with pytest.raises(AttributeError, match="make a new one"):
+        expr.text = "c"
+
+
+def test_line_ends_and_tabs_are_spaces():
+    assert Expression("\n a +\n\tb\n") == Expression("a + b")
+
+
+def test_identifiers_may_be_of_any_script_and_are_normalised_as_in_python():
+    assert Expression("ρ * Größe").names == ("ρ", "Größe")
+    assert Expression("\N{MICRO SIGN}").names == ("\N{GREEK SMALL LETTER MU}",)
+
+
+def test_check_names_names_the_nearest_for_the_first_unknown():
+    check_names(Expression("a + b"), iter(["b", "a"]))
+    with pytest.raises(UnknownNameError, match="unknown field 'densty'; did you mean 'density'"):
+        check_names(Expression("density + densty + foo"), ["density", "temperature"])
+    with pytest.raises(UnknownNameError, match="unknown field 'b'"):
+        Expression("a + b").evaluate(NumpyOps(), {"a": 1.0})
+
+
+# --- what is refused -----------------------------------------------------------------------------
+
+REFUSED = [  # the text up to where the caret must be, the rest, and a part of the message
+    ("", "__import__('os').system('ls')", "'.' after a name"),
+    ("", "__import__('os')", "unknown function '__import__'"),
+    ("", "().__class__.__bases__", "'.' after a name"),
+    ("1 + ", "np.log10(x)", "write log10(x), not np.log10(x)"),
+    ("", "x[0]", r"[] after a name"),
+    ("", "lambda: x", "not part"),
+    ("", "[x for x in y]", "not part"),
+    ("", "{1: 2}", "not part"),
+    ("x + ", "'text'", "without quotes"),
+    ("x + ", "b'text'", "without quotes"),
+    ("x + ", "f'{x}'", "without quotes"),
+    ("(", "y := 3)", "'=='"),
+    ("", "a, b", "','"),
+    ("log10(", "*x)", "not part"),
+    ("log10(x=", "1)", "arguments have no names; call log10(x)"),
+    ("", "eval(x)", "unknown function 'eval'"),
+    ("2*", "log1(x)", "did you mean 'log10'?"),
+    ("äöü*", "log1(x)", "did you mean 'log10'?"),
+    ("", "(x)(y)", "unknown function 'x'"),
+    ("", "clip(x)", "call clip(x, lower, upper)"),
+    ("", "min(x)", "call min(a, b, …)"),
+    ("1 + ", "min", "min is a function"),
+    ("(äb) ", "^ 2", "'**'"),
+    ("a ", "@ b", "'*'"),
+    ("a ", "<< b", "'<<'"),
+    ("", "a in b", "'in'"),
+    ("", "a is b", "'is'"),
+    ("a ", "= b", "'=='"),
+    ("a &", "& b", "'and'"),
+    ("a |", "| b", "'or'"),
+    ("", "!a", "'not'"),
+    ("a > ", "1 & b < 2", "(a > 1) & (b < 2)"),
+    ("", "~a > 1", "parentheses"),
+    ("1 + ", "2j", "not a real number"),
+    ("1 + ", "None", "not a real number"),
+    ("1 + ", "1e999", "double precision"),
+    ("1 + ", "0x" + "f" * 400, "double precision"),
+    ("", "9" * 9000, ""),
+    ("a ", "# comment", "comment"),
+    ("a", "\0b", "null byte"),
+    ("a", ";b", ""),
+    ("a +", "", "ends too early"),
+    ("", "(a", "never closed"),
+    ("", "import os", ""),
+    ("x", "\N{NO-BREAK SPACE}+ y", "non-printable"),
+]
+
+
+@pytest.mark.parametrize(("before", "after", "message"), REFUSED)
+def test_a_refusal_shows_the_place(before, after, message):
+    if after == "import os":
+        before, after = "", after  # Python's parser gives up at the first word
+    with pytest.raises(ExpressionError) as caught:
+        Expression(before + after)
+    said, shown, caret = str(caught.value).split("\n")
+    assert message in said
+    printable = (before + after).replace("\0", "\ufffd").replace("\xa0", "\ufffd")
+    assert shown.strip().rstrip("…") in printable
+    assert shown[: len(caret) - 1].strip() == before.strip()
+    assert caret == " " * (4 + len(before)) + "^"
+
+
+def test_the_place_in_a_long_expression_is_shown_with_what_is_around_it():
+    with pytest.raises(ExpressionError) as caught:
+        Expression("a + " * 30 + "foo(x)" + " + b" * 30)
+    _, shown, caret = str(caught.value).split("\n")
+    assert shown[caret.index("^") :].startswith("foo(x)")
+    assert shown.startswith("    …")
+    assert shown.endswith("…")
+
+
+@pytest.mark.parametrize("text", ["", "  ", "\n", "\ud800", "a" * 10_001, "(" * 10**6])
+def test_unreadable_texts_are_refused(text):
+    with pytest.raises(ExpressionError):
+        Expression(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * 4000,
+        "(" * 4000 + "x" + ")" * 4000,
+        "-" * 9000 + "x",
+        "not " * 2400 + "x",
+        "x**" * 3000 + "x",
+        "1 if a else " * 800 + "c",
+        "+".join(["x"] * 3000),
+        "abs(" * 150 + "x" + ")" * 150,
+        "lambda: " * 1200 + "x",
+        "[" * 5000,
+    ],
+)
+def test_deep_nesting_is_an_error_of_ours(text):
+    with pytest.raises(ExpressionError):
+        Expression(text)
+
+
+def test_ninety_levels_are_allowed():
+    assert with_numpy("abs(" * 90 + "x" + ")" * 90, x=-1.0) == 1
+    assert with_numpy("+".join(["x"] * 90), x=1.0) == 90
+
+
+@pytest.mark.parametrize("source", [None, b"x", [1], 1j, math.nan, -math.inf, 10**400])
+def test_what_is_neither_text_nor_a_finite_number_is_refused(source):
+    with pytest.raises(ExpressionError, match="expression"):
+        Expression(source)
+
+
+# --- what it means, with NumPy -------------------------------------------------------------------
+
+OPERATORS = ["+", "-", "*", "/", "//", "%", "**", "+ -", "* +", "** -"]
+LOGICAL = ["<", "<=", ">", ">=", "==", "!=", " and ", " or ", " and not ", " or not "]
+SMALL = st.integers(-3, 3).map(float)
+
+
+def chains_of(operators):
+    """Strategy: names joined by operators, with no parentheses."""
+    rest = st.tuples(st.sampled_from(operators), st.sampled_from("xyz")).map("".join)
+    return st.lists(rest, min_size=1, max_size=8).map(lambda parts: "x" + "".join(parts))
+
+
+@given(text=chains_of(OPERATORS), x=SMALL, y=SMALL, z=SMALL)
+def test_precedence_and_arithmetic_are_python_s(text, x, y, z):
+    fields = {"x": np.array([x]), "y": np.array([y]), "z": np.array([z])}
+    with np.errstate(all="ignore"):
+        expected = eval(text, {}, fields)
+    # The same NumPy operations in the same order: the same bits.
+    np.testing.assert_array_equal(with_numpy(text, **fields), expected)
+
+
+@given(text=chains_of(LOGICAL), x=SMALL, y=SMALL, z=SMALL)
+def test_logic_and_chained_comparisons_are_python_s(text, x, y, z):
+    fields = {"x": x, "y": y, "z": z}
+    assert bool(with_numpy(f"({text}) and true", **fields)) == bool(eval(text, {}, fields))
+
+
+MEANINGS = [
+    ("7 // -2", -4.0),
+    ("-7 % 3", 2.0),
+    ("1 // 0.1", 9.0),
+    ("-2**2", -4.0),
+    ("(-2)**2", 4.0),
+    ("(-2)**-3", -0.125),
+    ("(-8)**9", -134217728.0),
+    ("9**0.5", 3.0),
+    ("2**3**2", 512.0),
+    ("0**0", 1.0),
+    ("5**true", 5.0),
+    ("10**10**10", math.inf),
+    ("1/0", math.inf),
+    ("log10(1000)", 3.0),
+    ("log(e)", 1.0),
+    ("log10(0)", -math.inf),
+    ("sqrt(-1)", math.nan),
+    ("atan2(1, -1)", 0.75 * math.pi),
+    ("cos(pi)", -1.0),
+    ("min(3, 1, 2)", 1.0),
+    ("max(3, 1, 2, 5)", 5.0),
+    ("clip(7, 0, 5)", 5.0),
+    ("where(2, 3, 4)", 3.0),
+    ("3 if 0 else 4", 4.0),
+    ("1 < 2 <= 2 != 3", 1.0),
+    ("1 < 3 <= 2", 0.0),
+    ("(1 < 2) * 5 + (2 < 1)", 5.0),
+    ("-(1 < 2)", -1.0),
+    ("+(1 < 2) + (1 < 2)", 2.0),
+    ("(1 < 2) == (3 < 4)", 1.0),
+    ("2 and 0.5", 1.0),
+    ("not 3", 0.0),
+    ("~(1 < 2) | (3 > 2) & 1", 1.0),
+    ("true - False + True", 2.0),
+    ("1_000 + 0x10", 1016.0),
+    ("log10(0) < 0 and not (0/0 == 0/0) and 0/0 != 0/0 and 0/0", 1.0),
+    ("min(0/0, 1)", math.nan),
+    ("max(1, 0/0)", math.nan),
+]
+
+
+@pytest.mark.parametrize(("text", "expected"), MEANINGS)
+def test_meaning(text, expected):
+    # 1e-15: one rounding of the library's transcendental functions.
+    np.testing.assert_allclose(with_numpy(text), expected, rtol=1e-15)
+
+
+@pytest.mark.parametrize(("text", "expected"), MEANINGS)
+def test_meaning_on_the_device(text, expected, float_type):
+    # 8 ε: Dr.Jit's functions are good to 3 ε, and log10 multiplies once more.
+    tolerance = 8 * np.finfo(numpy_type(float_type)).eps
+    result = Expression(text).evaluate(DrjitOps(float_type), {}).numpy()
+    np.testing.assert_allclose(result, [expected], rtol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("given_types", "expected"),
+    [
+        (["float32"], "float32"),
+        (["float16", "int8", "uint16", "bool"], "float32"),
+        (["int32"], "float64"),
+        (["uint64"], "float64"),
+        (["longdouble"], "float64"),
+        (["float32", "float64"], "float64"),
+        ([], "float64"),
+    ],
+)
+@pytest.mark.parametrize("text", ["{} + 0.1", "({} > 1) / log10(5)", "({})**-2", "{} % 3"])
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_fields_decide_the_floating_type(given_types, expected, text, shape):
+    fields = {f"f{i}": np.full(shape, 1, dtype) for i, dtype in enumerate(given_types)}
+    result = with_numpy(text.format(" + ".join(fields) or "2"), **fields)
+    assert result.dtype == expected
+
+
+def test_integers_do_not_behave_as_integers():
+    x = np.array([1, 2, 100], dtype=np.int8)
+    np.testing.assert_array_equal(with_numpy("x**-1", x=x), np.float32([1, 0.5, 0.01]))
+    np.testing.assert_array_equal(with_numpy("x * x", x=x), np.float32([1, 4, 10000]))
+    np.testing.assert_array_equal(with_numpy("-x", x=x.astype(np.uint8)), -np.float32(x))
+
+
+def test_impossible_values_are_returned_without_a_warning():
+    x = np.array([0.0, -1.0, 1e300])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = with_numpy("log10(x) + sqrt(x) + exp(x) + x*x + 1/x + x % 0", x=x)
+    assert not np.isfinite(result).any()
+
+
+@pytest.mark.parametrize("values", [np.array(["a"]), np.array([1j]), np.array([None])])
+def test_fields_must_be_real_numbers(values):
+    with pytest.raises(InputError, match="field 'x' must hold real numbers"):
+        with_numpy("x + 1", x=values)
+
+
+# --- both evaluators agree on special values -----------------------------------------------------
+
+SPECIAL = [0.0, 1.0, -1.0, 0.5, -2.5, 3.0, -3.0, 7.0, 0.1, 1e-5, 1e-30, -1e30, 80.0]
+SPECIAL += [math.inf, -math.inf, math.nan]
+ONE = ["log10(x)", "log(x)", "exp(x)", "sqrt(x)", "abs(x)", "sin(x)", "cos(x)", "tan(x)", "tanh(x)"]
+ONE += ["-x", "+x", "not x", "x**2", "x**-3", "x**8", "x**0", "x**0.5", "1/x", "x**2.5", "x**11"]
+TWO = ["x + y", "x - y", "x * y", "x / y", "x // y", "x % y", "x**y", "min(x, y)", "max(x, y)"]
+TWO += ["x < y", "x <= y", "x > y", "x >= y", "x == y", "x != y", "x and y", "x or y"]
+TWO += ["where(x, y, 2)", "clip(x, y, 3)", "atan2(y, x)"]
+
+
+def documented_difference(text, x, y):
+    """True for the values for which DrjitOps says that it differs from NumPy."""
+    huge_angle = text.startswith(("sin", "cos", "tan(")) & (np.abs(x) > 1e6)
+    two_infinities = text.startswith("atan2") & np.isinf(x) & np.isinf(y)
+    large_quotient = (text in ("x // y", "x % y")) & (np.abs(x) > 1e7 * np.abs(y)) & (y != 0)
+    return huge_angle | two_infinities | (large_quotient & np.isfinite(x))
+
+
+@pytest.mark.parametrize("text", ONE + TWO)
+def test_special_values_give_the_same_on_the_device(text, float_type):
+    dtype = numpy_type(float_type)
+    x, y = np.array(list(itertools.product(SPECIAL, SPECIAL)), dtype).T
+    names = Expression(text).names
+    fields = {name: value for name, value in {"x": x, "y": y}.items() if name in names}
+    expected, result = with_numpy(text, **fields), with_drjit(text, float_type, **fields)
+    assert result.dtype == expected.dtype == dtype
+    # 16 ε: 8 products and a quotient, or the least accurate of Dr.Jit's functions. A general power
+    # loses ε |y log2 x|, which before overflow is at most 1024 ε (128 ε in single precision).
+    tolerance = (1100 if text in ("x**y", "x**2.5", "x**11") else 16) * np.finfo(dtype).eps
+    same = ~documented_difference(text, x, y)
+    # Below the smallest normal number the device may give zero.
+    tiny = np.finfo(dtype).tiny
+    np.testing.assert_allclose(result[same], expected[same], rtol=tolerance, atol=tiny)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, math.nan), (math.nan, 0.0), (math.nan, math.nan)])
+def test_an_angle_of_nan_is_nan(x, y, float_type):
+    # Dr.Jit's own atan2 gives 0, which would hide bad data.
+    assert np.isnan(with_drjit("atan2(y, x)", float_type, x=x, y=y)).all()
+
+
+FINITE = st.floats(-1e3, 1e3, width=32).filter(lambda v: v == 0 or abs(v) > 1e-3)
+
+
+@given(x=FINITE, y=FINITE)
+@settings(max_examples=300, deadline=None)
+def test_quotient_and_remainder_are_exactly_numpy_s(float_type, x, y):
+    # Also where the rounded x / y lands on a whole number: the quotients are below 1/ε.
+    dtype = numpy_type(float_type)
+    fields = {"x": np.array([x, x, y * 3, y * 7], dtype), "y": np.array([y, 0.1, y, 0.3], dtype)}
+    for text in ("x // y", "x % y"):
+        expected = with_numpy(text, **fields)
+        np.testing.assert_array_equal(with_drjit(text, float_type, **fields), expected)
+
+
+def test_masks_are_zeros_and_ones_for_fields_too(drjit):
+    mask = drjit.llvm.Float([1, 3]) > 2
+    result = Expression("2 * hot").evaluate(DrjitOps(drjit.llvm.Float), {"hot": mask})
+    assert isinstance(result, drjit.llvm.Float)
+    np.testing.assert_array_equal(result.numpy(), [0, 2])
+    np.testing.assert_array_equal(with_numpy("2 * hot", hot=np.array([False, True])), [0, 2])
+
+
+# --- constants on the device ---------------------------------------------------------------------
+
+
+def test_constants_are_made_in_the_order_in_which_they_are_written(drjit):
+    made = []
+
+    def constant(value):
+        made.append(value)
+        return drjit.llvm.Float(value)
+
+    ops = DrjitOps(drjit.llvm.Float, constant=constant)
+    Expression("2*x**3 + where(x > 4, -5, 6) - x**7.5 + x**0.5 + (1 < 8 < 9)").evaluate(
+        ops, {"x": drjit.llvm.Float(1)}
+    )
+    assert made == [2, 4, -5, 6, 7.5, 1, 8, 9]  # but no small whole exponents, and no 0.5
+
+
+def test_turning_a_constant_does_not_compile_again(drjit):
+    float_type = drjit.llvm.Float
+    ops = DrjitOps(float_type, constant=lambda value: drjit.opaque(float_type, value))
+    x = drjit.opaque(float_type, 2, shape=8)
+
+    def kernels(text):
+        with drjit.scoped_set_flag(drjit.JitFlag.KernelHistory, True):
+            drjit.kernel_history_clear()
+            drjit.eval(Expression(text).evaluate(ops, {"x": x}))
+            history = drjit.kernel_history()
+        return [entry["hash"] for entry in history if entry["type"] == drjit.KernelType.JIT]
+
+    assert kernels("log10(x) > 3 and x**2.5 < 4") == kernels("log10(x) > 1 and x**0.7 < -8")
+    assert kernels("x**2") != kernels("x**3")
+
+
+# --- both evaluators agree on random expressions -------------------------------------------------
+#
+# Rounding of random expressions is unbounded in general (differences cancel, comparisons flip), so
+# the reference is interval arithmetic in double precision, with each result widened by what one
+# operation may lose. Whatever an evaluator rounds, its result must lie inside. NaN: no statement.
+
+WIDENING = 16  # in ε: see the tolerance for special values above
+
+
+class Interval:
+    """Real numbers between `low` and `high`, element by element."""
+
+    def __init__(self, low, high, eps):
+        lost = WIDENING * eps * np.maximum(np.abs(low), np.abs(high)) + 1e-37
+        # Near overflow, nothing is said.
+        valid = (low <= high) & (np.maximum(np.abs(low), np.abs(high)) < 1e30)
+        self.low = np.where(valid, low - lost, np.nan)
+        self.high = np.where(valid, high + lost, np.nan)
+        self.eps = eps
+
+    def hull(self, function, *others):
+        """The values of a function that is monotonic in each argument."""
+        corners = itertools.product(*((each.low, each.high) for each in (self, *others)))
+        values = [function(*corner) for corner in corners]
+        return Interval(np.minimum.reduce(values), np.maximum.reduce(values), self.eps)
+
+    def known_where(self, condition):
+        low, high = np.where(condition, self.low, np.nan), np.where(condition, self.high, np.nan)
+        return Interval(low, high, self.eps)
+
+    def __add__(self, other):
+        return self.hull(np.add, other)
+
+    def __sub__(self, other):
+        return self.hull(np.subtract, other)
+
+    def __mul__(self, other):
+        return self.hull(np.multiply, other)
+
+    def __truediv__(self, other):
+        return self.hull(np.divide, other).known_where((other.low > 0) | (other.high < 0))
+
+    def __neg__(self):
+        return self.hull(np.negative)
+
+    def __pos__(self):
+        return self
+
+    def __abs__(self):
+        smallest = np.maximum(np.maximum(self.low, -self.high), 0)
+        return Interval(smallest, np.maximum(-self.low, self.high), self.eps)
+
+    def __lt__(self, other):
+        return Mask(~(self.low >= other.high), ~(self.high < other.low))
+
+    def __le__(self, other):
+        return Mask(~(self.low > other.high), ~(self.high <= other.low))
+
+    def __gt__(self, other):
+        return other < self
+
+    def __ge__(self, other):
+        return other <= self
+
+    def __eq__(self, other):
+        apart = (self.low > other.high) | (self.high < other.low)
+        return Mask(~apart, np.ones_like(apart))
+
+
+class Mask:
+    """What a truth value can be, element by element."""
+
+    def __init__(self, can_be_true, can_be_false):
+        self.true, self.false = can_be_true, can_be_false
+
+    def __and__(self, other):
+        return Mask(self.true & other.true, self.false | other.false)
+
+    def __or__(self, other):
+        return Mask(self.true | other.true, self.false & other.false)
+
+    def __invert__(self):
+        return Mask(self.false, self.true)
+
+
+def monotonic(function):
+    return lambda self, *arguments: arguments[0].hull(function, *arguments[1:])
+
+
+class IntervalOps(Ops):
+    """The operations of expressions on intervals."""
+
+    log10, log, exp = monotonic(np.log10), monotonic(np.log), monotonic(np.exp)
+    sqrt, tanh = monotonic(np.sqrt), monotonic(np.tanh)
+    minimum, maximum = monotonic(np.minimum), monotonic(np.maximum)
+
+    def __init__(self, eps):
+        self.eps = eps
+
+    def prepare(self, values):
+        return self, {name: self.constant(value) for name, value in values.items()}
+
+    def constant(self, value):
+        return Interval(np.asarray(value, float), np.asarray(value, float), self.eps)
+
+    def ones_like(self, value):
+        return self.constant(1.0)
+
+    def is_mask(self, value):
+        return isinstance(value, Mask)
+
+    def number(self, value):
+        if not self.is_mask(value):
+            return value
+        return Interval(np.where(value.false, 0.0, 1.0), np.where(value.true, 1.0, 0.0), self.eps)
+
+    def mask(self, value):
+        return value if self.is_mask(value) else ~(value == self.constant(0.0))
+
+    def where(self, mask, chosen, otherwise):
+        low = np.where(mask.true, chosen.low, otherwise.low)
+        high = np.where(mask.true, chosen.high, otherwise.high)
+        both = mask.true & mask.false
+        low = np.where(both, np.minimum(low, otherwise.low), low)
+        return Interval(low, np.where(both, np.maximum(high, otherwise.high), high), self.eps)
+
+    def _wave(self, function, x):
+        middle, half = function((x.low + x.high) / 2), (x.high - x.low) / 2  # slope at most 1
+        wave = Interval(middle - half, middle + half, self.eps)
+        return self.clip(wave, self.constant(-1.0), self.constant(1.0))
+
+    def sin(self, x):
+        return self._wave(np.sin, x)
+
+    def cos(self, x):
+        return self._wave(np.cos, x)
+
+    def tan(self, x):
+        same_branch = np.floor(x.low / np.pi + 0.5) == np.floor(x.high / np.pi + 0.5)
+        return x.hull(np.tan).known_where(same_branch)
+
+    def atan2(self, y, x):
+        return y.hull(np.arctan2, x).known_where(x.low > 0)
+
+    def power(self, base, exponent):
+        # |y log2 x| < 64 here, by which the loss of a general power exceeds that of one operation.
+        size = np.abs(exponent.high * np.log2(base.high)) + np.abs(exponent.low * np.log2(base.low))
+        power = base.hull(np.power, exponent).known_where((base.low > 0) & (size < 64))
+        return power * Interval(1 - size * self.eps, 1 + size * self.eps, self.eps)
+
+    def floor_divide(self, left, right):
+        return (left / right).hull(np.floor)
+
+    def remainder(self, left, right):
+        whole = np.floor((left / right).low)
+        same = whole == np.floor((left / right).high)
+        return left.hull(lambda a, b: a - whole * b, right).known_where(same)
+
+
+ARITHMETIC = ["+", "-", "*", "/", "//", "%", "**"]
+LOGIC = ["<", "<=", ">", ">=", "==", "!=", "and", "or"]
+UNARY = ["log10", "log", "exp", "sqrt", "abs", "sin", "cos", "tan", "tanh", "not ", "-"]
+FORMS = [f"({{}} {operator} {{}})" for operator in ARITHMETIC + LOGIC]
+FORMS += [f"({name}({{}}))" for name in UNARY]
+FORMS += ["({})**2", "({})**-3", "({})**0.5", "atan2({}, {})", "min({}, {})", "max({}, {}, {})"]
+FORMS += ["where({}, {}, {})", "clip({}, {}, {})", "({} if {} else {})", "({} < {} <= {})"]
+LITERALS = st.one_of(st.integers(0, 4).map(str), st.floats(0.125, 8, width=16).map(str))
+
+
+@st.composite
+def expressions(draw, depth=4):
+    """Strategy: the text of an expression of x, y and z."""
+    if depth == 0 or draw(st.integers(0, 5)) == 0:
+        return draw(st.one_of(st.sampled_from("xyz"), LITERALS))
+    form = draw(st.sampled_from(FORMS))
+    return form.format(*(draw(expressions(depth - 1)) for _ in range(form.count("{}"))))
+
+
+VALUES = st.lists(st.floats(-8, 100, width=16), min_size=6, max_size=6).map(np.array)
+
+
+@given(text=expressions(), x=VALUES, y=VALUES, z=VALUES)
+@settings(max_examples=60, deadline=None)
+def test_random_expressions_agree_within_their_rounding(float_type, text, x, y, z):
+    dtype = numpy_type(float_type)
+    fields = {"x": x.astype(dtype), "y": y.astype(dtype), "z": z.astype(dtype)}
+    bounds = Expression(text).evaluate(IntervalOps(np.finfo(dtype).eps), fields)
+    shape = np.broadcast(bounds.low, x).shape
+    low, high = np.broadcast_to(bounds.low, shape), np.broadcast_to(bounds.high, shape)
+    known = np.isfinite(low)
+    assume(known.any())
+    for result in (with_numpy(text, **fields), with_drjit(text, float_type, **fields)):
+        result = np.broadcast_to(result, shape)[known]
+        assert np.all((result >= low[known]) & (result <= high[known])), (result, low, high)

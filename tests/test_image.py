@@ -1,0 +1,256 @@
+"""The class Image: shapes, coordinates, units, drawing."""
+
+import io
+import sys
+
+import numpy as np
+import pytest
+from astropy import units as u
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image as Pillow
+
+from voluminous.errors import InputError, UnitsError, UnknownNameError
+from voluminous.image import Image
+from voluminous.image.plot import round_length
+
+
+def test_two_axes_become_one_channel():
+    image = Image(np.ones((2, 3), np.float32))
+    assert image.shape == (2, 3, 1)
+    assert image.channels == 1
+    assert image.intensity.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("given_dtype", "kept"),
+    [("f4", "f4"), ("f8", "f8"), (">f4", "f4"), (">f8", "f8"), ("f2", "f4"), ("i2", "f8")],
+)
+def test_floats_are_kept_and_all_else_becomes_float(given_dtype, kept):
+    values = np.arange(6).reshape(2, 3).astype(given_dtype)
+    image = Image(values)
+    assert image.intensity.dtype == np.dtype(kept)
+    np.testing.assert_array_equal(image.intensity[..., 0], values)
+
+
+@pytest.mark.parametrize("bad", [np.ones(3), np.ones((1, 2, 3, 4)), np.ones((0, 3)), [["a"]]])
+def test_unusable_intensities_are_refused(bad):
+    with pytest.raises(InputError, match="intensity"):
+        Image(bad)
+
+
+def test_complex_intensities_are_refused():
+    with pytest.raises(InputError, match="real numbers"):
+        Image(np.ones((2, 2), complex))
+
+
+@pytest.mark.parametrize("shape", [(), (2, 3), (2, 3, 1), (2, 3, 4), (4,), (1, 1, 4)])
+def test_planes_broadcast_to_the_image_and_are_read_only(shape):
+    values = np.random.default_rng(0).random(shape)
+    image = Image(np.zeros((2, 3, 4)), transparency=values, optical_depth=values)
+    spread = values[..., None] if values.ndim == 2 else values
+    for plane in (image.transparency, image.optical_depth):
+        np.testing.assert_array_equal(plane, np.broadcast_to(spread, (2, 3, 4)))
+        with pytest.raises(ValueError, match="read-only"):
+            plane[0, 0, 0] = 1
+
+
+def test_grey_planes_take_no_memory_per_channel():
+    image = Image(np.zeros((2, 3, 4)), transparency=np.ones((2, 3, 1)))
+    assert image.transparency.strides[-1] == 0
+
+
+def test_unknown_planes_are_none():
+    image = Image(np.zeros((2, 3)))
+    assert image.transparency is None
+    assert image.optical_depth is None
+
+
+def test_planes_of_another_size_are_refused():
+    with pytest.raises(InputError, match=r"transparency has shape \(3, 2\)"):
+        Image(np.zeros((2, 3, 4)), transparency=np.ones((3, 2)))
+
+
+def test_optical_depth_is_computed_once_and_only_when_asked_for():
+    calls = []
+
+    def later():
+        calls.append(1)
+        return np.full((2, 3), 7.0)
+
+    image = Image(np.zeros((2, 3, 2)), optical_depth=later)
+    repr(image)
+    assert not calls
+    assert image.optical_depth.shape == (2, 3, 2)
+    assert (image.optical_depth == 7).all()
+    assert len(calls) == 1
+
+
+def test_pixel_indices_are_the_default_coordinates():
+    image = Image(np.zeros((2, 3)))
+    np.testing.assert_array_equal(image.x, [0, 1, 2])
+    np.testing.assert_array_equal(image.y, [0, 1])
+    assert image.extent == (-0.5, 2.5, -0.5, 1.5)
+    assert image.pixel_area == 1
+
+
+def test_oblong_pixels():
+    image = Image(np.zeros((2, 3)), x=[1, 3, 5], y=[10, 15], unit="pc")
+    assert image.pixel_size == (2, 5)
+    assert image.pixel_area == 10
+    assert image.extent == (0, 6, 7.5, 17.5)
+
+
+def test_a_single_column_has_square_pixels_unless_told():
+    single = Image(np.zeros((3, 1)), x=[4.0], y=[0, 2, 4])
+    assert single.pixel_size == (2, 2)
+    told = Image(np.zeros((3, 1)), x=[4.0], y=[0, 2, 4], pixel_size=(0.5, 2))
+    assert told.extent == (3.75, 4.25, -1, 5)
+    assert Image([[1.0]]).pixel_area == 1
+
+
+def test_decreasing_coordinates_keep_a_positive_area():
+    image = Image(np.zeros((2, 3)), x=[3, 2, 1], y=[0, 1])
+    assert image.extent == (3.5, 0.5, -0.5, 1.5)
+    assert image.pixel_area == 1
+
+
+@pytest.mark.parametrize("x", [[0, 1], [0, 1, 1], [0, 2, 1], [0, 1, np.nan], [[0, 1, 2]]])
+def test_unusable_coordinates_are_refused(x):
+    with pytest.raises(InputError, match="^x "):
+        Image(np.zeros((2, 3)), x=x)
+
+
+@pytest.mark.parametrize("size", [1.0, (1, 0), (1, np.inf), (1, 2, 3)])
+def test_unusable_pixel_sizes_are_refused(size):
+    with pytest.raises(InputError, match="pixel_size"):
+        Image(np.zeros((2, 3)), pixel_size=size)
+
+
+def test_quantities_bring_their_units():
+    image = Image(
+        np.ones((1, 2)) * u.Jy, x=[1, 2] * u.pc, y=[206264.806] * u.AU, transparency=[[50, 20]] * u.percent
+    )
+    assert (image.unit, image.intensity_unit) == ("pc", "Jy")
+    assert image.y[0] == pytest.approx(1, rel=1e-8)  # the digits given for au per pc
+    np.testing.assert_allclose(image.transparency[..., 0], [[0.5, 0.2]])
+
+
+def test_quantities_are_converted_to_the_unit_that_is_given():
+    image = Image(np.ones((1, 2)) * u.Jy, x=[1, 2] * u.km, unit=u.m, intensity_unit="mJy")
+    np.testing.assert_allclose(image.x, [1000, 2000])
+    np.testing.assert_allclose(image.intensity, 1000)
+    assert (image.unit, image.intensity_unit) == ("m", "mJy")
+    with pytest.raises(UnitsError, match="expected pc"):
+        Image(np.ones((1, 2)), x=[1, 2] * u.s, unit="pc")
+
+
+def test_camera_and_provenance_become_what_a_file_gives_back():
+    image = Image([[0.0]], camera={"incl": np.float32(0.5), "eye": (1, np.arange(2))})
+    assert image.camera == {"incl": 0.5, "eye": [1, [0, 1]]}
+    with pytest.raises(InputError, match="provenance"):
+        Image([[0.0]], provenance={"scene": object()})
+
+
+def test_repr_is_one_short_line():
+    image = Image([[0.5, np.nan, 2.0]], unit="pc", intensity_unit="Jy")
+    assert repr(image) == "<Image 3×1 pixels, 1 channel, 3×1 pc, intensity 0.5 … 2 Jy>"
+    assert "not finite" in repr(Image([[np.nan]]))
+
+
+def test_notebooks_get_a_png_with_the_bottom_row_last():
+    values = np.zeros((2, 3, 3))
+    values[0, :, 0] = 1
+    picture = np.asarray(Pillow.open(io.BytesIO(Image(values)._repr_png_())))
+    np.testing.assert_array_equal(picture[1], [[255, 0, 0]] * 3)
+    np.testing.assert_array_equal(picture[0], 0)
+
+
+def _drawn_image(ax):
+    (shown,) = ax.images
+    return shown
+
+
+def test_plot_has_axes_in_the_unit_and_shows_the_colours():
+    image = Image(np.random.default_rng(1).random((2, 3, 3)), unit="pc")
+    ax = image.plot(stretch="sqrt")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [pc]", "y [pc]")
+    shown = _drawn_image(ax)
+    assert shown.get_extent() == list(image.extent)
+    assert shown.origin == "lower"
+    np.testing.assert_array_equal(shown.get_array(), image.to_rgb(stretch="sqrt"))
+    assert len(ax.figure.axes) == 1  # no colour bar
+
+
+@pytest.mark.parametrize("options", [{}, {"exposure": 0.5}, {"vmin": 0.2}, {"stretch": "asinh"}])
+def test_one_channel_has_a_colour_bar_and_the_greys_of_to_rgb(options):
+    image = Image(np.random.default_rng(2).random((4, 5)), intensity_unit="Jy")
+    ax = image.plot(**options)
+    assert ax.figure.axes[1].get_ylabel() == "intensity [Jy]"
+    shown = _drawn_image(ax)
+    greys = shown.to_rgba(shown.get_array())[..., :3]
+    # A colormap has 256 steps.
+    np.testing.assert_allclose(greys, image.to_rgb(**options), atol=1 / 255)
+
+
+def test_colormaps_are_drawn_as_to_rgb_gives_them():
+    image = Image(np.random.default_rng(3).random((4, 5, 2)))
+    options = {"colormap": "inferno", "channels": 1, "stretch": "log"}
+    ax = image.plot(**options)
+    shown = _drawn_image(ax)
+    colors = shown.to_rgba(shown.get_array())[..., :3]
+    np.testing.assert_allclose(colors, image.to_rgb(**options), atol=1e-6)
+    assert len(ax.figure.axes) == 2
+
+
+def test_plot_draws_into_given_axes_and_saves_without_a_display(tmp_path):
+    from matplotlib.figure import Figure
+
+    figure = Figure()
+    ax = figure.add_subplot()
+    assert Image(np.eye(3)).plot(ax, colormap="viridis", scale_bar=True) is ax
+    figure.savefig(tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 0
+
+
+def test_plot_leaves_pyplot_alone_unless_it_is_in_use(monkeypatch):
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
+    Image(np.eye(3)).plot()
+    assert "matplotlib.pyplot" not in sys.modules
+
+
+def test_plot_uses_pyplot_where_the_user_does():
+    import matplotlib.pyplot as plt
+
+    before = plt.get_fignums()
+    figure = Image(np.eye(3)).plot().figure
+    assert set(plt.get_fignums()) - set(before) == {figure.number}
+    plt.close(figure)
+
+
+def test_plot_names_the_nearest_option():
+    with pytest.raises(UnknownNameError, match="'colormap'"):
+        Image(np.eye(3)).plot(colourmap="inferno")
+
+
+@pytest.mark.parametrize(
+    ("width", "unit", "length", "text"),
+    [(0.25, "pc", 0.05, "0.05 pc"), (4e17, "cm", 1e17, "$10^{17}$ cm"), (8.4, "", 2, "2")],
+)
+def test_the_scale_bar_has_a_round_length(width, unit, length, text):
+    edges = np.linspace(0, width, 11)
+    centres = (edges[1:] + edges[:-1]) / 2
+    ax = Image(np.eye(10), x=centres, y=centres, unit=unit).plot(scale_bar=True)
+    (bar,) = ax.lines
+    assert np.ptp(bar.get_xdata()) == pytest.approx(length)
+    assert [t.get_text() for t in ax.texts] == [text]
+
+
+@given(st.floats(1e-30, 1e30))
+def test_round_lengths_are_the_greatest_that_fit(longest):
+    length = round_length(longest)
+    # Steps are 2 or 2.5 apart; the tolerance is the rounding of a power of ten.
+    assert length <= longest * (1 + 1e-12)
+    assert length > longest / 2.5 * (1 - 1e-12)
+    mantissa = f"{length:.12e}".split("e")[0]
+    assert float(mantissa) in (1, 2, 5)

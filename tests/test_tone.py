@@ -1,0 +1,250 @@
+"""From intensities to display values."""
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from matplotlib.colors import LogNorm, PowerNorm
+
+from voluminous.errors import InputError, UnknownNameError
+from voluminous.image import Image
+from voluminous.image.stretch import STRETCHES, curve
+
+SHAPES = st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 5))
+# Far inside float32, so that ratios of colours are exact to its rounding.
+BRIGHT = st.floats(1e-6, 1e6)
+ANY = st.floats(allow_nan=True, allow_infinity=True, width=32)
+STRETCH = st.sampled_from([*STRETCHES, 0.5, 3.0])
+
+
+@pytest.mark.parametrize("stretch", [*STRETCHES, 0.4, 1, 7.5])
+def test_curves_rise_from_black_to_white_and_have_an_inverse(stretch):
+    bend = curve(stretch)
+    v = np.linspace(0, 1, 1001)
+    shown = bend.forward(v)
+    # Rounding of a few elementary functions.
+    np.testing.assert_allclose(shown[[0, -1]], [0, 1], atol=1e-14)
+    assert (np.diff(shown) > 0).all()
+    np.testing.assert_allclose(bend.inverse(shown), v, atol=1e-13)
+
+
+@pytest.mark.parametrize("stretch", ["sqrt", "gamma", "asinh", "log", 3])
+def test_curves_bring_out_the_faint(stretch):
+    assert curve(stretch).forward(0.05) > 0.1
+
+
+def test_stretches_are_what_their_names_say():
+    v = np.linspace(0, 1, 11)
+    np.testing.assert_allclose(curve("sqrt").forward(v), v**0.5)
+    np.testing.assert_allclose(curve("gamma").forward(v), v ** (1 / 2.2))
+    np.testing.assert_allclose(curve(3).forward(v), np.cbrt(v))
+    np.testing.assert_allclose(curve("asinh", 0.2).forward(v), np.arcsinh(v / 0.2) / np.arcsinh(5))
+    np.testing.assert_allclose(curve("log", 0.2).forward(v), np.log1p(v / 0.2) / np.log(6))
+
+
+@given(arrays(np.float64, SHAPES, elements=ANY), STRETCH, st.sampled_from(["hue", "clip"]))
+def test_display_values_are_numbers_from_0_to_1(values, stretch, gamut):
+    shown = Image(values).to_rgb(stretch=stretch, gamut=gamut)
+    assert shown.shape == (*values.shape[:2], 3)
+    assert shown.dtype == np.float32
+    assert np.isfinite(shown).all()
+    assert shown.min() >= 0
+    assert shown.max() <= 1
+
+
+@given(arrays(np.float64, (2, 3, 3), elements=BRIGHT), STRETCH, st.floats(1e-3, 1e3))
+def test_colours_keep_their_hue_however_bright(values, stretch, exposure):
+    shown = Image(values).to_rgb(exposure=exposure, stretch=stretch).astype(np.float64)
+    ratio = values / values.max(axis=-1, keepdims=True)
+    # A handful of float32 roundings.
+    np.testing.assert_allclose(shown, ratio * shown.max(axis=-1, keepdims=True), rtol=2e-6)
+
+
+@given(arrays(np.float64, (2, 3, 3), elements=BRIGHT), st.floats(1e-3, 1e3))
+def test_clipping_treats_every_colour_on_its_own(values, exposure):
+    shown = Image(values).to_rgb(exposure=exposure, gamut="clip")
+    np.testing.assert_allclose(shown, np.minimum(values * exposure, 1), rtol=1e-6)
+
+
+def test_linear_shows_intensities_as_they_are():
+    values = np.random.default_rng(0).random((3, 4, 3), dtype=np.float32)
+    np.testing.assert_array_equal(Image(values).to_rgb(exposure=1), values)
+
+
+@given(st.floats(1e-30, 1e30))
+def test_automatic_exposure_does_not_depend_on_the_unit_of_intensity(factor):
+    values = np.random.default_rng(1).random((5, 6, 3))
+    shown = Image(values * factor).to_rgb()
+    np.testing.assert_allclose(shown, Image(values).to_rgb(), rtol=1e-6)
+
+
+def test_automatic_exposure_leaves_one_lit_pixel_in_a_thousand_beyond_white():
+    values = np.zeros((200, 100, 3))
+    values[:100, :, 1] = np.arange(1.0, 10001).reshape(100, 100)  # half of the picture is lit
+    shown = Image(values).to_rgb()[..., 1]
+    assert (shown == 1).sum() == 10
+    assert shown[99, 89] == pytest.approx(9990 / 9990.001, rel=1e-6)
+
+
+def test_a_star_does_not_darken_the_rest():
+    values = np.full((100, 100, 3), 0.5)
+    values[50, 50] = 1e9
+    assert Image(values).to_rgb()[0, 0] == pytest.approx([1, 1, 1])
+
+
+@pytest.mark.parametrize("dark", [0.0, -1.0, np.nan, -np.inf])
+@pytest.mark.parametrize("options", [{}, {"colormap": "gray"}, {"stretch": "log"}, {"vmin": 0.5}])
+def test_black_images_are_black(dark, options):
+    if np.isfinite(dark) and "colormap" in options:
+        options = {**options, "vmin": dark, "vmax": dark + 1}
+    assert not Image(np.full((2, 3), dark)).to_rgb(**options).any()
+
+
+def test_pixels_without_a_number():
+    values = np.full((1, 4, 3), 0.5)
+    values[0, 1] = [np.nan, 0.5, 0.25]
+    values[0, 2] = [np.inf, 0.5, 0.25]
+    values[0, 3] = [-np.inf, -1, 1]
+    shown = Image(values).to_rgb(exposure=1)
+    np.testing.assert_allclose(shown[0, 1], [0, 0.5, 0.25])
+    np.testing.assert_allclose(shown[0, 2], [1, 0, 0], atol=1e-20)
+    np.testing.assert_allclose(shown[0, 3], [0, 0, 1])
+
+
+def test_white_and_black_points():
+    values = np.array([[1.0, 2.0, 3.0, 4.0, 5.0]])
+    shown = Image(values).to_rgb(vmin=2, vmax=4)[0, :, 0]
+    np.testing.assert_allclose(shown, [0, 0, 0.5, 1, 1])
+    np.testing.assert_array_equal(Image(values).to_rgb(vmin=2, exposure=0.25)[0, :, 0], shown)
+
+
+def test_one_channel_is_grey():
+    values = np.random.default_rng(2).random((3, 4, 2))
+    shown = Image(values).to_rgb(exposure=1, channels=1)
+    np.testing.assert_array_equal(shown, np.repeat(values[..., 1:], 3, axis=-1).astype("f4"))
+
+
+def test_two_channels_are_orange_and_blue():
+    shown = Image([[[1.0, 0.0], [0.0, 1.0]]]).to_rgb(exposure=1)
+    red, green, blue = shown[0, 0]
+    assert red > green > blue
+    red, green, blue = shown[0, 1]
+    assert blue > green > red
+
+
+def test_further_channels_are_added_as_white():
+    gas = np.random.default_rng(3).random((3, 4, 3)) / 4
+    stars = np.random.default_rng(4).random((3, 4, 2)) / 4
+    shown = Image(np.concatenate([gas, stars], axis=-1)).to_rgb(exposure=1)
+    np.testing.assert_allclose(shown, gas + stars.sum(axis=-1, keepdims=True), rtol=1e-6)
+
+
+def test_channels_can_be_chosen_and_mixed():
+    values = np.random.default_rng(5).random((3, 4, 5))
+    image = Image(values)
+    swapped = image.to_rgb(exposure=1, channels=(4, 0, 2))
+    np.testing.assert_allclose(swapped, values[..., [4, 0, 2]], rtol=1e-6)
+    mix = np.array([[0.1, 0.2, 0.3], [0.3, 0.1, 0.0]])
+    mixed = image.to_rgb(exposure=1, channels=(1, 3), mix=mix)
+    np.testing.assert_allclose(mixed, values[..., [1, 3]] @ mix, rtol=1e-6)
+
+
+def test_infinite_channels_do_not_spill_into_others():
+    shown = Image([[[0.5, np.inf, 0.25, 0.1]]]).to_rgb(exposure=1)
+    np.testing.assert_allclose(shown[0, 0], [0, 1, 0], atol=1e-20)
+
+
+def test_colormap_is_matplotlibs():
+    values = np.random.default_rng(6).random((3, 4))
+    shown = Image(values).to_rgb(colormap="inferno", vmin=0, vmax=1)
+    expected = matplotlib.colormaps["inferno"](values)[..., :3]
+    np.testing.assert_allclose(shown, expected, atol=1e-7)
+    by_object = Image(values).to_rgb(colormap=matplotlib.colormaps["inferno"], vmin=0, vmax=1)
+    np.testing.assert_array_equal(by_object, shown)
+
+
+def test_colormap_spans_the_values_by_default():
+    table = matplotlib.colormaps["viridis"]
+    shown = Image([[3.0, 4.0, np.inf, -np.inf, 5.0]]).to_rgb(colormap="viridis")[0]
+    ends = np.array([table(v)[:3] for v in (0.0, 0.5, 1.0)])
+    np.testing.assert_allclose(shown, ends[[0, 1, 2, 0, 2]], atol=1e-7)
+
+
+def test_colormap_bends_with_the_stretch():
+    table = matplotlib.colormaps["gray"]
+    shown = Image([[0.0, 0.25, 1.0]]).to_rgb(colormap=table, stretch="sqrt")
+    np.testing.assert_allclose(shown[0, :, 0], [0, 0.5, 1], atol=1 / 255)  # 256 steps
+
+
+def test_colormap_norms():
+    values = np.array([[0.0, 1e-9, 1e-3, 1.0]])
+    shown = Image(values).to_rgb(colormap="gray", norm="log")[0, :, 0]
+    np.testing.assert_allclose(shown, [0, 0, 0.5, 1], atol=1 / 255)
+    own = PowerNorm(0.5)
+    shown = Image([[0.0, 0.25, 1.0]]).to_rgb(colormap="gray", norm=own)[0, :, 0]
+    np.testing.assert_allclose(shown, [0, 0.5, 1], atol=1 / 255)
+    assert own.vmax is None  # the user's norm is not changed
+
+
+def test_bad_pixels_have_the_colormaps_bad_color():
+    table = matplotlib.colormaps["gray"].with_extremes(bad="red")
+    shown = Image([[0.0, np.nan, 1.0]]).to_rgb(colormap=table)
+    np.testing.assert_allclose(shown[0, 1], [1, 0, 0])
+
+
+def test_background_is_seen_through_the_transparency():
+    image = Image(np.full((1, 2, 3), 0.25), transparency=np.array([[0.0, 0.5]]))
+    shown = image.to_rgb(exposure=1, background=(1, 0.5, 0))
+    np.testing.assert_allclose(shown[0], [[0.25, 0.25, 0.25], [0.75, 0.5, 0.25]])
+    assert image.to_rgb(exposure=1, background="white").max() == 0.75
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"exposure": 0}, "exposure must be greater than 0"),
+        ({"exposure": np.nan}, "exposure must be finite"),
+        ({"exposure": "bright"}, "exposure must be a number"),
+        ({"exposure": 1, "vmax": 1}, "not both"),
+        ({"vmin": 2, "vmax": 1}, "above vmin"),
+        ({"stretch": -1}, "stretch must be greater than 0"),
+        ({"stretch": "sqrt", "softening": 0.1}, "softening is for"),
+        ({"stretch": "log", "softening": 0}, "softening must be greater than 0"),
+        ({"channels": 4}, "integers from 0 to 3"),
+        ({"channels": (0, -1)}, "integers from 0 to 3"),
+        ({"channels": 0.5}, "integers from 0 to 3"),
+        ({"channels": ()}, "integers from 0 to 3"),
+        ({"mix": np.eye(3)}, r"shape \(4, 3\)"),
+        ({"mix": [["a"] * 3] * 4}, "numbers"),
+        ({"colormap": "gray"}, "choose one with channels"),
+        ({"colormap": "gray", "channels": 0, "mix": np.eye(3)}, "mix"),
+        ({"colormap": 3, "channels": 0}, "name or a matplotlib colormap"),
+        ({"colormap": "gray", "channels": 0, "norm": "cubic"}, "norm must be"),
+        ({"colormap": "gray", "channels": 0, "norm": LogNorm(), "vmin": 1}, "inside the norm"),
+        ({"colormap": "gray", "channels": 0, "norm": "log", "stretch": "sqrt"}, "not both"),
+        ({"colormap": "gray", "channels": 0, "norm": "log", "vmin": 0}, "positive"),
+        ({"colormap": "gray", "channels": 0, "vmin": 2, "vmax": 1}, "less than vmax"),
+        ({"colormap": "gray", "channels": 0, "exposure": 1, "vmax": 1}, "not both"),
+        ({"norm": "log"}, "norm belongs to a colormap"),
+        ({"background": "white"}, "transparency is known"),
+    ],
+)
+def test_contradictions_are_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        Image(np.ones((2, 3, 4))).to_rgb(**options)
+
+
+def test_a_background_must_be_a_color():
+    with pytest.raises(InputError, match="background must be a color"):
+        Image(np.ones((2, 3)), transparency=1.0).to_rgb(background="whitish")
+
+
+@pytest.mark.parametrize(
+    ("options", "nearest"),
+    [({"stretch": "sqr"}, "sqrt"), ({"gamut": "hues"}, "hue"), ({"colormap": "viridi"}, "viridis")],
+)
+def test_unknown_names_come_with_the_nearest(options, nearest):
+    with pytest.raises(UnknownNameError, match=f"did you mean '{nearest}'"):
+        Image(np.ones((2, 3))).to_rgb(**options)
