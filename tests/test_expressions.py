@@ -152,8 +152,6 @@ REFUSED = [  # the text up to where the caret must be, the rest, and a part of t
 
 @pytest.mark.parametrize(("before", "after", "message"), REFUSED)
 def test_a_refusal_shows_the_place(before, after, message):
-    if after == "import os":
-        before, after = "", after  # Python's parser gives up at the first word
     with pytest.raises(ExpressionError) as caught:
         Expression(before + after)
     said, shown, caret = str(caught.value).split("\n")
@@ -348,7 +346,7 @@ TWO += ["where(x, y, 2)", "clip(x, y, 3)", "atan2(y, x)"]
 
 def documented_difference(text, x, y):
     """True for the values for which DrjitOps says that it differs from NumPy."""
-    huge_angle = text.startswith(("sin", "cos", "tan(")) & (np.abs(x) > 1e6)
+    huge_angle = text.startswith(("sin", "cos", "tan(")) & (np.abs(x) * np.finfo(x.dtype).eps > 6)
     two_infinities = text.startswith("atan2") & np.isinf(x) & np.isinf(y)
     large_quotient = (text in ("x // y", "x % y")) & (np.abs(x) > 1e7 * np.abs(y)) & (y != 0)
     return huge_angle | two_infinities | (large_quotient & np.isfinite(x))
@@ -375,6 +373,17 @@ def test_special_values_give_the_same_on_the_device(text, float_type):
 def test_an_angle_of_nan_is_nan(x, y, float_type):
     # Dr.Jit's own atan2 gives 0, which would hide bad data.
     assert np.isnan(with_drjit("atan2(y, x)", float_type, x=x, y=y)).all()
+
+
+def test_large_angles(float_type):
+    eps = np.finfo(numpy_type(float_type)).eps
+    turns = np.concatenate([np.geomspace(1, 0.99 / eps, 2000), [7.0, 123.0]])
+    x = (turns * 2 * np.pi + 0.3 * np.arange(len(turns))).astype(numpy_type(float_type))
+    for text, true in (("sin(x)", np.sin), ("cos(x)", np.cos)):
+        # 3 ε: taking off the turns, and the function itself, lose about one each.
+        result = with_drjit(text, float_type, x=x)
+        np.testing.assert_allclose(result, true(x.astype(np.float64)), rtol=0, atol=3 * eps)
+        assert np.isnan(with_drjit(text, float_type, x=np.array([10 / eps, -np.inf]))).all()
 
 
 FINITE = st.floats(-1e3, 1e3, width=32).filter(lambda v: v == 0 or abs(v) > 1e-3)
@@ -430,6 +439,27 @@ def test_turning_a_constant_does_not_compile_again(drjit):
 
     assert kernels("log10(x) > 3 and x**2.5 < 4") == kernels("log10(x) > 1 and x**0.7 < -8")
     assert kernels("x**2") != kernels("x**3")
+
+
+@pytest.mark.parametrize(
+    ("text", "derivative"),
+    [
+        ("x**p", lambda x: 3 * x**2),
+        ("x**3", lambda x: 3 * x**2),
+        ("sin(x)", np.cos),
+        ("tan(x)", lambda x: 1 / np.cos(x) ** 2),
+        ("x % 0.7", np.ones_like),
+        ("where(x > 0, x, -x)", np.sign),
+        ("atan2(x, 1)", lambda x: 1 / (1 + x**2)),
+    ],
+)
+def test_derivatives_pass_through(text, derivative, drjit):
+    x = drjit.llvm.ad.Float64([-2, -1, 1, 2, 30000])
+    drjit.enable_grad(x)
+    fields = {"x": x, "p": drjit.llvm.ad.Float64(3)}
+    drjit.backward(drjit.sum(Expression(text).evaluate(DrjitOps(drjit.llvm.ad.Float64), fields)))
+    # 1e-13: the derivative of x**p loses as a general power does, 45 ε at 30000 cubed.
+    np.testing.assert_allclose(drjit.grad(x).numpy(), derivative(x.numpy()), rtol=1e-13)
 
 
 # --- both evaluators agree on random expressions -------------------------------------------------
@@ -560,7 +590,7 @@ class IntervalOps(Ops):
 
     def _wave(self, function, x):
         middle, half = function((x.low + x.high) / 2), (x.high - x.low) / 2  # slope at most 1
-        wave = Interval(middle - half, middle + half, self.eps)
+        wave = Interval(middle - half, middle + half, self.eps).known_where(half < 10)
         return self.clip(wave, self.constant(-1.0), self.constant(1.0))
 
     def sin(self, x):

@@ -117,7 +117,7 @@ def test_decreasing_coordinates_keep_a_positive_area():
 
 @pytest.mark.parametrize("x", [[0, 1], [0, 1, 1], [0, 2, 1], [0, 1, np.nan], [[0, 1, 2]]])
 def test_unusable_coordinates_are_refused(x):
-    with pytest.raises(InputError, match="^x "):
+    with pytest.raises(InputError, match=r"^x "):
         Image(np.zeros((2, 3)), x=x)
 
 
@@ -129,7 +129,10 @@ def test_unusable_pixel_sizes_are_refused(size):
 
 def test_quantities_bring_their_units():
     image = Image(
-        np.ones((1, 2)) * u.Jy, x=[1, 2] * u.pc, y=[206264.806] * u.AU, transparency=[[50, 20]] * u.percent
+        np.ones((1, 2)) * u.Jy,
+        x=[1, 2] * u.pc,
+        y=[206264.806] * u.AU,
+        transparency=[[50, 20]] * u.percent,
     )
     assert (image.unit, image.intensity_unit) == ("pc", "Jy")
     assert image.y[0] == pytest.approx(1, rel=1e-8)  # the digits given for au per pc

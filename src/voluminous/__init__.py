@@ -1,1 +1,84 @@
-"""Physically based volume rendering."""
+"""Physically based volume rendering.
+
+`voluminous` solves the radiative transfer equation along every ray through 3-D data, and gives
+pictures and measurements from the same integral. The usual import is ``import voluminous as vm``.
+
+Nothing heavy is imported until it is used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+# Public name → module that has it.
+_PUBLIC = {
+    "CartesianGrid": "grids",
+    "Coefficients": "media",
+    "Colormap": "media",
+    "DeviceError": "errors",
+    "Expression": "expressions",
+    "ExpressionError": "errors",
+    "FileFormatError": "errors",
+    "Gaussian": "media",
+    "Image": "image",
+    "InputError": "errors",
+    "Medium": "media",
+    "MemoryNeededError": "errors",
+    "MissingPackageError": "errors",
+    "Orthographic": "cameras",
+    "Perspective": "cameras",
+    "Rectangle": "media",
+    "Scene": "scene",
+    "Table": "media",
+    "UnitsError": "errors",
+    "UnknownNameError": "errors",
+    "Volume": "volume",
+    "VoluminousError": "errors",
+    "open": "io",
+    "render": "render",
+}
+_MODULES = ("io", "math", "models")
+
+__all__ = [*_PUBLIC, *_MODULES, "__version__"]  # noqa: PLE0604
+
+if TYPE_CHECKING:
+    from . import io, math, models
+    from .cameras import Orthographic, Perspective
+    from .errors import (
+        DeviceError,
+        ExpressionError,
+        FileFormatError,
+        InputError,
+        MemoryNeededError,
+        MissingPackageError,
+        UnitsError,
+        UnknownNameError,
+        VoluminousError,
+    )
+    from .expressions import Expression
+    from .grids import CartesianGrid
+    from .image import Image
+    from .io import open
+    from .media import Coefficients, Colormap, Gaussian, Medium, Rectangle, Table
+    from .render import render
+    from .scene import Scene
+    from .volume import Volume
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        value = getattr(importlib.import_module(f".{_PUBLIC[name]}", __name__), name)
+        globals()[name] = value
+        return value
+    if name in _MODULES:
+        return importlib.import_module(f".{name}", __name__)
+    from .errors import unknown_name
+
+    raise AttributeError(f"voluminous: {unknown_name('name', name, __all__)}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

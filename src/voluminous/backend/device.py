@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeviceError, InputError, unknown_name
-from .llvm import check_llvm, ensure_llvm
+from .jit import dr, missing_llvm
+from .llvm import check_llvm
 
 PRECISIONS = ("single", "double")
 DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}
@@ -61,14 +62,10 @@ class Backend:
 
     def opaque(self, value: float) -> Any:
         """Return a number as run-time data: changing it never compiles a kernel again."""
-        import drjit as dr
-
         return dr.opaque(self.Float, value)
 
     def wide(self, value: float) -> Any:
         """Return a number as run-time data in `Wide` precision."""
-        import drjit as dr
-
         return dr.opaque(self.Wide, value)
 
 
@@ -93,24 +90,16 @@ def get_backend(device: str = "auto", precision: str = "single") -> Backend:
         raise unknown_name("precision", str(precision), PRECISIONS)
     if device != "auto" and device not in DEVICES:
         raise unknown_name("device", str(device), ("auto", *DEVICES))
-    ensure_llvm_quietly() if device in ("auto", "cuda", "metal") else ensure_llvm()
     if device == "auto":
         device = _best_device(precision)
     return _backend(device, precision)
 
 
-def ensure_llvm_quietly() -> None:
-    """Find LLVM if it is there; a GPU does not need it."""
-    try:
-        ensure_llvm()
-    except DeviceError:
-        if not _has("cuda") and not _has("metal"):
-            raise
-
-
 @functools.cache
 def _backend(device: str, precision: str) -> Backend:
     if device == "cpu":
+        if missing_llvm is not None:
+            raise missing_llvm
         check_llvm()
     elif not _has(device):
         raise DeviceError(
@@ -140,8 +129,6 @@ def available_devices() -> tuple[str, ...]:
 
 @functools.cache
 def _has(device: str) -> bool:
-    import drjit as dr
-
     kind = getattr(dr.JitBackend, DEVICES[device].upper(), None)
     return kind is not None and bool(dr.has_backend(kind))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
+from .jit import dr
 import numpy as np
 
 # Cody & Waite split of ln 2: n·LN2_HIGH is exact for the n that occur, in either precision.

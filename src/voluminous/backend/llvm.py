@@ -74,13 +74,14 @@ def check_llvm() -> None:
         name = ".".join(map(str, version))
         raise DeviceError(
             f"Dr.Jit loaded LLVM {name}, which is too old (it miscompiles or aborts); version "
-            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL}"
+            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL} and import "
+            "voluminous before drjit"
         )
 
 
 def llvm_version() -> tuple[int, int, int] | None:
     """Return the version of the LLVM that Dr.Jit uses, or None if it cannot be loaded."""
-    import drjit as dr
+    from .jit import dr
 
     if not dr.has_backend(dr.JitBackend.LLVM):
         return None

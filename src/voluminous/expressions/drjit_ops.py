@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from .ops import Ops
 
 
@@ -29,8 +31,7 @@ class DrjitOps(Ops):
 
     * Denormal numbers may count as zero, and ``exp`` overflows up to 0.4 before NumPy's does.
     * ``atan2`` ignores the sign of a zero, and is NaN for two infinities.
-    * In single precision ``sin``, ``cos`` and ``tan`` of a large x are in error by about what the
-      rounding of x itself causes; from 1e38 on they are NaN or infinite.
+    * ``sin``, ``cos`` and ``tan`` of more than 1/ε turns are NaN: rounding exceeds a turn there.
     * x**y with an exponent that is not part of the code has a relative error of up to ε |y log2 x|.
     * ``//`` and ``%`` need a quotient below 1/ε. Above, one operand's rounding exceeds the other.
     """
@@ -42,8 +43,13 @@ class DrjitOps(Ops):
         self._float = float_type
         self._constant = float_type if constant is None else constant
         self.where = dr.select
-        for name in ("log", "exp", "sqrt", "sin", "cos", "tanh", "minimum", "maximum"):
+        for name in ("log", "exp", "sqrt", "tanh", "minimum", "maximum"):
             setattr(self, name, getattr(dr, name))
+        dtype = np.dtype(f"f{dr.itemsize_v(float_type)}")
+        self._most_turns = 1 / float(np.finfo(dtype).eps)
+        # 2π in this type, and what that leaves out (minus the sine of τ is what the double τ does).
+        self._turn = float(dtype.type(math.tau))
+        self._rest_of_turn = (math.tau - self._turn) - math.sin(math.tau)
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
         """Return this evaluator, and the fields as `float_type`."""
@@ -72,11 +78,29 @@ class DrjitOps(Ops):
         # Dr.Jit has none. log2 is within one ε and exact for powers of two.
         return self._dr.log2(x) * math.log10(2)
 
+    def sin(self, x: Any) -> Any:
+        """Return the sine."""
+        return self._dr.sin(self._within_a_turn(x))
+
+    def cos(self, x: Any) -> Any:
+        """Return the cosine."""
+        return self._dr.cos(self._within_a_turn(x))
+
     def tan(self, x: Any) -> Any:
         """Return the tangent."""
-        # Dr.Jit's own returns x for |x| < 1e-4, of which a third of x² is lost in double precision.
-        sine, cosine = self._dr.sincos(x)
+        # Dr.Jit's own returns x for |x| < 1e-4, which in double precision loses x² / 3.
+        sine, cosine = self._dr.sincos(self._within_a_turn(x))
         return sine / cosine
+
+    def _within_a_turn(self, x: Any) -> Any:
+        # Dr.Jit's functions lose digits from 1e4 on in single precision, and from 1e9 on in double
+        # precision give numbers far above 1. Taking off whole turns, with 2π in two parts and each
+        # product rounded only together with its difference, is exact to about ε (Cody and Waite,
+        # Software Manual for the Elementary Functions, 1980).
+        dr = self._dr
+        turns = dr.select(dr.abs(x) < 1e4, 0, dr.round(x / math.tau))
+        angle = dr.fma(-turns, self._rest_of_turn, dr.fma(-turns, self._turn, x))
+        return dr.select(dr.abs(turns) < self._most_turns, angle, math.nan)
 
     def atan2(self, y: Any, x: Any) -> Any:
         """Return the angle of the point (x, y) in radians; NaN if one is (Dr.Jit's own is 0)."""
@@ -86,8 +110,11 @@ class DrjitOps(Ops):
     def power(self, base: Any, exponent: Any) -> Any:
         """Return base**exponent; NaN where that is not real."""
         dr = self._dr
-        size = dr.exp2(exponent * dr.log2(dr.abs(base)))
-        size = dr.select((exponent == 0) | (dr.abs(base) == 1), 1, size)
+        doublings = exponent * dr.log2(dr.abs(base))
+        # x**0 and 1**y are 1 also for infinite and undefined x and y. Elsewhere the product is
+        # left alone, because what is replaced has no derivative.
+        is_one = dr.isnan(doublings) & ((exponent == 0) | (dr.abs(base) == 1))
+        size = dr.exp2(dr.select(is_one, 0, doublings))
         whole = dr.floor(exponent) == exponent
         odd = whole & ~(dr.floor(exponent / 2) * 2 == exponent)
         real = dr.select(whole | dr.isinf(base), size, math.nan)

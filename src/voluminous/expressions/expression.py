@@ -49,6 +49,7 @@ class Expression:
     Examples
     --------
     >>> import numpy as np
+    >>> from voluminous.expressions import Expression, NumpyOps
     >>> expr = Expression("2 * density if density > 1 else 0")
     >>> expr.names
     ('density',)

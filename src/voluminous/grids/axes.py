@@ -1,7 +1,7 @@
 """One axis of a rectilinear grid, seen by rays that run upwards or downwards along it.
 
-Along an axis that a ray runs down, positions and cells are counted from the far end, so every
-ray runs upwards: the loop needs neither the sign of the step nor two limits.
+Along an axis that a ray runs down, positions and cells are counted from the far end ("mirrored"), so
+every ray runs upwards: the loop needs neither the sign of the step nor two limits.
 """
 
 from __future__ import annotations
@@ -9,11 +9,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
+from ..backend import dr
 import numpy as np
 
-# Later than any crossing: the time at which a ray that runs parallel to a wall meets it.
+# Later than any crossing: when a ray that runs parallel to a wall meets it.
 NEVER = 1e30
+# Slower than this (walls per cell width), a ray runs parallel to the walls.
+_PARALLEL = 1e-20
+
+
+@dataclass
+class Side:
+    """One axis of rays in `Wide`: their coordinate, and when they are between the outer walls."""
+
+    origin: Any
+    direction: Any
+    position: Any
+    speed: Any
+    down: Any
+    arrive: Any
+    leave: Any
 
 
 @dataclass
@@ -31,99 +46,131 @@ class AxisTrack:
     table: Any = None
 
 
-class UniformAxis:
-    """Cells of equal width; coordinates are counted in cells, so edge i is at i."""
+class Axis:
+    """What both kinds of axis share: where rays enter, and in which cell.
+
+    Attributes
+    ----------
+    unit : float
+        Length of one unit of mirrored coordinates.
+    """
+
+    def __init__(self, edges: np.ndarray, unit: float, scale: float, backend: Any) -> None:
+        self.backend = backend
+        self.count = len(edges) - 1
+        self.edges = backend.Wide(np.ascontiguousarray(edges))
+        self.low = backend.wide(edges[0])
+        self.high = backend.wide(edges[-1])
+        self.inverse_unit = backend.wide(1.0 / unit)
+        self.speed_unit = backend.wide(scale / unit)
+        self.last_cell = dr.opaque(backend.Int, self.count - 1)
+
+    def side(self, origin: Any, direction: Any) -> Side:
+        """Return how rays see this axis: mirrored where they run down it."""
+        Wide = self.backend.Wide
+        down = direction < 0
+        position = dr.select(down, self.high - origin, origin - self.low) * self.inverse_unit
+        speed = dr.abs(direction) * self.speed_unit
+        parallel = speed < _PARALLEL
+        speed = dr.select(parallel, 0.0, speed)
+        pace = 1.0 / dr.select(parallel, 1.0, speed)
+        between = (origin >= self.low) & (origin <= self.high)
+        extent = (self.high - self.low) * self.inverse_unit
+        never = dr.select(between, Wide(-NEVER), Wide(NEVER))
+        arrive = dr.select(parallel, never, -position * pace)
+        leave = dr.select(parallel, Wide(NEVER), (extent - position) * pace)
+        return Side(origin, direction, position, speed, down, arrive, leave)
+
+    def cell(self, side: Side, coordinate: Any) -> Any:
+        """Return the number of the cell that a ray at `coordinate` (volume's unit) is about to cross.
+
+        It is compared with the edges themselves: a ray that runs within rounding of a wall stays
+        on its side. On a wall it is the cell the ray heads into; parallel to it, the upper one.
+        """
+        guess = self._guess(coordinate)
+        low = dr.gather(self.backend.Wide, self.edges, self.backend.UInt(guess))
+        high = dr.gather(self.backend.Wide, self.edges, self.backend.UInt(guess + 1))
+        below = dr.select(side.down, coordinate <= low, coordinate < low)
+        above = dr.select(side.down, coordinate > high, coordinate >= high)
+        shifted = guess + dr.select(above, 1, 0) - dr.select(below, 1, 0)
+        return dr.clip(shifted, 0, self.last_cell)
+
+    def _guess(self, coordinate: Any) -> Any:
+        raise NotImplementedError
+
+    def _pace(self, side: Side) -> tuple[Any, Any]:
+        """Return distance per coordinate (zero where the ray is parallel to the walls), and where."""
+        parallel = side.speed == 0
+        return dr.select(parallel, 0.0, 1.0 / dr.select(parallel, 1.0, side.speed)), parallel
+
+    def _narrow(self, *wide: Any) -> list[Any]:
+        return [self.backend.Float(value) for value in wide]
+
+
+class UniformAxis(Axis):
+    """Cells of equal width; mirrored coordinates are counted in cells, so edge i is at i."""
 
     def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
-        self.count = len(edges) - 1
-        self.width = (edges[-1] - edges[0]) / self.count
-        self.backend = backend
-        self.low = backend.wide(edges[0])
-        self.to_own = backend.wide(1.0 / self.width)
-        self.speed_unit = backend.wide(scale / self.width)
-        self.extent = backend.wide(float(self.count))
-        self.last_index = backend.wide(self.count - 1.0)
+        super().__init__(edges, (edges[-1] - edges[0]) / (len(edges) - 1), scale, backend)
 
-    def track(self, side: Any, position: Any) -> AxisTrack:
+    def _guess(self, coordinate: Any) -> Any:
+        cells = (coordinate - self.low) * self.inverse_unit
+        return dr.clip(self.backend.Int(dr.floor(cells)), 0, self.last_cell)
+
+    def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace, never = _pace(side)
-        # Cell i is left at wall i + 1: the one is part of the lead, so that crossing is one FMA.
-        lead = dr.select(never, NEVER, (1.0 - position) * pace)
-        return AxisTrack(*_narrow(self.backend, position, side.speed, pace, lead))
-
-    def index_of(self, track: AxisTrack, position: Any) -> Any:
-        """Return the (mirrored, floating-point) cell index of a mirrored Wide coordinate."""
-        return dr.floor(position)
+        pace, parallel = self._pace(side)
+        # Cell i is left at wall i + 1: the one is part of the lead, so a crossing is one FMA.
+        lead = dr.select(parallel, NEVER, (1.0 - position) * pace)
+        return AxisTrack(*self._narrow(position, side.speed, pace, lead))
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
-        """Return the distance at which the ray leaves cell `index` through its upper wall."""
+        """Return the distance at which the ray leaves mirrored cell `index`."""
         return dr.fma(index, track.pace, track.lead)
 
     def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
-        """Return where in cell `index` the ray is at distance `t`, between 0 and 1."""
+        """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         return dr.clip(dr.fma(t, track.speed, track.position) - index, 0.0, 1.0)
 
 
-class RectilinearAxis:
-    """Cells of any width; coordinates are counted in units of the grid's scale."""
+class RectilinearAxis(Axis):
+    """Cells of any width; mirrored coordinates are counted in units of the grid's scale."""
 
     def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
-        self.count = len(edges) - 1
-        self.backend = backend
-        up = (edges - edges[0]) / scale
-        down = (edges[-1] - edges[::-1]) / scale
-        both = np.concatenate([up, down])
-        self.wide_edges = backend.Wide(both)
-        self.edges = backend.Float(both.astype(backend.dtype))
-        width = np.concatenate([np.diff(up), [1.0], np.diff(down), [1.0]])
-        self.inverse_width = backend.Float((1.0 / width).astype(backend.dtype))
-        self.low = backend.wide(edges[0])
-        self.to_own = backend.wide(1.0 / scale)
-        self.speed_unit = backend.wide(1.0)
-        self.extent = backend.wide(float(up[-1]))
-        self.last_index = backend.wide(self.count - 1.0)
-        self.size = dr.opaque(backend.UInt, self.count + 1)
-        self.steps = int(np.ceil(np.log2(self.count + 1)))
+        super().__init__(edges, scale, scale, backend)
+        up, down = (edges - edges[0]) / scale, (edges[-1] - edges[::-1]) / scale
+        kind = backend.dtype
+        self.mirrored = backend.Float(np.concatenate([up, down]).astype(kind))
+        widths = np.concatenate([np.diff(up), [1.0], np.diff(down), [1.0]])
+        self.inverse_width = backend.Float((1.0 / widths).astype(kind))
+        self.down_table = dr.opaque(backend.UInt, self.count + 1)
 
-    def track(self, side: Any, position: Any) -> AxisTrack:
+    def _guess(self, coordinate: Any) -> Any:
+        UInt, Wide = self.backend.UInt, self.backend.Wide
+        end = dr.opaque(UInt, self.count)
+        first_above = dr.binary_search(
+            0, end, lambda k: dr.gather(Wide, self.edges, k) <= coordinate
+        )
+        return dr.clip(self.backend.Int(first_above) - 1, 0, self.last_cell)
+
+    def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace, never = _pace(side)
-        lead = dr.select(never, NEVER, -position * pace)
-        table = dr.select(side.down, self.size, 0)
-        return AxisTrack(*_narrow(self.backend, position, side.speed, pace, lead), table)
-
-    def index_of(self, track: AxisTrack, position: Any) -> Any:
-        """Return the (mirrored, floating-point) cell index of a mirrored Wide coordinate."""
-        UInt = self.backend.UInt
-        low, high = UInt(0), UInt(self.size - 1)
-        for _ in range(self.steps):
-            middle = (low + high) >> 1
-            edge = dr.gather(self.backend.Wide, self.wide_edges, track.table + middle)
-            above = edge <= position
-            low, high = dr.select(above, middle, low), dr.select(above, high, middle)
-        return self.backend.Wide(low)
+        pace, parallel = self._pace(side)
+        lead = dr.select(parallel, NEVER, -position * pace)
+        table = dr.select(side.down, self.down_table, 0)
+        return AxisTrack(*self._narrow(position, side.speed, pace, lead), table)
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
-        """Return the distance at which the ray leaves cell `index` through its upper wall."""
+        """Return the distance at which the ray leaves mirrored cell `index`."""
         slot = track.table + self.backend.UInt(index) + 1
-        return dr.fma(dr.gather(self.backend.Float, self.edges, slot), track.pace, track.lead)
+        return dr.fma(dr.gather(self.backend.Float, self.mirrored, slot), track.pace, track.lead)
 
     def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
-        """Return where in cell `index` the ray is at distance `t`, between 0 and 1."""
+        """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         slot = track.table + self.backend.UInt(index)
-        lower = dr.gather(self.backend.Float, self.edges, slot)
+        lower = dr.gather(self.backend.Float, self.mirrored, slot)
         inverse = dr.gather(self.backend.Float, self.inverse_width, slot)
         return dr.clip((dr.fma(t, track.speed, track.position) - lower) * inverse, 0.0, 1.0)
-
-
-def _pace(side: Any) -> tuple[Any, Any]:
-    """Return distance per coordinate, zero where the ray runs parallel to the walls, and where."""
-    never = side.speed == 0
-    return dr.select(never, 0.0, 1.0 / dr.select(never, 1.0, side.speed)), never
-
-
-def _narrow(backend: Any, *wide: Any) -> list[Any]:
-    return [backend.Float(value) for value in wide]
 
 
 def is_uniform(edges: np.ndarray) -> bool:

@@ -9,25 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
+from ..backend import dr
 
-from .axes import NEVER, AxisTrack, make_axis
+from .axes import NEVER, AxisTrack, Side, make_axis
 from .contract import Corners, Ray, Segment
-
-# Slower than this (in cells per cell width), a ray never crosses a wall: it runs parallel to it.
-_PARALLEL = 1e-20
-
-
-@dataclass
-class Side:
-    """One axis of a ray in `Wide`: mirrored position and speed, and when it is between the walls."""
-
-    position: Any
-    speed: Any
-    down: Any
-    arrive: Any
-    leave: Any
-
 
 @dataclass
 class Track:
@@ -66,7 +51,7 @@ class CartesianWalk:
     def __init__(self, grid: Any, backend: Any) -> None:
         self.backend = backend
         self.axes = [make_axis(e, grid.scale, backend) for e in grid.edges]
-        self.to_scale = backend.wide(1.0 / grid.scale)
+        self.scale, self.to_scale = backend.wide(grid.scale), backend.wide(1.0 / grid.scale)
         self.limits = [backend.opaque(float(n)) for n in grid.shape]
         self.cell_strides = self._strides(grid.shape)
         self.vertex_strides = self._strides([n + 1 for n in grid.shape])
@@ -78,7 +63,7 @@ class CartesianWalk:
         """Return the track and the cursor at the point where each ray enters the domain."""
         Wide = self.backend.Wide
         sides = [
-            _mirror(axis, o, d, Wide)
+            axis.side(o, d)
             for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)
         ]
         arrive = dr.maximum(dr.maximum(sides[0].arrive, sides[1].arrive), sides[2].arrive)
@@ -98,24 +83,24 @@ class CartesianWalk:
     ) -> tuple[Track, Cursor]:
         """Return track and cursor of rays that reach the domain at `arrive`, start `begin` later."""
         Float, Int = self.backend.Float, self.backend.Int
-        tracks, index, cells, vertices = [], [], Int(0), Int(0)
+        tracks, index, cell, vertex = [], [], Int(0), Int(0)
         cell_stride, vertex_stride = [], []
+        here = (arrive + begin) * self.scale
         for a, (axis, side) in enumerate(zip(self.axes, sides, strict=True)):
-            position = dr.fma(arrive, side.speed, side.position)
-            track = axis.track(side, position)
+            own = axis.cell(side, dr.fma(here, side.direction, side.origin))
+            mirrored = dr.select(side.down, axis.last_cell - own, own)
+            # The wall it comes in through is known: it must not be found again by arithmetic.
             on_wall = (side.arrive == arrive) & (begin == 0)
-            cell = axis.index_of(track, dr.fma(begin, side.speed, position))
-            cell = dr.select(on_wall, 0.0, dr.clip(cell, 0.0, axis.last_index))
-            whole = Int(cell)
-            own = dr.select(side.down, Int(axis.last_index) - whole, whole)
-            cells += own * self.cell_strides[a]
-            vertices += (own + Int(side.down)) * self.vertex_strides[a]
+            mirrored = dr.select(on_wall, 0, mirrored)
+            own = dr.select(side.down, axis.last_cell - mirrored, mirrored)
+            cell += own * self.cell_strides[a]
+            vertex += dr.select(side.down, own + 1, own) * self.vertex_strides[a]
             cell_stride.append(_signed(self.cell_strides[a], side.down))
             vertex_stride.append(_signed(self.vertex_strides[a], side.down))
-            tracks.append(track)
-            index.append(Float(cell))
+            tracks.append(axis.track(side, dr.fma(arrive, side.speed, side.position)))
+            index.append(Float(mirrored))
         track = Track(tracks, cell_stride, vertex_stride, end)
-        return track, Cursor(index, cells, vertices, Float(begin), inside)
+        return track, Cursor(index, cell, vertex, Float(begin), inside)
 
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
         """Return the segment through the present cell, and the cursor in the next one."""
@@ -177,21 +162,6 @@ class CartesianWalk:
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
         ]
-
-
-def _mirror(axis: Any, origin: Any, direction: Any, Wide: Any) -> Side:
-    """Return one axis of rays, counted from the far end where they run down the axis."""
-    down = direction < 0
-    position = (origin - axis.low) * axis.to_own
-    position = dr.select(down, axis.extent - position, position)
-    speed = dr.abs(direction) * axis.speed_unit
-    parallel = speed < _PARALLEL
-    speed = dr.select(parallel, 0.0, speed)
-    pace = 1.0 / dr.select(parallel, 1.0, speed)
-    between = (position >= 0) & (position <= axis.extent)
-    arrive = dr.select(parallel, dr.select(between, Wide(-NEVER), Wide(NEVER)), -position * pace)
-    leave = dr.select(parallel, Wide(NEVER), (axis.extent - position) * pace)
-    return Side(position, speed, down, arrive, leave)
 
 
 def _signed(stride: Any, down: Any) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
+from ..backend import dr
 
 from ..errors import InputError
 from ..expressions import Expression

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
+from ..backend import dr
 import numpy as np
 
 from ..errors import InputError

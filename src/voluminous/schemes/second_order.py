@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-import drjit as dr
+from ..backend import dr
 import numpy as np
 
 from ..backend.functions import precision_of

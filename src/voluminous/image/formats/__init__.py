@@ -29,7 +29,7 @@ def format_of(path: Path) -> Format:
     known = {suffix: f for f in FORMATS for suffix in f.suffixes}
     suffix = path.suffix.lower()
     if suffix not in known:
-        raise unknown_name("image suffix", suffix, known)
+        raise unknown_name("image format", suffix, known)
     return known[suffix]
 
 

@@ -29,9 +29,11 @@ def write(image: Image, path: Path) -> None:
 
     channels = image.channels
     rgb = channels >= 3
+    pixels = narrowed(image.intensity[::-1], np.float32, "intensity")
     tifffile.imwrite(
         path,
-        narrowed(image.intensity[::-1], np.float32, "intensity"),
+        # A last axis of length one would be taken for columns.
+        pixels[..., 0] if channels == 1 else pixels,
         photometric="rgb" if rgb else "minisblack",
         planarconfig="contig",
         # Said explicitly, or a fourth channel would be taken for alpha.

@@ -1,0 +1,9 @@
+"""Which rays a picture is made of: one file per camera, one contract (`cameras.contract`)."""
+
+from .contract import Camera, Frame
+from .orthographic import Orthographic
+from .perspective import Perspective
+
+CAMERAS = {"orthographic": Orthographic, "perspective": Perspective}
+
+__all__ = ["CAMERAS", "Camera", "Frame", "Orthographic", "Perspective"]

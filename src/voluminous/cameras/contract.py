@@ -1,0 +1,116 @@
+"""What a camera promises, and the pixels all cameras share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..grids.contract import Ray
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A camera put before a volume: its pixels and its rays, as plain numbers.
+
+    Attributes
+    ----------
+    pixels : (int, int)
+        Number of pixels (nx, ny).
+    width : (float, float)
+        Width and height of the image plane, in the volume's length unit or in radians.
+    shift : (float, float)
+        Image-plane coordinates of its centre.
+    vectors : float array, shape (k, 3)
+        What the camera's rays are built from; becomes run-time data of the kernel.
+    """
+
+    pixels: tuple[int, int]
+    width: tuple[float, float]
+    shift: tuple[float, float]
+    vectors: np.ndarray
+
+    @property
+    def pixel(self) -> tuple[float, float]:
+        """Width and height of a pixel."""
+        return self.width[0] / self.pixels[0], self.width[1] / self.pixels[1]
+
+    def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the image-plane coordinates of the pixel centres, x and y."""
+        x, y = (
+            shift + (np.arange(n) - 0.5 * (n - 1)) * step
+            for n, step, shift in zip(self.pixels, self.pixel, self.shift, strict=True)
+        )
+        return x, y
+
+
+class Camera:
+    """Where rays come from. A camera is plain data until it meets a volume."""
+
+    #: Unit of the image plane: "" stands for the volume's length unit.
+    plane_unit = ""
+
+    def frame(self, grid: Any) -> Frame:
+        """Return the camera's pixels and vectors for a grid, in the grid's unit.
+
+        Raises
+        ------
+        UnitsError
+            If the camera's lengths cannot be converted to the grid's unit.
+        """
+        raise NotImplementedError
+
+    def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
+        """Return the rays through image-plane points; traced into the kernel.
+
+        ``origin + t direction`` runs away from the camera.
+        """
+        raise NotImplementedError
+
+    def describe(self) -> dict[str, Any]:
+        """Return type and arguments as plain values: what a scene file says of the camera."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
+        return f"{type(self).__name__}({told})"
+
+
+def pixel_counts(resolution: Any) -> tuple[int, int]:
+    """Return (nx, ny) from a whole number or a pair of them.
+
+    Raises
+    ------
+    InputError
+        If they are not positive whole numbers.
+    """
+    pair = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
+    if len(pair) != 2 or any(not _is_count(n) for n in pair):
+        raise InputError(
+            f"resolution must be a positive whole number or (nx, ny), got {resolution!r}"
+        )
+    return int(pair[0]), int(pair[1])
+
+
+def _is_count(n: Any) -> bool:
+    return not isinstance(n, (bool, str)) and int(n) == n and n >= 1
+
+
+def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, float]:
+    """Return (w, h) from a number or a pair; one number is the longer side, with square pixels.
+
+    Raises
+    ------
+    InputError
+        If they are not positive and finite.
+    """
+    size = np.atleast_1d(np.asarray(width, dtype=np.float64))
+    if size.shape not in ((1,), (2,)) or not np.all(np.isfinite(size)) or size.min() <= 0:
+        raise InputError(f"{what} must be a positive number or a pair (w, h) of them, got {width!r}")
+    if size.shape == (2,):
+        return float(size[0]), float(size[1])
+    nx, ny = pixels
+    longest = max(nx, ny)
+    return float(size[0]) * nx / longest, float(size[0]) * ny / longest

@@ -1,0 +1,45 @@
+"""Vectors and lengths that a camera is given, with or without units."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..units import is_quantity, parse_unit, plain, unit_name, unit_of
+
+
+def point(value: Any, unit: Any, what: str) -> np.ndarray:
+    """Return a point as three floats in `unit`."""
+    return as_vector(plain(value, unit, what), 3, what)
+
+
+def vector_of(value: Any, what: str) -> np.ndarray:
+    """Return three plain floats, whatever their unit: only the direction counts."""
+    return as_vector(plain(value, unit_of(value), what), 3, what)
+
+
+def as_vector(value: Any, length: int, what: str) -> np.ndarray:
+    """Return `length` finite floats.
+
+    Raises
+    ------
+    InputError
+        If there are more or fewer, or one is not finite.
+    """
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != (length,) or not np.all(np.isfinite(array)):
+        raise InputError(f"{what} must be {length} finite numbers, got {value!r}")
+    return array
+
+
+def described(value: Any) -> Any:
+    """Return a length or a vector of lengths as plain values: numbers, or texts such as "1 pc"."""
+    unit = unit_of(value)
+    numbers = np.asarray(plain(value, unit, "length"))
+    if unit is None and not is_quantity(value):
+        return numbers.tolist()
+    name = unit_name(parse_unit(unit))
+    texts = [f"{float(n)!r} {name}".strip() for n in np.atleast_1d(numbers)]
+    return texts[0] if numbers.ndim == 0 else texts

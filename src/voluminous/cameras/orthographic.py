@@ -1,0 +1,131 @@
+"""An observer at infinity: parallel rays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..grids.contract import Ray
+from ..units import degrees, is_quantity, plain, unit_of
+from .contract import Camera, Frame, pixel_counts, plane_size
+from .lengths import as_vector, described, point, vector_of
+from .rotation import angles_towards, image_axes, position_angle
+
+
+class Orthographic(Camera):
+    """Parallel rays, with RADMC-3D's angles.
+
+    ``incl = 0`` looks down the z axis with x to the right and y up; at ``incl = 90, phi = 0`` the
+    observer is at y = -∞ with x to the right, at ``phi = 90`` at x = -∞; z points up.
+
+    Parameters
+    ----------
+    incl, phi, posang : float or Quantity
+        Inclination, azimuth and position angle; plain numbers are degrees.
+    width : float, Quantity or pair of them, optional
+        Width (and height) of the image in the volume's unit; one number is the longer side. None
+        frames the volume: nothing is cut off, from wherever it is seen.
+    resolution : int or (int, int)
+        Pixels, ``n`` or ``(nx, ny)``; pixels may be oblong.
+    center : three floats or Quantity, optional
+        The point in the middle of the image; the volume's centre by default.
+    shift : (float, float) or Quantity
+        Moves the frame in the image plane: the coordinates of its middle.
+
+    Raises
+    ------
+    InputError
+        For sizes that are not positive, or numbers that are not finite.
+
+    Notes
+    -----
+    A pixel at (px, py) is the point ``center + px e_x + py e_y``, and light travels along ``e_z``,
+    with the axes of `image_axes`. Coordinates of pixel centres are
+    ``(i - (n - 1)/2) width/n`` as in RADMC-3D 2.0.
+    """
+
+    def __init__(
+        self,
+        incl: Any = 0.0,
+        phi: Any = 0.0,
+        posang: Any = 0.0,
+        width: Any = None,
+        resolution: Any = 400,
+        center: Any = None,
+        *,
+        shift: Any = (0.0, 0.0),
+    ) -> None:
+        self.incl = degrees(incl, "incl")
+        self.phi = degrees(phi, "phi")
+        self.posang = degrees(posang, "posang")
+        for name in ("incl", "phi", "posang"):
+            if not np.isfinite(getattr(self, name)):
+                raise InputError(f"{name} must be finite, got {getattr(self, name)}")
+        self.resolution = pixel_counts(resolution)
+        self.width, self.center, self.shift = width, center, shift
+        if width is not None:
+            own = unit_of(width)
+            plane_size(plain(width, own, "width"), self.resolution, "width")
+        if center is not None:
+            point(center, unit_of(center), "center")
+
+    @classmethod
+    def looking(cls, view_direction: Any, up: Any = None, **options: Any) -> Orthographic:
+        """Return a camera from the direction it looks into.
+
+        Parameters
+        ----------
+        view_direction : three floats
+            From the camera into the scene; need not be normalised.
+        up : three floats, optional
+            The direction that points upwards in the image; z by default.
+        **options
+            ``width``, ``resolution``, ``center``, ``shift``.
+        """
+        incl, phi = angles_towards(-vector_of(view_direction, "view_direction"))
+        posang = 0.0 if up is None else position_angle(incl, phi, vector_of(up, "up"))
+        return cls(incl, phi, posang, **options)
+
+    def frame(self, grid: Any) -> Frame:
+        """Return pixels and vectors for a grid: centre, image axes, direction away from the camera."""
+        bounds = grid.bounds
+        middle = bounds.mean(axis=1)
+        center = middle if self.center is None else point(self.center, grid.unit, "center")
+        axes = image_axes(self.incl, self.phi, self.posang)
+        if self.width is None:
+            size = _framing(bounds, center, axes, self.resolution)
+        else:
+            width = plain(self.width, grid.unit, "width")
+            size = plane_size(width, self.resolution, "width")
+        shift = as_vector(plain(self.shift, grid.unit, "shift"), 2, "shift")
+        vectors = np.stack([center, axes[0], axes[1], -axes[2]])
+        return Frame(self.resolution, size, (float(shift[0]), float(shift[1])), vectors)
+
+    def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
+        """Return rays through points of the image plane."""
+        center, ex, ey, away = vectors
+        origin = [c + u * x + v * y for c, x, y in zip(center, ex, ey, strict=True)]
+        return Ray(origin, list(away))
+
+    def describe(self) -> dict[str, Any]:
+        """Return type and arguments as plain values."""
+        told = {"type": "orthographic", "incl": self.incl, "phi": self.phi, "posang": self.posang}
+        told["resolution"] = list(self.resolution)
+        for name in ("width", "center"):
+            if getattr(self, name) is not None:
+                told[name] = described(getattr(self, name))
+        if is_quantity(self.shift) or any(np.asarray(plain(self.shift, unit_of(self.shift), "shift"))):
+            told["shift"] = described(self.shift)
+        return told
+
+
+def _framing(
+    bounds: np.ndarray, center: np.ndarray, axes: np.ndarray, pixels: tuple[int, int]
+) -> tuple[float, float]:
+    """Return the image size that shows all corners of the domain, with square pixels."""
+    corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T - center
+    half = np.abs(corners @ axes[:2].T).max(axis=0)
+    pixel = max(2.0 * half[0] / pixels[0], 2.0 * half[1] / pixels[1])
+    return pixel * pixels[0], pixel * pixels[1]

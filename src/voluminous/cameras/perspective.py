@@ -1,0 +1,156 @@
+"""An observer at a point: rays from one eye, onto a flat screen or a dome."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..backend import dr
+import numpy as np
+
+from ..errors import InputError, unknown_name
+from ..grids.contract import Ray
+from ..units import degrees, is_quantity, plain, radians
+from .contract import Camera, Frame, pixel_counts, plane_size
+from .lengths import described, point, vector_of
+from .rotation import angles_towards, image_axes, position_angle
+
+PROJECTIONS = ("flat", "spherical")
+# RADMC-3D's degree for the zenith angle.
+_ZENITH_DEGREE = 57.295780
+
+
+class Perspective(Camera):
+    """Rays from one point, which may be inside the volume; z points up in the image.
+
+    Parameters
+    ----------
+    position : three floats or Quantity
+        Where the observer is, in the volume's unit.
+    target : three floats or Quantity
+        The point in the middle of the image.
+    fov : float or Quantity, optional
+        Angle across the (longer side of the) image; plain numbers are degrees. Default 45.
+    width : float, Quantity or pair of them, optional
+        Size of the image in radians as RADMC-3D's ``sizeradian`` has it, instead of `fov`: on a flat
+        screen at unit distance, or along the dome.
+    up : three floats, optional
+        The direction that points upwards in the image; z by default.
+    posang : float or Quantity
+        Position angle, instead of `up`.
+    resolution : int or (int, int)
+        Pixels, ``n`` or ``(nx, ny)``.
+    projection : {"flat", "spherical"}
+        A flat screen (straight lines stay straight), or a dome: the distance from the middle is the
+        angle to it, for planetariums and all-sky pictures.
+    zenith : float or Quantity
+        Tilts the dome: angle between its middle and the target.
+
+    Raises
+    ------
+    InputError
+        If position and target coincide, both `fov` and `width` or both `up` and `posang` are given,
+        or the field of view does not fit the projection (below 180 degrees on a flat screen).
+
+    Notes
+    -----
+    The conventions are those of RADMC-3D 2.0's local observer, projections 1 and 2.
+    """
+
+    plane_unit = "rad"
+
+    def __init__(
+        self,
+        position: Any,
+        target: Any,
+        fov: Any = None,
+        *,
+        width: Any = None,
+        up: Any = None,
+        posang: Any = None,
+        resolution: Any = 400,
+        projection: str = "flat",
+        zenith: Any = 0.0,
+    ) -> None:
+        if projection not in PROJECTIONS:
+            raise unknown_name("projection", str(projection), PROJECTIONS)
+        if fov is not None and width is not None:
+            raise InputError("give fov (an angle) or width (radians on the screen), not both")
+        if up is not None and posang is not None:
+            raise InputError("give up (a direction) or posang (an angle), not both")
+        self.position, self.target = position, target
+        self.projection = projection
+        self.resolution = pixel_counts(resolution)
+        self.zenith = degrees(zenith, "zenith")
+        self.posang = 0.0 if posang is None else degrees(posang, "posang")
+        self.up = None if up is None else vector_of(up, "up")
+        size = _screen(45.0 if fov is None else fov, projection) if width is None else width
+        self.width = plane_size(radians(size, "width"), self.resolution, "width")
+        if projection == "spherical" and max(self.width) > 2.0 * np.pi * (1.0 + 1e-12):
+            raise InputError(f"a dome is at most 2π radians wide, got {max(self.width):g}")
+
+    @classmethod
+    def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
+        """Return a camera from where it is and the direction it looks into."""
+        direction = vector_of(view_direction, "view_direction")
+        if is_quantity(position):
+            target = position + direction * position.unit
+        else:
+            target = np.asarray(position, dtype=np.float64) + direction
+        return cls(position, target, **options)
+
+    def frame(self, grid: Any) -> Frame:
+        """Return pixels and vectors for a grid: position, and the camera's three axes."""
+        position = point(self.position, grid.unit, "position")
+        target = point(self.target, grid.unit, "target")
+        if np.array_equal(position, target):
+            raise InputError("position and target of a perspective camera must not coincide")
+        incl, phi = angles_towards(position - target)
+        posang = self.posang if self.up is None else position_angle(incl, phi, self.up)
+        axes = image_axes(incl, phi, posang)
+        tilt = self.zenith / _ZENITH_DEGREE
+        c, s = np.cos(tilt), np.sin(tilt)
+        tilted = np.stack([axes[0], c * axes[1] + s * axes[2], -s * axes[1] + c * axes[2]])
+        return Frame(self.resolution, self.width, (0.0, 0.0), np.vstack([position, tilted]))
+
+    def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
+        """Return rays from the observer through points of the screen."""
+        position, ex, ey, ez = vectors
+        if self.projection == "flat":
+            inverse = 1.0 / dr.sqrt(1.0 + u * u + v * v)
+            across, along, back = u * inverse, v * inverse, inverse
+        else:
+            q = dr.sqrt(u * u + v * v)
+            sinc = dr.select(q > 0, dr.sin(q) / dr.select(q > 0, q, 1.0), 1.0)
+            across, along, back = u * sinc, v * sinc, dr.cos(q)
+        direction = [
+            across * x + along * y - back * z for x, y, z in zip(ex, ey, ez, strict=True)
+        ]
+        zero = type(u)(0)
+        return Ray([zero + p for p in position], direction, first=zero)
+
+    def describe(self) -> dict[str, Any]:
+        """Return type and arguments as plain values."""
+        told: dict[str, Any] = {"type": "perspective", "projection": self.projection}
+        told["position"], told["target"] = described(self.position), described(self.target)
+        told["width"] = list(self.width)
+        told["resolution"] = list(self.resolution)
+        if self.up is not None:
+            told["up"] = self.up.tolist()
+        elif self.posang:
+            told["posang"] = self.posang
+        if self.zenith:
+            told["zenith"] = self.zenith
+        return told
+
+
+def _screen(fov: Any, projection: str) -> float:
+    """Return the width of the screen that a field of view fills."""
+    angle = degrees(fov, "fov")
+    if projection == "spherical":
+        return float(np.deg2rad(angle))
+    if not 0 < angle < 180:
+        raise InputError(
+            f"on a flat screen fov must be between 0 and 180 degrees, got {angle:g}; "
+            "use projection='spherical' for more"
+        )
+    return float(2.0 * np.tan(np.deg2rad(0.5 * angle)))

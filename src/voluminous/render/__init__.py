@@ -1,0 +1,5 @@
+"""render(): the one ray loop, tiles, progress and cancellation."""
+
+from .render import render
+
+__all__ = ["render"]

@@ -1,0 +1,119 @@
+"""Evaluate a medium on ranges of cells, and refuse coefficients that no physics can use."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..backend import dr
+import numpy as np
+
+from ..errors import InputError
+from ..media.contract import Context, Medium
+
+
+class Classifier:
+    """A medium put before a volume.
+
+    Attributes
+    ----------
+    channels, extinctions : int
+        Numbers of j and α.
+    """
+
+    def __init__(self, volume: Any, medium: Medium, backend: Any, *, signed: bool = False) -> None:
+        self.volume, self.medium, self.backend = volume, medium, backend
+        self.grid = volume.grid
+        self.channels = medium.channels
+        self.extinctions = 1 if medium.grey else medium.channels
+        self.signed = signed
+        for part in medium.components():
+            for name in part.names:
+                if name not in ("x", "y", "z", "r") and name not in volume:
+                    volume.array(name)  # raises the error that names the nearest field
+
+    def context(self, real: Any) -> Context:
+        """Return how the medium is evaluated with numbers of a type."""
+        return Context(
+            real=real,
+            number=lambda value: dr.opaque(real, value),
+            unit=self.volume.unit,
+            unit_of=self.volume.expression_unit,
+        )
+
+    def classify(self, first: int, count: int) -> list[Any]:
+        """Return j and α times the grid's scale for consecutive cells (traced, not computed)."""
+        Wide = self.backend.Wide
+        fields = {name: self._values(name, first, count) for name in self.medium.names}
+        found = self.medium.coefficients(fields, self.context(Wide))
+        scale = self.backend.wide(self.grid.scale)
+        spread = dr.zeros(Wide, count)
+        return [spread + v * scale for v in (*found.emissivity, *found.extinction)]
+
+    def unusable(self, values: list[Any]) -> Any:
+        """Return where coefficients are not finite, or an extinction is negative (traced)."""
+        bad = self.backend.Bool(False)
+        for v in values:
+            bad |= ~dr.isfinite(v)
+        if not self.signed:
+            for alpha in values[self.channels :]:
+                bad |= alpha < 0
+        return bad
+
+    def _values(self, name: str, first: int, count: int) -> Any:
+        Wide = self.backend.Wide
+        if name in self.volume:
+            flat = self.volume.array(name).reshape(-1)[first : first + count]
+            if flat.dtype.kind != "f":
+                flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+            module = self.backend.module
+            kind = module.Float32 if flat.dtype == np.float32 else module.Float64
+            return Wide(kind(flat))
+        return self.coordinates(first, count)[name]
+
+    def coordinates(self, first: int, count: int) -> dict[str, Any]:
+        """Return the coordinates of consecutive cells' centres."""
+        UInt, Wide = self.backend.UInt, self.backend.Wide
+        lane = dr.arange(UInt, count) + dr.opaque(UInt, first)
+        return cell_coordinates(self.grid, lane, Wide, UInt)
+
+    def refuse(self, values: list[Any], bad: Any, first: int) -> None:
+        """Raise the error that names the first cell with unusable coefficients.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        bad = np.asarray(bad)
+        place = int(np.flatnonzero(bad)[0])
+        cell = tuple(int(i) for i in np.unravel_index(first + place, self.grid.shape))
+        told = []
+        for k, v in enumerate(values):
+            value = float(np.asarray(v)[place]) / self.grid.scale
+            if not np.isfinite(value) or (k >= self.channels and value < 0):
+                name = "emissivity" if k < self.channels else "extinction"
+                told.append(f"{name} of channel {k % self.channels} is {value:g}")
+        fields = ", ".join(
+            f"{name} = {self.volume.array(name)[cell]:g}"
+            for name in self.medium.names
+            if name in self.volume
+        )
+        raise InputError(
+            f"the medium gives coefficients that cannot be used in {int(bad.sum())} cells (of those "
+            f"looked at so far); the first is {cell}: {'; '.join(told)}"
+            f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction finite "
+            "and not negative: clip the fields, or use where(...) in the expression"
+        )
+
+
+def cell_coordinates(grid: Any, cell: Any, real: Any, UInt: Any) -> dict[str, Any]:
+    """Return the coordinates of cell centres, from flat cell numbers (traced)."""
+    _, ny, nz = grid.shape
+    row = cell // dr.opaque(UInt, nz)
+    index = (row // dr.opaque(UInt, ny), row % dr.opaque(UInt, ny), cell - row * dr.opaque(UInt, nz))
+    values = {
+        name: dr.gather(real, real(np.ascontiguousarray(centers)), i)
+        for name, centers, i in zip("xyz", grid.centers, index, strict=True)
+    }
+    values["r"] = dr.sqrt(sum(values[name] * values[name] for name in "xyz"))
+    return values

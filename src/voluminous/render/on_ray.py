@@ -1,0 +1,56 @@
+"""Coefficients evaluated on the ray: no table, for volumes with more cells than the rays visit."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from ..backend import dr
+import numpy as np
+
+from ..backend.functions import flush_subnormal
+from .classify import Classifier, cell_coordinates
+
+
+class OnRay:
+    """The medium evaluated in every cell that a ray visits; the same bits as from a table.
+
+    Unusable coefficients become NaN, which the picture shows: it is looked at afterwards.
+    """
+
+    def __init__(self, classifier: Classifier, backend: Any) -> None:
+        self.classifier, self.backend = classifier, backend
+        self.channels, self.extinctions = classifier.channels, classifier.extinctions
+        self.names = classifier.medium.names
+        self.fields = {n: _device_array(classifier.volume.array(n), backend) for n in self.names if n in classifier.volume}
+        self.largest = [math.inf] * self.channels
+
+    def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
+        """Return j and α of a cell."""
+        Wide, UInt = self.backend.Wide, self.backend.UInt
+        grid = self.classifier.grid
+        values = {
+            name: Wide(dr.gather(type(data), data, cell, active))
+            for name, data in self.fields.items()
+        }
+        if len(values) < len(self.names):
+            values = {**cell_coordinates(grid, cell, Wide, UInt), **values}
+        found = self.classifier.medium.coefficients(values, self.classifier.context(Wide))
+        scale = self.backend.wide(grid.scale)
+        alpha = [a * scale for a in found.extinction]
+        if not self.classifier.signed:
+            alpha = [dr.select(a >= 0, a, math.nan) for a in alpha]
+        j = [e * scale for e in found.emissivity]
+        return [self._narrow(v) for v in j], [self._narrow(v) for v in alpha]
+
+    def _narrow(self, value: Any) -> Any:
+        return flush_subnormal(self.backend.Float(value))
+
+
+def _device_array(array: np.ndarray, backend: Any) -> Any:
+    """Return a field on the device; float arrays in the CPU's memory are used where they are."""
+    flat = array.reshape(-1)
+    if flat.dtype.kind != "f":
+        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+    kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
+    return kind(flat)

@@ -1,0 +1,96 @@
+"""What render() is asked: checked, and brought into one form."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, unknown_name
+
+ORDERS = ("front-to-back", "back-to-front")
+# The default cut-off: what is left out is below this fraction of what the ray has gathered.
+DEFAULT_ERROR = 1e-4
+_MOST_SAMPLES = 4096
+
+
+def check_order(order: Any) -> bool:
+    """Return True for back to front."""
+    if order not in ORDERS:
+        raise unknown_name("order", str(order), ORDERS)
+    return bool(order == ORDERS[1])
+
+
+def check_cutoff(cutoff: Any) -> tuple[float, float]:
+    """Return (transparency, fraction) at which rays stop; -1 where a criterion is off.
+
+    Raises
+    ------
+    InputError
+        If the cut-off is not between 0 and 1.
+    """
+    if cutoff is None:
+        return -1.0, DEFAULT_ERROR
+    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff < 1:
+        raise InputError(
+            f"cutoff is the transparency at which a ray stops: at least 0 (never) and below 1, "
+            f"got {cutoff!r}"
+        )
+    return (float(cutoff) if cutoff > 0 else -1.0), -1.0
+
+
+def sample_count(samples: Any, frame: Any, grid: Any) -> int:
+    """Return n for n × n rays per pixel.
+
+    ``"flux-conserving"`` is RADMC-3D's recursion: a pixel is quartered while its longer side
+    exceeds the first cell's width. On a grid without refinement every ray decides alike, so it is
+    a regular division into 2^k × 2^k.
+
+    Raises
+    ------
+    InputError
+        If `samples` is neither that nor a positive whole number.
+    """
+    if samples == "flux-conserving":
+        ratio = max(frame.pixel) / grid.first_cell_width()
+        count = 2 ** max(0, math.ceil(math.log2(ratio))) if ratio > 1 else 1
+        if count > _MOST_SAMPLES:
+            raise InputError(
+                f"flux conservation needs {count} x {count} rays per pixel here (a pixel is "
+                f"{ratio:.3g} cells wide): take more pixels, or a smaller width"
+            )
+        return count
+    if isinstance(samples, str):
+        raise unknown_name("samples", samples, ["flux-conserving"])
+    if isinstance(samples, bool) or int(samples) != samples or not 1 <= samples <= _MOST_SAMPLES:
+        raise InputError(
+            "samples must be a whole number n (n x n rays per pixel) or 'flux-conserving', "
+            f"got {samples!r}"
+        )
+    return int(samples)
+
+
+def background_array(background: Any, pixels: tuple[int, int], channels: int) -> np.ndarray:
+    """Return the background as an array that broadcasts to (ny, nx, channel).
+
+    Raises
+    ------
+    InputError
+        If it is neither a number, nor one per channel, nor an image of the right size.
+    """
+    given = getattr(background, "intensity", background)
+    try:
+        array = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"background must be numbers or an image, got {background!r}") from error
+    nx, ny = pixels
+    shapes = ((), (1,), (channels,), (ny, nx), (ny, nx, 1), (ny, nx, channels))
+    if array.shape not in shapes:
+        raise InputError(
+            f"background must be a number, {channels} numbers (one per channel), or an image of "
+            f"shape ({ny}, {nx}) or ({ny}, {nx}, {channels}); got shape {array.shape}"
+        )
+    if not np.all(np.isfinite(array)):
+        raise InputError("background must be finite")
+    return array[..., None] if array.shape == (ny, nx) else array

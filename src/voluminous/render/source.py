@@ -1,0 +1,80 @@
+"""Where a scheme gets its coefficients from: a table made beforehand, or the ray."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .classify import Classifier
+from .memory import check_memory, fits
+from .on_ray import OnRay
+from .tables import Table, cell_table, packet_widths, vertex_table
+
+# Tables kept per volume: turning only the camera, or going back and forth between two schemes or
+# media, classifies nothing again.
+_KEPT = 4
+
+
+def get_source(
+    volume: Any, medium: Any, scheme: Any, backend: Any, steps: float, report: Callable[..., None]
+) -> Any:
+    """Return the coefficients for a scheme.
+
+    Parameters
+    ----------
+    steps : float
+        About how many cells the rays will cross in all.
+    report : callable
+        Called as ``report(done, total)`` while classifying.
+    """
+    classifier = Classifier(volume, medium, backend)
+    key = _key(volume, medium, scheme, backend)
+    if key is not None and key in volume.tables:
+        volume.tables.move_to_end(key)
+        return volume.tables[key]
+    needed = table_bytes(classifier, scheme, backend)
+    # A cell classified beforehand costs about as much as two visited on a ray (DESIGN section 3).
+    if scheme.place == "cell" and (volume.grid.size > 0.5 * steps or not fits(needed)):
+        return OnRay(classifier, backend)
+    check_memory(needed, f"the table of coefficients for scheme {scheme.name!r}")
+    make = cell_table if scheme.place == "cell" else vertex_table
+    table = make(classifier, backend, report)
+    if key is not None:
+        _keep(volume, key, table)
+    return table
+
+
+def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
+    """Return the memory of a scheme's table."""
+    extra = 1 if scheme.place == "vertex" else 0
+    places = int(np.prod([n + extra for n in classifier.grid.shape], dtype=object))
+    count = sum(packet_widths(classifier.channels + classifier.extinctions))
+    return places * count * backend.dtype.itemsize
+
+
+def _keep(volume: Any, key: Any, table: Table) -> None:
+    """Remember a table; forget the oldest where there are many, or memory is short."""
+    while volume.tables and (len(volume.tables) >= _KEPT or not fits(table.nbytes)):
+        volume.tables.popitem(last=False)
+    volume.tables[key] = table
+
+
+def _key(volume: Any, medium: Any, scheme: Any, backend: Any) -> Any:
+    """Return what a table depends on; None if that cannot be told.
+
+    The fields' contents are hashed (at memory speed: 0.1 ms for 100³), since arrays are not copied
+    and may have been changed in place.
+    """
+    own = medium.key()
+    if own is None:
+        return None
+    import xxhash
+
+    fields = tuple(
+        (name, str(volume.field_unit(name)), xxhash.xxh3_64_digest(volume.array(name).data))
+        for name in medium.names
+        if name in volume
+    )
+    return (own, scheme.place, backend.device, backend.precision, fields)

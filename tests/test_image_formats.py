@@ -1,0 +1,671 @@
+"""Image files: what was saved comes back, nothing is left half written, damage is named."""
+
+import contextlib
+import io
+import json
+import os
+import stat
+import struct
+import subprocess
+import sys
+import warnings
+import zlib
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from astropy import units as u
+from astropy.io import fits
+from astropy.wcs import WCS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image as Pillow
+from PIL.PngImagePlugin import PngInfo
+
+from voluminous.errors import FileFormatError, InputError, UnknownNameError
+from voluminous.image import Image
+from voluminous.image.files import MissingPathError
+from voluminous.image.formats import FORMATS, png_code
+
+SUFFIXES = [".npz", ".fits", ".exr", ".tif", ".png"]
+CAMERA = {"type": "orthographic", "incl": 60.0, "phi": 30.0, "center": [0.1, -0.0, 1e300]}
+PROVENANCE = {"scene": 'it\'s & "quoted" – ü \\ \n &', "versions": {"voluminous": "0.1"}, "n": None}
+
+shapes = st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5))
+anything = {
+    dtype: st.floats(width=8 * np.dtype(dtype).itemsize) for dtype in (np.float32, np.float64)
+}
+
+
+@st.composite
+def images(draw, dtype, elements=None):
+    shape = draw(shapes)
+    rows, columns, _ = shape
+    plane = draw(st.sampled_from([None, (rows, columns, 1), shape]))
+    values = arrays(dtype, shape, elements=anything[dtype] if elements is None else elements)
+    step = st.floats(1e-3, 1e3)
+    first = st.floats(-1e3, 1e3)
+    return Image(
+        draw(values),
+        transparency=None
+        if plane is None
+        else draw(arrays(dtype, plane, elements=st.floats(0, 1, width=32))),
+        optical_depth=None
+        if plane is None
+        else draw(arrays(dtype, plane, elements=st.floats(0, 1024, width=32))),
+        x=draw(first) + draw(step) * np.arange(columns),
+        y=draw(first) + draw(step) * np.arange(rows),
+        unit=draw(st.sampled_from(["", "pc", "cm", "rad", "solRad", "0.5 kpc"])),
+        intensity_unit=draw(st.sampled_from(["", "erg / (s cm2 Hz sr)", "Jy / beam", "my counts"])),
+        pixel_size=draw(st.sampled_from([None, (0.3, 0.7)])) if rows == columns == 1 else None,
+        camera=CAMERA,
+        provenance=PROVENANCE,
+    )
+
+
+def assert_same_bits(a, b):
+    assert a.dtype == b.dtype
+    assert a.shape == b.shape
+    assert a.tobytes() == b.tobytes()
+
+
+def assert_same_frame(loaded, saved):
+    assert_same_bits(loaded.x, saved.x)
+    assert_same_bits(loaded.y, saved.y)
+    assert loaded.unit == saved.unit
+    assert loaded.pixel_size == saved.pixel_size
+    assert loaded.camera == saved.camera
+    assert loaded.provenance == saved.provenance
+
+
+def assert_same_planes(loaded, saved):
+    for name in ("transparency", "optical_depth"):
+        plane = getattr(saved, name)
+        if plane is None:
+            assert getattr(loaded, name) is None
+        else:
+            assert_same_bits(getattr(loaded, name), plane)
+
+
+def roundtrip(image, folder, suffix, **options):
+    path = folder / f"image{suffix}"
+    image.save(path, **options)
+    return Image.load(path)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("images")
+
+
+def picture(shape=(5, 7, 3), dtype=np.float32, **keywords):
+    return Image(np.random.default_rng(0).random(shape).astype(dtype), **keywords)
+
+
+# What was saved comes back
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("suffix", [".npz", ".fits"])
+@given(data=st.data())
+@settings(max_examples=25)
+def test_npz_and_fits_give_back_every_bit(folder, suffix, dtype, data):
+    saved = data.draw(images(dtype))
+    loaded = roundtrip(saved, folder, suffix)
+    assert_same_bits(loaded.intensity, saved.intensity)
+    assert_same_frame(loaded, saved)
+    assert_same_planes(loaded, saved)
+    assert loaded.intensity_unit == saved.intensity_unit
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".tif"])
+@given(data=st.data())
+@settings(max_examples=25)
+def test_exr_and_tiff_give_back_every_bit_of_float32(folder, suffix, data):
+    normal = st.floats(width=32, allow_subnormal=False)  # all tiny would be refused
+    saved = data.draw(images(np.float32, normal))
+    loaded = roundtrip(saved, folder, suffix)
+    assert_same_bits(loaded.intensity, saved.intensity)
+    assert_same_frame(loaded, saved)
+    assert loaded.intensity_unit == saved.intensity_unit
+    if suffix == ".exr":
+        assert_same_planes(loaded, saved)
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".tif"])
+def test_exr_and_tiff_round_float64_to_float32(folder, suffix):
+    saved = picture(dtype=np.float64)
+    assert_same_bits(roundtrip(saved, folder, suffix).intensity, saved.intensity.astype("f4"))
+
+
+def test_half_floats_on_request(folder):
+    saved = picture(transparency=0.25)
+    loaded = roundtrip(saved, folder, ".exr", half=True)
+    assert_same_bits(loaded.intensity, saved.intensity.astype("f2").astype("f4"))
+    assert (loaded.transparency == 0.25).all()
+
+
+@pytest.mark.parametrize(
+    ("suffix", "options"), [(".tif", {}), (".exr", {}), (".exr", {"half": True})]
+)
+@pytest.mark.parametrize("value", [1e-60, 1e60])
+def test_intensities_that_would_be_lost_are_refused(folder, suffix, options, value):
+    with pytest.raises(InputError, match=r"save as \.fits or \.npz"):
+        Image([[0.0, value]]).save(folder / f"lost{suffix}", **options)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@given(data=st.data())
+@settings(max_examples=25)
+def test_png_gives_back_what_it_shows(folder, bits, data):
+    saved = data.draw(images(np.float32, st.floats(0, 2, width=32)))
+    loaded = roundtrip(saved, folder, ".png", bits=bits, exposure=1)
+    steps = 2**bits - 1
+    shown = np.rint(saved.to_rgb(exposure=1).astype(np.float64) * steps)
+    # Rounding of float32 at half steps moves a value by one step at most, and next to never.
+    assert np.abs(loaded.intensity * np.float64(steps) - shown).max() <= 1
+    assert_same_frame(loaded, saved)
+    again = roundtrip(loaded, folder, ".png", bits=bits, exposure=1)
+    assert_same_bits(again.intensity, loaded.intensity)
+
+
+def test_the_lazy_optical_depth_is_saved(folder):
+    saved = picture(optical_depth=lambda: np.full((5, 7), 3.0))
+    assert (roundtrip(saved, folder, ".npz").optical_depth == 3).all()
+
+
+def test_grey_planes_stay_grey(folder):
+    saved = picture(transparency=np.ones((5, 7, 1)))
+    for suffix in (".npz", ".fits", ".exr"):
+        assert roundtrip(saved, folder, suffix).transparency.strides[-1] == 0
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_texts_of_any_length_and_uneven_coordinates(folder, suffix):
+    saved = picture(
+        (2, 3, 3),
+        x=[0, 1, 10],
+        y=[3, -1],
+        provenance={"scene": "'&\" é" * 40_000, "list": list(range(1000))},
+    )
+    assert_same_frame(roundtrip(saved, folder, suffix), saved)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_saving_does_not_depend_on_the_memory_layout(folder, suffix):
+    values = np.asfortranarray(np.random.default_rng(1).random((5, 7, 3)).astype("f4"))
+    options = {"bits": 16, "exposure": 1} if suffix == ".png" else {}
+    flipped = roundtrip(Image(values[::-1, ::-1]), folder, suffix, **options).intensity
+    # 16 bits per colour in a PNG, exact elsewhere
+    np.testing.assert_allclose(flipped, values[::-1, ::-1], atol=2**-16 * (suffix == ".png"))
+
+
+def test_suffixes_may_be_in_capitals(folder):
+    assert roundtrip(picture(), folder, ".FITS").shape == (5, 7, 3)
+
+
+# Row 0 is the bottom
+
+
+def bottom_red():
+    values = np.zeros((2, 3, 3), np.float32)
+    values[0, :, 0] = 1
+    return Image(values)
+
+
+def top_row_first(path):
+    if path.suffix == ".png":
+        return np.asarray(Pillow.open(path)) / 255
+    if path.suffix == ".tif":
+        return tifffile.imread(path)
+    return OpenEXR.File(str(path)).channels()["RGB"].pixels
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".exr"])
+def test_other_programs_see_row_0_at_the_bottom(folder, suffix):
+    path = folder / f"bottom{suffix}"
+    bottom_red().save(path)
+    seen = top_row_first(path)
+    np.testing.assert_array_equal(seen[-1], [[1, 0, 0]] * 3)
+    np.testing.assert_array_equal(seen[0], 0)
+
+
+def test_fits_has_row_0_first_and_channels_as_third_axis(folder):
+    bottom_red().save(folder / "bottom.fits")
+    data = fits.getdata(folder / "bottom.fits")
+    assert data.shape == (3, 2, 3)
+    np.testing.assert_array_equal(data[0], [[1, 1, 1], [0, 0, 0]])
+
+
+# Each format for other programs
+
+
+@pytest.mark.parametrize("unit", ["pc", "cm", "rad", "AU", ""])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_fits_wcs_gives_pixel_centres(folder, unit, channels):
+    x, y = 0.3 + 0.7 * np.arange(7), -5 + 0.2 * np.arange(5)
+    path = folder / "wcs.fits"
+    picture((5, 7, channels), x=x, y=y, unit=unit, intensity_unit="Jy / sr").save(path)
+    header = fits.getheader(path)
+    wcs = WCS(header).sub(2)
+    columns, rows = np.meshgrid(np.arange(7), np.arange(5))
+    seen_x, seen_y = wcs.wcs_pix2world(columns, rows, 0)
+    # Rounding of a sum of two numbers of order 5.
+    np.testing.assert_allclose(seen_x, np.broadcast_to(x, (5, 7)), atol=4e-15)
+    np.testing.assert_allclose(seen_y, np.broadcast_to(y[:, None], (5, 7)), atol=4e-15)
+    assert [str(found) for found in wcs.wcs.cunit] == [unit, unit]
+    assert u.Unit(header["BUNIT"]) == u.Unit("Jy / sr")
+
+
+def test_fits_is_standard(folder):
+    path = folder / "standard.fits"
+    picture(unit="pc", transparency=0.5, camera=CAMERA, provenance=PROVENANCE).save(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with fits.open(path) as hdus:
+            hdus.verify("exception")
+            assert [hdu.name for hdu in hdus] == ["PRIMARY", "TRANSPARENCY", "X", "Y"]
+
+
+def test_fits_cards_that_were_edited_count(folder):
+    path = folder / "edited.fits"
+    picture(x=np.arange(7.0), y=np.arange(5.0), unit="pc", intensity_unit="Jy").save(path)
+    with fits.open(path, mode="update") as hdus:
+        hdus[0].header.update(CRVAL1=100.0, CUNIT1="kpc", CUNIT2="kpc", BUNIT="mJy")
+    loaded = Image.load(path)
+    np.testing.assert_allclose(loaded.x, 97 + np.arange(7))
+    assert (loaded.unit, loaded.intensity_unit) == ("kpc", "mJy")
+
+
+def test_exr_alpha_lets_other_programs_put_the_image_in_front(folder):
+    path = folder / "alpha.exr"
+    picture(transparency=0.25).save(path)
+    assert (OpenEXR.File(str(path)).channels()["RGBA"].pixels[..., 3] == 0.75).all()
+
+
+def test_png_alpha_looks_the_same_in_front_of_black(folder):
+    # Opaque, half transparent, and light from a place that is fully transparent.
+    values = np.array([[[0.5, 0.2, 0.0], [0.5, 0.2, 0.0], [0.5, 0.2, 0.0], [0.0, 0.0, 0.0]]])
+    image = Image(values, transparency=np.array([[0.0, 0.4, 1.0, 1.0]]))
+    path = folder / "alpha.png"
+    image.save(path, transparent=True, bits=16, exposure=1)
+    loaded = Image.load(path)
+    # Two roundings to 16 bits.
+    np.testing.assert_allclose(loaded.intensity, values, atol=2 / 65535)
+    np.testing.assert_allclose(loaded.transparency[0, :, 0], [0, 0.4, 0.5, 1], atol=1 / 65535)
+    assert Pillow.open(path).mode == "RGBA"
+
+
+def test_png_passes_display_options_on(folder):
+    saved = picture((5, 7, 4))
+    options = {"stretch": "sqrt", "channels": 3, "colormap": "magma"}
+    loaded = roundtrip(saved, folder, ".png", bits=16, **options)
+    np.testing.assert_allclose(loaded.intensity, saved.to_rgb(**options), atol=1 / 65535)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_png_code_is_read_by_pillow(samples, dtype):
+    top = np.iinfo(dtype).max
+    pixels = np.random.default_rng(samples).integers(0, top, (5, 7, samples), dtype, endpoint=True)
+    with Pillow.open(io.BytesIO(png_code.encode(pixels, {"key": "value"}))) as file:
+        seen = np.asarray(file)
+        assert file.text == {"key": "value"}
+    if dtype == np.uint16 and samples > 1:  # Pillow keeps the high byte only,
+        pixels = (pixels >> 8).astype(np.uint8)
+        if samples == 2:  # and takes grey with alpha for RGBA
+            seen = seen[..., [0, 3]]
+    seen = seen.reshape(5, 7, samples)
+    np.testing.assert_array_equal(seen, pixels)
+
+
+# Files of other programs
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "I;16"])
+def test_png_of_any_kind(folder, mode):
+    values = np.random.default_rng(4).integers(0, 256, (5, 7, 3), np.uint8)
+    path = folder / "foreign.png"
+    if mode == "I;16":
+        Pillow.fromarray(values[..., 0].astype(np.uint16) * 257).save(path)
+    else:
+        Pillow.fromarray(values).convert(mode).save(path)
+    expected = {"1": None, "P": None, "L": None, "LA": None, "I;16": values[..., :1]}.get(
+        mode, values
+    )
+    loaded = Image.load(path)
+    assert loaded.channels == (3 if mode in ("P", "RGB", "RGBA") else 1)
+    assert loaded.intensity.max() <= 1
+    if expected is not None:
+        np.testing.assert_array_equal(loaded.intensity, expected[::-1] / np.float32(255))
+
+
+def test_png_with_a_transparent_palette(folder):
+    path = folder / "palette.png"
+    file = Pillow.fromarray(np.array([[0, 1]], np.uint8), mode=None).convert("P")
+    file.putpalette([255, 0, 0, 0, 255, 0])
+    file.save(path, transparency=1)
+    loaded = Image.load(path)
+    np.testing.assert_array_equal(loaded.transparency[..., 0], [[0, 1]])
+    np.testing.assert_array_equal(loaded.intensity[0, 0], [1, 0, 0])
+
+
+def filtered_png(pixels, kinds):
+    """Return a 16-bit PNG whose rows use the given filters (PNG specification, section 9.2)."""
+    rows, _, samples = pixels.shape
+    width = 2 * samples
+    raw = pixels.astype(">u2").reshape(rows, -1).view(np.uint8).astype(int)
+    packed = b""
+    for n, kind in enumerate(kinds):
+        a = np.concatenate([np.zeros(width, int), raw[n, :-width]])
+        b = raw[n - 1] if n else np.zeros_like(raw[n])
+        c = np.concatenate([np.zeros(width, int), b[:-width]])
+        distances = np.abs(np.stack([b - c, a - c, a + b - 2 * c]))
+        paeth = np.choose(distances.argmin(axis=0), [a, b, c])
+        guess = [np.zeros_like(a), a, b, (a + b) // 2, paeth][kind]
+        packed += bytes([kind]) + ((raw[n] - guess) % 256).astype(np.uint8).tobytes()
+    good = png_code.encode(pixels, {})
+    start = good.index(b"IDAT") - 4
+    length = struct.unpack(">I", good[start : start + 4])[0]
+    data = b"IDAT" + zlib.compress(packed)
+    chunk = struct.pack(">I", len(data) - 4) + data + struct.pack(">I", zlib.crc32(data))
+    return good[:start] + chunk + good[start + 12 + length :]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 4])
+@given(data=st.data())
+@settings(max_examples=15)
+def test_16_bit_png_with_any_filter(samples, data):
+    rows = data.draw(st.integers(1, 6))
+    kinds = data.draw(st.lists(st.integers(0, 4), min_size=rows, max_size=rows))
+    pixels = data.draw(arrays(np.uint16, (rows, data.draw(st.integers(1, 6)), samples)))
+    content = filtered_png(pixels, kinds)
+    np.testing.assert_array_equal(png_code.decode16(content), pixels)
+    Pillow.open(io.BytesIO(content)).load()  # the test's own encoder follows the standard
+
+
+@pytest.mark.parametrize("dtype", [">f4", ">f8", ">i2", "u1"])
+@pytest.mark.parametrize("shape", [(5, 7), (2, 5, 7), (1, 2, 5, 7)])
+def test_plain_fits_images(folder, dtype, shape):
+    path = folder / "foreign.fits"
+    data = np.random.default_rng(5).integers(0, 99, shape).astype(dtype)
+    fits.PrimaryHDU(data).writeto(path, overwrite=True)
+    loaded = Image.load(path)
+    planes = data.reshape(-1, 5, 7)
+    np.testing.assert_array_equal(loaded.intensity, np.moveaxis(planes, 0, -1))
+    np.testing.assert_array_equal(loaded.x, np.arange(7))
+
+
+def test_fits_images_behind_an_empty_primary_hdu_and_on_the_sky(folder):
+    path = folder / "sky.fits"
+    header = fits.Header()
+    header.update(CTYPE1="RA---TAN", CTYPE2="DEC--TAN", CRPIX1=4.0, CRPIX2=3.0, CRVAL1=83.8)
+    header.update(CRVAL2=-5.4, CDELT1=-0.01, CDELT2=0.01, CUNIT1="deg", CUNIT2="deg", BUNIT="K")
+    hdu = fits.ImageHDU(np.ones((5, 7), np.float32), header)
+    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(path)
+    loaded = Image.load(path)
+    np.testing.assert_allclose(loaded.x, -0.01 * np.arange(-3, 4))
+    np.testing.assert_allclose(loaded.y, 0.01 * np.arange(-2, 3))
+    assert (loaded.unit, loaded.intensity_unit) == ("deg", "K")
+    assert loaded.pixel_area == pytest.approx(1e-4)
+
+
+def test_rotated_fits_images_have_pixel_indices(folder):
+    path = folder / "rotated.fits"
+    hdu = fits.PrimaryHDU(np.ones((5, 7), np.float32))
+    hdu.header.update(CD1_1=0.7, CD1_2=0.7, CD2_1=-0.7, CD2_2=0.7, CUNIT1="deg", CUNIT2="deg")
+    hdu.writeto(path)
+    loaded = Image.load(path)
+    np.testing.assert_array_equal(loaded.x, np.arange(7))
+    assert loaded.unit == ""
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16, np.uint8, np.uint16])
+@pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3), (3, 5, 7)])
+def test_plain_tiff_images(folder, dtype, shape):
+    path = folder / "foreign.tif"
+    data = np.random.default_rng(6).integers(0, 99, shape).astype(dtype)
+    planar = {"planarconfig": "separate"} if shape[0] == 3 else {}
+    kind = "rgb" if len(shape) == 3 else "minisblack"
+    tifffile.imwrite(path, data, photometric=kind, **planar)
+    pixels = data[..., None] if data.ndim == 2 else np.moveaxis(data, 0, -1) if planar else data
+    np.testing.assert_array_equal(Image.load(path).intensity, pixels[::-1])
+
+
+def test_tiff_orientation_and_alpha(folder):
+    path = folder / "alpha.tif"
+    data = np.random.default_rng(7).random((5, 7, 4)).astype("f4")
+    options = {"photometric": "rgb", "extrasamples": ["unassalpha"]}
+    tifffile.imwrite(path, data, extratags=[(274, "H", 1, 4, True)], **options)
+    loaded = Image.load(path)
+    np.testing.assert_array_equal(loaded.intensity, data[..., :3] * data[..., 3:])
+    np.testing.assert_array_equal(loaded.transparency, np.repeat(1 - data[..., 3:], 3, axis=-1))
+
+
+@pytest.mark.parametrize("names", ["RGB", "RGBA", "Y", "YA", "Z", "UV", "RGBZ"])
+def test_plain_exr_images(folder, names):
+    path = folder / "foreign.exr"
+    rng = np.random.default_rng(8)
+    layers = {name: rng.random((5, 7)).astype("f2") for name in names}
+    OpenEXR.File({}, dict(layers)).write(str(path))
+    loaded = Image.load(path)
+    shown = [n for n in names if n not in "A" and not (n == "Z" and len(names) > 1)]
+    expected = np.stack([layers[n] for n in shown], axis=-1)[::-1]
+    np.testing.assert_array_equal(loaded.intensity, expected)
+    assert (loaded.transparency is not None) == ("A" in names)
+
+
+def test_plain_archives(folder):
+    np.savez(folder / "foreign.npz", intensity=np.eye(3))
+    np.testing.assert_array_equal(Image.load(folder / "foreign.npz").intensity[..., 0], np.eye(3))
+    np.savez(folder / "foreign.npz", density=np.eye(3))
+    with pytest.raises(FileFormatError, match=r"foreign\.npz.*intensity.*density"):
+        Image.load(folder / "foreign.npz")
+
+
+def test_archives_with_pickles_are_refused(folder):
+    np.savez(folder / "pickle.npz", intensity=np.array([[{}]], dtype=object))
+    with pytest.raises(FileFormatError, match=r"pickle\.npz"):
+        Image.load(folder / "pickle.npz")
+
+
+def test_pictures_cut_by_other_programs_lose_their_coordinates(folder):
+    path = folder / "cut.png"
+    picture(x=np.arange(7) * 2.0, y=np.arange(5) * 2.0, unit="pc", camera=CAMERA).save(path)
+    with Pillow.open(path) as file:
+        text = file.text["voluminous"]
+        cut = file.crop((0, 0, 3, 3))
+    notes = PngInfo()
+    notes.add_text("voluminous", text)
+    cut.save(path, pnginfo=notes)
+    loaded = Image.load(path)
+    np.testing.assert_array_equal(loaded.x, [0, 1, 2])
+    assert loaded.unit == ""
+    assert loaded.camera == CAMERA
+
+
+# Damage
+
+
+def saved_bytes(folder, suffix):
+    path = folder / f"whole{suffix}"
+    bits = {"bits": 16} if suffix == ".png" else {}
+    picture((9, 8, 3), transparency=np.full((9, 8), 0.5), unit="pc", camera=CAMERA).save(
+        path, **bits
+    )
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_truncated_files_are_named(folder, suffix, capfd):
+    whole = saved_bytes(folder, suffix)
+    path = folder / f"short{suffix}"
+    blocks = range(2880, len(whole), 2880) if suffix == ".fits" else ()
+    # The last bytes of a file may be padding or repeat what is known; leave 16 out.
+    for length in {*np.linspace(0, len(whole) - 16, 40).astype(int).tolist(), *blocks}:
+        path.write_bytes(whole[:length])
+        with pytest.raises(FileFormatError, match=f"short{suffix}"):
+            Image.load(path)
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".fits", ".tif", ".png"])
+@given(data=st.data())
+@settings(max_examples=60)
+def test_damaged_bytes_never_raise_anything_else(folder, suffix, data):
+    content = bytearray(saved_bytes(folder, suffix))
+    for _ in range(data.draw(st.integers(1, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    path = folder / f"damaged{suffix}"
+    path.write_bytes(content)
+    # Whatever else is raised fails the test; harmless damage, such as in a comment, may load.
+    with contextlib.suppress(FileFormatError):
+        Image.load(path)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("content", [b"", b"GIF89a and so on" * 100])
+def test_other_files_under_the_suffix_are_named(folder, suffix, content):
+    path = folder / f"other{suffix}"
+    path.write_bytes(content)
+    name = next(f.name for f in FORMATS if suffix in f.suffixes)
+    with pytest.raises(FileFormatError) as caught:
+        Image.load(path)
+    assert path.name in str(caught.value)
+    assert name in str(caught.value)
+
+
+def test_interlaced_16_bit_png_are_refused_with_a_reason(folder):
+    content = bytearray(png_code.encode(np.zeros((1, 1, 3), np.uint16), {}))
+    content[28] = 1
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (folder / "interlaced.png").write_bytes(content)
+    with pytest.raises(FileFormatError, match="interlaced"):
+        Image.load(folder / "interlaced.png")
+
+
+def test_fits_without_an_image(folder):
+    path = folder / "table.fits"
+    table = fits.BinTableHDU.from_columns([fits.Column("a", "E", array=[1.0])])
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+    with pytest.raises(FileFormatError, match="there is none"):
+        Image.load(path)
+
+
+def test_descriptions_of_later_versions_are_refused(folder):
+    picture().save(folder / "later.npz")
+    with np.load(folder / "later.npz") as archive:
+        content = dict(archive)
+    entries = json.loads(str(content["metadata"])) | {"voluminous": 99}
+    np.savez(folder / "later.npz", **content | {"metadata": json.dumps(entries)})
+    with pytest.raises(FileFormatError, match="newer voluminous"):
+        Image.load(folder / "later.npz")
+
+
+def test_missing_files(folder):
+    with pytest.raises(FileNotFoundError, match=r"there is no file .*nothing\.png"):
+        Image.load(folder / "nothing.png")
+
+
+# Saving: whole or not at all
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])
+def test_failure_while_writing_keeps_the_old_file(tmp_path, monkeypatch, suffix, error):
+    path = tmp_path / f"kept{suffix}"
+    picture().save(path)
+    before = path.read_bytes()
+
+    def replace(source, target):
+        assert os.path.getsize(source) > 0  # written in full, but not in place
+        raise error
+
+    monkeypatch.setattr(os, "replace", replace)
+    with pytest.raises(type(error)):
+        Image(np.zeros((2, 2))).save(path)
+    assert path.read_bytes() == before
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def test_failure_inside_a_writer_leaves_nothing(tmp_path, monkeypatch):
+    def savez(file, **arrays):
+        file.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez", savez)
+    with pytest.raises(OSError, match="disk full"):
+        picture().save(tmp_path / "image.npz")
+    assert not os.listdir(tmp_path)
+
+
+def test_saving_replaces_and_leaves_nothing_else(tmp_path):
+    for suffix in SUFFIXES:
+        for _ in range(2):
+            picture().save(tmp_path / f"image{suffix}")
+    assert sorted(os.listdir(tmp_path)) == sorted(f"image{s}" for s in SUFFIXES)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions and links of POSIX")
+def test_permissions_and_links_are_kept(tmp_path):
+    path, link = tmp_path / "real.png", tmp_path / "link.png"
+    picture().save(path)
+    path.chmod(0o640)
+    link.symlink_to(path)
+    picture().save(link)
+    assert link.is_symlink()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("image.pgn", "did you mean '.png'"),
+        ("image.npy", "did you mean '.npz'"),
+        ("image", "known image formats: .exr"),
+        ("image.", "known image formats: .exr"),
+    ],
+)
+def test_unknown_suffixes(tmp_path, name, message):
+    with pytest.raises(UnknownNameError, match=message):
+        picture().save(tmp_path / name)
+    with pytest.raises(UnknownNameError, match=message):
+        Image.load(tmp_path / name)
+
+
+def test_unknown_options(tmp_path):
+    with pytest.raises(UnknownNameError, match="'strech'; did you mean 'stretch'"):
+        picture().save(tmp_path / "image.png", strech="log")
+    with pytest.raises(UnknownNameError, match="'bits'"):
+        picture().save(tmp_path / "image.fits", bits=16)
+    with pytest.raises(InputError, match="bits must be 8 or 16"):
+        picture().save(tmp_path / "image.png", bits=12)
+    with pytest.raises(InputError, match="transparency is known"):
+        picture().save(tmp_path / "image.png", transparent=True)
+    assert not os.listdir(tmp_path)
+
+
+def test_places_where_nothing_can_be_saved(tmp_path):
+    with pytest.raises(MissingPathError, match="create it first"):
+        picture().save(tmp_path / "missing" / "image.png")
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(InputError, match="is a directory"):
+        picture().save(tmp_path / "folder.png")
+
+
+def test_relative_paths_and_strings(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    picture().save("image.fits")
+    assert Image.load("image.fits").shape == (5, 7, 3)
+
+
+def test_nothing_heavy_is_imported_before_it_is_used():
+    code = (
+        "import sys, voluminous.image.formats, voluminous.image.tone;"
+        "heavy = {'PIL', 'astropy', 'matplotlib', 'tifffile', 'OpenEXR'} & set(sys.modules);"
+        "sys.exit(', '.join(sorted(heavy)) or 0)"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
