@@ -110,7 +110,7 @@ def picture(shape=(5, 7, 3), dtype=np.float32, **keywords):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("suffix", [".npz", ".fits"])
 @given(data=st.data())
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 def test_npz_and_fits_give_back_every_bit(folder, suffix, dtype, data):
     saved = data.draw(images(dtype))
     loaded = roundtrip(saved, folder, suffix)
@@ -122,7 +122,7 @@ def test_npz_and_fits_give_back_every_bit(folder, suffix, dtype, data):
 
 @pytest.mark.parametrize("suffix", [".exr", ".tif"])
 @given(data=st.data())
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 def test_exr_and_tiff_give_back_every_bit_of_float32(folder, suffix, data):
     normal = st.floats(width=32, allow_subnormal=False)  # all tiny would be refused
     saved = data.draw(images(np.float32, normal))
@@ -158,7 +158,7 @@ def test_intensities_that_would_be_lost_are_refused(folder, suffix, options, val
 
 @pytest.mark.parametrize("bits", [8, 16])
 @given(data=st.data())
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 def test_png_gives_back_what_it_shows(folder, bits, data):
     saved = data.draw(images(np.float32, st.floats(0, 2, width=32)))
     loaded = roundtrip(saved, folder, ".png", bits=bits, exposure=1)
@@ -376,7 +376,7 @@ def filtered_png(pixels, kinds):
 
 @pytest.mark.parametrize("samples", [1, 2, 3, 4])
 @given(data=st.data())
-@settings(max_examples=15)
+@settings(max_examples=15, deadline=None)
 def test_16_bit_png_with_any_filter(samples, data):
     rows = data.draw(st.integers(1, 6))
     kinds = data.draw(st.lists(st.integers(0, 4), min_size=rows, max_size=rows))
@@ -513,7 +513,7 @@ def test_truncated_files_are_named(folder, suffix, capfd):
 
 @pytest.mark.parametrize("suffix", [".npz", ".fits", ".tif", ".png"])
 @given(data=st.data())
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)
 def test_damaged_bytes_never_raise_anything_else(folder, suffix, data):
     content = bytearray(saved_bytes(folder, suffix))
     for _ in range(data.draw(st.integers(1, 3))):

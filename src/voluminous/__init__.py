@@ -11,6 +11,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .llvm import find_llvm_early
+
 __version__ = "0.1.0"
 
 # Public name → module that has it.
@@ -66,6 +68,9 @@ if TYPE_CHECKING:
     from .render import render
     from .scene import Scene
     from .volume import Volume
+
+
+find_llvm_early()
 
 
 def __getattr__(name: str) -> Any:

@@ -2,6 +2,6 @@
 
 from .jit import dr
 from .device import Backend, available_devices, get_backend
-from .llvm import ensure_llvm, llvm_version
+from ..llvm import ensure_llvm, llvm_version
 
 __all__ = ["Backend", "available_devices", "dr", "ensure_llvm", "get_backend", "llvm_version"]

@@ -51,6 +51,30 @@ def _mean_transparency_near_zero(r: Any, terms: int) -> Any:
     return total
 
 
+def first_true(count: int, UInt: Any, holds: Any) -> Any:
+    """Return the first of `count` indices for which an ascending condition holds; `count` if none.
+
+    The number of entries is run-time data: only its power of two is part of the kernel.
+
+    Parameters
+    ----------
+    count : int
+        Number of entries.
+    UInt : type
+        Index type.
+    holds : callable
+        Called with lane arrays of indices below `count`; false up to somewhere, true from there.
+    """
+    low, high = UInt(0), dr.opaque(UInt, count)
+    for _ in range(count.bit_length()):
+        middle = (low + high) >> 1
+        searching = low < high
+        found = holds(dr.minimum(middle, dr.opaque(UInt, count - 1)))
+        low = dr.select(searching & ~found, middle + 1, low)
+        high = dr.select(searching & found, middle, high)
+    return low
+
+
 def power_of_two(n: Any) -> Any:
     """Return 2 to a whole number within the exponent range, by building its bits."""
     real = type(n)

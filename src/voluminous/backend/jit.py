@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import DeviceError
-from .llvm import ensure_llvm
+from ..llvm import ensure_llvm
 
 # Why the CPU cannot be used, if it cannot; a GPU may do without LLVM.
 missing_llvm: DeviceError | None = None

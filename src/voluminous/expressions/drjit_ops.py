@@ -37,7 +37,7 @@ class DrjitOps(Ops):
     """
 
     def __init__(self, float_type: Any, constant: Callable[[float], Any] | None = None) -> None:
-        import drjit as dr
+        from ..backend import dr
 
         self._dr = dr
         self._float = float_type

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
+from ..backend.functions import first_true
 import numpy as np
 
 # Later than any crossing: when a ray that runs parallel to a wall meets it.
@@ -146,10 +147,11 @@ class RectilinearAxis(Axis):
         self.down_table = dr.opaque(backend.UInt, self.count + 1)
 
     def _guess(self, coordinate: Any) -> Any:
-        UInt, Wide = self.backend.UInt, self.backend.Wide
-        end = dr.opaque(UInt, self.count)
-        first_above = dr.binary_search(
-            0, end, lambda k: dr.gather(Wide, self.edges, k) <= coordinate
+        Wide = self.backend.Wide
+        first_above = first_true(
+            self.count,
+            self.backend.UInt,
+            lambda k: dr.gather(Wide, self.edges, k) > coordinate,
         )
         return dr.clip(self.backend.Int(first_above) - 1, 0, self.last_cell)
 

@@ -30,7 +30,7 @@ class Cutoff:
             path.transparency[0 if grey else c] * most for c, most in enumerate(self.behind)
         ]
         return (_largest(path.transparency) <= self.transparency) | (
-            _largest(rest) <= self.fraction * _largest(path.emission)
+            _largest(rest) < self.fraction * _largest(path.emission)
         )
 
 

@@ -12,6 +12,7 @@ from ..errors import InputError, unknown_name
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
 DEFAULT_ERROR = 1e-4
+NO_CUTOFF = (-1.0, -1.0)
 _MOST_SAMPLES = 4096
 
 

@@ -17,7 +17,7 @@ from ..schemes import get_scheme
 from ..units import unit_name
 from ..volume import Volume
 from .march import Cutoff, march
-from .options import background_array, check_cutoff, check_order, sample_count
+from .options import NO_CUTOFF, background_array, check_cutoff, check_order, sample_count
 from .path import Path, empty_path
 from .pixels import BLOCK, PixelOrder, subpixel_offsets
 from .source import get_source
@@ -138,7 +138,7 @@ class _Job:
             self.volume, self.medium, self.scheme, backend, steps, self._classifying
         )
         walk = self.volume.grid.walk(backend)
-        ending = None if self.backward else self._ending(source, brightest_background)
+        ending = self._ending(source, brightest_background)
         nx, ny = self.frame.pixels
         planes = [dr.zeros(backend.Float, nx * ny) for _ in range(self._numbers(source))]
         batch = max(1, int(_STEPS_PER_BATCH / per_lane) // BLOCK**2) * BLOCK**2
@@ -190,8 +190,10 @@ class _Job:
             ray = reverse(ray)
         return ray
 
-    def _ending(self, source: Any, brightest_background: float) -> Cutoff:
-        """Return the criterion at which rays stop."""
+    def _ending(self, source: Any, brightest_background: float) -> Cutoff | None:
+        """Return the criterion at which rays stop; None if they never do."""
+        if self.backward or self.cutoff == NO_CUTOFF:
+            return None
         transparency, fraction = self.cutoff
         bounds = self.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / self.volume.grid.scale
@@ -251,7 +253,7 @@ def _full_depth(job: _Job) -> Callable[[], np.ndarray]:
     """Return what computes the optical depth through everything, for rays that stopped early."""
 
     def compute() -> np.ndarray:
-        job.cutoff, job.progress = (-1.0, -1.0), _silent
+        job.cutoff, job.progress = NO_CUTOFF, _silent
         return job.run(0.0).depth
 
     return compute

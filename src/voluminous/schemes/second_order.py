@@ -85,11 +85,11 @@ def _thin_weights(a_front: list[Any], a_back: list[Any]) -> list[Any]:
     flat = []
     for af, ab in zip(a_front, a_back, strict=True):
         half = 0.5 * (ab - af)
-        seen = [
-            w * dr.exp(-x * dr.fma(half, x, af)) for x, w in zip(nodes, weights, strict=True)
-        ]
-        flat.append(sum((1.0 - x) * e for x, e in zip(nodes[1:], seen[1:], strict=True)) + (1.0 - nodes[0]) * seen[0])
-        flat.append(sum(x * e for x, e in zip(nodes[1:], seen[1:], strict=True)) + nodes[0] * seen[0])
+        front = back = type(af)(0)
+        for x, w in zip(nodes, weights, strict=True):
+            seen = dr.exp(-x * dr.fma(half, x, af))
+            front, back = dr.fma(w * (1.0 - x), seen, front), dr.fma(w * x, seen, back)
+        flat += [front, back]
     return flat
 
 
@@ -126,4 +126,5 @@ def _visible_fraction(a_front: Any, a_back: Any, deepest: float) -> Any:
 def gauss_legendre(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return nodes and weights of Gauss-Legendre quadrature on [0, 1]."""
     x, w = np.polynomial.legendre.leggauss(count)
-    return tuple(0.5 * (x + 1.0)), tuple(0.5 * w)
+    # Python floats: a NumPy scalar on the left of an operator would take a traced array apart.
+    return tuple((0.5 * (x + 1.0)).tolist()), tuple((0.5 * w).tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,9 @@ from .contract import Format
 if TYPE_CHECKING:
     from ..image import Image
 
+# Deflate, the best packer among the usual ones, makes data at most 1032 times smaller.
+_MOST_PACKED = 1032
+_LARGE_SAMPLES = 10_000_000
 _BOTTOM_LEFT = 4  # the Orientation tag: the first row is the lowest
 _ASSOCIATED, _UNASSOCIATED = 1, 2  # the ExtraSamples tag: colours (not) multiplied with alpha
 
@@ -51,12 +55,23 @@ def read(path: Path) -> dict[str, Any]:
 
     with _quiet(), tifffile.TiffFile(path) as file:
         page = file.pages.first
+        _check_sizes(page, path.stat().st_size)
         pixels = _channels_last(page)
         upright = page.tags.valueof("Orientation", 1) == _BOTTOM_LEFT
         extra = tuple(int(kind) for kind in page.extrasamples)
         text = page.description
     pixels = pixels if upright else pixels[::-1]
     return _without_alpha(pixels, extra) | metadata.loads(text, pixels.shape)
+
+
+def _check_sizes(page: Any, stored: int) -> None:
+    """Refuse sizes that cannot be true, before time and memory go into them."""
+    needed, found = math.prod(page.chunked), len(page.dataoffsets)
+    if found < needed:
+        raise FileFormatError(f"the picture has {needed} strips or tiles, the file holds {found}")
+    samples = max(math.prod(page.shape), math.prod(page.chunks) * needed)
+    if samples > _LARGE_SAMPLES and samples > _MOST_PACKED * stored:
+        raise FileFormatError(f"{stored} bytes cannot hold the {samples} values they claim to")
 
 
 def _channels_last(page: Any) -> NDArray[Any]:

@@ -6,6 +6,7 @@ Left alone, Dr.Jit takes whatever the system carries. Of those that Debian 12 ha
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib.metadata
 import os
@@ -14,7 +15,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..errors import DeviceError
+from .errors import DeviceError
 
 OLDEST_LLVM = 16
 VARIABLE = "DRJIT_LIBLLVM_PATH"
@@ -62,6 +63,15 @@ def ensure_llvm() -> None:
     os.environ[VARIABLE] = str(library)
 
 
+def find_llvm_early() -> None:
+    """Find LLVM when voluminous is imported, so that Dr.Jit may be imported after it.
+
+    Nothing is raised here: a GPU does without LLVM, and `ensure_llvm` will say what is missing.
+    """
+    with contextlib.suppress(DeviceError):
+        ensure_llvm()
+
+
 def check_llvm() -> None:
     """Refuse an LLVM too old to be trusted; call once the LLVM backend is loaded."""
     version = llvm_version()
@@ -81,7 +91,7 @@ def check_llvm() -> None:
 
 def llvm_version() -> tuple[int, int, int] | None:
     """Return the version of the LLVM that Dr.Jit uses, or None if it cannot be loaded."""
-    from .jit import dr
+    from .backend.jit import dr
 
     if not dr.has_backend(dr.JitBackend.LLVM):
         return None
