@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 from astropy import units as u
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image as Pillow
 
@@ -249,6 +249,7 @@ def test_the_scale_bar_has_a_round_length(width, unit, length, text):
     assert [t.get_text() for t in ax.texts] == [text]
 
 
+@settings(deadline=None)
 @given(st.floats(1e-30, 1e30))
 def test_round_lengths_are_the_greatest_that_fit(longest):
     length = round_length(longest)

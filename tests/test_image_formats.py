@@ -525,6 +525,21 @@ def test_damaged_bytes_never_raise_anything_else(folder, suffix, data):
         Image.load(path)
 
 
+@pytest.mark.parametrize(
+    ("tag", "message"), [("ImageLength", "strips"), ("ImageWidth", "cannot hold")]
+)
+def test_tiff_sizes_that_cannot_be_true_are_refused_at_once(folder, tag, message):
+    path = folder / "huge.tif"
+    picture().save(path)
+    content = bytearray(path.read_bytes())
+    with tifffile.TiffFile(path) as file:
+        at = file.pages.first.tags[tag].valueoffset
+    content[at : at + 4] = struct.pack("<I", 2**30)
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=rf"huge\.tif.*{message}"):
+        Image.load(path)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("content", [b"", b"GIF89a and so on" * 100])
 def test_other_files_under_the_suffix_are_named(folder, suffix, content):

@@ -3,7 +3,7 @@
 import matplotlib
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from matplotlib.colors import LogNorm, PowerNorm
@@ -44,6 +44,7 @@ def test_stretches_are_what_their_names_say():
     np.testing.assert_allclose(curve("log", 0.2).forward(v), np.log1p(v / 0.2) / np.log(6))
 
 
+@settings(deadline=None)
 @given(arrays(np.float64, SHAPES, elements=ANY), STRETCH, st.sampled_from(["hue", "clip"]))
 def test_display_values_are_numbers_from_0_to_1(values, stretch, gamut):
     shown = Image(values).to_rgb(stretch=stretch, gamut=gamut)
@@ -54,6 +55,7 @@ def test_display_values_are_numbers_from_0_to_1(values, stretch, gamut):
     assert shown.max() <= 1
 
 
+@settings(deadline=None)
 @given(arrays(np.float64, (2, 3, 3), elements=BRIGHT), STRETCH, st.floats(1e-3, 1e3))
 def test_colours_keep_their_hue_however_bright(values, stretch, exposure):
     shown = Image(values).to_rgb(exposure=exposure, stretch=stretch).astype(np.float64)
@@ -62,6 +64,7 @@ def test_colours_keep_their_hue_however_bright(values, stretch, exposure):
     np.testing.assert_allclose(shown, ratio * shown.max(axis=-1, keepdims=True), rtol=2e-6)
 
 
+@settings(deadline=None)
 @given(arrays(np.float64, (2, 3, 3), elements=BRIGHT), st.floats(1e-3, 1e3))
 def test_clipping_treats_every_colour_on_its_own(values, exposure):
     shown = Image(values).to_rgb(exposure=exposure, gamut="clip")
@@ -73,6 +76,7 @@ def test_linear_shows_intensities_as_they_are():
     np.testing.assert_array_equal(Image(values).to_rgb(exposure=1), values)
 
 
+@settings(deadline=None)
 @given(st.floats(1e-30, 1e30))
 def test_automatic_exposure_does_not_depend_on_the_unit_of_intensity(factor):
     values = np.random.default_rng(1).random((5, 6, 3))

@@ -16,12 +16,16 @@ from .contract import Corners, Ray, Segment
 
 @dataclass
 class Track:
-    """What is constant along a ray: its axes, the strides with their signs, and where it ends."""
+    """What is constant along a ray: its axes, the strides with their signs, and where it leaves.
+
+    `bounded` tells (while tracing) that rays may end inside a cell.
+    """
 
     axes: list[AxisTrack]
     cell_stride: list[Any]
     vertex_stride: list[Any]
-    last: Any
+    leave: Any
+    bounded: bool
 
 
 @dataclass
@@ -52,7 +56,6 @@ class CartesianWalk:
         self.backend = backend
         self.axes = [make_axis(e, grid.scale, backend) for e in grid.edges]
         self.scale, self.to_scale = backend.wide(grid.scale), backend.wide(1.0 / grid.scale)
-        self.limits = [backend.opaque(float(n)) for n in grid.shape]
         self.cell_strides = self._strides(grid.shape)
         self.vertex_strides = self._strides([n + 1 for n in grid.shape])
 
@@ -75,11 +78,11 @@ class CartesianWalk:
         # A ray that misses starts somewhere finite, so that no lane computes with infinities.
         arrive = dr.select(inside, arrive, Wide(0))
         begin = dr.select(inside, start, Wide(0)) - arrive
-        end = None if last is None else self.backend.Float(dr.minimum(last - arrive, NEVER))
-        return self._start(sides, arrive, begin, inside, end)
+        bound = None if last is None else self.backend.Float(dr.minimum(last - arrive, NEVER))
+        return self._start(sides, arrive, begin, inside, bound)
 
     def _start(
-        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, end: Any
+        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
     ) -> tuple[Track, Cursor]:
         """Return track and cursor of rays that reach the domain at `arrive`, start `begin` later."""
         Float, Int = self.backend.Float, self.backend.Int
@@ -99,37 +102,40 @@ class CartesianWalk:
             vertex_stride.append(_signed(self.vertex_strides[a], side.down))
             tracks.append(axis.track(side, dr.fma(arrive, side.speed, side.position)))
             index.append(Float(mirrored))
-        track = Track(tracks, cell_stride, vertex_stride, end)
-        return track, Cursor(index, cell, vertex, Float(begin), inside)
+        lasts = [Float(axis.last_cell) for axis in self.axes]
+        leave = _least(self._crossings(tracks, lasts))
+        if bound is not None:
+            leave = dr.minimum(leave, bound)
+        track = Track(tracks, cell_stride, vertex_stride, leave, bound is not None)
+        # Rounding may put the start a hair behind the first wall: no segment is shorter than zero.
+        t = dr.minimum(Float(begin), _least(self._crossings(tracks, index)))
+        return track, Cursor(index, cell, vertex, t, inside & (t < leave))
+
+    def _crossings(self, tracks: list[AxisTrack], index: list[Any]) -> list[Any]:
+        """Return the distances of the next wall of each axis."""
+        return [
+            axis.crossing(track, i)
+            for axis, track, i in zip(self.axes, tracks, index, strict=True)
+        ]
 
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
         """Return the segment through the present cell, and the cursor in the next one."""
-        ahead = [
-            axis.crossing(t, i)
-            for axis, t, i in zip(self.axes, track.axes, cursor.index, strict=True)
-        ]
-        wall = dr.minimum(dr.minimum(ahead[0], ahead[1]), ahead[2])
+        ahead = self._crossings(track.axes, cursor.index)
+        wall = _least(ahead)
         x = (ahead[0] <= ahead[1]) & (ahead[0] <= ahead[2])
         y = ~x & (ahead[1] <= ahead[2])
         through = [x, y, ~(x | y)]
-        end = wall if track.last is None else dr.minimum(wall, track.last)
-        end = dr.maximum(end, cursor.t)
+        end = _lesser(wall, track.leave) if track.bounded else wall
         index = [
             dr.select(crossed, i + 1.0, i)
             for crossed, i in zip(through, cursor.index, strict=True)
         ]
-        inside = (
-            (index[0] != self.limits[0])
-            & (index[1] != self.limits[1])
-            & (index[2] != self.limits[2])
-        )
-        if track.last is not None:
-            inside &= end < track.last
         vertex = cursor.vertex + _pick(through, track.vertex_stride)
         leaving = Exit(through, cursor.index, cursor.vertex, vertex)
         segment = Segment(self.backend.UInt(cursor.cell), end - cursor.t, end, cursor.inside, leaving)
         cell = cursor.cell + _pick(through, track.cell_stride)
-        return segment, Cursor(index, cell, vertex, end, inside)
+        # `leave` is a crossing itself, computed alike: a ray never steps beyond the last cell.
+        return segment, Cursor(index, cell, vertex, end, end < track.leave)
 
     def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
@@ -138,7 +144,7 @@ class CartesianWalk:
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
         leaving = segment.exit
-        if track.last is not None:  # it may end inside the cell
+        if track.bounded:  # it may end inside the cell
             return self._trilinear(track, leaving.index, leaving.vertex, segment.end)
         f = self._fractions(track, leaving.index, segment.end)
         s = track.vertex_stride
@@ -162,6 +168,15 @@ class CartesianWalk:
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
         ]
+
+
+def _lesser(a: Any, b: Any) -> Any:
+    """Return the smaller of two numbers that are no NaN: one instruction, dr.minimum takes four."""
+    return dr.select(a < b, a, b)
+
+
+def _least(values: list[Any]) -> Any:
+    return _lesser(_lesser(values[0], values[1]), values[2])
 
 
 def _signed(stride: Any, down: Any) -> Any:

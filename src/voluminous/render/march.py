@@ -15,23 +15,24 @@ from .path import Path, over
 class Cutoff:
     """When a front-to-back ray stops: what is behind can no longer matter.
 
-    A ray stops where its transparency is at most `transparency`, or where that times `behind`, the
-    most that can come from behind, is at most `fraction` of what it has gathered.
+    A ray stops where ``transparency · behind < fraction · gathered + least``: `behind` bounds what
+    can come from behind, and what the ray has gathered is summed over channels. With
+    ``behind = 1`` and ``fraction = 0`` it stops at transparency `least`.
     """
 
-    transparency: Any
-    behind: list[Any]
+    behind: Any
     fraction: Any
+    least: Any
 
     def reached(self, path: Path) -> Any:
         """Return the lanes that may stop."""
-        grey = len(path.transparency) == 1
-        rest = [
-            path.transparency[0 if grey else c] * most for c, most in enumerate(self.behind)
-        ]
-        return (_largest(path.transparency) <= self.transparency) | (
-            _largest(rest) < self.fraction * _largest(path.emission)
-        )
+        brightest = path.transparency[0]
+        for theta in path.transparency[1:]:
+            brightest = dr.select(theta > brightest, theta, brightest)
+        gathered = path.emission[0]
+        for b in path.emission[1:]:
+            gathered = gathered + b
+        return brightest * self.behind < dr.fma(self.fraction, gathered, self.least)
 
 
 @dataclass
@@ -77,10 +78,3 @@ def march(
 
     (state,) = dr.while_loop((state,), going_on, step, label=f"{scheme.name} march")
     return state.path, state.cursor.inside
-
-
-def _largest(values: list[Any]) -> Any:
-    largest = values[0]
-    for value in values[1:]:
-        largest = dr.maximum(largest, value)
-    return largest

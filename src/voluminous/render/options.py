@@ -12,7 +12,6 @@ from ..errors import InputError, unknown_name
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
 DEFAULT_ERROR = 1e-4
-NO_CUTOFF = (-1.0, -1.0)
 _MOST_SAMPLES = 4096
 
 
@@ -23,8 +22,8 @@ def check_order(order: Any) -> bool:
     return bool(order == ORDERS[1])
 
 
-def check_cutoff(cutoff: Any) -> tuple[float, float]:
-    """Return (transparency, fraction) at which rays stop; -1 where a criterion is off.
+def check_cutoff(cutoff: Any) -> float | None:
+    """Return the transparency at which rays stop; None for the default criterion.
 
     Raises
     ------
@@ -32,13 +31,13 @@ def check_cutoff(cutoff: Any) -> tuple[float, float]:
         If the cut-off is not between 0 and 1.
     """
     if cutoff is None:
-        return -1.0, DEFAULT_ERROR
+        return None
     if not isinstance(cutoff, (int, float)) or not 0 <= cutoff < 1:
         raise InputError(
             f"cutoff is the transparency at which a ray stops: at least 0 (never) and below 1, "
             f"got {cutoff!r}"
         )
-    return (float(cutoff) if cutoff > 0 else -1.0), -1.0
+    return float(cutoff)
 
 
 def sample_count(samples: Any, frame: Any, grid: Any) -> int:

@@ -17,7 +17,7 @@ from ..schemes import get_scheme
 from ..units import unit_name
 from ..volume import Volume
 from .march import Cutoff, march
-from .options import NO_CUTOFF, background_array, check_cutoff, check_order, sample_count
+from .options import DEFAULT_ERROR, background_array, check_cutoff, check_order, sample_count
 from .path import Path, empty_path
 from .pixels import BLOCK, PixelOrder, subpixel_offsets
 from .source import get_source
@@ -124,7 +124,7 @@ class _Job:
     scheme: Any
     backend: Any
     backward: bool
-    cutoff: tuple[float, float]
+    cutoff: float | None
     progress: Callable[[int, int], None]
     samples: int = 1
 
@@ -192,15 +192,17 @@ class _Job:
 
     def _ending(self, source: Any, brightest_background: float) -> Cutoff | None:
         """Return the criterion at which rays stop; None if they never do."""
-        if self.backward or self.cutoff == NO_CUTOFF:
+        if self.backward or self.cutoff == 0.0:
             return None
-        transparency, fraction = self.cutoff
+        opaque = self.backend.opaque
+        if self.cutoff is not None:
+            return Cutoff(opaque(1.0), opaque(0.0), opaque(self.cutoff))
         bounds = self.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / self.volume.grid.scale
-        real = self.backend.dtype.type
-        most = [min(j * diagonal + brightest_background, float(np.finfo(real).max)) for j in source.largest]
-        opaque = self.backend.opaque
-        return Cutoff(opaque(transparency), [opaque(m) for m in most], opaque(fraction))
+        most = max(source.largest) * diagonal + brightest_background
+        most = min(most, float(np.finfo(self.backend.dtype).max))
+        # The sum over channels is at most so many times their maximum.
+        return Cutoff(opaque(most), opaque(DEFAULT_ERROR / source.channels), opaque(0.0))
 
     def _classifying(self, done: int, total: int) -> None:
         """Progress of classification: reported as work not begun."""
@@ -253,7 +255,7 @@ def _full_depth(job: _Job) -> Callable[[], np.ndarray]:
     """Return what computes the optical depth through everything, for rays that stopped early."""
 
     def compute() -> np.ndarray:
-        job.cutoff, job.progress = NO_CUTOFF, _silent
+        job.cutoff, job.progress = 0.0, _silent
         return job.run(0.0).depth
 
     return compute

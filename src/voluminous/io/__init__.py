@@ -1,0 +1,9 @@
+"""Volumes from files and to files: one format per file, found through one registry.
+
+`open` and `save` are all that most people need; `io.contract` is what a new format has to provide.
+"""
+
+from .contract import FieldInfo, Reader
+from .registry import find_reader, open, readers, save
+
+__all__ = ["FieldInfo", "Reader", "find_reader", "open", "readers", "save"]

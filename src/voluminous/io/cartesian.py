@@ -1,0 +1,28 @@
+"""What formats for Cartesian volumes ask of a volume that is to be written."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..grids import CartesianGrid
+    from ..volume import Volume
+
+
+def cartesian(volume: Volume) -> CartesianGrid:
+    """Return the volume's grid.
+
+    Raises
+    ------
+    InputError
+        If it is of another kind.
+    """
+    from ..grids import CartesianGrid
+
+    if not isinstance(volume.grid, CartesianGrid):
+        raise InputError(
+            f"this format holds Cartesian grids only, got {type(volume.grid).__name__}"
+        )
+    return volume.grid

@@ -1,0 +1,70 @@
+"""Errors that name the file, or the place in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileFormatError, MemoryNeededError, VoluminousError
+
+
+@contextmanager
+def placed(place: Any) -> Iterator[None]:
+    """Put a place before the message of any error of voluminous; its class stays.
+
+    Examples
+    --------
+    >>> from voluminous.errors import InputError
+    >>> with placed("[camera]"):
+    ...     raise InputError("incl must be finite")
+    Traceback (most recent call last):
+    voluminous.errors.InputError: [camera]: incl must be finite
+    """
+    try:
+        yield
+    except VoluminousError as error:
+        raise type(error)(f"{place}: {error}") from error
+
+
+@contextmanager
+def reading(path: Path, expectation: str) -> Iterator[None]:
+    """Make every error that happens while `path` is read name the file.
+
+    Raises
+    ------
+    VoluminousError
+        Of the same class, if it was one.
+    FileFormatError
+        In place of any other error.
+    """
+    try:
+        with placed(path):
+            yield
+    except (VoluminousError, MemoryError):
+        raise
+    except Exception as error:
+        # A damaged file makes its library raise nearly anything, from KeyError to zlib.error.
+        raise FileFormatError(
+            f"{path}: expected {expectation}, but it is damaged, cut short or of another kind "
+            f"({type(error).__name__}: {error})"
+        ) from error
+
+
+def check_memory(needed: int, what: str) -> None:
+    """Refuse to read what does not fit into memory; a damaged or hostile file may claim any size.
+
+    Raises
+    ------
+    MemoryNeededError
+        With the number of bytes needed and available.
+    """
+    import psutil
+
+    free = int(psutil.virtual_memory().available)
+    if needed > free:
+        raise MemoryNeededError(
+            f"{what} needs {needed} bytes ({needed / 2**30:.2f} GiB), but only {free} bytes "
+            f"({free / 2**30:.2f} GiB) are available; read fewer fields with fields=[…]"
+        )

@@ -1,0 +1,137 @@
+"""Where the cells are: from options, from arrays in the file, or cells of unit length."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileFormatError, InputError, unknown_name
+from ..units import is_quantity, parse_unit, plain, unit_of
+
+if TYPE_CHECKING:
+    from ..grids import CartesianGrid
+    from .named_arrays import Entry
+
+AXES = "xyz"
+_KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
+
+
+def axis_order(axes: Any) -> tuple[int, ...]:
+    """Return the transposition that brings arrays to the order x, y, z.
+
+    Raises
+    ------
+    InputError
+        If `axes` is not the letters x, y and z in some order.
+    """
+    if not isinstance(axes, str) or sorted(axes) != sorted(AXES):
+        raise InputError(f"axes must be x, y and z in the arrays' order, e.g. 'zyx', got {axes!r}")
+    return tuple(axes.index(axis) for axis in AXES)
+
+
+def make_grid(
+    entries: Mapping[str, Entry], shape: tuple[int, ...], options: Mapping[str, Any]
+) -> CartesianGrid:
+    """Return the grid of a file of named arrays.
+
+    Parameters
+    ----------
+    entries : mapping of Entry
+        The arrays in the file; ``x, y, z`` (edges), ``bounds`` and ``unit`` are looked at.
+    shape : tuple of three int
+        Number of cells.
+    options : mapping
+        What the user gave (edges, bounds or spacing, and the unit); goes before the file.
+
+    Raises
+    ------
+    InputError
+        If options contradict each other or do not fit.
+    FileFormatError
+        If the edges in the file do not fit.
+    """
+    from ..grids import CartesianGrid
+
+    unit = options.get("unit") or text_in(entries.get("unit"))
+    given = [kind for kind in _KINDS if any(options.get(name) is not None for name in kind)]
+    if len(given) > 1:
+        raise InputError("give the edges x, y and z, or bounds, or spacing, not several of them")
+    if given and given[0] == _KINDS[0]:
+        return CartesianGrid(*_given_edges(entries, shape, options), unit=unit)
+    if given:
+        bounds = options.get("bounds")
+        bounds = _spaced(shape, options["spacing"]) if bounds is None else bounds
+        return CartesianGrid.uniform(shape, bounds, unit=unit)
+    if all(_is_line(entries.get(axis)) for axis in AXES):
+        return CartesianGrid(
+            *(_edges(entries, a, a, n) for a, n in zip(AXES, shape, strict=True)), unit=unit
+        )
+    if "bounds" in entries and entries["bounds"].shape in ((2,), (3, 2)):
+        return CartesianGrid.uniform(shape, _loaded(entries["bounds"]), unit=unit)
+    return CartesianGrid.uniform(shape, [(0, n) for n in shape], unit=unit)
+
+
+def _given_edges(
+    entries: Mapping[str, Entry], shape: tuple[int, ...], options: Mapping[str, Any]
+) -> list[Any]:
+    missing = [axis for axis in AXES if options.get(axis) is None]
+    if missing:
+        raise InputError(f"edges are needed along all three axes; {', '.join(missing)} missing")
+    return [_edges(entries, options[axis], axis, n) for axis, n in zip(AXES, shape, strict=True)]
+
+
+def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> Any:
+    """Return the edges that `source`, a place in the file or an array, stands for."""
+    if isinstance(source, str):
+        place = source.strip("/")
+        if place not in entries:
+            raise unknown_name("array", source, entries)
+        edges = _loaded(entries[place])
+    else:
+        edges = source
+    found = np.shape(edges.value if is_quantity(edges) else edges)
+    if found != (cells + 1,):
+        told = (
+            f"the {axis} edges {source!r} have" if isinstance(source, str) else f"{axis} edges have"
+        )
+        hint = (
+            "; these seem to be centres: give edges, or bounds=((x0, x1), (y0, y1), (z0, z1)) "
+            "for equal cells"
+            if found == (cells,)
+            else ""
+        )
+        raise FileFormatError(
+            f"{told} shape {found}, expected {cells + 1} edges around {cells} cells{hint}"
+        )
+    return edges
+
+
+def _is_line(entry: Entry | None) -> bool:
+    return entry is not None and entry.numeric and len(entry.shape) == 1
+
+
+def _loaded(entry: Entry) -> Any:
+    """Return an array of the file, as a Quantity if it has a unit."""
+    unit = parse_unit(entry.unit)
+    return entry.load() if unit is None else entry.load() * unit
+
+
+def _spaced(shape: tuple[int, ...], spacing: Any) -> Any:
+    """Return the bounds of cells of a width (one, or one per axis) that start at 0."""
+    unit = unit_of(spacing)
+    widths = np.asarray(plain(spacing, unit, "spacing"))
+    if widths.shape not in ((), (3,)) or not np.all(widths > 0):
+        raise InputError(f"spacing must be a positive number, or one per axis, got {spacing!r}")
+    ends = np.broadcast_to(widths, 3) * np.asarray(shape)
+    bounds = np.stack([np.zeros(3), ends], axis=1)
+    return bounds if unit is None else bounds * unit
+
+
+def text_in(entry: Entry | None) -> str | None:
+    """Return the text in an array that is one text."""
+    if entry is None or entry.shape != () or entry.dtype.kind not in "US":
+        return None
+    value = entry.load()[()]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,83 @@
+"""NPZ: fields by their names, with edges ``x, y, z`` or ``bounds``, ``unit``, ``<field>_unit``."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileFormatError
+from ..units import unit_name
+from .layout import AXES, text_in
+from .named_arrays import Entry, NamedArraysReader
+from .npy_format import header
+
+if TYPE_CHECKING:
+    from ..volume import Volume
+
+_ENDING = ".npy"
+_UNIT = "_unit"
+# What pictures saved as NPZ have in them.
+_IMAGE = {"intensity.npy", "metadata.npy"}
+
+
+class NPZReader(NamedArraysReader):
+    """What ``numpy.savez(path, density=…, density_unit="g/cm3", bounds=…, unit="pc")`` writes."""
+
+    name = "npz"
+    description = "a NumPy archive (.npz)"
+    suffixes = (".npz",)
+    writes = True
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for an archive with an array in it."""
+        if not head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+            return False
+        if path.suffix.lower() in self.suffixes:
+            return True
+        with zipfile.ZipFile(path) as archive:
+            return any(name.endswith(_ENDING) for name in archive.namelist())
+
+    @contextmanager
+    def entries(self, path: Path, **options: Any) -> Iterator[dict[str, Entry]]:
+        """Give all arrays; each is read when it is asked for."""
+        with zipfile.ZipFile(path) as archive:
+            names = [n for n in archive.namelist() if n.endswith(_ENDING)]
+            if set(names) >= _IMAGE:
+                raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
+            found = {n.removesuffix(_ENDING): _entry(archive, n) for n in names}
+            yield {
+                name: replace(entry, unit=text_in(found.get(name + _UNIT)) or "")
+                for name, entry in found.items()
+            }
+
+    def write(self, volume: Volume, path: Path) -> None:
+        """Write edges, fields and units, uncompressed: numbers hardly get smaller, only slower."""
+        from .cartesian import cartesian
+
+        grid = cartesian(volume)
+        arrays: dict[str, Any] = dict(zip(AXES, grid.edges, strict=True))
+        arrays["unit"] = unit_name(grid.unit)
+        for name in volume.fields:
+            arrays[name] = volume.array(name)
+        arrays |= {name + _UNIT: unit for name, unit in volume.units.items() if unit}
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, values in arrays.items():
+                with archive.open(name + _ENDING, "w", force_zip64=True) as file:
+                    np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
+
+
+def _entry(archive: zipfile.ZipFile, member: str) -> Entry:
+    with archive.open(member) as file:
+        shape, _, dtype = header(file)
+
+    def load() -> np.ndarray:
+        with archive.open(member) as file:
+            return np.lib.format.read_array(file, allow_pickle=False)
+
+    return Entry(shape, dtype, "", load)

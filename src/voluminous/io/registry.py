@@ -1,0 +1,191 @@
+"""Find the reader for a file: those of this package, and those that other packages bring."""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import importlib.metadata
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import FileFormatError, InputError, unknown_name
+from ..image.files import MissingPathError, replacing
+from .contract import Reader
+from .guard import placed, reading
+from .hdf5 import HDF5Reader
+from .npy import NPYReader
+from .npz import NPZReader
+
+if TYPE_CHECKING:
+    from ..volume import Volume
+
+# The general formats: asked last, since codes put their own layouts into them.
+READERS: tuple[Reader, ...] = (NPZReader(), NPYReader(), HDF5Reader())
+GROUP = "voluminous.readers"
+# Enough for the magic bytes of all formats, and for the first keyword of a text file.
+HEAD_LENGTH = 4096
+
+
+def open(
+    path: str | Path, fields: Any = None, *, format: str | None = None, **options: Any
+) -> Volume:
+    """Return the volume in a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; its content tells the format.
+    fields : None, str, sequence of str or dict, optional
+        Which fields to read: all (None), one, several, or ``{name: place in the file}``, such as
+        ``{"density": "/gas/rho"}``. Only these are read.
+    format : str, optional
+        Name of the reader, if the file itself does not tell.
+    **options
+        What the format needs to know. NPZ, NPY and HDF5: ``bounds``, ``spacing`` or the edges
+        ``x, y, z`` of the cells (by default those in the file, else cells of unit length),
+        ``unit`` of length, and ``axes="zyx"`` if z is the first axis of the arrays.
+
+    Returns
+    -------
+    Volume
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged, or of a format that no reader knows.
+    UnknownNameError
+        For an option, format or field that does not exist; names the nearest.
+    InputError
+        If there is no such file, or what is in it cannot make a volume.
+
+    Examples
+    --------
+    >>> volume = vm.open("snapshot.h5", {"density": "/gas/rho"}, unit="pc", bounds=(-1, 1))
+    """
+    path = Path(path)
+    reader = find_reader(path, format)
+    with placed(path):
+        check_options(reader, options)
+    with reading(path, reader.description):
+        return reader.read(path, fields, **options)
+
+
+def save(volume: Volume, path: str | Path, *, format: str | None = None) -> None:
+    """Write a volume to a file, whose suffix tells the format: ``.npz`` or ``.h5``.
+
+    Grid, fields, types and units come back from `open` as they were. The file appears whole or
+    not at all.
+
+    Raises
+    ------
+    UnknownNameError
+        If no format that can be written has this suffix.
+    """
+    path = Path(path)
+    writers = [reader for reader in readers() if reader.writes]
+    if format is not None:
+        chosen = _named(format, writers)
+    else:
+        known = {suffix: reader for reader in writers for suffix in reader.suffixes}
+        if path.suffix.lower() not in known:
+            raise unknown_name("volume format", path.suffix, known)
+        chosen = known[path.suffix.lower()]
+    with replacing(path) as temporary:
+        chosen.write(volume, temporary)
+
+
+def readers() -> tuple[Reader, ...]:
+    """Return all readers, in the order in which they are asked."""
+    return (*_foreign(), *READERS)
+
+
+def find_reader(path: Path, format: str | None = None) -> Reader:
+    """Return the reader for an existing file.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    FileFormatError
+        If no reader wants it.
+    UnknownNameError
+        If there is no reader of the name `format`.
+    """
+    head = _head(path)
+    if format is not None:
+        return _named(format, readers())
+    for reader in readers():
+        if reader.matches(path, head):
+            return reader
+    raise _unknown_format(path, head)
+
+
+def reader_for_suffix(path: Path) -> Reader | None:
+    """Return the reader that the name of a file, which need not exist, speaks for."""
+    found = [reader for reader in readers() if path.suffix.lower() in reader.suffixes]
+    return found[0] if len(found) == 1 else None
+
+
+def check_options(reader: Reader, options: Any) -> None:
+    """Check that a reader knows all options.
+
+    Raises
+    ------
+    UnknownNameError
+        For the first that it does not; names the nearest.
+    """
+    for option in options:
+        if option not in reader.options:
+            raise unknown_name(f"{reader.name} option", option, reader.options)
+
+
+@functools.cache
+def _foreign() -> tuple[Reader, ...]:
+    """Return the readers of other packages; warn of one that cannot be loaded."""
+    found = []
+    for entry in importlib.metadata.entry_points(group=GROUP):
+        try:
+            loaded = entry.load()
+            found.append(loaded() if isinstance(loaded, type) else loaded)
+        except Exception as error:
+            warnings.warn(
+                f"the reader {entry.name!r} ({entry.value}) cannot be loaded: {error}", stacklevel=2
+            )
+    return tuple(found)
+
+
+def _named(name: str, among: Any) -> Reader:
+    known = {reader.name: reader for reader in among}
+    if name not in known:
+        raise unknown_name("format", name, known)
+    return known[name]
+
+
+def _head(path: Path) -> bytes:
+    if path.is_dir():
+        return b""
+    try:
+        with builtins.open(path, "rb") as file:
+            return file.read(HEAD_LENGTH)
+    except FileNotFoundError:
+        raise MissingPathError(f"there is no file {path}") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def _unknown_format(path: Path, head: bytes) -> FileFormatError:
+    by_name = reader_for_suffix(path)
+    if path.is_dir():
+        told = f"{path} is a directory that no reader knows"
+    elif not head:
+        told = f"{path} is empty"
+    elif by_name is not None:
+        told = (
+            f"{path} is named like {by_name.description}, but starts with {head[:8]!r}: it is "
+            "damaged or of another kind"
+        )
+    else:
+        told = f"{path} is of a format that voluminous does not know; it starts with {head[:8]!r}"
+    listed = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers())
+    return FileFormatError(f"{told}. Known formats: {listed}")
