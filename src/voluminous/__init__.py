@@ -40,7 +40,7 @@ _PUBLIC = {
     "Volume": "volume",
     "VoluminousError": "errors",
     "open": "io",
-    "render": "render",
+    "render": "rendering",
 }
 _MODULES = ("io", "math", "models")
 
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from .image import Image
     from .io import open
     from .media import Coefficients, Colormap, Gaussian, Medium, Rectangle, Table
-    from .render import render
+    from .rendering import render
     from .scene import Scene
     from .volume import Volume
 

@@ -12,23 +12,38 @@ _LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
 _LN2_LOW = {"single": -2.12194440e-4, "double": 1.90821492927058770002e-10}
 # Terms of (1 - exp(-r))/r = Σ (-r)^k/(k+1)! needed for |r| <= ln(2)/2 and full precision.
 _TERMS = {"single": 7, "double": 14}
+_THIN = 0.3466
 
 
 def attenuation(tau: Any) -> tuple[Any, Any]:
     """Return ``exp(-tau)`` and ``(1 - exp(-tau))/tau`` without cancellation.
 
     The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both come from
-    one polynomial, at the price of one exponential. ``tau = n ln 2 + r`` with ``|r| <= ln(2)/2``
-    (Cody & Waite 1980, section 6.2), so ``1 - exp(-tau) = (1 - 2^-n) + 2^-n (1 - exp(-r))`` adds
-    positive numbers where ``n > 0`` and is the polynomial alone where ``n = 0``.
+    one polynomial. Where all lanes are thin that is all there is: a branch, since the division
+    alone takes as long as the polynomial (first order: 29 instead of 34 ms).
 
     Parameters
     ----------
     tau : Dr.Jit float array
-        Optical depth, at least about ``-0.3`` (negative ones only in signed measurements).
+        Optical depth; negative ones (signed measurements) down to about -80.
     """
-    real = type(tau)
-    precision = precision_of(real)
+    return dr.if_stmt(
+        args=(tau,), cond=dr.abs(tau) <= _THIN, true_fn=_thin_attenuation, false_fn=_attenuation
+    )
+
+
+def _thin_attenuation(tau: Any) -> tuple[Any, Any]:
+    mean = _mean_transparency_near_zero(tau, _TERMS[precision_of(type(tau))])
+    return dr.fma(-tau, mean, 1.0), mean
+
+
+def _attenuation(tau: Any) -> tuple[Any, Any]:
+    """Return both for any depth.
+
+    ``tau = n ln 2 + r`` with ``|r| <= ln(2)/2`` (Cody & Waite 1980, section 6.2), so
+    ``1 - exp(-tau) = (1 - 2^-n) + 2^-n (1 - exp(-r))`` adds positive numbers where ``n > 0``.
+    """
+    precision = precision_of(type(tau))
     deepest = 80.0 if precision == "single" else 700.0
     capped = dr.select(tau < deepest, tau, deepest)
     n = dr.round(capped * 1.4426950408889634)

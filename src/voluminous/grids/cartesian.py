@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ class CartesianGrid:
         self.edges = tuple(
             _edges(values, self.unit, name) for values, name in zip((x, y, z), AXES, strict=True)
         )
+        self._walks: dict[Any, Any] = {}
 
     @classmethod
     def uniform(cls, shape: Any, bounds: Any, *, unit: Any = None) -> CartesianGrid:
@@ -104,13 +106,13 @@ class CartesianGrid:
         """Cell centres per axis."""
         return tuple(0.5 * (e[1:] + e[:-1]) for e in self.edges)
 
-    @property
+    @functools.cached_property
     def scale(self) -> float:
         """Typical cell width: kernels measure lengths in it."""
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.edges]
         return float(np.exp(np.mean(np.log(widths))))
 
-    @property
+    @functools.cached_property
     def is_uniform(self) -> bool:
         """True if the cells of each axis are equally wide."""
         from .axes import is_uniform
@@ -127,10 +129,13 @@ class CartesianGrid:
         return float(self.edges[0][1] - self.edges[0][0])
 
     def walk(self, backend: Any) -> Any:
-        """Return the walk of rays through this grid, for a backend."""
+        """Return the walk of rays through this grid, for a backend (made once: edges are fixed)."""
         from .cartesian_walk import CartesianWalk
 
-        return CartesianWalk(self, backend)
+        key = (backend.device, backend.precision)
+        if key not in self._walks:
+            self._walks[key] = CartesianWalk(self, backend)
+        return self._walks[key]
 
     def describe(self) -> dict[str, Any]:
         """Return type, shape, bounds and unit as plain values."""

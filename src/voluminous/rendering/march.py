@@ -37,11 +37,12 @@ class Cutoff:
 
 @dataclass
 class State:
-    """What goes round the loop."""
+    """What goes round the loop; `over` tells the lanes that reached the cut-off."""
 
     cursor: Any
     carried: list[Any]
     path: Path
+    over: Any
 
 
 def march(
@@ -63,18 +64,20 @@ def march(
         Fold back to front.
     """
     track, cursor = walk.enter(ray)
-    state = State(cursor, scheme.start(source, walk, track, cursor), path)
+    never = cursor.inside & False
+    state = State(cursor, scheme.start(source, walk, track, cursor), path, never)
 
     def going_on(state: State) -> Any:
-        if cutoff is None:
-            return state.cursor.inside
-        return state.cursor.inside & ~cutoff.reached(state.path)
+        return state.cursor.inside & ~state.over
 
     def step(state: State) -> tuple[State]:
         segment, cursor = walk.next(track, state.cursor)
         solution, carried = scheme.solve(source, walk, track, segment, state.carried, backward)
         front, back = (solution, state.path) if backward else (state.path, solution)
-        return (State(cursor, carried, over(front, back)),)
+        # The path BEFORE this segment is tested: the next look-up then need not wait for this
+        # segment's exponential (first order: 32 instead of 43 ms; one segment more is harmless).
+        reached = never if cutoff is None else cutoff.reached(state.path)
+        return (State(cursor, carried, over(front, back), reached),)
 
     (state,) = dr.while_loop((state,), going_on, step, label=f"{scheme.name} march")
     return state.path, state.cursor.inside

@@ -1,0 +1,161 @@
+"""What a value in a scene file may be: checked, and turned into what the constructors take."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError, UnitsError, unknown_name
+from ..units import parse_unit
+
+_NUMBER_THEN_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+class _UnfitError(Exception):
+    """A value is not of the kind that is asked for."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What to expect of a value, in words, and what takes it or raises `_UnfitError`."""
+
+    expected: str
+    take: Callable[[Any], Any]
+
+    def __call__(self, key: str, value: Any) -> Any:
+        """Return the value that a constructor takes.
+
+        Raises
+        ------
+        InputError
+            If `value` is of another kind; names the key.
+        UnitsError
+            If its unit does not exist.
+        """
+        try:
+            return self.take(value)
+        except _UnfitError:
+            raise InputError(f"{key}: expected {self.expected}, got {value!r}") from None
+        except UnitsError as error:
+            raise UnitsError(f"{key}: {error}") from error
+
+
+def _of(*types: type) -> Callable[[Any], Any]:
+    def take(value: Any) -> Any:
+        # To Python true is a whole number; to people it is not.
+        if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
+            raise _UnfitError
+        return value
+
+    return take
+
+
+def _quantity(value: Any) -> Any:
+    """Return a number, or the quantity in a text such as "2.5e16 cm"."""
+    if not isinstance(value, str):
+        return _number(value)
+    match = _NUMBER_THEN_UNIT.fullmatch(value)
+    if match is None:
+        raise _UnfitError
+    unit = parse_unit(match[2])
+    return float(match[1]) if unit is None else float(match[1]) * unit
+
+
+def _listed(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return what takes one value, or a list of them, or a list of lists …"""
+
+    def take_all(value: Any) -> Any:
+        if isinstance(value, list):
+            return [take_all(v) for v in value]
+        return take(value)
+
+    return take_all
+
+
+def _either(*takers: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def take(value: Any) -> Any:
+        for one in takers:
+            try:
+                return one(value)
+            except _UnfitError:
+                continue
+        raise _UnfitError
+
+    return take
+
+
+def _table(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def take_table(value: Any) -> Any:
+        return {key: take(v) for key, v in _of(dict)(value).items()}
+
+    return take_table
+
+
+_number, _text, _whole = _of(int, float), _of(str), _of(int)
+
+TEXT = Kind("a text", _text)
+BOOLEAN = Kind("true or false", _of(bool))
+WHOLE = Kind("a whole number", _whole)
+WHOLES = Kind("a whole number or a list of them", _listed(_whole))
+NUMBER = Kind("a number", _number)
+NUMBERS = Kind("a number or a list of them", _listed(_number))
+QUANTITY = Kind("a number, or a text such as '0.1 pc'", _quantity)
+QUANTITIES = Kind("numbers or texts such as '0.1 pc'", _listed(_quantity))
+EXPRESSIONS = Kind("an expression, or a list of them", _listed(_either(_text, _number)))
+NUMBER_OR_TEXT = Kind("a number or a text", _either(_number, _text))
+NUMBERS_OR_TEXT = Kind("a text, a number or a list of numbers", _either(_text, _listed(_number)))
+FIELDS = Kind(
+    "a name, a list of names, or a table name = place", _either(_listed(_text), _table(_text))
+)
+EXPRESSION_TABLE = Kind("a table name = expression", _table(_either(_text, _number)))
+TEXT_TABLE = Kind("a table name = text", _table(_text))
+# Of a key nobody described: quantities become quantities, all else stays what it is.
+ANYTHING = Kind("a value", _either(_listed(_quantity), lambda value: value))
+
+_ANNOTATED = {"int": WHOLE, "float": NUMBER, "bool": BOOLEAN, "str": TEXT}
+
+
+def arguments(
+    function: Callable[..., Any], section: Mapping[str, Any], kinds: Mapping[str, Kind]
+) -> dict[str, Any]:
+    """Return a section's values as arguments of the function that it describes.
+
+    Parameters
+    ----------
+    function : callable
+        Its parameters are the keys that there may be, and tell which there must be.
+    section : mapping
+        The values, as in the file.
+    kinds : mapping of Kind
+        What a key may be; by default what the parameter's annotation says.
+
+    Raises
+    ------
+    UnknownNameError
+        For a key that is no parameter; names the nearest.
+    InputError
+        If a value is of the wrong kind, or one is missing.
+    """
+    parameters = {
+        name: parameter
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+    }
+    check_keys(section, parameters)
+    for name, parameter in parameters.items():
+        if parameter.default is parameter.empty and name not in section:
+            raise InputError(f"{name} is missing; there may be: {', '.join(parameters)}")
+    return {
+        key: kinds.get(key, _ANNOTATED.get(str(parameters[key].annotation), ANYTHING))(key, value)
+        for key, value in section.items()
+    }
+
+
+def check_keys(section: Mapping[str, Any], known: Any) -> None:
+    """Raise the error for the first key that is not known; names the nearest."""
+    for key in section:
+        if key not in known:
+            raise unknown_name("key", key, known)

@@ -1,0 +1,286 @@
+"""`Scene`: everything a picture is made of, as plain values that can be saved."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import FileFormatError, InputError, unknown_name
+from ..image.files import MissingPathError, replacing
+from ..io.guard import placed
+from . import toml
+from .sections import build_camera, build_medium, image_options, render_options
+from .source import read_source
+
+if TYPE_CHECKING:
+    from ..image import Image
+    from ..volume import Volume
+
+SECTIONS = ("volume", "medium", "camera", "render", "image")
+
+
+class Scene:
+    """A volume, media, a camera, and options of rendering and saving.
+
+    Parameters
+    ----------
+    settings : mapping
+        The sections ``volume``, ``medium`` (a list), and optionally ``camera``, ``render`` and
+        ``image``, as in a scene file. Media and cameras may also be given as objects.
+    directory : str or Path
+        What relative paths are relative to.
+
+    Attributes
+    ----------
+    medium : Medium
+        The sum of all media.
+    camera : Camera
+        By default an `Orthographic` that frames the volume.
+    render_options, image_options : dict
+        Keyword arguments of `render` and `Image.save`.
+
+    Raises
+    ------
+    UnknownNameError
+        For a section, key, type … that does not exist; says where, and names the nearest.
+    InputError
+        If a value is of the wrong kind or cannot be used.
+
+    Examples
+    --------
+    >>> scene = Scene({
+    ...     "volume": {"model": "sphere", "resolution": 8},
+    ...     "medium": [{"type": "coefficients", "emissivity": "inside", "extinction": "inside"}],
+    ... })
+    >>> scene.render(precision="double").shape
+    (400, 400, 1)
+    """
+
+    def __init__(self, settings: Mapping[str, Any], directory: str | Path = ".") -> None:
+        self.directory = Path(directory)
+        self._settings = _plain_sections(settings)
+        self._source = read_source(self._settings["volume"])
+        self.medium = build_medium(self._settings["medium"])
+        self.camera = build_camera(self._settings["camera"])
+        self.render_options = render_options(self._settings["render"])
+        self.image_options = image_options(self._settings["image"], self.medium.channels)
+        self._volume: Volume | None = None
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Return the scene in a file: TOML, or an image that was rendered from a scene.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is not TOML; names line and column.
+        VoluminousError
+            If it is not a scene; names file, section and key.
+        """
+        from ..image.formats import FORMATS
+
+        path = Path(path)
+        if any(path.suffix.lower() in form.suffixes for form in FORMATS):
+            return cls._of_image(path)
+        text = _text_of(path)
+        with placed(path):
+            return cls(toml.loads(text), path.parent)
+
+    @classmethod
+    def _of_image(cls, path: Path) -> Scene:
+        from ..image import Image
+
+        settings = (Image.load(path).provenance or {}).get("scene")
+        with placed(path):
+            if settings is None:
+                raise InputError("this image carries no scene: it was not rendered from one")
+            return cls(settings, path.parent)
+
+    def volume(self) -> Volume:
+        """Return the volume, which is read (or computed) the first time.
+
+        Raises
+        ------
+        VoluminousError
+            If it cannot be read, or a derived field cannot be computed.
+        """
+        if self._volume is None:
+            self._volume = self._source.build(self.directory)
+        return self._volume
+
+    def render(self, **overrides: Any) -> Image:
+        """Render the scene.
+
+        Parameters
+        ----------
+        **overrides
+            Arguments of `voluminous.render` that replace those of the scene, and ``progress``.
+
+        Returns
+        -------
+        Image
+            Its provenance holds the scene: ``Scene.load`` of the saved image gives it back.
+        """
+        from ..render import render
+
+        options = {**self.render_options, **overrides}
+        background = options.get("background")
+        if isinstance(background, str):
+            options["background"] = self._background(background)
+        image = render(self.volume(), self.medium, self.camera, **options)
+        told = self.to_dict()
+        told["render"] = {**self._settings["render"], **_plain_values(overrides)}
+        image.provenance = {**(image.provenance or {}), "scene": told}
+        return image
+
+    def _background(self, path: str) -> Image:
+        from ..image import Image
+
+        with placed("[render] background"):
+            return Image.load(self.directory / os.path.expanduser(path))
+
+    def replaced(self, changes: Mapping[str, Any]) -> Scene:
+        """Return a scene with some values changed.
+
+        Parameters
+        ----------
+        changes : mapping
+            Places and values, such as ``{"camera.incl": 40, "medium.2.opacity": 0.3}``; media
+            count from 1.
+
+        Raises
+        ------
+        UnknownNameError
+            If a place does not exist; names the nearest.
+        """
+        settings = self.to_dict()
+        for place, value in changes.items():
+            _set(settings, place, value)
+        changed = Scene(settings, self.directory)
+        if settings.get("volume") == self.to_dict()["volume"]:
+            changed._volume = self._volume
+        return changed
+
+    def to_dict(self, directory: str | Path | None = None) -> dict[str, Any]:
+        """Return all sections as plain values; paths relative to `directory` if it is given."""
+        settings = copy.deepcopy({k: v for k, v in self._settings.items() if v})
+        if directory is not None:
+            for section, key in (("volume", "path"), ("render", "background")):
+                value = settings.get(section, {}).get(key)
+                if isinstance(value, str):
+                    settings[section][key] = _relative(self.directory, value, Path(directory))
+        return settings
+
+    def dumps(self) -> str:
+        """Return the scene as TOML."""
+        return toml.dumps(self.to_dict())
+
+    def save(self, path: str | Path) -> None:
+        """Write a scene file; the paths in it become relative to its directory."""
+        path = Path(path)
+        text = toml.dumps(self.to_dict(path.parent))
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def save_image(self, image: Image, path: str | Path) -> None:
+        """Save a picture of this scene with those of its image options that the format has."""
+        from ..image.formats import format_of
+
+        path = Path(path)
+        known = format_of(path).options
+        image.save(path, **{k: v for k, v in self.image_options.items() if k in known})
+
+    def __repr__(self) -> str:
+        source = self._source.path or self._source.model
+        return f"<Scene of {source}: {self.medium!r}, {self.camera!r}>"
+
+
+def _plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all sections, in order, as tables of plain values."""
+    for name in settings:
+        if name not in SECTIONS:
+            raise unknown_name("section", name, SECTIONS)
+    for name in ("volume", "medium"):
+        if not settings.get(name):
+            raise InputError(f"the section {name!r} is missing or empty; a scene needs it")
+    sections = {name: settings.get(name, {}) for name in SECTIONS}
+    sections["medium"] = _media(sections["medium"])
+    sections["camera"] = _described(sections["camera"])
+    for name, section in sections.items():
+        if name != "medium" and not isinstance(section, Mapping):
+            raise InputError(f"expected a table [{name}], got {name} = {section!r}")
+    return copy.deepcopy(sections)
+
+
+def _media(given: Any) -> list[dict[str, Any]]:
+    """Return the tables of all media, from tables or objects."""
+    if hasattr(given, "components"):
+        given = list(given.components())
+    tables = given if isinstance(given, list) else [given]
+    plain = [_described(medium) for medium in tables]
+    for number, table in enumerate(plain, start=1):
+        if not isinstance(table, Mapping):
+            raise InputError(f"expected tables [[medium]], got {table!r} as number {number}")
+    return plain
+
+
+def _described(thing: Any) -> Any:
+    """Return what an object says of itself, without what it leaves at its default."""
+    if not hasattr(thing, "describe"):
+        return thing
+    return {key: value for key, value in thing.describe().items() if value is not None}
+
+
+def _plain_values(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that a scene file can hold."""
+    listed = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
+    return {k: v for k, v in listed.items() if isinstance(v, (str, bool, int, float, list))}
+
+
+def _set(settings: dict[str, Any], place: str, value: Any) -> None:
+    """Set the value at a place such as ``medium.1.color``; the last key may be new."""
+    *path, last = place.split(".")
+    if not path:
+        raise InputError(f"{place!r} names no value in a section, such as 'camera.incl'")
+    if path[0] not in SECTIONS:
+        raise unknown_name("section", path[0], SECTIONS)
+    table: Any = settings
+    for step, key in enumerate(path):
+        if isinstance(table, list):
+            table = _item(table, key, place)
+        else:
+            table = table.setdefault(key, {})
+        if not isinstance(table, (dict, list)):
+            raise InputError(f"{'.'.join(path[: step + 1])} is a value, not a table: {table!r}")
+    if isinstance(table, list):
+        raise InputError(f"{place!r}: say which of the {len(table)}, such as '{path[0]}.1.color'")
+    table[last] = value
+
+
+def _item(items: list[Any], key: str, place: str) -> Any:
+    if not key.isdigit() or not 1 <= int(key) <= len(items):
+        raise InputError(f"{place!r}: expected a number from 1 to {len(items)}, got {key!r}")
+    return items[int(key) - 1]
+
+
+def _relative(old: Path, path: str, new: Path) -> str:
+    expanded = Path(os.path.expanduser(path))
+    if expanded.is_absolute():
+        return path
+    return Path(os.path.relpath(old / expanded, new)).as_posix()
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise MissingPathError(f"there is no file {path}") from None
+    except UnicodeDecodeError as error:
+        raise FileFormatError(
+            f"{path}: expected a scene in TOML (UTF-8 text), byte {error.start} is none"
+        ) from error
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from error

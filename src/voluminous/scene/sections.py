@@ -1,0 +1,142 @@
+"""The sections of a scene that need no file: medium, camera, render and image."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import InputError, unknown_name
+from ..io.guard import placed
+from . import kinds
+from .kinds import Kind, arguments, check_keys
+
+_MEDIUM: dict[str, Kind] = {
+    **dict.fromkeys(("expr", "emissivity", "extinction"), kinds.EXPRESSIONS),
+    **dict.fromkeys(("cmap", "norm"), kinds.TEXT),
+    **dict.fromkeys(("color", "colors", "opacity", "opacities"), kinds.NUMBERS),
+    **dict.fromkeys(("center", "sigma", "half_width", "path_length"), kinds.QUANTITY),
+    **dict.fromkeys(("vmin", "vmax"), kinds.QUANTITY),
+    "values": kinds.QUANTITIES,
+    "samples": kinds.WHOLE,
+}
+_CAMERA: dict[str, Kind] = {
+    **dict.fromkeys(("incl", "phi", "posang", "zenith", "fov"), kinds.QUANTITY),
+    **dict.fromkeys(("width", "position", "target", "center", "shift"), kinds.QUANTITIES),
+    **dict.fromkeys(("up", "view_direction"), kinds.NUMBERS),
+    "resolution": kinds.WHOLES,
+    "projection": kinds.TEXT,
+}
+_RENDER: dict[str, Kind] = {
+    **dict.fromkeys(("scheme", "precision", "device", "order"), kinds.TEXT),
+    "background": kinds.NUMBERS_OR_TEXT,
+    "cutoff": kinds.NUMBER,
+    "samples": kinds.NUMBER_OR_TEXT,
+}
+_IMAGE: dict[str, Kind] = {
+    **dict.fromkeys(("exposure", "vmin", "vmax", "softening"), kinds.NUMBER),
+    **dict.fromkeys(("gamut", "colormap", "norm"), kinds.TEXT),
+    **dict.fromkeys(("transparent", "half"), kinds.BOOLEAN),
+    "background": kinds.NUMBERS_OR_TEXT,
+    "bits": kinds.WHOLE,
+    "channels": kinds.WHOLES,
+    "mix": kinds.NUMBERS,
+    "stretch": kinds.NUMBER_OR_TEXT,
+}
+
+
+def build_medium(sections: list[Mapping[str, Any]]) -> Any:
+    """Return the sum of the media in ``[[medium]]``.
+
+    Raises
+    ------
+    VoluminousError
+        If one cannot be made; names its number.
+    """
+    from .. import media
+
+    types = {
+        "gaussian": media.Gaussian,
+        "rectangle": media.Rectangle,
+        "table": media.Table,
+        "colormap": media.Colormap,
+        "coefficients": media.Coefficients,
+    }
+    parts = []
+    for number, section in enumerate(sections, start=1):
+        with placed(f"[[medium]] {number}"):
+            make, rest = _typed(section, types)
+            parts.append(make(**arguments(make, rest, _MEDIUM)))
+    with placed("[[medium]]"):
+        return sum(parts[1:], parts[0])
+
+
+def build_camera(section: Mapping[str, Any]) -> Any:
+    """Return the camera in ``[camera]``; from its `looking` if there is a ``view_direction``."""
+    from ..cameras import CAMERAS
+
+    with placed("[camera]"):
+        make, rest = _typed({"type": "orthographic", **section}, CAMERAS)
+        if "view_direction" not in section:
+            return make(**arguments(make, rest, _CAMERA))
+        own = {k: v for k, v in rest.items() if k in inspect.signature(make.looking).parameters}
+        others = {k: v for k, v in rest.items() if k not in own}
+        check_keys(others, inspect.signature(make).parameters)
+        given = {k: _CAMERA.get(k, kinds.ANYTHING)(k, v) for k, v in others.items()}
+        try:
+            return make.looking(**arguments(make.looking, own, _CAMERA), **given)
+        except TypeError as error:
+            raise InputError(f"view_direction does not go with the other keys: {error}") from error
+
+
+def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keyword arguments of `render` in ``[render]``."""
+    from ..backend.device import DEVICES, PRECISIONS
+    from ..render import render
+    from ..render.options import ORDERS, check_cutoff
+    from ..schemes import SCHEMES
+
+    known = {
+        name: parameter
+        for name, parameter in inspect.signature(render).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name != "progress"
+    }
+    choices = {
+        "scheme": SCHEMES,
+        "precision": PRECISIONS,
+        "device": ("auto", *DEVICES),
+        "order": ORDERS,
+    }
+    with placed("[render]"):
+        check_keys(section, known)
+        options = {key: _RENDER.get(key, kinds.ANYTHING)(key, v) for key, v in section.items()}
+        for key, names in choices.items():
+            if key in options and options[key] not in names:
+                raise unknown_name(key, options[key], names)
+        check_cutoff(options.get("cutoff"))
+    return options
+
+
+def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:
+    """Return the options of `Image.save` in ``[image]``, tried on a picture of one pixel."""
+    import numpy as np
+
+    from ..image import Image
+    from ..image.formats import FORMATS, png
+
+    with placed("[image]"):
+        check_keys(section, frozenset().union(*(form.options for form in FORMATS)))
+        options = {key: _IMAGE.get(key, kinds.ANYTHING)(key, v) for key, v in section.items()}
+        pixel = Image(np.ones((1, 1, channels)), transparency=np.ones((1, 1)))
+        png.encode(pixel, **{k: v for k, v in options.items() if k in png.FORMAT.options})
+    return options
+
+
+def _typed(section: Mapping[str, Any], types: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """Return the class that a section's ``type`` names, and the other keys."""
+    if "type" not in section:
+        raise InputError(f"type is missing; there are: {', '.join(sorted(types))}")
+    name = kinds.TEXT("type", section["type"])
+    if name not in types:
+        raise unknown_name("type", name, types)
+    return types[name], {key: value for key, value in section.items() if key != "type"}

@@ -1,0 +1,132 @@
+"""The section ``[volume]``: a file or a model, and what is derived from its fields."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, unknown_name
+from ..expressions import Expression
+from ..io.guard import placed
+from ..units import parse_unit
+from ..volume import Volume
+from . import kinds
+from .kinds import Kind, arguments
+
+_FILE: dict[str, Kind] = {
+    **dict.fromkeys(("unit", "axes", "name"), kinds.TEXT),
+    **dict.fromkeys(("x", "y", "z"), kinds.NUMBERS_OR_TEXT),
+    **dict.fromkeys(("bounds", "spacing"), kinds.QUANTITIES),
+}
+_OWN = {"path", "model", "format", "fields", "derived", "units"}
+
+
+@dataclass
+class Source:
+    """Where a volume comes from.
+
+    Attributes
+    ----------
+    path, format, fields
+        Of a file, as in `io.open`.
+    model : str or None
+        Or the name of a function of `voluminous.models`.
+    options : dict
+        The reader's, or the model's arguments.
+    derived, units : dict
+        Fields to add (name → expression), and units of plain fields (name → unit).
+    """
+
+    path: str | None = None
+    format: str | None = None
+    fields: Any = None
+    model: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    derived: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+
+    def build(self, directory: Path) -> Volume:
+        """Return the volume; a relative path is relative to `directory`."""
+        with placed("[volume]"):
+            if self.path is not None:
+                from ..io import open as open_volume
+
+                where = directory / os.path.expanduser(self.path)
+                volume = open_volume(where, self.fields, format=self.format, **self.options)
+            else:
+                volume = models()[str(self.model)](**self.options)
+            for name, unit in self.units.items():
+                volume.set_unit(name, unit)
+            for name, expression in self.derived.items():
+                volume[name] = Expression(expression)
+        return volume
+
+
+def read_source(section: Mapping[str, Any]) -> Source:
+    """Return what ``[volume]`` says, checked as far as that goes without the file.
+
+    Raises
+    ------
+    VoluminousError
+        If a key is unknown, a value of the wrong kind, or an expression or unit wrong.
+    """
+    with placed("[volume]"):
+        if ("path" in section) == ("model" in section):
+            raise InputError("give path = a file, or model = one of " + ", ".join(sorted(models())))
+        options = {key: value for key, value in section.items() if key not in _OWN}
+        source = _file(section, options) if "path" in section else _model(section, options)
+        source.units = kinds.TEXT_TABLE("units", section.get("units", {}))
+        source.derived = kinds.EXPRESSION_TABLE("derived", section.get("derived", {}))
+    with placed("[volume.units]"):
+        for unit in source.units.values():
+            parse_unit(unit)
+    for name, text in source.derived.items():
+        with placed(f"[volume.derived] {name}"):
+            Expression(text)
+    return source
+
+
+def models() -> dict[str, Any]:
+    """Return the functions of `voluminous.models` by name."""
+    from .. import models as module
+
+    return {
+        name: function
+        for name, function in vars(module).items()
+        if inspect.isfunction(function)
+        and function.__module__ == module.__name__
+        and not name.startswith("_")
+    }
+
+
+def _file(section: Mapping[str, Any], options: dict[str, Any]) -> Source:
+    from ..io.registry import reader_for_suffix, readers
+
+    path = kinds.TEXT("path", section["path"])
+    form = kinds.TEXT("format", section["format"]) if "format" in section else None
+    known = {reader.name: reader for reader in readers()}
+    if form is not None and form not in known:
+        raise unknown_name("format", form, known)
+    reader = known[form] if form else reader_for_suffix(Path(path))
+    if reader is not None:  # else the content decides, when the file is opened
+        kinds.check_keys(options, {*reader.options, *_OWN})
+    return Source(
+        path=path,
+        format=form,
+        fields=kinds.FIELDS("fields", section["fields"]) if "fields" in section else None,
+        options={key: _FILE.get(key, kinds.ANYTHING)(key, v) for key, v in options.items()},
+    )
+
+
+def _model(section: Mapping[str, Any], options: dict[str, Any]) -> Source:
+    name = kinds.TEXT("model", section["model"])
+    for key in ("format", "fields"):
+        if key in section:
+            raise InputError(f"{key} belongs to a file (path = …), not to a model")
+    if name not in models():
+        raise unknown_name("model", name, models())
+    return Source(model=name, options=arguments(models()[name], options, {}))
