@@ -12,6 +12,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from expression_trees import expressions
 from voluminous.errors import ExpressionError, InputError, UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names
 
@@ -619,25 +620,6 @@ class IntervalOps(Ops):
         whole = np.floor((left / right).low)
         same = whole == np.floor((left / right).high)
         return left.hull(lambda a, b: a - whole * b, right).known_where(same)
-
-
-ARITHMETIC = ["+", "-", "*", "/", "//", "%", "**"]
-LOGIC = ["<", "<=", ">", ">=", "==", "!=", "and", "or"]
-UNARY = ["log10", "log", "exp", "sqrt", "abs", "sin", "cos", "tan", "tanh", "not ", "-"]
-FORMS = [f"({{}} {operator} {{}})" for operator in ARITHMETIC + LOGIC]
-FORMS += [f"({name}({{}}))" for name in UNARY]
-FORMS += ["({})**2", "({})**-3", "({})**0.5", "atan2({}, {})", "min({}, {})", "max({}, {}, {})"]
-FORMS += ["where({}, {}, {})", "clip({}, {}, {})", "({} if {} else {})", "({} < {} <= {})"]
-LITERALS = st.one_of(st.integers(0, 4).map(str), st.floats(0.125, 8, width=16).map(str))
-
-
-@st.composite
-def expressions(draw, depth=4):
-    """Strategy: the text of an expression of x, y and z."""
-    if depth == 0 or draw(st.integers(0, 5)) == 0:
-        return draw(st.one_of(st.sampled_from("xyz"), LITERALS))
-    form = draw(st.sampled_from(FORMS))
-    return form.format(*(draw(expressions(depth - 1)) for _ in range(form.count("{}"))))
 
 
 VALUES = st.lists(st.floats(-8, 100, width=16), min_size=6, max_size=6).map(np.array)

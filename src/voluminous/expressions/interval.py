@@ -6,6 +6,7 @@ chapters 2 and 5. Values that do not exist (``0/0``) are kept apart from the num
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -176,13 +177,12 @@ def outward(value: Array, toward: float, exact: Array) -> Array:
 def extremes(values: Iterable[Array]) -> tuple[Array, Array]:
     """Return the smallest and the largest of some arrays; NaN only where all of them are."""
     listed = list(values)
-    return np.fmin.reduce(listed), np.fmax.reduce(listed)
+    return functools.reduce(np.fmin, listed), functools.reduce(np.fmax, listed)
 
 
 def corners(a: Interval, b: Interval) -> list[tuple[Array, Array]]:
     """Return the four pairs of ends."""
-    pairs = ((a.lo, b.lo), (a.lo, b.hi), (a.hi, b.lo), (a.hi, b.hi))
-    return [tuple(np.broadcast_arrays(*pair)) for pair in pairs]
+    return [(a.lo, b.lo), (a.lo, b.hi), (a.hi, b.lo), (a.hi, b.hi)]
 
 
 def _hull(

@@ -1,26 +1,29 @@
-"""The operations of expressions on intervals: what values an expression can have in a box."""
+"""The operations of expressions on intervals: which values an expression can have in a box."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from .interval import Array, Interval, Truth, corners, extremes, outward
+from .interval import Array, Interval, Truth, corners, extremes
+from .interval_functions import (
+    angle_of,
+    enclosed,
+    from_zero,
+    increasing,
+    positive_power,
+    relative_loss,
+    tangent,
+    unknown_where,
+    wave,
+)
 from .ops import Ops
 
-_EPS = float(np.finfo(np.float64).eps)
-# What the functions of a library may lose, in ε: NumPy's 2, Dr.Jit's 4 (log10 and tanh), and twice
-# that, because values between the ends are rounded too.
-_LOSS = 16
-# Quotients from here on are not told from their neighbours by // and %.
-_LARGEST_QUOTIENT = 0.25 / _EPS
-# Dr.Jit overflows a little before NumPy.
-_OVERFLOW = 2.0**1023
-# More turns than this are NaN in Dr.Jit.
-_LARGEST_ANGLE = 1 / _EPS
+# From here on a quotient and its neighbours are hard to tell apart.
+_LARGEST_QUOTIENT = 0.25 / float(np.finfo(np.float64).eps)
 
 
 class IntervalOps(Ops):
@@ -71,63 +74,92 @@ class IntervalOps(Ops):
         ends = np.maximum(left.lo, right.lo), np.maximum(left.hi, right.hi)
         return Interval(*ends, left.nan | right.nan)
 
-    def exp(self, x: Interval) -> Interval:
-        """Return the exponential."""
-        return _increasing(np.exp, x, exact_at=0, least=0.0)
-
-    def tanh(self, x: Interval) -> Interval:
-        """Return the hyperbolic tangent."""
-        return _increasing(np.tanh, x, exact_at=0, least=-1.0, most=1.0)
-
-    def log(self, x: Interval) -> Interval:
-        """Return the natural logarithm; undefined for negative numbers."""
-        return _increasing(np.log, _from_zero(x), exact_at=1)
-
-    def log10(self, x: Interval) -> Interval:
-        """Return the logarithm to base 10; undefined for negative numbers."""
-        return _increasing(np.log10, _from_zero(x), exact_at=1)
-
-    def sqrt(self, x: Interval) -> Interval:
-        """Return the square root; undefined for negative numbers."""
-        return _increasing(np.sqrt, _from_zero(x), exact_at=0, least=0.0)
-
-    def sin(self, x: Interval) -> Interval:
-        """Return the sine."""
-        return _wave(np.sin, x, highest_at=0.5 * math.pi)
-
-    def cos(self, x: Interval) -> Interval:
-        """Return the cosine."""
-        return _wave(np.cos, x, highest_at=0.0)
-
-    def tan(self, x: Interval) -> Interval:
-        """Return the tangent; any number if there is a pole in the interval."""
-        lo, hi = np.tan(x.lo), np.tan(x.hi)
-        lo, hi = lo - _angle_loss(x.lo) * (1 + lo * lo), hi + _angle_loss(x.hi) * (1 + hi * hi)
-        anything = _meets(x, 0.5 * math.pi, math.pi) | ~(lo <= hi)
-        ends = np.where(anything, -np.inf, lo), np.where(anything, np.inf, hi)
-        return Interval(*ends, x.nan | (x.size > _LARGEST_ANGLE))
-
-    def atan2(self, y: Interval, x: Interval) -> Interval:
-        """Return the angle of the point (x, y); from -π to π if the box meets the branch cut."""
-        # Angles grow or shrink along each edge of a box that neither holds the origin nor is cut.
-        lo, hi = extremes(np.arctan2(first, second) for first, second in corners(y, x))
-        cut = y.contains(0) & (x.lo <= 0)
-        half_turn = np.nextafter(math.pi, np.inf)
-        ends = np.where(cut, -half_turn, lo), np.where(cut, half_turn, hi)
-        both_infinite = y.infinite & x.infinite
-        return _widened(*ends, y.nan | x.nan | both_infinite, least=-half_turn, most=half_turn)
+    def integer_power(self, base: Interval, exponent: int) -> Interval:
+        """Return a whole power; odd ones grow with the base, even ones are squares."""
+        if exponent < 3 or exponent % 2 == 0:
+            return super().integer_power(base, exponent)
+        low, high = (
+            end * self.integer_power(end, exponent - 1)
+            for end in (Interval(base.lo), Interval(base.hi))
+        )
+        return Interval(low.lo, high.hi, base.nan)
 
     def power(self, base: Interval, exponent: Interval) -> Interval:
         """Return base**exponent; undefined for a negative base unless the exponent is whole."""
-        found = _power_of_positive(abs(base), exponent)
         whole = (exponent.lo == exponent.hi) & (np.floor(exponent.lo) == exponent.lo)
-        odd = whole & (np.abs(np.remainder(exponent.lo, 2)) == 1)
-        raised = _power_of_positive(Interval(np.maximum(base.lo, 0), np.maximum(base.hi, 0)), exponent)
-        sunk = _power_of_positive(Interval(np.maximum(-base.hi, 0), np.maximum(-base.lo, 0)), exponent)
-        negative = base.lo < 0
-        lo = np.where(negative & ~whole, -found.hi, found.lo)
-        raise NotImplementedError
+        odd = whole & (np.remainder(exponent.lo, 2) == 1)
+        up = positive_power(Interval(np.maximum(base.lo, 0), np.maximum(base.hi, 0)), exponent)
+        down = positive_power(Interval(np.maximum(-base.hi, 0), np.maximum(-base.lo, 0)), exponent)
+        down = self.where(Truth(~odd, ~whole | odd), down, -down)
+        down = Interval(down.lo, down.hi, ~whole)
+        found = self.where(Truth(base.hi >= 0, base.lo < 0), up, down)
+        # The reciprocal of a zero is of its sign, which ends do not tell, unless it is squared.
+        anything = base.contains(0) & (exponent.lo < 0) & ~(whole & ~odd)
+        return unknown_where(anything, found, found.nan | base.nan | exponent.nan)
+
+    def floor_divide(self, left: Interval, right: Interval) -> Interval:
+        """Return the quotient rounded down; undefined for an infinite numerator."""
+        lo, hi = extremes(_whole_quotient(*ends) for ends in corners(left, right))
+        found = enclosed((lo, hi), (_quotient_loss(lo), _quotient_loss(hi)))
+        by_zero = right.contains(0)
+        undefined = left.nan | right.nan | left.infinite | (by_zero & left.contains(0))
+        return unknown_where(by_zero, found, undefined)
+
+    def remainder(self, left: Interval, right: Interval) -> Interval:
+        """Return the remainder, which lies between zero and the divisor."""
+        quotient = self.floor_divide(left, right)
+        same = quotient.lo == quotient.hi
+        rest = left - Interval(quotient.lo) * right
+        lo, hi = np.minimum(right.lo, 0), np.maximum(right.hi, 0)
+        lo = np.where(same, np.clip(rest.lo, lo, hi), lo)
+        hi = np.where(same, np.clip(rest.hi, lo, hi), hi)
+        undefined = left.nan | right.nan | left.infinite | right.contains(0)
+        return unknown_where(quotient.size > _LARGEST_QUOTIENT, Interval(lo, hi), undefined)
+
+    def exp(self, x: Interval) -> Interval:
+        """Return the exponential."""
+        return increasing(np.exp, x, exact_at=0, least=0.0)
+
+    def tanh(self, x: Interval) -> Interval:
+        """Return the hyperbolic tangent."""
+        return increasing(np.tanh, x, exact_at=0, least=-1.0, most=1.0)
+
+    def log(self, x: Interval) -> Interval:
+        """Return the natural logarithm; undefined for negative numbers."""
+        return increasing(np.log, from_zero(x), exact_at=1)
+
+    def log10(self, x: Interval) -> Interval:
+        """Return the logarithm to base 10; undefined for negative numbers."""
+        return increasing(np.log10, from_zero(x), exact_at=1)
+
+    def sqrt(self, x: Interval) -> Interval:
+        """Return the square root; undefined for negative numbers."""
+        return increasing(np.sqrt, from_zero(x), exact_at=0, least=0.0)
+
+    def sin(self, x: Interval) -> Interval:
+        """Return the sine."""
+        return wave(np.sin, x, highest_at=0.5 * math.pi)
+
+    def cos(self, x: Interval) -> Interval:
+        """Return the cosine."""
+        return wave(np.cos, x, highest_at=0.0)
+
+    def tan(self, x: Interval) -> Interval:
+        """Return the tangent; all numbers if there may be a pole in the interval."""
+        return tangent(x)
+
+    def atan2(self, y: Interval, x: Interval) -> Interval:
+        """Return the angle of the point (x, y); from -π to π if the box meets the branch cut."""
+        return angle_of(y, x)
 
 
 def _choices(mask: Truth, chosen: Array, otherwise: Array) -> list[Array]:
     return [np.where(mask.true, chosen, np.nan), np.where(mask.false, otherwise, np.nan)]
+
+
+def _whole_quotient(left: Array, right: Array) -> Array:
+    return np.where(np.isfinite(left), np.floor_divide(left, right), left / right)
+
+
+def _quotient_loss(quotient: Array) -> Array:
+    return np.where(np.abs(quotient) < _LARGEST_QUOTIENT, 0, relative_loss(quotient))

@@ -124,7 +124,7 @@ class Scene:
         Image
             Its provenance holds the scene: ``Scene.load`` of the saved image gives it back.
         """
-        from ..render import render
+        from ..rendering import render
 
         options = {**self.render_options, **overrides}
         background = options.get("background")

@@ -86,14 +86,17 @@ def build_camera(section: Mapping[str, Any]) -> Any:
         try:
             return make.looking(**arguments(make.looking, own, _CAMERA), **given)
         except TypeError as error:
-            raise InputError(f"view_direction does not go with the other keys: {error}") from error
+            raise InputError(
+                "view_direction takes the place of angles and target; leave those out, got also "
+                + ", ".join(others)
+            ) from error
 
 
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments of `render` in ``[render]``."""
     from ..backend.device import DEVICES, PRECISIONS
-    from ..render import render
-    from ..render.options import ORDERS, check_cutoff
+    from ..rendering import render
+    from ..rendering.options import ORDERS, check_cutoff
     from ..schemes import SCHEMES
 
     known = {

@@ -71,7 +71,9 @@ def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
 
 
 def _is_array_of_tables(content: Any) -> bool:
-    return isinstance(content, list) and bool(content) and all(isinstance(c, Mapping) for c in content)
+    return (
+        isinstance(content, list) and bool(content) and all(isinstance(c, Mapping) for c in content)
+    )
 
 
 def _key(key: str) -> str:

@@ -1,0 +1,77 @@
+"""The command ``voluminous``: one file per subcommand, each with `add_arguments` and `run`.
+
+Nothing heavy is imported until a command runs, so that ``--help`` is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+
+from .. import __version__
+from ..errors import VoluminousError
+from . import demo, doctor, info, render
+
+COMMANDS: dict[str, ModuleType] = {"demo": demo, "render": render, "info": info, "doctor": doctor}
+
+FAILED, INTERRUPTED = 2, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; by default those of the process.
+
+    Returns
+    -------
+    int
+        0 if all went well, 1 if `doctor` found something, 2 after an error, 130 after Ctrl-C.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal without the characters shows question marks instead of failing.
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    args = parser().parse_args(argv)
+    try:
+        code = int(COMMANDS[args.command].run(args))
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        print("voluminous: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Who read our output (head, less) has gone: nothing more to say, also not on exit.
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except (VoluminousError, OSError, MemoryError) as error:
+        if args.traceback:
+            raise
+        print(f"voluminous: error: {str(error) or type(error).__name__}", file=sys.stderr)
+        return FAILED
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    top = argparse.ArgumentParser(
+        prog="voluminous",
+        description="Physically based volume rendering: pictures from 3-D data.",
+        epilog="Start with: voluminous demo",
+    )
+    top.add_argument("--version", action="version", version=f"voluminous {__version__}")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, module in COMMANDS.items():
+        summary = (module.__doc__ or "").strip().splitlines()[0]
+        sub = commands.add_parser(name, help=summary, description=summary)
+        module.add_arguments(sub)
+        sub.add_argument(
+            "--traceback", action="store_true", help="show where in the program an error happened"
+        )
+    return top

@@ -1,0 +1,78 @@
+"""What several commands share: options of rendering, and how results are told."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..image import Image
+    from ..scene import Scene
+
+
+def add_render_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that replace those of ``[render]`` in a scene.
+
+    They are not checked here, so that asking for help imports no renderer.
+    """
+    parser.add_argument("--scheme", help="first-order, second-order (default) or olson-kunasz")
+    parser.add_argument("--precision", help="single (default) or double")
+    parser.add_argument("--device", help="auto (default), cpu, cuda or metal")
+    parser.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+
+
+def given_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the changes to a scene that the options ask for."""
+    names = ("scheme", "precision", "device")
+    return {f"render.{n}": getattr(args, n) for n in names if getattr(args, n) is not None}
+
+
+def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
+    """Render with a progress bar on a terminal; return the image and the seconds it took."""
+    from ..progress import progress_bar
+
+    start = time.perf_counter()
+    with progress_bar(label, show=False if quiet else None) as progress:
+        image = scene.render(progress=progress)
+    return image, time.perf_counter() - start
+
+
+def check_output(path: Path) -> Path:
+    """Refuse, before any work, a file that cannot be written in the end.
+
+    Raises
+    ------
+    UnknownNameError
+        If its suffix stands for no image format.
+    InputError
+        If there is no such directory, or it is one itself.
+    """
+    from ..image.formats import format_of
+
+    format_of(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; give the name of a file in it")
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"the directory {path.parent} does not exist; create it first")
+    return path
+
+
+def told(image: Image, seconds: float) -> str:
+    """Return size, scheme, precision, device and time of a picture in words."""
+    ny, nx, channels = image.shape
+    how = image.provenance or {}
+    return (
+        f"{nx} x {ny} pixels, {channels} channel{'s' * (channels > 1)}, {how.get('scheme')}, "
+        f"{how.get('precision')} precision, {how.get('device')}, {seconds:.2f} s"
+    )
+
+
+def say(quiet: bool, *lines: str) -> None:
+    """Print lines unless told to be quiet."""
+    if not quiet:
+        print(*lines, sep="\n", file=sys.stdout, flush=True)
