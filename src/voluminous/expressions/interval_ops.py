@@ -158,7 +158,10 @@ def _choices(mask: Truth, chosen: Array, otherwise: Array) -> list[Array]:
 
 
 def _whole_quotient(left: Array, right: Array) -> Array:
-    return np.where(np.isfinite(left), np.floor_divide(left, right), left / right)
+    # NumPy has no quotient of an infinite numerator, of which only the limit matters here.
+    quotient = np.where(np.isinf(left), left / right, np.floor_divide(left, right))
+    same_sign = np.signbit(left) == np.signbit(right)
+    return np.where(np.isinf(left) & np.isinf(right), np.where(same_sign, 0, -1), quotient)
 
 
 def _quotient_loss(quotient: Array) -> Array:

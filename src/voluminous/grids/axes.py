@@ -88,15 +88,13 @@ class Axis:
         It is compared with the edges themselves: a ray that runs within rounding of a wall stays
         on its side. On a wall it is the cell the ray heads into; parallel to it, the upper one.
         """
-        guess = self._guess(coordinate)
-        low = dr.gather(self.backend.Wide, self.edges, self.backend.UInt(guess))
-        high = dr.gather(self.backend.Wide, self.edges, self.backend.UInt(guess + 1))
-        below = dr.select(side.down, coordinate <= low, coordinate < low)
-        above = dr.select(side.down, coordinate > high, coordinate >= high)
-        shifted = guess + dr.select(above, 1, 0) - dr.select(below, 1, 0)
-        return dr.clip(shifted, 0, self.last_cell)
+        wall = self._wall_near(side, coordinate)
+        edge = dr.gather(self.backend.Wide, self.edges, self.backend.UInt(wall))
+        below = (coordinate < edge) | ((coordinate == edge) & side.down)
+        return dr.clip(dr.select(below, wall - 1, wall), 0, self.last_cell)
 
-    def _guess(self, coordinate: Any) -> Any:
+    def _wall_near(self, side: Side, coordinate: Any) -> Any:
+        """Return the number of a wall that bounds the cell of `coordinate`."""
         raise NotImplementedError
 
     def _pace(self, side: Side) -> tuple[Any, Any]:
@@ -114,9 +112,9 @@ class UniformAxis(Axis):
     def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
         super().__init__(edges, (edges[-1] - edges[0]) / (len(edges) - 1), scale, backend)
 
-    def _guess(self, coordinate: Any) -> Any:
-        cells = (coordinate - self.low) * self.inverse_unit
-        return dr.clip(self.backend.Int(dr.floor(cells)), 0, self.last_cell)
+    def _wall_near(self, side: Side, coordinate: Any) -> Any:
+        cells = dr.round((coordinate - self.low) * self.inverse_unit)
+        return dr.clip(self.backend.Int(cells), 0, self.last_cell + 1)
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
@@ -146,14 +144,13 @@ class RectilinearAxis(Axis):
         self.inverse_width = backend.Float((1.0 / widths).astype(kind))
         self.down_table = dr.opaque(backend.UInt, self.count + 1)
 
-    def _guess(self, coordinate: Any) -> Any:
-        Wide = self.backend.Wide
-        first_above = first_true(
+    def _wall_near(self, side: Side, coordinate: Any) -> Any:
+        above = first_true(
             self.count,
             self.backend.UInt,
-            lambda k: dr.gather(Wide, self.edges, k) > coordinate,
+            lambda k: dr.gather(self.backend.Wide, self.edges, k) > coordinate,
         )
-        return dr.clip(self.backend.Int(first_above) - 1, 0, self.last_cell)
+        return dr.maximum(self.backend.Int(above) - 1, 0)
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""

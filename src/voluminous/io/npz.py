@@ -72,6 +72,15 @@ class NPZReader(NamedArraysReader):
                     np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
 
 
+def holds_image(path: Path) -> bool:
+    """Return True for an archive that `Image.save` wrote; False for anything else."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return set(archive.namelist()) >= _IMAGE
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
 def _entry(archive: zipfile.ZipFile, member: str) -> Entry:
     with archive.open(member) as file:
         shape, _, dtype = header(file)

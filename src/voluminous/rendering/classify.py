@@ -72,9 +72,9 @@ class Classifier:
 
     def coordinates(self, first: int, count: int) -> dict[str, Any]:
         """Return the coordinates of consecutive cells' centres."""
-        UInt, Wide = self.backend.UInt, self.backend.Wide
+        UInt = self.backend.UInt
         lane = dr.arange(UInt, count) + dr.opaque(UInt, first)
-        return cell_coordinates(self.grid, lane, Wide, UInt)
+        return cell_coordinates(self.grid, lane, self.backend)
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
         """Raise the error that names the first cell with unusable coefficients.
@@ -106,14 +106,16 @@ class Classifier:
         )
 
 
-def cell_coordinates(grid: Any, cell: Any, real: Any, UInt: Any) -> dict[str, Any]:
+def cell_coordinates(grid: Any, cell: Any, backend: Any) -> dict[str, Any]:
     """Return the coordinates of cell centres, from flat cell numbers (traced)."""
-    _, ny, nz = grid.shape
-    row = cell // dr.opaque(UInt, nz)
-    index = (row // dr.opaque(UInt, ny), row % dr.opaque(UInt, ny), cell - row * dr.opaque(UInt, nz))
+    UInt, Wide = backend.UInt, backend.Wide
+    ny, nz = (dr.opaque(UInt, n) for n in grid.shape[1:])
+    row = backend.quotient(cell, nz)
+    i = backend.quotient(row, ny)
+    index = (i, row - i * ny, cell - row * nz)
     values = {
-        name: dr.gather(real, real(np.ascontiguousarray(centers)), i)
-        for name, centers, i in zip("xyz", grid.centers, index, strict=True)
+        name: dr.gather(Wide, Wide(np.ascontiguousarray(centers)), k)
+        for name, centers, k in zip("xyz", grid.centers, index, strict=True)
     }
     values["r"] = dr.sqrt(sum(values[name] * values[name] for name in "xyz"))
     return values

@@ -27,14 +27,14 @@ class OnRay:
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
         """Return j and α of a cell."""
-        Wide, UInt = self.backend.Wide, self.backend.UInt
+        Wide = self.backend.Wide
         grid = self.classifier.grid
         values = {
             name: Wide(dr.gather(type(data), data, cell, active))
             for name, data in self.fields.items()
         }
         if len(values) < len(self.names):
-            values = {**cell_coordinates(grid, cell, Wide, UInt), **values}
+            values = {**cell_coordinates(grid, cell, self.backend), **values}
         found = self.classifier.medium.coefficients(values, self.classifier.context(Wide))
         scale = self.backend.wide(grid.scale)
         alpha = [a * scale for a in found.extinction]

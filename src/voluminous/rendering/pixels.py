@@ -25,11 +25,12 @@ class PixelOrder:
         """Number of lanes, those beyond the image's edges included."""
         return self.columns * self.rows * BLOCK * BLOCK
 
-    def pixel(self, lane: Any, UInt: Any) -> tuple[Any, Any, Any]:
+    def pixel(self, lane: Any, backend: Any) -> tuple[Any, Any, Any]:
         """Return pixel indices x and y of lanes, and which lanes are pixels (traced)."""
         within, block = lane & (BLOCK * BLOCK - 1), lane >> (2 * _BITS)
+        UInt = backend.UInt
         columns = dr.opaque(UInt, self.columns)
-        row = block // columns
+        row = backend.quotient(block, columns)
         x = (block - row * columns) * BLOCK + _every_second_bit(within)
         y = row * BLOCK + _every_second_bit(within >> 1)
         return x, y, (x < dr.opaque(UInt, self.nx)) & (y < dr.opaque(UInt, self.ny))

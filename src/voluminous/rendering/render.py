@@ -146,7 +146,7 @@ class _Job:
         for first in range(0, lanes, batch):
             lane = dr.arange(backend.UInt, min(batch, lanes - first))
             lane += dr.opaque(backend.UInt, first)
-            x, y, there = order.pixel(lane, backend.UInt)
+            x, y, there = order.pixel(lane, backend)
             path, early = self._pixels(walk, source, ending, x, y, there)
             numbers = path.emission + path.transparency + path.depth
             target = y * dr.opaque(backend.UInt, nx) + x

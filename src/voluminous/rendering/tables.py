@@ -130,11 +130,12 @@ def _means(
     first, last = layers
     Int, Float = backend.Int, backend.Float
     lane = dr.arange(backend.UInt, (last - first) * (ny + 1) * (nz + 1))
-    row = lane // dr.opaque(backend.UInt, nz + 1)
-    k = Int(lane - row * (nz + 1))
-    i = Int(row // dr.opaque(backend.UInt, ny + 1))
-    j = Int(row) - i * (ny + 1)
-    i += first
+    row = backend.quotient(lane, dr.opaque(backend.UInt, nz + 1))
+    k = Int(lane) - Int(row) * dr.opaque(Int, nz + 1)
+    i = Int(backend.quotient(row, dr.opaque(backend.UInt, ny + 1)))
+    j = Int(row) - i * dr.opaque(Int, ny + 1)
+    i += dr.opaque(Int, first)
+    nx, ny, nz, low = (dr.opaque(Int, n) for n in (nx, ny, nz, low))
     total = [Float(0)] * (cells.channels + cells.extinctions)
     number = Float(0)
     for corner in range(8):

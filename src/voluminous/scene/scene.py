@@ -149,7 +149,7 @@ class Scene:
         ----------
         changes : mapping
             Places and values, such as ``{"camera.incl": 40, "medium.2.opacity": 0.3}``; media
-            count from 1.
+            count from 1. A place without a dot is a whole section.
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Scene:
         for place, value in changes.items():
             _set(settings, place, value)
         changed = Scene(settings, self.directory)
-        if settings.get("volume") == self.to_dict()["volume"]:
+        if changed._settings["volume"] == self._settings["volume"]:
             changed._volume = self._volume
         return changed
 
@@ -241,12 +241,11 @@ def _plain_values(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _set(settings: dict[str, Any], place: str, value: Any) -> None:
-    """Set the value at a place such as ``medium.1.color``; the last key may be new."""
+    """Set the value at a place such as ``medium.1.color``; its last part may be new."""
     *path, last = place.split(".")
-    if not path:
-        raise InputError(f"{place!r} names no value in a section, such as 'camera.incl'")
-    if path[0] not in SECTIONS:
-        raise unknown_name("section", path[0], SECTIONS)
+    section = path[0] if path else last
+    if section not in SECTIONS:
+        raise unknown_name("section", section, SECTIONS)
     table: Any = settings
     for step, key in enumerate(path):
         if isinstance(table, list):

@@ -62,7 +62,7 @@ def _lines(table: Mapping[str, Any], path: str) -> Iterator[str]:
     tables = {k: v for k, v in table.items() if isinstance(v, Mapping) or _is_array_of_tables(v)}
     for key, content in table.items():
         if key not in tables:
-            yield f"{_key(key)} = {_inline(content)}"
+            yield f"{_key(key)} = {inline(content)}"
     for key, content in tables.items():
         inner = f"{path}{_key(key)}"
         for one in content if isinstance(content, list) else [content]:
@@ -80,7 +80,8 @@ def _key(key: str) -> str:
     return key if _BARE_KEY.fullmatch(key) else _text(key)
 
 
-def _inline(content: Any) -> str:
+def inline(content: Any) -> str:
+    """Return a value as it stands behind ``key =``."""
     if isinstance(content, bool):
         return "true" if content else "false"
     if isinstance(content, (int, float)):
@@ -88,9 +89,9 @@ def _inline(content: Any) -> str:
     if isinstance(content, str):
         return _text(content)
     if isinstance(content, (list, tuple)):
-        return f"[{', '.join(_inline(v) for v in content)}]"
+        return f"[{', '.join(inline(v) for v in content)}]"
     if isinstance(content, Mapping):
-        return "{" + ", ".join(f"{_key(k)} = {_inline(v)}" for k, v in content.items()) + "}"
+        return "{" + ", ".join(f"{_key(k)} = {inline(v)}" for k, v in content.items()) + "}"
     raise InputError(f"a scene file cannot hold {content!r}")
 
 

@@ -1,0 +1,168 @@
+"""Check that everything voluminous needs works here, and say what to do if not."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import math
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from ..errors import DeviceError, MissingPackageError, VoluminousError
+
+# A slab of constant coefficients is exact in every scheme: what is left is rounding.
+_TOLERANCE = {"single": 1e-6, "double": 1e-13}
+_EMISSIVITY, _EXTINCTION, _THICKNESS = 2.0, 0.7, 1.5
+_CACHE_VARIABLE = "DRJIT_CACHE_DIR"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of this command: there are none."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the findings; return 1 if something is wrong."""
+    failed = [name for name, check in CHECKS.items() if not _examine(name, check)]
+    if failed:
+        print(f"\nWrong: {', '.join(failed)}. The lines above say what to do.")
+        return 1
+    print("\nAll is well. Next: voluminous demo")
+    return 0
+
+
+def _examine(name: str, check: Callable[[], Iterator[str]]) -> bool:
+    """Print what a check finds, and return True if nothing is wrong."""
+    title = name
+    try:
+        for line in check():
+            print(f"{title:9} {line}", flush=True)
+            title = ""
+    except Exception as error:  # whatever is broken, the other checks go on
+        kind = "" if isinstance(error, VoluminousError) else f"{type(error).__name__}: "
+        print(f"{title:9} WRONG: {kind}{error}", flush=True)
+        return False
+    return True
+
+
+def _system() -> Iterator[str]:
+    import psutil
+
+    yield f"Python {platform.python_version()}, {platform.platform()}"
+    yield sys.executable
+    memory = psutil.virtual_memory()
+    yield f"memory {memory.available / 2**30:.1f} GiB free of {memory.total / 2**30:.1f} GiB"
+
+
+def _packages() -> Iterator[str]:
+    """Yield the versions of all that voluminous requires."""
+    from packaging.requirements import Requirement
+
+    distribution = importlib.metadata.distribution("voluminous")
+    yield f"voluminous {distribution.version}"
+    for requirement in map(Requirement, distribution.requires or []):
+        if requirement.marker is not None and not requirement.marker.evaluate({"extra": ""}):
+            continue
+        name = requirement.name
+        try:
+            version = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            raise MissingPackageError(f"{name} is missing: pip install '{requirement}'") from None
+        if not requirement.specifier.contains(version, prereleases=True):
+            raise MissingPackageError(
+                f"{name} {version} is too old: pip install --upgrade '{requirement}'"
+            )
+        yield f"{name} {version}"
+
+
+def _llvm() -> Iterator[str]:
+    from ..llvm import VARIABLE, ensure_llvm
+
+    ensure_llvm()
+    yield os.environ[VARIABLE]
+    from ..backend import get_backend, llvm_version
+
+    get_backend("cpu")
+    yield f"LLVM {'.'.join(map(str, llvm_version() or ()))}"
+
+
+def _devices() -> Iterator[str]:
+    from ..backend import available_devices, dr
+
+    devices = available_devices()
+    if not devices:
+        raise DeviceError("no device works; see the line on LLVM")
+    yield f"{', '.join(devices)}; {dr.thread_count()} threads, {os.cpu_count()} CPUs"
+
+
+def _cache() -> Iterator[str]:
+    """Yield where compiled kernels are kept; without it every process compiles again."""
+    folder = _cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise DeviceError(
+            f"compiled kernels cannot be kept in {folder} ({error.strerror}), so every process "
+            f"compiles again: set {_CACHE_VARIABLE} to a directory you may write to"
+        ) from error
+    yield str(folder)
+
+
+def _cache_folder() -> Path:
+    """Return the folder that Dr.Jit takes."""
+    chosen = os.environ.get(_CACHE_VARIABLE)
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "win32":
+        return Path(tempfile.gettempdir()) / "drjit"
+    return Path.home() / ".drjit"
+
+
+def _rays() -> Iterator[str]:
+    """Yield how far rays through a slab are from j/α (1 - exp(-α L)), on all devices."""
+    from ..backend import available_devices
+    from ..schemes import SCHEMES
+
+    for device in available_devices():
+        for precision, tolerance in _TOLERANCE.items():
+            if (device, precision) == ("metal", "double"):
+                continue
+            error = max(_slab_error(device, precision, scheme) for scheme in SCHEMES)
+            if not error <= tolerance:
+                raise DeviceError(
+                    f"rays on {device!r} in {precision} precision are off by {error:.1e}, more "
+                    f"than {tolerance:.0e}: another LLVM (or driver) may help; please report this"
+                )
+            yield f"{device}, {precision} precision: right to {error:.0e} (slab, all schemes)"
+
+
+def _slab_error(device: str, precision: str, scheme: str) -> float:
+    """Return the relative error of one ray through a homogeneous slab."""
+    from ..cameras import Orthographic
+    from ..media import Coefficients
+    from ..models import uniform_slab
+    from ..rendering import render
+
+    slab = uniform_slab(_EMISSIVITY, _EXTINCTION, _THICKNESS)
+    camera = Orthographic(width=0.5, resolution=1)
+    image = render(
+        slab, Coefficients("j", "a"), camera, scheme=scheme, precision=precision, device=device
+    )
+    expected = _EMISSIVITY / _EXTINCTION * -math.expm1(-_EXTINCTION * _THICKNESS)
+    return abs(float(image.intensity[0, 0, 0]) / expected - 1.0)
+
+
+CHECKS: dict[str, Callable[[], Iterator[str]]] = {
+    "system": _system,
+    "packages": _packages,
+    "LLVM": _llvm,
+    "devices": _devices,
+    "cache": _cache,
+    "rays": _rays,
+}
+"""What is looked at, in this order; each yields lines, and raises if something is wrong."""

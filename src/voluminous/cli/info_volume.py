@@ -1,0 +1,105 @@
+"""What `voluminous info` tells of a volume file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import VoluminousError
+from .statistics import Statistics, histogram, numbers, statistics
+
+if TYPE_CHECKING:
+    from ..io import FieldInfo
+    from ..volume import Volume
+
+# A field whose greatest value is so many times its least is looked at logarithmically.
+_WIDE = 1e3
+# Chosen to look well: this part of the volume's width has optical depth one.
+_PART = 4
+
+
+def describe_volume(path: Path) -> Iterator[str]:
+    """Yield lines about a volume file; one field at a time is in memory."""
+    from ..io import find_reader
+    from ..io.guard import reading
+
+    reader = find_reader(path)
+    with reading(path, reader.description):
+        fields = reader.info(path)
+    yield f"{path}: {reader.description}, {_size(path)}"
+    start: list[str] = []
+    for number, field in enumerate(fields):
+        try:
+            lines, scene = _field(path, field, first=number == 0)
+        except VoluminousError as error:
+            lines, scene = [f"{_title(field)}", f"  cannot be read: {error}"], []
+        yield from lines
+        start = start or scene
+    if not fields:
+        yield "It holds no three-dimensional array of numbers."
+    if start:
+        yield "To see it, save this as scene.toml and type: voluminous render scene.toml"
+        yield ""
+        yield from start
+
+
+def _field(path: Path, field: FieldInfo, first: bool) -> tuple[list[str], list[str]]:
+    """Return lines about a field, and a scene to look at it with."""
+    from ..io import open as open_volume
+
+    volume = open_volume(path, {field.name: field.place})
+    found = statistics(volume.array(field.name))
+    lines = [*(_grid(volume) if first else ()), "", _title(field), f"  {numbers(found)}"]
+    if found.finite:
+        logarithmic = found.least > 0 and found.greatest > _WIDE * found.least
+        bars = histogram(volume.array(field.name), found, logarithmic)
+        lines.append(f"  {bars}  {'logarithmic' if logarithmic else 'linear'}")
+    lines.append("")
+    return lines, _scene(path, field, volume, found) if found.least < found.greatest else []
+
+
+def _grid(volume: Volume) -> Iterator[str]:
+    grid = volume.grid.describe()
+    kind = "uniform" if grid.get("uniform") else "not uniform"
+    yield f"grid: {grid['type']}, {' x '.join(map(str, grid['shape']))} cells, {kind}"
+    for axis, (low, high) in zip("xyz", grid["bounds"], strict=False):
+        yield f"  {axis}  {low:g} … {high:g} {grid['unit']}".rstrip()
+
+
+def _title(field: FieldInfo) -> str:
+    place = "" if field.place == field.name else f" at {field.place}"
+    shape = " x ".join(map(str, field.shape))
+    return f"{field.name}{place}: {field.dtype}, {shape}, {field.unit or 'no unit'}"
+
+
+def _scene(path: Path, field: FieldInfo, volume: Volume, found: Statistics) -> list[str]:
+    """Return a scene that shows a field through a colour table."""
+    import math
+
+    from ..scene.toml import dumps
+
+    wide = found.least > 0 and found.greatest > _WIDE * found.least
+    low, high = found.least, found.greatest
+    widest = float(max(b - a for a, b in volume.grid.bounds))
+    medium: dict[str, Any] = {
+        "type": "colormap",
+        "expr": f"log10({field.name})" if wide else field.name,
+        "cmap": "inferno",
+        "vmin": math.log10(low) if wide else low,
+        "vmax": math.log10(high) if wide else high,
+        "opacity": 1.0,
+        "path_length": widest / _PART,
+    }
+    fields = {field.name: field.place}
+    scene = {"volume": {"path": str(path), "fields": fields}, "medium": [medium]}
+    return dumps({**scene, "camera": {"incl": 60, "phi": 30}}).splitlines()
+
+
+def _size(path: Path) -> str:
+    size = float(path.stat().st_size)
+    for unit in ("bytes", "KiB", "MiB", "GiB"):
+        if size < 1024 or unit == "GiB":
+            break
+        size /= 1024
+    return f"{size:.4g} {unit}"
