@@ -44,7 +44,36 @@ _PUBLIC = {
 }
 _MODULES = ("io", "math", "models")
 
-__all__ = [*_PUBLIC, *_MODULES, "__version__"]  # noqa: PLE0604
+__all__ = [
+    "CartesianGrid",
+    "Coefficients",
+    "Colormap",
+    "DeviceError",
+    "Expression",
+    "ExpressionError",
+    "FileFormatError",
+    "Gaussian",
+    "Image",
+    "InputError",
+    "Medium",
+    "MemoryNeededError",
+    "MissingPackageError",
+    "Orthographic",
+    "Perspective",
+    "Rectangle",
+    "Scene",
+    "Table",
+    "UnitsError",
+    "UnknownNameError",
+    "Volume",
+    "VoluminousError",
+    "__version__",
+    "io",
+    "math",
+    "models",
+    "open",
+    "render",
+]
 
 if TYPE_CHECKING:
     from . import io, math, models

@@ -84,8 +84,8 @@ def check_llvm() -> None:
         name = ".".join(map(str, version))
         raise DeviceError(
             f"Dr.Jit loaded LLVM {name}, which is too old (it miscompiles or aborts); version "
-            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL} and import "
-            "voluminous before drjit"
+            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL} and "
+            "import voluminous before drjit"
         )
 
 

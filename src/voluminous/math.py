@@ -10,8 +10,28 @@ from typing import Any
 
 from .errors import unknown_name
 
-_SAME = ("exp", "log", "log2", "sqrt", "sin", "cos", "tan", "tanh", "sinh", "cosh", "abs", "floor",
-         "ceil", "minimum", "maximum", "clip", "fma", "erf", "atan2", "power")
+_SAME = (
+    "exp",
+    "log",
+    "log2",
+    "sqrt",
+    "sin",
+    "cos",
+    "tan",
+    "tanh",
+    "sinh",
+    "cosh",
+    "abs",
+    "floor",
+    "ceil",
+    "minimum",
+    "maximum",
+    "clip",
+    "fma",
+    "erf",
+    "atan2",
+    "power",
+)
 
 __all__ = ["log10", "where", *_SAME]
 

@@ -27,8 +27,8 @@ class Volume:
     fields : mapping, optional
         Names and arrays, as an alternative to keywords (for names that are no identifiers).
     **named : array_like or Quantity
-        Cell-centred arrays of the grid's shape, index ``[ix, iy, iz]``: float32, float64, integer or
-        boolean, with or without a unit. A vector is three fields ``velocity_x``, ``velocity_y``,
+        Cell-centred arrays of the grid's shape, index ``[ix, iy, iz]``: float32, float64, integer
+        or boolean, with or without a unit. A vector is three fields ``velocity_x``, ``velocity_y``,
         ``velocity_z``. Arrays are not copied if they are C-contiguous.
 
     Raises
@@ -132,8 +132,8 @@ class Volume:
         Parameters
         ----------
         expression : str or Expression
-            May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from the
-            origin, in the volume's unit.
+            May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from
+            the origin, in the volume's unit.
 
         Raises
         ------
@@ -199,7 +199,7 @@ class Volume:
 
     def __repr__(self) -> str:
         listed = ", ".join(
-            f"{name} ({array.dtype}{', ' + unit_name(self._units[name]) if self._units[name] else ''})"
+            f"{name} ({' '.join((str(array.dtype), unit_name(self._units[name]))).strip()})"
             for name, array in self._fields.items()
         )
         return f"<Volume on {self.grid!r}: {listed or 'no fields'}>"

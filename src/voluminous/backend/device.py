@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeviceError, InputError, unknown_name
-from .jit import dr, missing_llvm
 from ..llvm import check_llvm
+from .jit import dr, missing_llvm
 
 PRECISIONS = ("single", "double")
 DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .jit import dr
 import numpy as np
+
+from .jit import dr
 
 # Cody & Waite split of ln 2: n·LN2_HIGH is exact for the n that occur, in either precision.
 _LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
@@ -95,7 +96,7 @@ def power_of_two(n: Any) -> Any:
     """Return 2 to a whole number within the exponent range, by building its bits."""
     real = type(n)
     single = precision_of(real) == "single"
-    integer = dr.int32_array_t(real) if single else dr.int64_array_t(real)
+    integer: Any = dr.int32_array_t(real) if single else dr.int64_array_t(real)
     bias, shift = (127, 23) if single else (1023, 52)
     return dr.reinterpret_array(real, (integer(n) + bias) << shift)
 

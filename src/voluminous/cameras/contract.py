@@ -108,7 +108,9 @@ def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, f
     """
     size = np.atleast_1d(np.asarray(width, dtype=np.float64))
     if size.shape not in ((1,), (2,)) or not np.all(np.isfinite(size)) or size.min() <= 0:
-        raise InputError(f"{what} must be a positive number or a pair (w, h) of them, got {width!r}")
+        raise InputError(
+            f"{what} must be a positive number or a pair (w, h) of them, got {width!r}"
+        )
     if size.shape == (2,):
         return float(size[0]), float(size[1])
     nx, ny = pixels

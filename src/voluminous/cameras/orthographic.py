@@ -89,7 +89,7 @@ class Orthographic(Camera):
         return cls(incl, phi, posang, **options)
 
     def frame(self, grid: Any) -> Frame:
-        """Return pixels and vectors for a grid: centre, image axes, direction away from the camera."""
+        """Return pixels and vectors for a grid: centre, image axes, direction of view."""
         bounds = grid.bounds
         middle = bounds.mean(axis=1)
         center = middle if self.center is None else point(self.center, grid.unit, "center")
@@ -116,7 +116,9 @@ class Orthographic(Camera):
         for name in ("width", "center"):
             if getattr(self, name) is not None:
                 told[name] = described(getattr(self, name))
-        if is_quantity(self.shift) or any(np.asarray(plain(self.shift, unit_of(self.shift), "shift"))):
+        if is_quantity(self.shift) or any(
+            np.asarray(plain(self.shift, unit_of(self.shift), "shift"))
+        ):
             told["shift"] = described(self.shift)
         return told
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..backend import dr
 import numpy as np
 
+from ..backend import dr
 from ..errors import InputError, unknown_name
 from ..grids.contract import Ray
-from ..units import degrees, is_quantity, plain, radians
+from ..units import degrees, is_quantity, radians
 from .contract import Camera, Frame, pixel_counts, plane_size
 from .lengths import described, point, vector_of
 from .rotation import angles_towards, image_axes, position_angle
@@ -31,7 +31,7 @@ class Perspective(Camera):
     fov : float or Quantity, optional
         Angle across the (longer side of the) image; plain numbers are degrees. Default 45.
     width : float, Quantity or pair of them, optional
-        Size of the image in radians as RADMC-3D's ``sizeradian`` has it, instead of `fov`: on a flat
+        Size of the image in radians as RADMC-3D's ``sizeradian``, instead of `fov`: on a flat
         screen at unit distance, or along the dome.
     up : three floats, optional
         The direction that points upwards in the image; z by default.
@@ -122,9 +122,7 @@ class Perspective(Camera):
             q = dr.sqrt(u * u + v * v)
             sinc = dr.select(q > 0, dr.sin(q) / dr.select(q > 0, q, 1.0), 1.0)
             across, along, back = u * sinc, v * sinc, dr.cos(q)
-        direction = [
-            across * x + along * y - back * z for x, y, z in zip(ex, ey, ez, strict=True)
-        ]
+        direction = [across * x + along * y - back * z for x, y, z in zip(ex, ey, ez, strict=True)]
         zero = type(u)(0)
         return Ray([zero + p for p in position], direction, first=zero)
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 # A field whose greatest value is so many times its least is looked at logarithmically.
-_WIDE = 1e3
+_WIDE = 1e2
 # Chosen to look well: this part of the volume's width has optical depth one.
 _PART = 4
 
@@ -22,41 +22,45 @@ _PART = 4
 def describe_volume(path: Path) -> Iterator[str]:
     """Yield lines about a volume file; one field at a time is in memory."""
     from ..io import find_reader
+    from ..io import open as open_volume
     from ..io.guard import reading
 
     reader = find_reader(path)
     with reading(path, reader.description):
         fields = reader.info(path)
     yield f"{path}: {reader.description}, {_size(path)}"
-    start: list[str] = []
+    scenes: list[tuple[int, list[str]]] = []
     for number, field in enumerate(fields):
         try:
-            lines, scene = _field(path, field, first=number == 0)
+            volume = open_volume(path, {field.name: field.place})
         except VoluminousError as error:
-            lines, scene = [f"{_title(field)}", f"  cannot be read: {error}"], []
-        yield from lines
-        start = start or scene
+            yield from ("", _title(field), f"  cannot be read: {error}")
+            continue
+        found = statistics(volume.array(field.name))
+        if number == 0:
+            yield from _grid(volume)
+        yield from ("", _title(field), *_values(volume.array(field.name), found))
+        if found.least < found.greatest:
+            scenes.append((found.size - found.finite, _scene(path, field, volume, found)))
+    yield ""
     if not fields:
         yield "It holds no three-dimensional array of numbers."
-    if start:
+    if scenes:
         yield "To see it, save this as scene.toml and type: voluminous render scene.toml"
         yield ""
-        yield from start
+        # The first of those fields with the fewest values that cannot be shown.
+        yield from min(scenes, key=lambda scene: scene[0])[1]
 
 
-def _field(path: Path, field: FieldInfo, first: bool) -> tuple[list[str], list[str]]:
-    """Return lines about a field, and a scene to look at it with."""
-    from ..io import open as open_volume
-
-    volume = open_volume(path, {field.name: field.place})
-    found = statistics(volume.array(field.name))
-    lines = [*(_grid(volume) if first else ()), "", _title(field), f"  {numbers(found)}"]
+def _values(array: Any, found: Statistics) -> Iterator[str]:
+    yield f"  {numbers(found)}"
     if found.finite:
-        logarithmic = found.least > 0 and found.greatest > _WIDE * found.least
-        bars = histogram(volume.array(field.name), found, logarithmic)
-        lines.append(f"  {bars}  {'logarithmic' if logarithmic else 'linear'}")
-    lines.append("")
-    return lines, _scene(path, field, volume, found) if found.least < found.greatest else []
+        scale = "logarithmic" if _is_wide(found) else "linear"
+        yield f"  {histogram(array, found, _is_wide(found))}  {scale}"
+
+
+def _is_wide(found: Statistics) -> bool:
+    return found.least > 0 and found.greatest > _WIDE * found.least
 
 
 def _grid(volume: Volume) -> Iterator[str]:
@@ -79,15 +83,16 @@ def _scene(path: Path, field: FieldInfo, volume: Volume, found: Statistics) -> l
 
     from ..scene.toml import dumps
 
-    wide = found.least > 0 and found.greatest > _WIDE * found.least
-    low, high = found.least, found.greatest
+    wide, low, high = _is_wide(found), found.least, found.greatest
+    if wide:
+        low, high = round(math.log10(low), 3), round(math.log10(high), 3)
     widest = float(max(b - a for a, b in volume.grid.bounds))
     medium: dict[str, Any] = {
         "type": "colormap",
         "expr": f"log10({field.name})" if wide else field.name,
         "cmap": "inferno",
-        "vmin": math.log10(low) if wide else low,
-        "vmax": math.log10(high) if wide else high,
+        "vmin": low,
+        "vmax": high,
         "opacity": 1.0,
         "path_length": widest / _PART,
     }

@@ -1,7 +1,8 @@
 """A small, safe language for values computed from fields, such as ``"log10(density)"``.
 
 The text is parsed with Python's grammar into a tree of plain nodes (no code object is ever made or
-run). The same tree is then evaluated with NumPy (`NumpyOps`) or traced with Dr.Jit (`DrjitOps`).
+run). The same tree is then evaluated with NumPy (`NumpyOps`), traced with Dr.Jit (`DrjitOps`), or
+evaluated on intervals, to know which values it can have (`IntervalOps`).
 
 Everything is floating point and everything is per element. Comparisons are true or false; in
 arithmetic true counts 1 and false 0, and in a logical place any number but 0 is true.
@@ -9,6 +10,7 @@ arithmetic true counts 1 and false 0, and in a logical place any number but 0 is
 
 from .drjit_ops import DrjitOps
 from .expression import Expression, check_names
+from .interval_ops import IntervalOps
 from .ops import NumpyOps, Ops
 from .parser import CONSTANTS, FUNCTIONS
 
@@ -17,6 +19,7 @@ __all__ = [
     "FUNCTIONS",
     "DrjitOps",
     "Expression",
+    "IntervalOps",
     "NumpyOps",
     "Ops",
     "check_names",

@@ -1,7 +1,7 @@
 """One axis of a rectilinear grid, seen by rays that run upwards or downwards along it.
 
-Along an axis that a ray runs down, positions and cells are counted from the far end ("mirrored"), so
-every ray runs upwards: the loop needs neither the sign of the step nor two limits.
+Along an axis that a ray runs down, positions and cells are counted from the far end ("mirrored"),
+so every ray runs upwards: the loop needs neither the sign of the step nor two limits.
 """
 
 from __future__ import annotations
@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..backend import dr
 from ..backend.functions import first_true
-import numpy as np
 
 # Later than any crossing: when a ray that runs parallel to a wall meets it.
 NEVER = 1e30
@@ -83,7 +84,7 @@ class Axis:
         return Side(origin, direction, position, speed, down, arrive, leave)
 
     def cell(self, side: Side, coordinate: Any) -> Any:
-        """Return the number of the cell that a ray at `coordinate` (volume's unit) is about to cross.
+        """Return the number of the cell that a ray at `coordinate` is about to cross.
 
         It is compared with the edges themselves: a ray that runs within rounding of a wall stays
         on its side. On a wall it is the cell the ray heads into; parallel to it, the upper one.
@@ -98,12 +99,16 @@ class Axis:
         raise NotImplementedError
 
     def _pace(self, side: Side) -> tuple[Any, Any]:
-        """Return distance per coordinate (zero where the ray is parallel to the walls), and where."""
+        """Return distance per coordinate, zero where the ray runs along the walls, and where."""
         parallel = side.speed == 0
         return dr.select(parallel, 0.0, 1.0 / dr.select(parallel, 1.0, side.speed)), parallel
 
-    def _narrow(self, *wide: Any) -> list[Any]:
-        return [self.backend.Float(value) for value in wide]
+    def _narrowed(
+        self, position: Any, speed: Any, pace: Any, lead: Any, table: Any = None
+    ) -> AxisTrack:
+        """Return a track in the kernel's precision."""
+        Float = self.backend.Float
+        return AxisTrack(Float(position), Float(speed), Float(pace), Float(lead), table)
 
 
 class UniformAxis(Axis):
@@ -121,7 +126,7 @@ class UniformAxis(Axis):
         pace, parallel = self._pace(side)
         # Cell i is left at wall i + 1: the one is part of the lead, so a crossing is one FMA.
         lead = dr.select(parallel, NEVER, (1.0 - position) * pace)
-        return AxisTrack(*self._narrow(position, side.speed, pace, lead))
+        return self._narrowed(position, side.speed, pace, lead)
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
         """Return the distance at which the ray leaves mirrored cell `index`."""
@@ -157,7 +162,7 @@ class RectilinearAxis(Axis):
         pace, parallel = self._pace(side)
         lead = dr.select(parallel, NEVER, -position * pace)
         table = dr.select(side.down, self.down_table, 0)
-        return AxisTrack(*self._narrow(position, side.speed, pace, lead), table)
+        return self._narrowed(position, side.speed, pace, lead, table)
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
         """Return the distance at which the ray leaves mirrored cell `index`."""

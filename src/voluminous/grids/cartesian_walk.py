@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-
 from .axes import NEVER, AxisTrack, Side, make_axis
 from .contract import Corners, Ray, Segment
+
 
 @dataclass
 class Track:
@@ -41,7 +41,7 @@ class Cursor:
 
 @dataclass
 class Exit:
-    """How a segment leaves its cell: through which wall, and where that cell was and the next is."""
+    """How a segment leaves its cell: through which wall, and where the two cells are."""
 
     through: list[Any]
     index: list[Any]
@@ -66,8 +66,7 @@ class CartesianWalk:
         """Return the track and the cursor at the point where each ray enters the domain."""
         Wide = self.backend.Wide
         sides = [
-            axis.side(o, d)
-            for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)
+            axis.side(o, d) for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)
         ]
         arrive = dr.maximum(dr.maximum(sides[0].arrive, sides[1].arrive), sides[2].arrive)
         leave = dr.minimum(dr.minimum(sides[0].leave, sides[1].leave), sides[2].leave)
@@ -84,7 +83,7 @@ class CartesianWalk:
     def _start(
         self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
     ) -> tuple[Track, Cursor]:
-        """Return track and cursor of rays that reach the domain at `arrive`, start `begin` later."""
+        """Return track and cursor of rays that reach the domain, and start `begin` later."""
         Float, Int = self.backend.Float, self.backend.Int
         tracks, index, cell, vertex = [], [], Int(0), Int(0)
         cell_stride, vertex_stride = [], []
@@ -114,8 +113,7 @@ class CartesianWalk:
     def _crossings(self, tracks: list[AxisTrack], index: list[Any]) -> list[Any]:
         """Return the distances of the next wall of each axis."""
         return [
-            axis.crossing(track, i)
-            for axis, track, i in zip(self.axes, tracks, index, strict=True)
+            axis.crossing(track, i) for axis, track, i in zip(self.axes, tracks, index, strict=True)
         ]
 
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
@@ -127,12 +125,13 @@ class CartesianWalk:
         through = [x, y, ~(x | y)]
         end = _lesser(wall, track.leave) if track.bounded else wall
         index = [
-            dr.select(crossed, i + 1.0, i)
-            for crossed, i in zip(through, cursor.index, strict=True)
+            dr.select(crossed, i + 1.0, i) for crossed, i in zip(through, cursor.index, strict=True)
         ]
         vertex = cursor.vertex + _pick(through, track.vertex_stride)
         leaving = Exit(through, cursor.index, cursor.vertex, vertex)
-        segment = Segment(self.backend.UInt(cursor.cell), end - cursor.t, end, cursor.inside, leaving)
+        segment = Segment(
+            self.backend.UInt(cursor.cell), end - cursor.t, end, cursor.inside, leaving
+        )
         cell = cursor.cell + _pick(through, track.cell_stride)
         # `leave` is a crossing itself, computed alike: a ray never steps beyond the last cell.
         return segment, Cursor(index, cell, vertex, end, end < track.leave)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import keyword
 import math
-import re
+import unicodedata
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -107,10 +108,12 @@ def field_name(place: str) -> str:
     from ..expressions import CONSTANTS, FUNCTIONS
     from ..volume import COORDINATES
 
-    name = re.sub(r"\W", "_", place.rsplit("/", 1)[-1])
+    # Expressions read names in this normal form.
+    last = unicodedata.normalize("NFKC", place.rsplit("/", 1)[-1])
+    name = "".join(c if f"_{c}".isidentifier() else "_" for c in last)
     name = name if name.isidentifier() else f"_{name}"
     reserved = name in FUNCTIONS or name in CONSTANTS or name in COORDINATES
-    return f"{name}_" if reserved else name
+    return f"{name}_" if reserved or keyword.iskeyword(name) else name
 
 
 def _is_field(entry: Entry) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
+from ..expressions.interval import Interval
 from .contract import Coefficients as Values
 from .contract import Context, Medium
 
@@ -52,9 +53,18 @@ class Coefficients(Medium):
             ],
         )
 
+    def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
+        """Return intervals that hold j and α: the formulas are the same."""
+        return self.coefficients(fields, context)
+
     def key(self) -> Any:
         """Return all expressions."""
-        return ("Coefficients", *(e.text for e in self.emissivity), "|", *(e.text for e in self.extinction))
+        return (
+            "Coefficients",
+            *(e.text for e in self.emissivity),
+            "|",
+            *(e.text for e in self.extinction),
+        )
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..errors import InputError
-from ..expressions import DrjitOps, Expression
+from ..expressions import DrjitOps, Expression, Ops
+from ..expressions.interval import Interval
+from .interpolation import interpolate
+
+if TYPE_CHECKING:
+    from .bounds import Bounds
+
+
+def no_unit(expression: Expression) -> None:
+    """Return None: nothing is known of the unit of an expression."""
 
 
 @dataclass
@@ -31,10 +42,18 @@ class Context:
     unit: Any
     unit_of: Callable[[Expression], Any]
 
+    @property
+    def ops(self) -> Ops:
+        """The operations and functions to compute with."""
+        return DrjitOps(self.real, constant=self.number)
+
     def evaluate(self, expression: Expression, fields: dict[str, Any]) -> Any:
         """Return the value of an expression of the fields."""
-        value = expression.evaluate(DrjitOps(self.real, constant=self.number), fields)
-        return self.real(value)
+        return self.real(expression.evaluate(self.ops, fields))
+
+    def interpolate(self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
+        """Return the columns of a table, given at its nodes, interpolated at x."""
+        return interpolate(self.real, x, nodes, columns)
 
 
 @dataclass
@@ -65,6 +84,56 @@ class Medium:
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
         raise NotImplementedError
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return intervals that hold j and α while the fields stay in theirs.
+
+        By default nothing is known of them. A medium whose `coefficients` computes with nothing but
+        operators, `Context.ops` and `Context.interpolate` returns ``self.coefficients(...)``.
+        """
+        count = 1 if self.grey else self.channels
+        return Coefficients(
+            [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
+        )
+
+    def bounds(
+        self,
+        lo: Mapping[str, Any],
+        hi: Mapping[str, Any],
+        unit: Any = None,
+        unit_of: Callable[[Expression], Any] = no_unit,
+    ) -> Bounds:
+        """Return bounds of j and α over ranges of the fields, for example of blocks of cells.
+
+        Each field takes every value of its range, independently of the others. The bounds hold with
+        certainty for coefficients computed in double precision. Where one may be NaN they are
+        infinite.
+
+        Parameters
+        ----------
+        lo, hi : mapping of str to array_like
+            Smallest and largest value of every field in `names`, plain numbers in the fields' own
+            units; any shapes that broadcast. A block with NaN in it has NaN there.
+        unit : astropy unit or None
+            The volume's length unit.
+        unit_of : callable, optional
+            Returns the unit of an `Expression`, or None, as `Volume.expression_unit` does.
+
+        Returns
+        -------
+        Bounds
+            Per channel, arrays of the ranges' common shape.
+
+        Raises
+        ------
+        InputError
+            If a smallest value is above the largest, or shapes do not fit.
+        UnknownNameError
+            If a field is missing.
+        """
+        from .bounds import bounds
+
+        return bounds(self, lo, hi, unit, unit_of)
 
     def key(self) -> Any:
         """Return what identifies this medium, hashable; None if nothing does.
@@ -119,12 +188,12 @@ def channel_values(value: Any, what: str) -> tuple[float, ...]:
     InputError
         If they are not numbers.
     """
-    import numpy as np
-
     try:
         values = np.atleast_1d(np.asarray(value, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must be a number or one number per channel, got {value!r}") from error
+        raise InputError(
+            f"{what} must be a number or one number per channel, got {value!r}"
+        ) from error
     if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)):
         raise InputError(f"{what} must be finite, one number per channel, got {value!r}")
     return tuple(float(v) for v in values)

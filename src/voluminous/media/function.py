@@ -16,9 +16,9 @@ class Function(Medium):
     Parameters
     ----------
     function : callable
-        Called as ``function(*fields, **parameters)`` with arrays; returns ``(j, α)`` per unit length
-        of the volume: `j` a value per channel (or one value), α one value (grey) or one per channel.
-        It is traced, not called per cell: use ``voluminous.math.where`` instead of ``if``.
+        Called as ``function(*fields, **parameters)`` with arrays; returns ``(j, α)`` per unit
+        length of the volume: `j` a value per channel (or one value), α one value (grey) or one per
+        channel. It is traced, not called per cell: use ``voluminous.math.where`` for ``if``.
     fields : sequence of str
         Field names, or expressions of them, in the order of the arguments.
     channels : int
@@ -74,7 +74,9 @@ class Function(Medium):
     def _listed(self, value: Any, count: int, what: str, real: Any) -> list[Any]:
         parts = list(value) if isinstance(value, (list, tuple)) else [value]
         if len(parts) != count:
-            raise InputError(f"{self._name} returned {len(parts)} values of {what}, expected {count}")
+            raise InputError(
+                f"{self._name} returned {len(parts)} values of {what}, expected {count}"
+            )
         return [real(part) for part in parts]
 
     @property

@@ -1,17 +1,16 @@
 """Media that are a function of one scalar: a shape times a colour and an opacity per path length.
 
-A component is T(x) = h / path_length · shape(x), with h each entry of `color` for the emissivity and
-of `opacity` for the extinction: seen through one path length of its peak, it shows its colour.
+A component is T(x) = h / path_length · shape(x), with h each entry of `color` for the emissivity
+and of `opacity` for the extinction: seen through one path length of its peak, it shows its colour.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..backend import dr
-
 from ..errors import InputError
-from ..expressions import Expression
+from ..expressions import Expression, Ops
+from ..expressions.interval import Interval
 from ..units import is_quantity, parse_unit, plain, unit_name
 from .contract import Coefficients, Context, Medium, channel_values, check_extinction
 
@@ -37,7 +36,7 @@ class Shaped(Medium):
         self.grey = len(self.opacity) == 1
         self.names = self.expr.names
 
-    def shape(self, offset: Any, width: Any) -> Any:
+    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return the shape at a distance from the centre; one at its peak."""
         raise NotImplementedError
 
@@ -48,11 +47,15 @@ class Shaped(Medium):
         width = plain(self.width, unit, self._width_name)
         length = plain(self.path_length, context.unit, "path_length")
         x = context.evaluate(self.expr, fields)
-        shape = self.shape(x - context.number(center), context.number(width))
+        shape = self.shape(context.ops, x - context.number(center), context.number(width))
         return Coefficients(
             [context.number(h / length) * shape for h in self.color],
             [context.number(h / length) * shape for h in self.opacity],
         )
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return intervals that hold j and α: the formulas are the same."""
+        return self.coefficients(fields, context)
 
     def key(self) -> Any:
         """Return the class and all its numbers, units included."""
@@ -106,14 +109,14 @@ class Gaussian(Shaped):
     ) -> None:
         super().__init__(expr, center, sigma, color, opacity, path_length)
 
-    def shape(self, offset: Any, width: Any) -> Any:
+    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return exp(-(offset/σ)²/2); zero at infinity."""
         scaled = offset / width
-        return dr.exp(-0.5 * scaled * scaled)
+        return ops.exp(-0.5 * (scaled * scaled))
 
 
 class Rectangle(Shaped):
-    """A shell of constant coefficients: T = h/path_length where \\|x - center\\| <= half_width.
+    """A shell of constant coefficients: T = h/path_length up to `half_width` from the centre.
 
     Parameters
     ----------
@@ -136,10 +139,10 @@ class Rectangle(Shaped):
     ) -> None:
         super().__init__(expr, center, half_width, color, opacity, path_length)
 
-    def shape(self, offset: Any, width: Any) -> Any:
+    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return one within the half width, else zero; NaN stays NaN."""
-        box = dr.select(dr.abs(offset) <= width, type(offset)(1), type(offset)(0))
-        return dr.select(dr.isnan(offset), offset, box)
+        box = ops.number(abs(offset) <= width)
+        return ops.where(offset == offset, box, offset)
 
 
 def _scalar(value: Any, what: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import InputError
+from ..expressions.interval import Interval
 from .contract import Coefficients, Context, Medium
 
 
@@ -35,7 +36,13 @@ class Sum(Medium):
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return the sums of j and of α."""
-        solved = [part.coefficients(fields, context) for part in self.parts]
+        return self._total([part.coefficients(fields, context) for part in self.parts])
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return the sums of the parts' intervals."""
+        return self._total([part.ranges(fields, context) for part in self.parts])
+
+    def _total(self, solved: list[Coefficients]) -> Coefficients:
         count = 1 if self.grey else self.channels
         return Coefficients(
             _add([c.emissivity for c in solved]),

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..backend import dr
 import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
+from ..expressions.interval import Interval
 from ..units import plain, unit_of
 from .contract import Coefficients, Context, Medium
 from .shaped import _named, _positive, _scalar
@@ -37,7 +37,9 @@ class Table(Medium):
         finite.
     """
 
-    def __init__(self, expr: Any, values: Any, colors: Any, opacities: Any, path_length: Any) -> None:
+    def __init__(
+        self, expr: Any, values: Any, colors: Any, opacities: Any, path_length: Any
+    ) -> None:
         self.expr = Expression(expr)
         self.unit = unit_of(values)
         self.values = _increasing(plain(values, self.unit, "values"))
@@ -59,26 +61,15 @@ class Table(Medium):
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length, interpolated in x."""
-        real, UInt = context.real, dr.uint32_array_t(context.real)
         x = context.evaluate(self.expr, fields)
-        nodes = real(self._nodes(context))
-        last = dr.opaque(UInt, len(self.values) - 1)
-        found = dr.binary_search(0, last, lambda k: dr.gather(real, nodes, k) <= x)
-        upper = dr.clip(found, 1, last)
-        low, high = dr.gather(real, nodes, upper - 1), dr.gather(real, nodes, upper)
-        width = high - low
-        f = dr.clip((x - low) / dr.select(width > 0, width, 1), 0, 1)
         scale = 1.0 / plain(self.path_length, context.unit, "path_length")
+        columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
+        found = context.interpolate(x, self._nodes(context), columns)
+        return Coefficients(found[: self.channels], found[self.channels :])
 
-        def column(data: np.ndarray) -> Any:
-            h = real(np.ascontiguousarray(data * scale))
-            before, after = dr.gather(real, h, upper - 1), dr.gather(real, h, upper)
-            return dr.fma(f, after - before, before)
-
-        return Coefficients(
-            [column(self.colors[:, c]) for c in range(self.channels)],
-            [column(self.opacities[:, c]) for c in range(self.opacities.shape[1])],
-        )
+    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return intervals that hold j and α: the formulas are the same."""
+        return self.coefficients(fields, context)
 
     def _nodes(self, context: Context) -> np.ndarray:
         if self.unit is None:
@@ -156,7 +147,11 @@ class Colormap(Table):
         values = np.asarray(get_norm(norm, low, high).inverse(position), dtype=np.float64)
         values[0], values[-1] = low, high
         rgb = np.asarray(self.map(position))[:, :3]
-        alpha = np.asarray([opacity(p) for p in position]) if callable(opacity) else np.full(samples, opacity)
+        alpha = (
+            np.asarray([opacity(p) for p in position])
+            if callable(opacity)
+            else np.full(samples, opacity)
+        )
         self._described = {
             "type": "colormap",
             "cmap": self.map.name,

@@ -1,5 +1,5 @@
 """render(): the one ray loop, tiles, progress and cancellation."""
 
-from .render import render
+from .api import render
 
 __all__ = ["render"]

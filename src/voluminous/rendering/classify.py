@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..backend import dr
 import numpy as np
 
+from ..backend import dr
 from ..errors import InputError
 from ..media.contract import Context, Medium
 
@@ -99,10 +99,10 @@ class Classifier:
             if name in self.volume
         )
         raise InputError(
-            f"the medium gives coefficients that cannot be used in {int(bad.sum())} cells (of those "
-            f"looked at so far); the first is {cell}: {'; '.join(told)}"
-            f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction finite "
-            "and not negative: clip the fields, or use where(...) in the expression"
+            f"the medium gives coefficients that cannot be used in {int(bad.sum())} cells (of "
+            f"those looked at so far); the first is {cell}: {'; '.join(told)}"
+            f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction "
+            "finite and not negative: clip the fields, or use where(...) in the expression"
         )
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-
 from ..grids.contract import Ray
 from .path import Path, over
 

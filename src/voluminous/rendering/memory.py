@@ -24,8 +24,9 @@ def check_memory(needed: int, what: str) -> None:
     if needed + _OVERHEAD > free:
         raise MemoryNeededError(
             f"{what} needs {needed + _OVERHEAD} bytes ({(needed + _OVERHEAD) / 2**30:.2f} GiB), "
-            f"but only {free} bytes ({free / 2**30:.2f} GiB) are available; use precision='single', "
-            "scheme='first-order' (which can do without a table), or a coarser or smaller volume"
+            f"but only {free} bytes ({free / 2**30:.2f} GiB) are available; take "
+            "precision='single', scheme='first-order' (which can do without a table), or a coarser "
+            "or smaller volume"
         )
 
 

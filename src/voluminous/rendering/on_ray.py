@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..backend import dr
 import numpy as np
 
+from ..backend import dr
 from ..backend.functions import flush_subnormal
 from .classify import Classifier, cell_coordinates
+from .memory import check_memory
 
 
 class OnRay:
@@ -22,7 +23,12 @@ class OnRay:
         self.classifier, self.backend = classifier, backend
         self.channels, self.extinctions = classifier.channels, classifier.extinctions
         self.names = classifier.medium.names
-        self.fields = {n: _device_array(classifier.volume.array(n), backend) for n in self.names if n in classifier.volume}
+        volume = classifier.volume
+        self.fields = {
+            name: _device_array(volume.array(name), backend)
+            for name in self.names
+            if name in volume
+        }
         self.largest = [math.inf] * self.channels
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
@@ -51,6 +57,9 @@ def _device_array(array: np.ndarray, backend: Any) -> Any:
     """Return a field on the device; float arrays in the CPU's memory are used where they are."""
     flat = array.reshape(-1)
     if flat.dtype.kind != "f":
+        check_memory(
+            flat.size * (4 if flat.dtype.itemsize <= 2 else 8), "an integer field as floats"
+        )
         flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
     kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
     return kind(flat)

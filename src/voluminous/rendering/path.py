@@ -10,7 +10,7 @@ from ..backend import dr
 
 @dataclass
 class Path:
-    """What a ray has gathered: emission per channel, transparency and optical depth per extinction."""
+    """What a ray has gathered: emission per channel, transparency and depth per extinction."""
 
     emission: list[Any]
     transparency: list[Any]

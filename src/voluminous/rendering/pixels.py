@@ -6,8 +6,8 @@ from typing import Any
 
 from ..backend import dr
 
-# Side of a block of pixels: within one, lanes follow the Morton curve, so that the lanes of a vector
-# (16 of them) and the vectors after one another walk through the same cells.
+# Side of a block of pixels: within one, lanes follow the Morton curve, so that the lanes of a
+# vector (16 of them) and the vectors after one another walk through the same cells.
 BLOCK = 16
 _BITS = 4
 

@@ -30,13 +30,16 @@ def get_source(
         Called as ``report(done, total)`` while classifying.
     """
     classifier = Classifier(volume, medium, backend)
+    needed = table_bytes(classifier, scheme, backend)
+    # A cell classified beforehand costs about as much as two visited on a ray (DESIGN section 3).
+    crowded = scheme.place == "cell" and (volume.grid.size > 0.5 * steps or not fits(needed))
+    if crowded and not volume.tables:  # not even hashed: that takes a second for 1024³
+        return OnRay(classifier, backend)
     key = _key(volume, medium, scheme, backend)
     if key is not None and key in volume.tables:
         volume.tables.move_to_end(key)
         return volume.tables[key]
-    needed = table_bytes(classifier, scheme, backend)
-    # A cell classified beforehand costs about as much as two visited on a ray (DESIGN section 3).
-    if scheme.place == "cell" and (volume.grid.size > 0.5 * steps or not fits(needed)):
+    if crowded:
         return OnRay(classifier, backend)
     check_memory(needed, f"the table of coefficients for scheme {scheme.name!r}")
     make = cell_table if scheme.place == "cell" else vertex_table

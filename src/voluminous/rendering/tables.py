@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-import numpy as np
-
 from ..backend.functions import flush_subnormal
 from ..errors import InputError
 from ..grids.contract import Corners
@@ -21,7 +19,7 @@ from ..grids.contract import Corners
 # Dr.Jit arrays, and the offsets of packets in them, are 32-bit.
 LARGEST = 2**32 - 1
 # Cells classified at once: bounds the memory of temporaries, and the time between interruptions.
-SLAB = 1 << 20
+SLAB = 1 << 19
 
 
 def packet_widths(count: int) -> list[int]:

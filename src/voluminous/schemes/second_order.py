@@ -8,8 +8,8 @@ With x running from the front (0) to the back (1) of a segment of length s,
 The two weights have closed forms in error functions and Dawson's integral, which lose all digits as
 α_f → α_b or τ → 0. The integrand is entire, so Gauss-Legendre quadrature is exact to rounding with
 few nodes, and the exponential of a small number is a short polynomial. There are three branches:
-most segments of most pictures take the first, which costs no exponential at all; the last integrates
-over the part of the segment that can be seen from its front.
+most segments of most pictures take the first, which costs no exponential at all; the last
+integrates over the part of the segment that can be seen from its front.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from ..backend import dr
 import numpy as np
 
+from ..backend import dr
 from ..backend.functions import precision_of
 from .contract import Solution
 from .linear import end_values, start_values
@@ -75,7 +75,7 @@ def visibility(
     """
     precision = precision_of(type(depth[0]))
     deepest = functools.reduce(lambda a, b: dr.select(a > b, a, b), depth)
-    flat = dr.if_stmt(
+    flat: list[Any] = dr.if_stmt(
         args=(a_front, a_back, depth, deepest),
         cond=deepest <= _FAINT[precision][2],
         true_fn=_faint,
@@ -87,21 +87,29 @@ def visibility(
 
 def _faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
     nodes, terms, _ = _FAINT[precision_of(type(deepest))]
-    return _weights(a_front, a_back, depth, nodes, lambda z: _short_exp(z, terms))
+    return _weights(
+        a_front, a_back, depth, count=nodes, exp=functools.partial(_short_exp, terms=terms)
+    )
 
 
 def _not_faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
     precision = precision_of(type(deepest))
+    nodes, limit = _THIN[precision]
     return dr.if_stmt(
         args=(a_front, a_back, depth),
-        cond=deepest <= _THIN[precision][1],
-        true_fn=lambda f, b, d: _weights(f, b, d, _THIN[precision][0], dr.exp),
+        cond=deepest <= limit,
+        true_fn=functools.partial(_weights, count=nodes, exp=dr.exp),
         false_fn=_thick,
     )
 
 
 def _weights(
-    a_front: list[Any], a_back: list[Any], depth: list[Any], count: int, exp: Callable[[Any], Any]
+    a_front: list[Any],
+    a_back: list[Any],
+    depth: list[Any],
+    *,
+    count: int,
+    exp: Callable[[Any], Any],
 ) -> list[Any]:
     """Return W_f, W_b and θ for each extinction, by so many nodes."""
     nodes, weights = gauss_legendre(count)
@@ -141,7 +149,12 @@ def _thick(a_front: list[Any], a_back: list[Any], depth: list[Any]) -> list[Any]
         return k + 1, added
 
     zeros = [real(0) for _ in range(2 * len(a_front))]
-    _, sums = dr.while_loop((dr.uint32_array_t(real)(0), zeros), lambda k, _: k < count, body)
+
+    def more(k: Any, flat: list[Any]) -> Any:
+        return k < count
+
+    index: Any = dr.uint32_array_t(real)
+    _, sums = dr.while_loop((index(0), zeros), more, body)
     return [v for k, tau in enumerate(depth) for v in (*sums[2 * k : 2 * k + 2], dr.exp(-tau))]
 
 
@@ -150,7 +163,9 @@ def _visible_fraction(a_front: Any, a_back: Any, deepest: float) -> Any:
     discriminant = dr.fma(a_front, a_front, 2.0 * deepest * (a_back - a_front))
     root = a_front + dr.sqrt(dr.maximum(discriminant, 0.0))
     tiny = 1e-30
-    return dr.select(discriminant < 0.0, 1.0, dr.minimum(1.0, 2.0 * deepest / dr.maximum(root, tiny)))
+    return dr.select(
+        discriminant < 0.0, 1.0, dr.minimum(1.0, 2.0 * deepest / dr.maximum(root, tiny))
+    )
 
 
 @functools.cache

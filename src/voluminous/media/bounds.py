@@ -1,0 +1,123 @@
+"""Between which values the coefficients of a medium stay while its fields stay in ranges.
+
+A medium says what its coefficients are; evaluated on intervals in place of numbers, in a
+`RangeContext`, the same formulas say which they can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, unknown_name
+from ..expressions import Expression, IntervalOps
+from ..expressions.interval import Interval
+from .contract import Context, Medium
+from .interpolation import interpolate_ranges
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Least and largest emissivities and extinctions; each list has one array per channel.
+
+    Attributes
+    ----------
+    j_lo, j_hi : list of array
+        Emissivity per channel.
+    a_lo, a_hi : list of array
+        Extinction: one array (grey), or one per channel.
+    """
+
+    j_lo: list[np.ndarray]
+    j_hi: list[np.ndarray]
+    a_lo: list[np.ndarray]
+    a_hi: list[np.ndarray]
+
+
+class RangeContext(Context):
+    """How a medium is evaluated on intervals.
+
+    Parameters
+    ----------
+    unit : astropy unit or None
+        The volume's length unit.
+    unit_of : callable
+        Returns the unit of an `Expression`, or None.
+    """
+
+    def __init__(self, unit: Any, unit_of: Callable[[Expression], Any]) -> None:
+        super().__init__(Interval.of, Interval.of, unit, unit_of)
+
+    @property
+    def ops(self) -> IntervalOps:
+        """The operations of intervals."""
+        return IntervalOps()
+
+    def interpolate(
+        self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
+    ) -> list[Interval]:
+        """Return enclosures of the columns of a table, interpolated anywhere in an interval."""
+        return interpolate_ranges(x, nodes, columns)
+
+
+def bounds(
+    medium: Medium,
+    lo: Mapping[str, Any],
+    hi: Mapping[str, Any],
+    unit: Any,
+    unit_of: Callable[[Expression], Any],
+) -> Bounds:
+    """Return what encloses the coefficients of a medium; see `Medium.bounds`."""
+    fields = _intervals(lo, hi)
+    with np.errstate(all="ignore"):
+        found = medium.ranges(fields, RangeContext(unit, unit_of))
+    shape = np.broadcast_shapes(*(field.lo.shape for field in fields.values()))
+    j = [_ends(interval, shape) for interval in found.emissivity]
+    a = [_ends(interval, shape) for interval in found.extinction]
+    return Bounds(
+        [ends[0] for ends in j],
+        [ends[1] for ends in j],
+        [ends[0] for ends in a],
+        [ends[1] for ends in a],
+    )
+
+
+def _intervals(lo: Mapping[str, Any], hi: Mapping[str, Any]) -> dict[str, Interval]:
+    for name in hi:
+        if name not in lo:
+            raise unknown_name("field", name, lo)
+    return {name: _interval(name, lo[name], _upper(name, hi)) for name in lo}
+
+
+def _upper(name: str, hi: Mapping[str, Any]) -> Any:
+    if name not in hi:
+        raise InputError(f"field {name!r} has a smallest value but no largest one; give both")
+    return hi[name]
+
+
+def _interval(name: str, lo: Any, hi: Any) -> Interval:
+    low, high = np.asarray(lo, dtype=np.float64), np.asarray(hi, dtype=np.float64)
+    try:
+        low, high = np.broadcast_arrays(low, high)
+    except ValueError:
+        raise InputError(
+            f"the smallest and largest values of field {name!r} have shapes {low.shape} and "
+            f"{high.shape}, expected the same"
+        ) from None
+    wrong = low > high
+    if np.any(wrong):
+        raise InputError(
+            f"the smallest value of field {name!r} is above the largest one: "
+            f"{low[wrong][0]:g} and {high[wrong][0]:g}; give lo first, then hi"
+        )
+    return Interval(low, high)
+
+
+def _ends(interval: Interval, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return both ends as arrays; where a coefficient may be NaN, nothing is known of it."""
+    lo = np.where(interval.nan, -np.inf, interval.lo)
+    hi = np.where(interval.nan, np.inf, interval.hi)
+    return np.broadcast_to(lo, shape), np.broadcast_to(hi, shape)

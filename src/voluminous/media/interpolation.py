@@ -1,0 +1,123 @@
+"""Piecewise-linear interpolation in a table: of numbers by Dr.Jit, and of intervals by NumPy.
+
+Both follow one rule. Beyond the ends the values of the ends go on; two equal nodes make a jump, at
+which the value is already that behind it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from ..expressions.interval import Interval, extremes
+
+# What an interpolated value loses, in ε of the largest value around it: the position loses 1.5, the
+# difference of two values 1, their sum 0.5, and as much again for safety.
+_LOSS = 8 * float(np.finfo(np.float64).eps)
+
+
+def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
+    """Return the columns interpolated at x (traced by Dr.Jit); NaN where x is.
+
+    Parameters
+    ----------
+    real : type
+        Dr.Jit float type of `x` and of the result.
+    x : array
+        Places.
+    nodes : array, shape (n,)
+        Increasing places of the entries, at least two.
+    columns : sequence of array, shape (n,)
+        The entries.
+    """
+    UInt = dr.uint32_array_t(real)
+    last = dr.opaque(UInt, len(nodes) - 1)
+    places, upper = _search(real, UInt, x, nodes)
+    upper = dr.clip(upper, 1, last)
+    low, high = dr.gather(real, places, upper - 1), dr.gather(real, places, upper)
+    width = high - low
+    inside = dr.clip((x - low) / dr.select(width > 0, width, 1), 0, 1)
+    f = dr.select(width > 0, inside, dr.select(x < high, real(0), real(1)))
+    f = dr.select(dr.isnan(x), x, f)  # which clip would hide on some devices
+
+    def entries(column: np.ndarray) -> Any:
+        data = real(np.ascontiguousarray(column))
+        before, after = dr.gather(real, data, upper - 1), dr.gather(real, data, upper)
+        return dr.fma(f, after - before, before)
+
+    return [entries(column) for column in columns]
+
+
+def _search(real: Any, UInt: Any, x: Any, nodes: np.ndarray) -> tuple[Any, Any]:
+    """Return the nodes on the device, and how many of them are at or below x.
+
+    Nodes are filled up to a power of two, so that few lengths of tables make different kernels.
+    """
+    size = 1 << len(nodes).bit_length()
+    places = real(np.pad(nodes, (0, size - len(nodes)), constant_values=np.inf))
+    found = UInt(0)
+    step = size // 2
+    while step:
+        passed = dr.gather(real, places, found + (step - 1)) <= x
+        found = dr.select(passed, found + step, found)
+        step //= 2
+    return places, found
+
+
+def interpolate_ranges(
+    x: Interval, nodes: np.ndarray, columns: Sequence[np.ndarray]
+) -> list[Interval]:
+    """Return enclosures of the columns interpolated anywhere in x: from both ends and all between.
+
+    Parameters
+    ----------
+    x : Interval
+        Places.
+    nodes, columns
+        As in `interpolate`.
+    """
+    (first, f_first), (last, f_last) = (_position(end, nodes) for end in (x.lo, x.hi))
+    passed = np.searchsorted(nodes, x.lo, "left"), np.searchsorted(nodes, x.hi, "right")
+
+    def enclosure(column: np.ndarray) -> Interval:
+        ends = _between(column, first, f_first), _between(column, last, f_last)
+        lo, hi = extremes([*ends, *_extremes_within(column, *passed)])
+        least, most = _extremes_within(column, first - 1, last + 1)
+        loss = np.where(least < most, _LOSS * np.maximum(np.abs(least), np.abs(most)), 0.0)
+        # Rounding never carries a value across zero.
+        return Interval(
+            np.maximum(lo - loss, np.minimum(least, 0)),
+            np.minimum(hi + loss, np.maximum(most, 0)),
+            x.nan,
+        )
+
+    return [enclosure(column) for column in columns]
+
+
+def _position(x: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the node above x, and the fraction of the way to it from the one below."""
+    upper = np.clip(np.searchsorted(nodes, x, "right"), 1, len(nodes) - 1)
+    low, high = nodes[upper - 1], nodes[upper]
+    width = high - low
+    inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
+    return upper, np.where(width > 0, inside, np.where(x < high, 0, 1))
+
+
+def _between(column: np.ndarray, upper: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    return column[upper - 1] + fraction * (column[upper] - column[upper - 1])
+
+
+def _extremes_within(
+    column: np.ndarray, first: np.ndarray, stop: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest and largest of ``column[first:stop]``; NaN where there are none."""
+    ranges = np.stack([first, stop], axis=-1).reshape(-1)
+    padded = np.append(column, np.nan)  # so that `stop` is an index
+    found = (
+        np.where(first < stop, function.reduceat(padded, ranges)[::2].reshape(first.shape), np.nan)
+        for function in (np.fmin, np.fmax)
+    )
+    return tuple(found)

@@ -1,0 +1,160 @@
+"""render(): from a volume, a medium and a camera to an image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..backend import get_backend
+from ..errors import InputError
+from ..image import Image
+from ..media.contract import Medium
+from ..schemes import get_scheme
+from ..units import unit_name
+from ..volume import Volume
+from .job import Job, Planes
+from .options import background_array, check_cutoff, check_order, sample_count
+
+
+def render(
+    volume: Volume,
+    medium: Medium,
+    camera: Any,
+    *,
+    scheme: Any = "second-order",
+    background: Any = 0.0,
+    precision: str = "single",
+    device: str = "auto",
+    order: str = "front-to-back",
+    cutoff: float | None = None,
+    samples: Any = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Image:
+    """Solve the transfer equation along every ray of a camera.
+
+    Parameters
+    ----------
+    volume : Volume
+        Grid and fields.
+    medium : Medium
+        From field values to emissivity and extinction.
+    camera : Orthographic or Perspective
+        Which rays.
+    scheme : {"second-order", "first-order", "olson-kunasz"}
+        How one segment is solved; see the page on schemes.
+    background : float, sequence of float, array (ny, nx[, channel]) or Image
+        Intensity behind everything.
+    precision : {"single", "double"}
+        Floating-point precision. Where single cannot tell the grid's cells apart, double is taken.
+    device : {"auto", "cpu", "cuda", "metal"}
+        Where to compute.
+    order : {"front-to-back", "back-to-front"}
+        The direction in which rays are folded; the result is the same to rounding.
+    cutoff : float, optional
+        Transparency at which a ray stops; 0 turns it off. By default a ray stops where all that
+        may still come is below 1e-4 of what it has gathered, so the error is below 1e-4 of the
+        image's maximum.
+    samples : int or "flux-conserving"
+        n for n × n rays per pixel, at the centres of equal parts; or RADMC-3D's recursion.
+    progress : callable, optional
+        Called as ``progress(done, total)`` now and then; may raise to cancel.
+
+    Returns
+    -------
+    Image
+        Intensity (ny, nx, channel), transparency and optical depth.
+
+    Raises
+    ------
+    InputError
+        For anything that cannot be rendered; a ValueError.
+    UnknownNameError
+        For a field, scheme, order, … that does not exist; a KeyError.
+    MemoryNeededError
+        If it does not fit into memory, before any is taken.
+    """
+    _check_types(volume, medium, camera)
+    if precision == "single" and volume.grid.needs_double():
+        precision = "double"
+    job = Job(
+        volume=volume,
+        medium=medium,
+        camera=camera,
+        frame=camera.frame(volume.grid),
+        scheme=get_scheme(scheme),
+        backend=get_backend(device, precision),
+        backward=check_order(order),
+        cutoff=check_cutoff(cutoff),
+        progress=progress or silent,
+    )
+    job.samples = sample_count(samples, job.frame, volume.grid)
+    behind = background_array(background, job.frame.pixels, medium.channels)
+    planes = job.run(float(np.max(np.abs(behind))))
+    return _image(job, planes, behind, {"samples": samples, "order": order})
+
+
+def _image(job: Job, planes: Planes, behind: np.ndarray, told: dict[str, Any]) -> Image:
+    if not np.all(np.isfinite(planes.emission)) or not np.all(np.isfinite(planes.depth)):
+        raise InputError(
+            "the picture is not finite: the medium gives coefficients that are not, or a negative "
+            "extinction, in cells that rays visit; look at the fields with `volume.evaluate(...)`"
+        )
+    kind = job.backend.dtype
+    intensity = planes.emission
+    if np.any(behind):
+        intensity = (intensity + planes.transparency * behind).astype(kind)
+    x, y = job.frame.coordinates()
+    return Image(
+        intensity,
+        transparency=planes.transparency,
+        optical_depth=_full_depth(job) if planes.stopped else planes.depth,
+        x=x,
+        y=y,
+        pixel_size=job.frame.pixel,
+        unit=job.camera.plane_unit or unit_name(job.volume.unit),
+        camera=job.camera.describe(),
+        provenance=_provenance(job, told),
+    )
+
+
+def _full_depth(job: Job) -> Callable[[], np.ndarray]:
+    """Return what computes the optical depth through everything, for rays that stopped early."""
+
+    def compute() -> np.ndarray:
+        job.cutoff, job.progress = 0.0, silent
+        return job.run(0.0).depth
+
+    return compute
+
+
+def _provenance(job: Job, told: dict[str, Any]) -> dict[str, Any]:
+    from .. import __version__
+
+    return {
+        "software": f"voluminous {__version__}",
+        "scheme": job.scheme.name,
+        "precision": job.backend.precision,
+        "device": job.backend.device,
+        "medium": job.medium.describe(),
+        "volume": job.volume.describe(),
+        **told,
+    }
+
+
+def _check_types(volume: Any, medium: Any, camera: Any) -> None:
+    if not isinstance(volume, Volume):
+        raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}")
+    if not isinstance(medium, Medium):
+        raise InputError(
+            f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
+        )
+    if not hasattr(camera, "frame") or not hasattr(camera, "rays"):
+        raise InputError(
+            f"render needs a camera (vm.Orthographic, vm.Perspective), got {type(camera).__name__}"
+        )
+
+
+def silent(done: int, total: int) -> None:
+    """Report nothing."""
