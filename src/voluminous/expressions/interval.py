@@ -213,14 +213,14 @@ def _square(x: Interval) -> Interval:
 
 
 def _sum(x: Array, y: Array, toward: float) -> Array:
-    """Return a sum, moved out if it is rounded: the rounding error of a sum is a number.
+    """Return a sum, moved out if it is rounded inward: the rounding error of a sum is a number.
 
     Knuth, *The Art of Computer Programming* II, section 4.2.2, theorem B.
     """
     total = x + y
     shift = total - x
     error = (x - (total - shift)) + (y - shift)
-    return np.where(error == 0, total, np.nextafter(total, toward))
+    return np.where(error * np.sign(toward) <= 0, total, np.nextafter(total, toward))
 
 
 def _both(x: Array, y: Array, infinity: float) -> Array:

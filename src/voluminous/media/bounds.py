@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, unknown_name
+from ..errors import InputError
 from ..expressions import Expression, IntervalOps
 from ..expressions.interval import Interval
 from .contract import Context, Medium
@@ -86,16 +86,13 @@ def bounds(
 
 
 def _intervals(lo: Mapping[str, Any], hi: Mapping[str, Any]) -> dict[str, Interval]:
-    for name in hi:
-        if name not in lo:
-            raise unknown_name("field", name, lo)
-    return {name: _interval(name, lo[name], _upper(name, hi)) for name in lo}
-
-
-def _upper(name: str, hi: Mapping[str, Any]) -> Any:
-    if name not in hi:
-        raise InputError(f"field {name!r} has a smallest value but no largest one; give both")
-    return hi[name]
+    one_sided = sorted(lo.keys() ^ hi.keys())
+    if one_sided:
+        raise InputError(
+            f"give both the smallest and the largest value of every field; "
+            f"one is missing for {', '.join(one_sided)}"
+        )
+    return {name: _interval(name, lo[name], hi[name]) for name in lo}
 
 
 def _interval(name: str, lo: Any, hi: Any) -> Interval:

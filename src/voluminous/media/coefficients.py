@@ -7,6 +7,7 @@ from typing import Any
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..units import parse_unit, unit_name
 from .contract import Coefficients as Values
 from .contract import Context, Medium
 
@@ -91,11 +92,12 @@ def _per_length(context: Context, expression: Expression) -> float:
         return 1.0
     from astropy import units as u
 
-    length = context.unit if context.unit is not None else u.dimensionless_unscaled
+    per_length = (context.unit if context.unit is not None else u.dimensionless_unscaled) ** -1
     try:
-        return float(unit.to(1 / length))
+        return float(unit.to(per_length))
     except u.UnitConversionError as error:
         raise UnitsError(
             f"extinction {expression.text!r} is in {unit}, expected an inverse length such as "
-            f"{1 / length}; multiply densities by an opacity (area per mass or per particle)"
+            f"{unit_name(parse_unit(per_length)) or 'dimensionless'}; multiply densities by an "
+            "opacity (area per mass or per particle)"
         ) from error

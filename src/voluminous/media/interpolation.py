@@ -79,8 +79,9 @@ def interpolate_ranges(
     nodes, columns
         As in `interpolate`.
     """
-    (first, f_first), (last, f_last) = (_position(end, nodes) for end in (x.lo, x.hi))
-    passed = np.searchsorted(nodes, x.lo, "left"), np.searchsorted(nodes, x.hi, "right")
+    passed = [np.searchsorted(nodes, end, "right") for end in (x.lo, x.hi)]
+    first, last = (np.clip(count, 1, len(nodes) - 1) for count in passed)
+    f_first, f_last = _fraction(x.lo, nodes, first), _fraction(x.hi, nodes, last)
 
     def enclosure(column: np.ndarray) -> Interval:
         ends = _between(column, first, f_first), _between(column, last, f_last)
@@ -97,13 +98,12 @@ def interpolate_ranges(
     return [enclosure(column) for column in columns]
 
 
-def _position(x: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the node above x, and the fraction of the way to it from the one below."""
-    upper = np.clip(np.searchsorted(nodes, x, "right"), 1, len(nodes) - 1)
+def _fraction(x: np.ndarray, nodes: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Return how far x is from the node before `upper` to that node."""
     low, high = nodes[upper - 1], nodes[upper]
     width = high - low
     inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
-    return upper, np.where(width > 0, inside, np.where(x < high, 0, 1))
+    return np.where(width > 0, inside, np.where(x < high, 0, 1))
 
 
 def _between(column: np.ndarray, upper: np.ndarray, fraction: np.ndarray) -> np.ndarray:
@@ -116,8 +116,8 @@ def _extremes_within(
     """Return the smallest and largest of ``column[first:stop]``; NaN where there are none."""
     ranges = np.stack([first, stop], axis=-1).reshape(-1)
     padded = np.append(column, np.nan)  # so that `stop` is an index
-    found = (
+    least, most = (
         np.where(first < stop, function.reduceat(padded, ranges)[::2].reshape(first.shape), np.nan)
         for function in (np.fmin, np.fmax)
     )
-    return tuple(found)
+    return least, most

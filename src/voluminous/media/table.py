@@ -136,28 +136,25 @@ class Colormap(Table):
         norm: Any = None,
         samples: int = 256,
     ) -> None:
-        from .colormaps import get_colormap, get_norm
+        from .colormaps import get_colormap, values_at
 
         unit = unit_of(vmin) or unit_of(vmax)
         low, high = plain(vmin, unit, "vmin"), plain(vmax, unit, "vmax")
         if not low < high:
             raise InputError(f"vmin must be below vmax, got {vmin} and {vmax}")
+        if int(samples) != samples or samples < 2:
+            raise InputError(f"samples must be a whole number of at least 2, got {samples!r}")
         self.map = get_colormap(cmap)
-        position = np.linspace(0.0, 1.0, samples)
-        values = np.asarray(get_norm(norm, low, high).inverse(position), dtype=np.float64)
-        values[0], values[-1] = low, high
+        position = np.linspace(0.0, 1.0, int(samples))
+        values = values_at(position, norm, low, high)
         rgb = np.asarray(self.map(position))[:, :3]
-        alpha = (
-            np.asarray([opacity(p) for p in position])
-            if callable(opacity)
-            else np.full(samples, opacity)
-        )
+        alpha = _opacities(opacity, position)
         self._described = {
             "type": "colormap",
             "cmap": self.map.name,
             "vmin": _named(vmin),
             "vmax": _named(vmax),
-            "opacity": alpha.tolist() if callable(opacity) else opacity,
+            "opacity": alpha.tolist() if callable(opacity) else float(opacity),
             "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
         }
         nodes = values * unit if unit is not None else values
@@ -166,6 +163,20 @@ class Colormap(Table):
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""
         return {**self._described, "expr": self.expr.text, "path_length": _named(self.path_length)}
+
+
+def _opacities(opacity: Any, position: np.ndarray) -> np.ndarray:
+    """Return the opacity at positions in a colormap, from a number or a function of them."""
+    given = [opacity(float(p)) for p in position] if callable(opacity) else opacity
+    try:
+        alpha = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"opacity must be a number or a function, got {opacity!r}") from error
+    if alpha.shape not in ((), position.shape) or (alpha.ndim == 1 and not callable(opacity)):
+        raise InputError(
+            f"opacity must be one number, or a function that gives one, got {opacity!r}"
+        )
+    return np.broadcast_to(alpha, position.shape)
 
 
 def _increasing(values: Any) -> np.ndarray:

@@ -8,18 +8,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import FileFormatError, InputError, unknown_name
+from ..errors import FileFormatError, InputError
 from ..image.files import MissingPathError, replacing
 from ..io.guard import placed
 from . import toml
 from .sections import build_camera, build_medium, image_options, render_options
+from .settings import plain_sections, plain_values, relative_path, set_value
 from .source import read_source
 
 if TYPE_CHECKING:
     from ..image import Image
     from ..volume import Volume
-
-SECTIONS = ("volume", "medium", "camera", "render", "image")
 
 
 class Scene:
@@ -61,7 +60,7 @@ class Scene:
 
     def __init__(self, settings: Mapping[str, Any], directory: str | Path = ".") -> None:
         self.directory = Path(directory)
-        self._settings = _plain_sections(settings)
+        self._settings = plain_sections(settings)
         self._source = read_source(self._settings["volume"])
         self.medium = build_medium(self._settings["medium"])
         self.camera = build_camera(self._settings["camera"])
@@ -132,7 +131,7 @@ class Scene:
             options["background"] = self._background(background)
         image = render(self.volume(), self.medium, self.camera, **options)
         told = self.to_dict()
-        told["render"] = {**self._settings["render"], **_plain_values(overrides)}
+        told["render"] = {**self._settings["render"], **plain_values(overrides)}
         image.provenance = {**(image.provenance or {}), "scene": told}
         return image
 
@@ -158,7 +157,7 @@ class Scene:
         """
         settings = self.to_dict()
         for place, value in changes.items():
-            _set(settings, place, value)
+            set_value(settings, place, value)
         changed = Scene(settings, self.directory)
         if changed._settings["volume"] == self._settings["volume"]:
             changed._volume = self._volume
@@ -171,7 +170,7 @@ class Scene:
             for section, key in (("volume", "path"), ("render", "background")):
                 value = settings.get(section, {}).get(key)
                 if isinstance(value, str):
-                    settings[section][key] = _relative(self.directory, value, Path(directory))
+                    settings[section][key] = relative_path(self.directory, value, Path(directory))
         return settings
 
     def dumps(self) -> str:
@@ -196,80 +195,6 @@ class Scene:
     def __repr__(self) -> str:
         source = self._source.path or self._source.model
         return f"<Scene of {source}: {self.medium!r}, {self.camera!r}>"
-
-
-def _plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all sections, in order, as tables of plain values."""
-    for name in settings:
-        if name not in SECTIONS:
-            raise unknown_name("section", name, SECTIONS)
-    for name in ("volume", "medium"):
-        if not settings.get(name):
-            raise InputError(f"the section {name!r} is missing or empty; a scene needs it")
-    sections = {name: settings.get(name, {}) for name in SECTIONS}
-    sections["medium"] = _media(sections["medium"])
-    sections["camera"] = _described(sections["camera"])
-    for name, section in sections.items():
-        if name != "medium" and not isinstance(section, Mapping):
-            raise InputError(f"expected a table [{name}], got {name} = {section!r}")
-    return copy.deepcopy(sections)
-
-
-def _media(given: Any) -> list[dict[str, Any]]:
-    """Return the tables of all media, from tables or objects."""
-    if hasattr(given, "components"):
-        given = list(given.components())
-    tables = given if isinstance(given, list) else [given]
-    plain = [_described(medium) for medium in tables]
-    for number, table in enumerate(plain, start=1):
-        if not isinstance(table, Mapping):
-            raise InputError(f"expected tables [[medium]], got {table!r} as number {number}")
-    return plain
-
-
-def _described(thing: Any) -> Any:
-    """Return what an object says of itself, without what it leaves at its default."""
-    if not hasattr(thing, "describe"):
-        return thing
-    return {key: value for key, value in thing.describe().items() if value is not None}
-
-
-def _plain_values(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options that a scene file can hold."""
-    listed = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
-    return {k: v for k, v in listed.items() if isinstance(v, (str, bool, int, float, list))}
-
-
-def _set(settings: dict[str, Any], place: str, value: Any) -> None:
-    """Set the value at a place such as ``medium.1.color``; its last part may be new."""
-    *path, last = place.split(".")
-    section = path[0] if path else last
-    if section not in SECTIONS:
-        raise unknown_name("section", section, SECTIONS)
-    table: Any = settings
-    for step, key in enumerate(path):
-        if isinstance(table, list):
-            table = _item(table, key, place)
-        else:
-            table = table.setdefault(key, {})
-        if not isinstance(table, (dict, list)):
-            raise InputError(f"{'.'.join(path[: step + 1])} is a value, not a table: {table!r}")
-    if isinstance(table, list):
-        raise InputError(f"{place!r}: say which of the {len(table)}, such as '{path[0]}.1.color'")
-    table[last] = value
-
-
-def _item(items: list[Any], key: str, place: str) -> Any:
-    if not key.isdigit() or not 1 <= int(key) <= len(items):
-        raise InputError(f"{place!r}: expected a number from 1 to {len(items)}, got {key!r}")
-    return items[int(key) - 1]
-
-
-def _relative(old: Path, path: str, new: Path) -> str:
-    expanded = Path(os.path.expanduser(path))
-    if expanded.is_absolute():
-        return path
-    return Path(os.path.relpath(old / expanded, new)).as_posix()
 
 
 def _text_of(path: Path) -> str:

@@ -1,0 +1,104 @@
+"""The settings of a scene: tables of plain values, and places in them."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, unknown_name
+
+SECTIONS = ("volume", "medium", "camera", "render", "image")
+
+
+def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all sections, in order, as tables of plain values.
+
+    Raises
+    ------
+    UnknownNameError
+        For a section that does not exist.
+    InputError
+        If one is missing, or is no table.
+    """
+    for name in settings:
+        if name not in SECTIONS:
+            raise unknown_name("section", name, SECTIONS)
+    for name in ("volume", "medium"):
+        if not settings.get(name):
+            raise InputError(f"the section {name!r} is missing or empty; a scene needs it")
+    sections = {name: settings.get(name, {}) for name in SECTIONS}
+    sections["medium"] = _media(sections["medium"])
+    sections["camera"] = _described(sections["camera"])
+    for name, section in sections.items():
+        if name != "medium" and not isinstance(section, Mapping):
+            raise InputError(f"expected a table [{name}], got {name} = {section!r}")
+    return copy.deepcopy(sections)
+
+
+def _media(given: Any) -> list[dict[str, Any]]:
+    """Return the tables of all media, from tables or objects."""
+    if hasattr(given, "components"):
+        given = list(given.components())
+    tables = given if isinstance(given, list) else [given]
+    plain = [_described(medium) for medium in tables]
+    for number, table in enumerate(plain, start=1):
+        if not isinstance(table, Mapping):
+            raise InputError(f"expected tables [[medium]], got {table!r} as number {number}")
+    return plain
+
+
+def _described(thing: Any) -> Any:
+    """Return what an object says of itself, without what it leaves at its default."""
+    if not hasattr(thing, "describe"):
+        return thing
+    return {key: value for key, value in thing.describe().items() if value is not None}
+
+
+def plain_values(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that a scene file can hold."""
+    listed = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
+    return {k: v for k, v in listed.items() if isinstance(v, (str, bool, int, float, list))}
+
+
+def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
+    """Set the value at a place such as ``medium.1.color``; its last part may be new.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such section.
+    InputError
+        If the place leads through something that is not a table.
+    """
+    *path, last = place.split(".")
+    section = path[0] if path else last
+    if section not in SECTIONS:
+        raise unknown_name("section", section, SECTIONS)
+    table: Any = settings
+    for step, key in enumerate(path):
+        if isinstance(table, list):
+            table = _item(table, key, place)
+        else:
+            table = table.setdefault(key, {})
+        if not isinstance(table, (dict, list)):
+            raise InputError(f"{'.'.join(path[: step + 1])} is a value, not a table: {table!r}")
+    if isinstance(table, list):
+        raise InputError(f"{place!r}: say which of the {len(table)}, such as '{path[0]}.1.color'")
+    table[last] = value
+
+
+def _item(items: list[Any], key: str, place: str) -> Any:
+    if not key.isdigit() or not 1 <= int(key) <= len(items):
+        raise InputError(f"{place!r}: expected a number from 1 to {len(items)}, got {key!r}")
+    return items[int(key) - 1]
+
+
+def relative_path(old: Path, path: str, new: Path) -> str:
+    """Return a path that is relative to one directory as it is seen from another."""
+    expanded = Path(os.path.expanduser(path))
+    if expanded.is_absolute():
+        return path
+    return Path(os.path.relpath(old / expanded, new)).as_posix()
