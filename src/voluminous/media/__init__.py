@@ -3,7 +3,7 @@
 from .coefficients import Coefficients
 from .contract import Context, Medium
 from .function import Function
-from .shaped import Gaussian, Rectangle
+from .shaped import Gaussian, Rectangle, Shaped
 from .sum import Sum
 from .table import Colormap, Table
 
@@ -15,6 +15,7 @@ __all__ = [
     "Gaussian",
     "Medium",
     "Rectangle",
+    "Shaped",
     "Sum",
     "Table",
 ]

@@ -32,6 +32,8 @@ class Shaped(Medium):
         check_extinction(self.opacity, len(self.color), "opacity")
         _positive(self.width, self._width_name)
         _positive(self.path_length, "path_length")
+        if len(set(self.opacity)) == 1:  # the same for all channels: grey
+            self.opacity = self.opacity[:1]
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
         self.names = self.expr.names
@@ -42,25 +44,34 @@ class Shaped(Medium):
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length."""
+        shape = self.per_length(fields, context)
+        return Coefficients(
+            [context.number(h) * shape for h in self.color],
+            [context.number(h) * shape for h in self.opacity],
+        )
+
+    def per_length(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return the shape per path length: what colour and opacity are multiplied with."""
         unit = context.unit_of(self.expr)
         center = plain(self.center, unit, "center")
         width = plain(self.width, unit, self._width_name)
         length = plain(self.path_length, context.unit, "path_length")
         x = context.evaluate(self.expr, fields)
         shape = self.shape(context.ops, x - context.number(center), context.number(width))
-        return Coefficients(
-            [context.number(h / length) * shape for h in self.color],
-            [context.number(h / length) * shape for h in self.opacity],
-        )
+        return context.number(1.0 / length) * shape
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
 
+    def shape_key(self) -> Any:
+        """Return what `per_length` depends on, units included."""
+        numbers = (_named(self.center), _named(self.width), _named(self.path_length))
+        return (type(self).__name__, self.expr.text, *numbers)
+
     def key(self) -> Any:
         """Return the class and all its numbers, units included."""
-        numbers = (_named(self.center), _named(self.width), _named(self.path_length))
-        return (type(self).__name__, self.expr.text, *numbers, self.color, self.opacity)
+        return (*self.shape_key(), self.color, self.opacity)
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""

@@ -16,16 +16,13 @@ class Classifier:
 
     Attributes
     ----------
-    channels, extinctions : int
-        Numbers of j and α.
+    numbers : Direct or Shapes
+        What is computed per cell.
     """
 
-    def __init__(self, volume: Any, medium: Medium, backend: Any, *, signed: bool = False) -> None:
-        self.volume, self.medium, self.backend = volume, medium, backend
-        self.grid = volume.grid
-        self.channels = medium.channels
-        self.extinctions = 1 if medium.grey else medium.channels
-        self.signed = signed
+    def __init__(self, volume: Any, medium: Medium, numbers: Any, backend: Any) -> None:
+        self.volume, self.medium, self.numbers = volume, medium, numbers
+        self.backend, self.grid = backend, volume.grid
         for part in medium.components():
             for name in part.names:
                 if name not in ("x", "y", "z", "r") and name not in volume:
@@ -41,22 +38,23 @@ class Classifier:
         )
 
     def classify(self, first: int, count: int) -> list[Any]:
-        """Return j and α times the grid's scale for consecutive cells (traced, not computed)."""
-        Wide = self.backend.Wide
+        """Return the numbers times the grid's scale for consecutive cells (traced)."""
         fields = {name: self._values(name, first, count) for name in self.medium.names}
-        found = self.medium.coefficients(fields, self.context(Wide))
+        spread = dr.zeros(self.backend.Wide, count)
+        return [spread + v for v in self.evaluate(fields)]
+
+    def evaluate(self, fields: dict[str, Any]) -> list[Any]:
+        """Return the numbers times the grid's scale, from field values (traced)."""
         scale = self.backend.wide(self.grid.scale)
-        spread = dr.zeros(Wide, count)
-        return [spread + v * scale for v in (*found.emissivity, *found.extinction)]
+        return [v * scale for v in self.numbers.values(fields, self.context(self.backend.Wide))]
 
     def unusable(self, values: list[Any]) -> Any:
-        """Return where coefficients are not finite, or an extinction is negative (traced)."""
+        """Return where numbers are not finite, or an extinction is negative (traced)."""
         bad = self.backend.Bool(False)
         for v in values:
             bad |= ~dr.isfinite(v)
-        if not self.signed:
-            for alpha in values[self.channels :]:
-                bad |= alpha < 0
+        for v in values[self.numbers.emissions :]:
+            bad |= v < 0
         return bad
 
     def _values(self, name: str, first: int, count: int) -> Any:
@@ -90,9 +88,9 @@ class Classifier:
         told = []
         for k, v in enumerate(values):
             value = float(np.asarray(v)[place]) / self.grid.scale
-            if not np.isfinite(value) or (k >= self.channels and value < 0):
-                name = "emissivity" if k < self.channels else "extinction"
-                told.append(f"{name} of channel {k % self.channels} is {value:g}")
+            if not np.isfinite(value) or (k >= self.numbers.emissions and value < 0):
+                name = "emissivity" if k < self.numbers.emissions else "extinction"
+                told.append(f"{name} of channel {k % self.numbers.emissions} is {value:g}")
         fields = ", ".join(
             f"{name} = {self.volume.array(name)[cell]:g}"
             for name in self.medium.names

@@ -83,7 +83,7 @@ class Job:
         total, early = None, backend.Bool(False)
         for offset in subpixel_offsets(self.samples):
             ray = self._ray(x, y, offset, there)
-            path = empty_path(backend.Float, source.channels, source.extinctions)
+            path = empty_path(backend.Float, source.numbers.emissions, source.numbers.extinctions)
             path, stopped = march(walk, source, self.scheme, ray, path, ending, self.backward)
             early |= stopped
             if self.samples == 1:
@@ -112,27 +112,27 @@ class Job:
             return None
         opaque = self.backend.opaque
         if self.cutoff is not None:
-            return Cutoff(opaque(1.0), opaque(0.0), opaque(self.cutoff))
+            return Cutoff(opaque(1.0), [], opaque(self.cutoff))
         bounds = self.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / self.volume.grid.scale
-        most = max(source.largest) * diagonal + brightest_background
+        most = source.numbers.brightest(source.largest) * diagonal + brightest_background
         most = min(most, float(np.finfo(self.backend.dtype).max))
-        # The sum over channels is at most so many times their maximum.
-        return Cutoff(opaque(most), opaque(DEFAULT_ERROR / source.channels), opaque(0.0))
+        weights = [opaque(DEFAULT_ERROR * float(w)) for w in source.numbers.weights()]
+        return Cutoff(opaque(most), weights, opaque(0.0))
 
     def _classifying(self, done: int, total: int) -> None:
         """Progress of classification: reported as work not begun."""
         self.progress(0, 1)
 
     def _numbers(self, source: Any) -> int:
-        return source.channels + 2 * source.extinctions
+        return int(source.numbers.emissions + 2 * source.numbers.extinctions)
 
     def _gathered(self, planes: list[Any], source: Any, stopped: bool) -> Planes:
         nx, ny = self.frame.pixels
         arrays = [np.asarray(plane).reshape(ny, nx) for plane in planes]
-        c, e = source.channels, source.extinctions
+        c, e = source.numbers.emissions, source.numbers.extinctions
         return Planes(
-            np.stack(arrays[:c], axis=-1),
+            source.numbers.mix(arrays[:c]),
             np.stack(arrays[c : c + e], axis=-1),
             np.stack(arrays[c + e :], axis=-1),
             stopped,

@@ -14,13 +14,13 @@ from .path import Path, over
 class Cutoff:
     """When a front-to-back ray stops: what is behind can no longer matter.
 
-    A ray stops where ``transparency · behind < fraction · gathered + least``: `behind` bounds what
-    can come from behind, and what the ray has gathered is summed over channels. With
-    ``behind = 1`` and ``fraction = 0`` it stops at transparency `least`.
+    A ray stops where ``transparency · behind < Σ weight · emission + least``: `behind` bounds what
+    can come from behind, and the sum is an allowed fraction of what the ray has gathered. With
+    ``behind = 1`` and no weights it stops at transparency `least`.
     """
 
     behind: Any
-    fraction: Any
+    weights: list[Any]
     least: Any
 
     def reached(self, path: Path) -> Any:
@@ -28,10 +28,10 @@ class Cutoff:
         brightest = path.transparency[0]
         for theta in path.transparency[1:]:
             brightest = dr.select(theta > brightest, theta, brightest)
-        gathered = path.emission[0]
-        for b in path.emission[1:]:
-            gathered = gathered + b
-        return brightest * self.behind < dr.fma(self.fraction, gathered, self.least)
+        enough = self.least
+        for weight, b in zip(self.weights, path.emission, strict=False):
+            enough = dr.fma(weight, b, enough)
+        return brightest * self.behind < enough
 
 
 @dataclass

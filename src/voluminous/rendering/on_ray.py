@@ -21,7 +21,7 @@ class OnRay:
 
     def __init__(self, classifier: Classifier, backend: Any) -> None:
         self.classifier, self.backend = classifier, backend
-        self.channels, self.extinctions = classifier.channels, classifier.extinctions
+        self.numbers = classifier.numbers
         self.names = classifier.medium.names
         volume = classifier.volume
         self.fields = {
@@ -29,7 +29,7 @@ class OnRay:
             for name in self.names
             if name in volume
         }
-        self.largest = [math.inf] * self.channels
+        self.largest = [math.inf] * self.numbers.count
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
         """Return j and α of a cell."""
@@ -41,13 +41,10 @@ class OnRay:
         }
         if len(values) < len(self.names):
             values = {**cell_coordinates(grid, cell, self.backend), **values}
-        found = self.classifier.medium.coefficients(values, self.classifier.context(Wide))
-        scale = self.backend.wide(grid.scale)
-        alpha = [a * scale for a in found.extinction]
-        if not self.classifier.signed:
-            alpha = [dr.select(a >= 0, a, math.nan) for a in alpha]
-        j = [e * scale for e in found.emissivity]
-        return [self._narrow(v) for v in j], [self._narrow(v) for v in alpha]
+        found = self.classifier.evaluate(values)
+        for k in range(self.numbers.emissions, len(found)):
+            found[k] = dr.select(found[k] >= 0, found[k], math.nan)
+        return self.numbers.split([self._narrow(v) for v in found])
 
     def _narrow(self, value: Any) -> Any:
         return flush_subnormal(self.backend.Float(value))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from .classify import Classifier
 from .memory import check_memory, fits
+from .numbers import plan_numbers
 from .on_ray import OnRay
-from .tables import Table, cell_table, packet_widths, vertex_table
+from .tables import Table, cell_table, vertex_table
 
 # Tables kept per volume: turning only the camera, or going back and forth between two schemes or
 # media, classifies nothing again.
@@ -29,16 +31,18 @@ def get_source(
     report : callable
         Called as ``report(done, total)`` while classifying.
     """
-    classifier = Classifier(volume, medium, backend)
+    numbers = plan_numbers(medium, scheme, backend)
+    classifier = Classifier(volume, medium, numbers, backend)
     needed = table_bytes(classifier, scheme, backend)
     # A cell classified beforehand costs about as much as two visited on a ray (DESIGN section 3).
     crowded = scheme.place == "cell" and (volume.grid.size > 0.5 * steps or not fits(needed))
     if crowded and not volume.tables:  # not even hashed: that takes a second for 1024³
         return OnRay(classifier, backend)
-    key = _key(volume, medium, scheme, backend)
+    key = _key(classifier, scheme)
     if key is not None and key in volume.tables:
         volume.tables.move_to_end(key)
-        return volume.tables[key]
+        # Colours and opacities may have been turned: they are not in the table.
+        return replace(volume.tables[key], numbers=numbers)
     if crowded:
         return OnRay(classifier, backend)
     check_memory(needed, f"the table of coefficients for scheme {scheme.name!r}")
@@ -53,8 +57,7 @@ def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
     """Return the memory of a scheme's table."""
     extra = 1 if scheme.place == "vertex" else 0
     places = int(np.prod([n + extra for n in classifier.grid.shape], dtype=object))
-    count = sum(packet_widths(classifier.channels + classifier.extinctions))
-    return places * count * backend.dtype.itemsize
+    return places * classifier.numbers.count * backend.dtype.itemsize
 
 
 def _keep(volume: Any, key: Any, table: Table) -> None:
@@ -64,20 +67,21 @@ def _keep(volume: Any, key: Any, table: Table) -> None:
     volume.tables[key] = table
 
 
-def _key(volume: Any, medium: Any, scheme: Any, backend: Any) -> Any:
+def _key(classifier: Classifier, scheme: Any) -> Any:
     """Return what a table depends on; None if that cannot be told.
 
-    The fields' contents are hashed (at memory speed: 0.1 ms for 100³), since arrays are not copied
+    The fields' contents are hashed (at memory speed: 0.5 ms for 100³), since arrays are not copied
     and may have been changed in place.
     """
-    own = medium.key()
+    own = classifier.numbers.key()
     if own is None:
         return None
     import xxhash
 
+    volume, backend = classifier.volume, classifier.backend
     fields = tuple(
         (name, str(volume.field_unit(name)), xxhash.xxh3_64_digest(volume.array(name).data))
-        for name in medium.names
+        for name in classifier.medium.names
         if name in volume
     )
     return (own, scheme.place, backend.device, backend.precision, fields)

@@ -39,14 +39,15 @@ class Table:
     ----------
     packets : list of arrays
         Interleaved numbers, one flat array per packet.
+    numbers : Direct or Shapes
+        What the numbers are.
     largest : list of float
-        Largest emissivity per channel, times the grid's scale.
+        Largest magnitude of each number, times the grid's scale.
     """
 
     packets: list[Any]
     widths: list[int]
-    channels: int
-    extinctions: int
+    numbers: Any
     largest: list[float]
     backend: Any
 
@@ -56,7 +57,7 @@ class Table:
         return sum(len(p) for p in self.packets) * self.backend.dtype.itemsize
 
     def gather(self, index: Any, active: Any) -> list[Any]:
-        """Return all numbers at a flat index, j first."""
+        """Return all numbers at a flat index."""
         values: list[Any] = []
         for data, width in zip(self.packets, self.widths, strict=True):
             got = dr.gather(self.backend.packet(width), data, self.backend.UInt(index), active)
@@ -65,11 +66,10 @@ class Table:
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
         """Return j and α of a cell."""
-        values = self.gather(cell, active)
-        return values[: self.channels], values[self.channels :]
+        return self.numbers.split(self.gather(cell, active))
 
     def interpolate(self, corners: Corners, active: Any) -> list[Any]:
-        """Return all numbers interpolated between vertices, j first."""
+        """Return all numbers interpolated between vertices."""
         total: list[Any] = []
         for vertex, weight in zip(corners.vertex, corners.weight, strict=True):
             values = self.gather(vertex, active)
@@ -134,7 +134,7 @@ def _means(
     j = Int(row) - i * dr.opaque(Int, ny + 1)
     i += dr.opaque(Int, first)
     nx, ny, nz, low = (dr.opaque(Int, n) for n in (nx, ny, nz, low))
-    total = [Float(0)] * (cells.channels + cells.extinctions)
+    total = [Float(0)] * cells.numbers.count
     number = Float(0)
     for corner in range(8):
         a, b, c = i - (corner >> 2 & 1), j - (corner >> 1 & 1), k - (corner & 1)
@@ -146,15 +146,15 @@ def _means(
 
 
 def _empty_table(classifier: Any, backend: Any, size: int) -> Table:
-    widths = packet_widths(classifier.channels + classifier.extinctions)
+    count = classifier.numbers.count
+    widths = packet_widths(count)
     if size * max(widths) > LARGEST:
         raise InputError(
             f"a table of {size} x {max(widths)} numbers exceeds the {LARGEST} that an array can "
             "hold; render the volume in parts, or with scheme='first-order'"
         )
     packets = [dr.empty(backend.Float, size * w) for w in widths]
-    largest = [0.0] * classifier.channels
-    return Table(packets, widths, classifier.channels, classifier.extinctions, largest, backend)
+    return Table(packets, widths, classifier.numbers, [0.0] * count, backend)
 
 
 def _classify_into(table: Table, classifier: Any, first: int, count: int, place: int) -> None:
@@ -178,7 +178,7 @@ def _store(table: Table, values: list[Any], first: int, *also: Any) -> None:
         packet = part[0] if width == 1 else table.backend.packet(width)(part)
         dr.scatter(data, packet, index)
         position += width
-    emissivity = [dr.abs(j) for j in values[: table.channels]]
-    dr.eval(table.packets, emissivity, *also)
-    for c, j in enumerate(emissivity):
-        table.largest[c] = max(table.largest[c], float(dr.max(j)[0]))
+    size = [dr.abs(v) for v in values]
+    dr.eval(table.packets, size, *also)
+    for k, v in enumerate(size):
+        table.largest[k] = max(table.largest[k], float(dr.max(v)[0]))

@@ -26,6 +26,7 @@ class Scheme(Protocol):
     name: str
     order: int
     place: str  # "cell" or "vertex": where the coefficients are tabulated
+    linear: bool  # the emission is linear in the emissivity, whatever the extinction
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""

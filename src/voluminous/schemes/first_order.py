@@ -19,6 +19,7 @@ class FirstOrder:
     name = "first-order"
     order = 1
     place = "cell"
+    linear = True
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry nothing: a segment knows its cell."""

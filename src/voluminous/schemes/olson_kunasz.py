@@ -28,6 +28,7 @@ class OlsonKunasz:
     name = "olson-kunasz"
     order = 2
     place = "vertex"
+    linear = False
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry the coefficients where the ray is."""
@@ -38,7 +39,7 @@ class OlsonKunasz:
     ) -> tuple[Solution, list[Any]]:
         """Return the solution of one segment; see `schemes.contract.Scheme`."""
         front, back, reached = end_values(source, walk, track, segment, carried, backward)
-        s, n = segment.length, source.channels
+        s, n = segment.length, source.numbers.emissions
         depth = [0.5 * (f + b) * s for f, b in zip(front[n:], back[n:], strict=True)]
         weights = [_weights(tau) for tau in depth]
         emission = []

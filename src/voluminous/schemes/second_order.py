@@ -40,6 +40,7 @@ class SecondOrder:
     name = "second-order"
     order = 2
     place = "vertex"
+    linear = True
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry the coefficients where the ray is."""
@@ -50,14 +51,15 @@ class SecondOrder:
     ) -> tuple[Solution, list[Any]]:
         """Return the solution of one segment; see `schemes.contract.Scheme`."""
         front, back, reached = end_values(source, walk, track, segment, carried, backward)
-        s, n = segment.length, source.channels
-        a_front, a_back = ([a * s for a in values[n:]] for values in (front, back))
+        s = segment.length
+        (j_front, alpha_front), (j_back, alpha_back) = map(source.numbers.split, (front, back))
+        a_front, a_back = ([a * s for a in alpha] for alpha in (alpha_front, alpha_back))
         depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]
         weights, transparency = visibility(a_front, a_back, depth)
         emission = []
-        for c in range(n):
+        for c, (jf, jb) in enumerate(zip(j_front, j_back, strict=True)):
             w_front, w_back = weights[c if len(weights) > 1 else 0]
-            emission.append(s * dr.fma(front[c], w_front, back[c] * w_back))
+            emission.append(s * dr.fma(jf, w_front, jb * w_back))
         return Solution(emission, transparency, depth), reached
 
 
