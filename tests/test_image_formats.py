@@ -26,7 +26,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from voluminous.errors import FileFormatError, InputError, UnknownNameError
 from voluminous.image import Image
-from voluminous.image.files import MissingPathError
+from voluminous.files import MissingPathError
 from voluminous.image.formats import FORMATS, png_code
 
 SUFFIXES = [".npz", ".fits", ".exr", ".tif", ".png"]

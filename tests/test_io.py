@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import voluminous as vm
-from voluminous.image.files import MissingPathError
+from voluminous.files import MissingPathError
 from voluminous.io import Reader, find_reader, npy, readers, registry
 from voluminous.io.named_arrays import field_name
 

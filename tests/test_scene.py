@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.image.files import MissingPathError
+from voluminous.files import MissingPathError
 from voluminous.scene import toml
 from voluminous.scene.source import models
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import keyword
+import unicodedata
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError, UnitsError, unknown_name
-from .expressions import CONSTANTS, FUNCTIONS, Expression, NumpyOps, check_names
+from .expressions import CONSTANTS, FUNCTIONS, Expression, NumpyOps, UnitOps, check_names
 from .units import is_quantity, parse_unit, unit_name
 
 COORDINATES = ("x", "y", "z", "r")
@@ -96,7 +98,7 @@ class Volume:
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
-        _check_name(name)
+        name = _check_name(name)
         if isinstance(value, (str, Expression)):
             array, unit = self.evaluate(value), None
         else:
@@ -182,7 +184,7 @@ class Volume:
             for name, unit in units.items()
         }
         try:
-            value = expression.evaluate(NumpyOps(), ones)
+            value = expression.evaluate(UnitOps(), ones)
         except (u.UnitsError, TypeError, ValueError, UnitsError):
             return None
         return parse_unit(getattr(value, "unit", None))
@@ -221,14 +223,16 @@ def unit_quantity(array: np.ndarray, unit: Any) -> Any:
     return u.Quantity(array, unit, copy=False, subok=True)
 
 
-def _check_name(name: Any) -> None:
-    if not isinstance(name, str) or not name.isidentifier():
+def _check_name(name: Any) -> str:
+    """Return the name as expressions know it (Unicode-normalised, as in Python)."""
+    if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
             f"a field's name must be an identifier (letters, digits, _), got {name!r}; "
             "expressions refer to fields by it"
         )
     if name in FUNCTIONS or name in CONSTANTS or name in COORDINATES:
         raise InputError(f"{name!r} is reserved for expressions; give the field another name")
+    return unicodedata.normalize("NFKC", name)
 
 
 def _checked(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

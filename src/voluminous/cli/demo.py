@@ -103,7 +103,7 @@ def _draw(images: list[Image], output: Path) -> None:
     """Draw the panels side by side with axes; matplotlib without windows."""
     from matplotlib.figure import Figure
 
-    from ..image.files import replacing
+    from ..files import replacing
 
     figure = Figure(figsize=(4 * len(images), 4.4), layout="constrained")
     for axes, title, image in zip(figure.subplots(1, len(images)), PANELS, images, strict=True):

@@ -13,6 +13,7 @@ from .expression import Expression, check_names
 from .interval_ops import IntervalOps
 from .ops import NumpyOps, Ops
 from .parser import CONSTANTS, FUNCTIONS
+from .unit_ops import UnitOps
 
 __all__ = [
     "CONSTANTS",
@@ -22,5 +23,6 @@ __all__ = [
     "IntervalOps",
     "NumpyOps",
     "Ops",
+    "UnitOps",
     "check_names",
 ]

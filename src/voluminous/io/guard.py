@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..errors import FileFormatError, MemoryNeededError, VoluminousError
+from ..errors import FileFormatError, VoluminousError
 
 
 @contextmanager
@@ -50,21 +50,3 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
             f"{path}: expected {expectation}, but it is damaged, cut short or of another kind "
             f"({type(error).__name__}: {error})"
         ) from error
-
-
-def check_memory(needed: int, what: str) -> None:
-    """Refuse to read what does not fit into memory; a damaged or hostile file may claim any size.
-
-    Raises
-    ------
-    MemoryNeededError
-        With the number of bytes needed and available.
-    """
-    import psutil
-
-    free = int(psutil.virtual_memory().available)
-    if needed > free:
-        raise MemoryNeededError(
-            f"{what} needs {needed} bytes ({needed / 2**30:.2f} GiB), but only {free} bytes "
-            f"({free / 2**30:.2f} GiB) are available; read fewer fields with fields=[…]"
-        )

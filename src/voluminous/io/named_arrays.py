@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError, unknown_name
+from ..memory import check_memory
 from .contract import FieldInfo, Reader
-from .guard import check_memory
 from .layout import AXES, axis_order, make_grid
 
 if TYPE_CHECKING:
@@ -68,7 +68,9 @@ class NamedArraysReader(Reader):
             shape = _common_shape({name: entries[place] for name, place in chosen.items()})
             grid = make_grid(entries, tuple(shape[k] for k in order), options)
             check_memory(
-                _needed([entries[p] for p in chosen.values()]), "reading " + ", ".join(chosen)
+                _needed([entries[p] for p in chosen.values()]),
+                "reading " + ", ".join(chosen),
+                "read fewer fields with fields=[…]",
             )
             volume = Volume(grid)
             for name, place in chosen.items():

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..image.files import MissingPathError, replacing
+from ..files import MissingPathError, replacing
 from .contract import Reader
 from .guard import placed, reading
 from .hdf5 import HDF5Reader

@@ -45,6 +45,7 @@ class Job:
     cutoff: float | None
     progress: Callable[[int, int], None]
     samples: int = 1
+    done: int = 0
 
     def run(self, brightest_background: float) -> Planes:
         """Render all batches of pixels."""
@@ -65,21 +66,27 @@ class Job:
             lane = dr.arange(backend.UInt, min(batch, lanes - first))
             lane += dr.opaque(backend.UInt, first)
             x, y, there = order.pixel(lane, backend)
-            path, early = self._pixels(walk, source, ending, x, y, there)
+            path, early = self._pixels(walk, source, ending, (x, y, there), lanes)
             numbers = path.emission + path.transparency + path.depth
             target = y * dr.opaque(backend.UInt, nx) + x
             for plane, number in zip(planes, numbers, strict=True):
                 dr.scatter(plane, number, target, there)
             dr.eval(planes, early)
             stopped |= bool(dr.any(early)) if ending is not None else False
-            self.progress(min(first + batch, lanes), lanes)
+            if self.samples == 1:
+                self._advance(batch, lanes)
         return self._gathered(planes, source, stopped)
 
     def _pixels(
-        self, walk: Any, source: Any, ending: Cutoff | None, x: Any, y: Any, there: Any
+        self,
+        walk: Any,
+        source: Any,
+        ending: Cutoff | None,
+        pixels: tuple[Any, Any, Any],
+        lanes: int,
     ) -> tuple[Path, Any]:
         """Return the mean paths of some pixels, over their sub-pixels."""
-        backend = self.backend
+        backend, (x, y, there) = self.backend, pixels
         total, early = None, backend.Bool(False)
         for offset in subpixel_offsets(self.samples):
             ray = self._ray(x, y, offset, there)
@@ -90,6 +97,7 @@ class Job:
                 return path, early
             total = path if total is None else _sum(total, path)
             dr.eval(total, early)  # one kernel per sub-pixel, the same one each time
+            self._advance(len(x), lanes)
         return _scaled(total, 1.0 / self.samples**2), early
 
     def _ray(self, x: Any, y: Any, offset: tuple[float, float], there: Any) -> Any:
@@ -119,6 +127,13 @@ class Job:
         most = min(most, float(np.finfo(self.backend.dtype).max))
         weights = [opaque(DEFAULT_ERROR * float(w)) for w in source.numbers.weights()]
         return Cutoff(opaque(most), weights, opaque(0.0))
+
+    def _advance(self, rays: int, lanes: int) -> None:
+        """Wait for rays and report them; an interrupt is heard here."""
+        dr.sync_thread()
+        total = lanes * self.samples**2
+        self.done = min(self.done + rays, total)
+        self.progress(self.done, total)
 
     def _classifying(self, done: int, total: int) -> None:
         """Progress of classification: reported as work not begun."""

@@ -2,9 +2,9 @@
 
 In general that is j per channel and α per extinction (`Direct`). But in a grey medium made of
 shapes (Gaussians, rectangles) every channel is a mixture of the same few shapes, attenuated alike.
-Then the shapes are tabulated, the loop integrates one emission per SHAPE, and colours are mixed into
-pixels afterwards (`Shapes`). For the two shells of `models.prestellar_core` that is half the memory
-and 0.7 of the time of second order, and turning a colour or an opacity classifies nothing again.
+Then the shapes are tabulated, the loop integrates one emission per SHAPE, and colours are mixed
+into pixels afterwards (`Shapes`). For the two shells of `models.prestellar_core` that is half the
+memory and SPEED, and turning a colour or an opacity classifies nothing again.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import flush_subnormal
+from ..memory import check_memory
 from .classify import Classifier, cell_coordinates
-from .memory import check_memory
 
 
 class OnRay:
@@ -54,9 +54,8 @@ def _device_array(array: np.ndarray, backend: Any) -> Any:
     """Return a field on the device; float arrays in the CPU's memory are used where they are."""
     flat = array.reshape(-1)
     if flat.dtype.kind != "f":
-        check_memory(
-            flat.size * (4 if flat.dtype.itemsize <= 2 else 8), "an integer field as floats"
-        )
+        size = flat.size * (4 if flat.dtype.itemsize <= 2 else 8)
+        check_memory(size, "an integer field as floating point", "crop or coarsen the volume")
         flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
     kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
     return kind(flat)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..memory import check_memory, fits
 from .classify import Classifier
-from .memory import check_memory, fits
 from .numbers import plan_numbers
 from .on_ray import OnRay
 from .tables import Table, cell_table, vertex_table
@@ -17,6 +17,12 @@ from .tables import Table, cell_table, vertex_table
 # Tables kept per volume: turning only the camera, or going back and forth between two schemes or
 # media, classifies nothing again.
 _KEPT = 4
+# Temporary numbers while classifying.
+_SLABS = 96 << 20
+_ADVICE = (
+    "use precision='single', scheme='first-order' (which can do without a table), "
+    "or a coarser or smaller volume"
+)
 
 
 def get_source(
@@ -35,7 +41,9 @@ def get_source(
     classifier = Classifier(volume, medium, numbers, backend)
     needed = table_bytes(classifier, scheme, backend)
     # A cell classified beforehand costs about as much as two visited on a ray (DESIGN section 3).
-    crowded = scheme.place == "cell" and (volume.grid.size > 0.5 * steps or not fits(needed))
+    crowded = scheme.place == "cell" and (
+        volume.grid.size > 0.5 * steps or not fits(needed + _SLABS)
+    )
     if crowded and not volume.tables:  # not even hashed: that takes a second for 1024³
         return OnRay(classifier, backend)
     key = _key(classifier, scheme)
@@ -45,7 +53,7 @@ def get_source(
         return replace(volume.tables[key], numbers=numbers)
     if crowded:
         return OnRay(classifier, backend)
-    check_memory(needed, f"the table of coefficients for scheme {scheme.name!r}")
+    check_memory(needed + _SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
     make = cell_table if scheme.place == "cell" else vertex_table
     table = make(classifier, backend, report)
     if key is not None:
@@ -62,7 +70,7 @@ def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
 
 def _keep(volume: Any, key: Any, table: Table) -> None:
     """Remember a table; forget the oldest where there are many, or memory is short."""
-    while volume.tables and (len(volume.tables) >= _KEPT or not fits(table.nbytes)):
+    while volume.tables and (len(volume.tables) >= _KEPT or not fits(_SLABS)):
         volume.tables.popitem(last=False)
     volume.tables[key] = table
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
-from ..image.files import MissingPathError, replacing
+from ..files import MissingPathError, replacing
 from ..io.guard import placed
 from . import toml
 from .sections import build_camera, build_medium, image_options, render_options

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..backend import dr
 import numpy as np
 
+from ..backend import dr
 from ..backend.functions import precision_of
 from .contract import Solution
 from .linear import end_values, start_values

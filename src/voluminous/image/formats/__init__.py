@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import unknown_name
-from ..files import check_start, expecting, replacing
+from ...files import check_start, expecting, replacing
 from ..options import check_options
 from . import exr, fits, npz, png, tiff
 from .contract import Format

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..errors import FileFormatError, InputError, VoluminousError
+from .errors import FileFormatError, InputError, VoluminousError
 
 
 class MissingPathError(InputError, FileNotFoundError):
