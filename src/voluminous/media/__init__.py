@@ -7,7 +7,17 @@ from .shaped import Gaussian, Rectangle, Shaped
 from .sum import Sum
 from .table import Colormap, Table
 
+# The media a scene file can name.
+MEDIA = {
+    "gaussian": Gaussian,
+    "rectangle": Rectangle,
+    "table": Table,
+    "colormap": Colormap,
+    "coefficients": Coefficients,
+}
+
 __all__ = [
+    "MEDIA",
     "Coefficients",
     "Colormap",
     "Context",

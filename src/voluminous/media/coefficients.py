@@ -58,6 +58,11 @@ class Coefficients(Medium):
         """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
 
+    def intensity_unit(self, context: Context) -> Any:
+        """Return the unit of emissivity times the volume's length unit."""
+        unit = context.unit_of(self.emissivity[0])
+        return unit if unit is None or context.unit is None else unit * context.unit
+
     def key(self) -> Any:
         """Return all expressions."""
         return (

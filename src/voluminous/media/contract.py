@@ -135,6 +135,10 @@ class Medium:
 
         return bounds(self, lo, hi, unit, unit_of)
 
+    def intensity_unit(self, context: Context) -> Any:
+        """Return the unit of emissivity times length; None where colours are plain numbers."""
+        return None
+
     def key(self) -> Any:
         """Return what identifies this medium, hashable; None if nothing does.
 

@@ -49,6 +49,11 @@ class Sum(Medium):
             _add([_spread(c.extinction, count) for c in solved]),
         )
 
+    def intensity_unit(self, context: Context) -> Any:
+        """Return the unit of the parts' intensity, if they agree."""
+        units = {part.intensity_unit(context) for part in self.parts}
+        return units.pop() if len(units) == 1 else None
+
     def key(self) -> Any:
         """Return the keys of all parts."""
         keys = tuple(part.key() for part in self.parts)

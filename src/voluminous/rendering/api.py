@@ -10,6 +10,7 @@ import numpy as np
 from ..backend import get_backend
 from ..errors import InputError
 from ..image import Image
+from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from ..schemes import get_scheme
 from ..units import unit_name
@@ -112,11 +113,18 @@ def _image(job: Job, planes: Planes, behind: np.ndarray, told: dict[str, Any]) -
         optical_depth=_full_depth(job) if planes.stopped else planes.depth,
         x=x,
         y=y,
+        intensity_unit=_intensity_unit(job),
         pixel_size=job.frame.pixel,
         unit=job.camera.plane_unit or unit_name(job.volume.unit),
         camera=job.camera.describe(),
         provenance=_provenance(job, told),
     )
+
+
+def _intensity_unit(job: Job) -> str:
+    volume = job.volume
+    context = RangeContext(volume.unit, volume.expression_unit)
+    return unit_name(job.medium.intensity_unit(context))
 
 
 def _full_depth(job: Job) -> Callable[[], np.ndarray]:

@@ -8,6 +8,8 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError
+from ..expressions.interval import Interval
+from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
 
 
@@ -47,6 +49,25 @@ class Classifier:
         """Return the numbers times the grid's scale, from field values (traced)."""
         scale = self.backend.wide(self.grid.scale)
         return [v * scale for v in self.numbers.values(fields, self.context(self.backend.Wide))]
+
+    def largest(self) -> list[float]:
+        """Return bounds of the numbers' magnitudes, from the ranges of the fields alone."""
+        fields = {name: self._range(name) for name in self.medium.names}
+        context = RangeContext(self.volume.unit, self.volume.expression_unit)
+        with np.errstate(all="ignore"):
+            found = self.numbers.ranges(fields, context)
+        ends = [np.maximum(np.abs(value.lo), np.abs(value.hi)) for value in found]
+        return [float(end.max()) * self.grid.scale for end in ends]
+
+    def _range(self, name: str) -> Interval:
+        if name in self.volume:
+            array = self.volume.array(name)
+            return Interval(np.asarray(float(array.min())), np.asarray(float(array.max())))
+        low, high = self.grid.bounds.T
+        if name == "r":
+            return Interval(np.asarray(0.0), np.linalg.norm(np.maximum(abs(low), abs(high))))
+        axis = "xyz".index(name)
+        return Interval(np.asarray(low[axis]), np.asarray(high[axis]))
 
     def unusable(self, values: list[Any]) -> Any:
         """Return where numbers are not finite, or an extinction is negative (traced)."""

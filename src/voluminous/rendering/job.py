@@ -124,7 +124,7 @@ class Job:
         bounds = self.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / self.volume.grid.scale
         most = source.numbers.brightest(source.largest) * diagonal + brightest_background
-        most = min(most, float(np.finfo(self.backend.dtype).max))
+        most = min(most, float(np.finfo(self.backend.dtype).max))  # no bound: rays hardly stop
         weights = [opaque(DEFAULT_ERROR * float(w)) for w in source.numbers.weights()]
         return Cutoff(opaque(most), weights, opaque(0.0))
 

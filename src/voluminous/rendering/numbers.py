@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..expressions.interval import Interval
 from ..media import Shaped
+from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
 
 
@@ -47,6 +49,11 @@ class Direct:
     def values(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return the values per unit length."""
         found = self.medium.coefficients(fields, context)
+        return [*found.emissivity, *found.extinction]
+
+    def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
+        """Return what encloses the values while the fields stay in ranges."""
+        found = self.medium.ranges(fields, context)
         return [*found.emissivity, *found.extinction]
 
     def split(self, values: list[Any]) -> tuple[list[Any], list[Any]]:
@@ -102,6 +109,10 @@ class Shapes:
 
     def values(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return the shapes per path length."""
+        return [part.per_length(fields, context) for part in self.parts]
+
+    def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
+        """Return what encloses the values while the fields stay in ranges."""
         return [part.per_length(fields, context) for part in self.parts]
 
     def split(self, values: list[Any]) -> tuple[list[Any], list[Any]]:

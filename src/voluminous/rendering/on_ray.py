@@ -29,7 +29,7 @@ class OnRay:
             for name in self.names
             if name in volume
         }
-        self.largest = [math.inf] * self.numbers.count
+        self.largest = classifier.largest()
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
         """Return j and α of a cell."""

@@ -53,19 +53,12 @@ def build_medium(sections: list[Mapping[str, Any]]) -> Any:
     VoluminousError
         If one cannot be made; names its number.
     """
-    from .. import media
+    from ..media import MEDIA
 
-    types = {
-        "gaussian": media.Gaussian,
-        "rectangle": media.Rectangle,
-        "table": media.Table,
-        "colormap": media.Colormap,
-        "coefficients": media.Coefficients,
-    }
     parts = []
     for number, section in enumerate(sections, start=1):
         with placed(f"[[medium]] {number}"):
-            make, rest = _typed(section, types)
+            make, rest = _typed(section, MEDIA)
             parts.append(make(**arguments(make, rest, _MEDIUM)))
     with placed("[[medium]]"):
         return sum(parts[1:], parts[0])
