@@ -6,15 +6,16 @@ With x running from the front (0) to the back (1) of a segment of length s,
     b = s ∫ (j_f (1 - x) + j_b x) e^{-τ(x)} dx = s (j_f W_f + j_b W_b).
 
 The two weights have closed forms in error functions and Dawson's integral, which lose all digits as
-α_f → α_b or τ → 0. The integrand is entire, so Gauss-Legendre quadrature is exact to rounding with
-few nodes, and the exponential of a small number is a short polynomial. There are three branches:
-most segments of most pictures take the first, which costs no exponential at all; the last
-integrates over the part of the segment that can be seen from its front.
+α_f → α_b or τ → 0. The integrand is entire, though: where τ is small they are a short double power
+series in both extinctions, elsewhere Gauss-Legendre quadrature is exact to rounding with few nodes.
+Of the three branches most segments of most pictures take the first, which costs no exponential at
+all; the last integrates over the part of the segment that can be seen from its front.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -25,10 +26,11 @@ from ..backend.functions import precision_of
 from .contract import Solution
 from .linear import end_values, start_values
 
-# (nodes, terms of the exponential, optical depth up to which they suffice). The error of n nodes is
-# τ^{2n} (n!)^4 / ((2n+1) ((2n)!)^3): 4e-11 at 0.02 for n = 2, 3e-17 at 0.02 for n = 3.
-_FAINT = {"single": (2, 4, 0.02), "double": (3, 9, 0.02)}
-# (nodes, optical depth up to which they suffice): 6e-8 at 0.7 for n = 3, 2e-17 at 0.5 for n = 6.
+# (order of the series, optical depth up to which it suffices): what is left out of θ is
+# τ^(n+1)/(n+1)!, 5e-9 and 1e-18.
+_FAINT = {"single": (2, 0.003), "double": (5, 0.003)}
+# (nodes, optical depth up to which they suffice). The error of n nodes is
+# τ^{2n} (n!)^4 / ((2n+1) ((2n)!)^3): 6e-8 at 0.7 for n = 3, 2e-17 at 0.5 for n = 6.
 _THIN = {"single": (3, 0.7), "double": (6, 0.5)}
 # (nodes, optical depth beyond which nothing is seen).
 _THICK = {"single": (12, 18.0), "double": (26, 40.0)}
@@ -79,7 +81,7 @@ def visibility(
     deepest = functools.reduce(lambda a, b: dr.select(a > b, a, b), depth)
     flat: list[Any] = dr.if_stmt(
         args=(a_front, a_back, depth, deepest),
-        cond=deepest <= _FAINT[precision][2],
+        cond=deepest <= _FAINT[precision][1],
         true_fn=_faint,
         false_fn=_not_faint,
     )
@@ -88,10 +90,43 @@ def visibility(
 
 
 def _faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
-    nodes, terms, _ = _FAINT[precision_of(type(deepest))]
-    return _weights(
-        a_front, a_back, depth, count=nodes, exp=functools.partial(_short_exp, terms=terms)
-    )
+    """Return W_f, W_b and θ for each extinction, by their power series."""
+    order, _ = _FAINT[precision_of(type(deepest))]
+    exponential = [(-1.0) ** k / math.factorial(k) for k in range(order + 1)]
+    flat = []
+    for af, ab, tau in zip(a_front, a_back, depth, strict=True):
+        for moments in _series(order):
+            inner = [_horner(ab, row) for row in moments]
+            flat.append(_horner(af, inner))
+        flat.append(_horner(tau, exponential))
+    return flat
+
+
+@functools.cache
+def _series(order: int) -> tuple[list[list[float]], list[list[float]]]:
+    """Return the coefficients of a_front^i a_back^m in W_f and W_b, as rows i of entries m.
+
+    With τ(x) = a_front (x - x²/2) + a_back x²/2, the term of order i + m = n of the exponential is
+    ``(-1)^n / (i! m!) ∫ w(x) (x - x²/2)^i (x²/2)^m dx``, with w = 1 - x or x.
+    """
+    nodes, weights = (np.array(v) for v in gauss_legendre(order + 2))  # exact: degree 2n + 1
+
+    def coefficient(w: np.ndarray, i: int, m: int) -> float:
+        moment = np.sum(weights * w * (nodes - nodes**2 / 2) ** i * (nodes**2 / 2) ** m)
+        return float((-1.0) ** (i + m) * moment / (math.factorial(i) * math.factorial(m)))
+
+    def rows(w: np.ndarray) -> list[list[float]]:
+        return [[coefficient(w, i, m) for m in range(order + 1 - i)] for i in range(order + 1)]
+
+    return rows(1.0 - nodes), rows(nodes)
+
+
+def _horner(x: Any, coefficients: list[Any]) -> Any:
+    """Return a polynomial in x; its coefficients may be arrays."""
+    total = coefficients[-1]
+    for c in coefficients[-2::-1]:
+        total = dr.fma(total, x, c)
+    return total
 
 
 def _not_faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
@@ -124,14 +159,6 @@ def _weights(
             front, back = dr.fma(w * (1.0 - x), seen, front), dr.fma(w * x, seen, back)
         flat += [front, back, exp(-tau)]
     return flat
-
-
-def _short_exp(z: Any, terms: int) -> Any:
-    """Return the exponential of a small number by its Taylor polynomial."""
-    total = type(z)(1.0)
-    for k in range(terms - 1, 0, -1):
-        total = dr.fma(total * z, 1.0 / k, 1.0)
-    return total
 
 
 def _thick(a_front: list[Any], a_back: list[Any], depth: list[Any]) -> list[Any]:
