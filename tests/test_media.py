@@ -82,15 +82,15 @@ def test_a_gaussian_is_the_formula(ctx):
 
 def test_a_gaussian_is_its_colour_at_its_centre(ctx):
     j, a = solve(Gaussian("log10(x)", 0, 1, (0.4, 0.1), (0.3, 0.7), 2.5e16), ctx, x=[1.0])
-    np.testing.assert_array_equal(j[:, 0], np.array([0.4, 0.1]) / 2.5e16)
-    np.testing.assert_array_equal(a[:, 0], np.array([0.3, 0.7]) / 2.5e16)
+    np.testing.assert_array_equal(j[:, 0], np.array([0.4, 0.1]) * (1 / 2.5e16))
+    np.testing.assert_array_equal(a[:, 0], np.array([0.3, 0.7]) * (1 / 2.5e16))
 
 
 def test_a_rectangle_is_exact(ctx):
     j, a = solve(Rectangle("x", 1, 2, (1, 5), (2, 3), 0.1), ctx, x=X)
     inside = (X >= -1) & (X <= 3)  # both ends belong to it
-    np.testing.assert_array_equal(j, np.multiply.outer(np.array([1, 5]) / 0.1, inside))
-    np.testing.assert_array_equal(a, np.multiply.outer(np.array([2, 3]) / 0.1, inside))
+    np.testing.assert_array_equal(j, np.multiply.outer([10.0, 50.0], inside))
+    np.testing.assert_array_equal(a, np.multiply.outer([20.0, 30.0], inside))
 
 
 MEDIA_OF_X = [
@@ -438,6 +438,7 @@ REFUSED = [
     (lambda: T([1, 3, 2], [1, 1, 1], 1, 1), InputError, "must increase; 3 is followed by 2"),
     (lambda: T([1, math.nan], [1, 1], 1, 1), InputError, "values must be finite"),
     (lambda: T(["a", "b"], [1, 1], 1, 1), InputError, "values must be a number or a quantity"),
+    (lambda: T([1, 2], [1, 2] * u.K, 1, 1), InputError, "colors must be plain numbers, got .* K"),
     (
         lambda: T([1, 2], [1, 2, 3], 1, 1),
         InputError,
@@ -455,9 +456,9 @@ REFUSED = [
     (lambda: T([1, 2], [1, 2], 1, -1), InputError, "path_length must be positive, got -1"),
     (lambda: C("infernal", 0, 1, 1, 1), UnknownNameError, "'infernal'; did you mean 'inferno'"),
     (lambda: C(3, 0, 1, 1, 1), InputError, "cmap must be the name of a colormap"),
-    (lambda: C("gray", 1, 1, 1, 1), InputError, "vmin must be below vmax, got 1 and 1"),
-    (lambda: C("gray", 0, math.nan, 1, 1), InputError, "vmin must be below vmax"),
-    (lambda: C("gray", 0, math.inf, 1, 1), InputError, "values must be finite"),
+    (lambda: C("gray", 1, 1, 1, 1), InputError, "vmin must be below vmax, got 1.0 and 1.0"),
+    (lambda: C("gray", 0, math.nan, 1, 1), InputError, "vmax must be finite, got nan"),
+    (lambda: C("gray", 0, math.inf, 1, 1), InputError, "vmax must be finite, got inf"),
     (lambda: C("gray", 1 * u.K, 2 * u.m, 1, 1), UnitsError, "vmax is in m, expected K"),
     (lambda: C("gray", 0, 1, 1, 1, norm="log"), InputError, "needs a positive vmin, got 0"),
     (lambda: C("gray", 0, 1, 1, 1, norm="lgo"), UnknownNameError, "did you mean 'log'"),
@@ -498,6 +499,7 @@ REFUSED = [
         "channels must be a positive whole number, got 0",
     ),
     (lambda: Function(abs, ["x"], 1.5), InputError, "channels must be a positive whole number"),
+    (lambda: Function(abs, "x", 1, parameters={"a": "b"}), InputError, "'a' must be a number"),
     (lambda: Function(abs, ["x +"], 1), ExpressionError, "ends too early"),
 ]
 
@@ -520,7 +522,7 @@ def variants():
     """Media that all differ from each other."""
     yield from (G(c, s, 1, 1, 1) for c, s in ((0, 1), (1, 1), (1, 2), (1 * u.K, 2), (1, 2 * u.K)))
     yield from (Gaussian("y", 0, 1, 1, 1, 1), Rectangle("x", 0, 1, 1, 1, 1))
-    yield from (G(0, 1, (1, 2), 1, 1), G(0, 1, (1, 2), (1, 1), 1), G(0, 1, 1, 2, 1))
+    yield from (G(0, 1, (1, 2), 1, 1), G(0, 1, (1, 2), (1, 3), 1), G(0, 1, 1, 2, 1))
     yield from (G(0, 1, 1, 1, 2), G(0, 1, 1, 1, 2 * u.cm), G(0, 1, 1, 1, 2 * u.pc))
     yield from (T([0, 1], [1, 2], 1, 1), T([0, 2], [1, 2], 1, 1), T([0, 1] * u.K, [1, 2], 1, 1))
     yield from (T([0, 1], [1, 3], 1, 1), T([0, 1], [1, 2], 2, 1), T([0, 1], [1, 2], 1, 2))
@@ -576,7 +578,7 @@ def test_media_show_what_they_are():
     )
     assert repr(Coefficients("x", "y") + Coefficients("1", ["0"])) == (
         "Coefficients(emissivity=['x'], extinction='y') + "
-        "Coefficients(emissivity=['1.0'], extinction='0')"
+        "Coefficients(emissivity=['1'], extinction='0')"
     )
     assert repr(C("gray", 0, 1, 1, 1)).startswith("Colormap(cmap='gray', vmin=0.0, vmax=1.0,")
     assert "function='swirl'" in repr(Function(swirl, ["x", "v"], 3))

@@ -7,13 +7,15 @@ chapters 2 and 5. Values that do not exist (``0/0``) are kept apart from the num
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-Array = Any  # arrays of float64 or bool; NumPy's functions take and return scalars as well
+from .error_free import Array, outward, product, quotient, total
+
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -83,7 +85,8 @@ class Interval:
     def __add__(self, other: Any) -> Interval:
         other = Interval.of(other)
         opposite = _both(self.hi, other.lo, np.inf) | _both(self.lo, other.hi, -np.inf)
-        lo, hi = _sum(self.lo, other.lo, -np.inf), _sum(self.hi, other.hi, np.inf)
+        lo = outward(*total(self.lo, other.lo), -np.inf)
+        hi = outward(*total(self.hi, other.hi), np.inf)
         return Interval(lo, hi, self.nan | other.nan | opposite)
 
     def __sub__(self, other: Any) -> Interval:
@@ -94,13 +97,13 @@ class Interval:
             return _square(self)
         other = Interval.of(other)
         undefined = (self.contains(0) & other.infinite) | (other.contains(0) & self.infinite)
-        return _hull(_product, self, other, self.nan | other.nan | undefined)
+        return _hull(product, self, other, self.nan | other.nan | undefined)
 
     def __truediv__(self, other: Any) -> Interval:
         other = Interval.of(other)
         by_zero = other.contains(0)
         undefined = (by_zero & self.contains(0)) | (self.infinite & other.infinite)
-        found = _hull(_quotient, self, other, self.nan | other.nan | undefined)
+        found = _hull(quotient, self, other, self.nan | other.nan | undefined)
         # Zeros have signs, which ends do not tell: 1/0 can be either infinity.
         lo, hi = np.where(by_zero, -np.inf, found.lo), np.where(by_zero, np.inf, found.hi)
         return Interval(lo, hi, found.nan)
@@ -165,15 +168,6 @@ class Truth:
         return Truth(self.false, self.true)
 
 
-def outward(value: Array, toward: float, exact: Array) -> Array:
-    """Return the next number towards an infinity, but the value itself where it is exact.
-
-    A product or quotient that underflows keeps the sign that its zero carries.
-    """
-    underflow = (value == 0) & (np.signbit(value) == (toward > 0))
-    return np.where(exact | underflow, value, np.nextafter(value, toward))
-
-
 def extremes(values: Iterable[Array]) -> tuple[Array, Array]:
     """Return the smallest and the largest of some arrays; NaN only where all of them are."""
     listed = list(values)
@@ -181,8 +175,12 @@ def extremes(values: Iterable[Array]) -> tuple[Array, Array]:
 
 
 def corners(a: Interval, b: Interval) -> list[tuple[Array, Array]]:
-    """Return the four pairs of ends."""
-    return [(a.lo, b.lo), (a.lo, b.hi), (a.hi, b.lo), (a.hi, b.hi)]
+    """Return the pairs of ends: four, or less where one of them is a constant."""
+    return list(itertools.product(_ends(a), _ends(b)))
+
+
+def _ends(x: Interval) -> tuple[Array, ...]:
+    return (x.lo,) if x.lo.ndim == 0 and x.lo == x.hi else (x.lo, x.hi)
 
 
 def _hull(
@@ -193,34 +191,14 @@ def _hull(
     Corners such as 0 · inf have no value; the others then tell the range of the numbers.
     """
     found = [function(x, y) for x, y in corners(a, b)]
-    lo, _ = extremes(outward(value, -np.inf, exact) for value, exact in found)
-    _, hi = extremes(outward(value, np.inf, exact) for value, exact in found)
+    lo, _ = extremes(outward(value, error, -np.inf) for value, error in found)
+    _, hi = extremes(outward(value, error, np.inf) for value, error in found)
     return Interval(lo, hi, nan)
 
 
-def _product(x: Array, y: Array) -> tuple[Array, Array]:
-    return x * y, (x == 0) | (y == 0) | (np.abs(x) == 1) | (np.abs(y) == 1)
-
-
-def _quotient(x: Array, y: Array) -> tuple[Array, Array]:
-    return x / y, (x == 0) | (np.abs(y) == 1)
-
-
 def _square(x: Interval) -> Interval:
-    ends = (x.smallest, x.size)
-    (lo, lo_exact), (hi, hi_exact) = (_product(end, end) for end in ends)
-    return Interval(outward(lo, -np.inf, lo_exact), outward(hi, np.inf, hi_exact), x.nan)
-
-
-def _sum(x: Array, y: Array, toward: float) -> Array:
-    """Return a sum, moved out if it is rounded inward: the rounding error of a sum is a number.
-
-    Knuth, *The Art of Computer Programming* II, section 4.2.2, theorem B.
-    """
-    total = x + y
-    shift = total - x
-    error = (x - (total - shift)) + (y - shift)
-    return np.where(error * np.sign(toward) <= 0, total, np.nextafter(total, toward))
+    (low, low_error), (high, high_error) = (product(end, end) for end in (x.smallest, x.size))
+    return Interval(outward(low, low_error, -np.inf), outward(high, high_error, np.inf), x.nan)
 
 
 def _both(x: Array, y: Array, infinity: float) -> Array:

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .interval import Array, Interval, corners, extremes
+from .error_free import Array
+from .interval import Interval, corners, extremes
 
 _EPS, _TINY = float(np.finfo(np.float64).eps), float(np.finfo(np.float64).tiny)
 # What a library's function may lose, in ε (NumPy's 2, Dr.Jit's 4), first at the end of an interval

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .interval import Array, Interval, Truth, corners, extremes
+from .error_free import Array
+from .interval import Interval, Truth, corners, extremes
 from .interval_functions import (
     angle_of,
     enclosed,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from numbers import Real
 from typing import Any
 
 from ..errors import InputError, UnitsError
@@ -83,8 +85,8 @@ class Coefficients(Medium):
 
 
 def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
-    single = isinstance(value, (str, int, float, Expression))
-    parts = (value,) if single else tuple(value)
+    single = isinstance(value, (str, Real, Expression))
+    parts = (value,) if single else tuple(value) if isinstance(value, Iterable) else ()
     if not parts:
         raise InputError(f"{what} must be an expression or a list of them, got {value!r}")
     return tuple(Expression(part) for part in parts)

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.interval import Interval
+from ..units import is_quantity
 from .interpolation import interpolate
 
 if TYPE_CHECKING:
@@ -192,6 +193,7 @@ def channel_values(value: Any, what: str) -> tuple[float, ...]:
     InputError
         If they are not numbers.
     """
+    check_plain(value, what)
     try:
         values = np.atleast_1d(np.asarray(value, dtype=np.float64))
     except (TypeError, ValueError) as error:
@@ -201,6 +203,14 @@ def channel_values(value: Any, what: str) -> tuple[float, ...]:
     if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)):
         raise InputError(f"{what} must be finite, one number per channel, got {value!r}")
     return tuple(float(v) for v in values)
+
+
+def check_plain(value: Any, what: str) -> None:
+    """Refuse quantities where NumPy would drop the unit."""
+    if is_quantity(value):
+        raise InputError(
+            f"{what} must be plain numbers, got {value}; units belong to expr and path_length"
+        )
 
 
 def check_extinction(values: tuple[float, ...], channels: int, what: str) -> None:

@@ -32,7 +32,7 @@ class Function(Medium):
     Raises
     ------
     InputError
-        If the function returns something else.
+        If the function returns something else, or a parameter is not a number.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Function(Medium):
         self.inputs = tuple(Expression(name) for name in listed)
         self.channels = int(channels)
         self.grey = grey
-        self.parameters = dict(parameters or {})
+        self.parameters = {name: _number(name, v) for name, v in (parameters or {}).items()}
         self.names = tuple(dict.fromkeys(n for e in self.inputs for n in e.names))
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
@@ -96,3 +96,10 @@ class Function(Medium):
             "channels": self.channels,
             "parameters": self.parameters,
         }
+
+
+def _number(name: str, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"parameter {name!r} must be a number, got {value!r}") from error

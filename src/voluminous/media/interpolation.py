@@ -89,11 +89,8 @@ def interpolate_ranges(
         least, most = _extremes_within(column, first - 1, last + 1)
         loss = np.where(least < most, _LOSS * np.maximum(np.abs(least), np.abs(most)), 0.0)
         # Rounding never carries a value across zero.
-        return Interval(
-            np.maximum(lo - loss, np.minimum(least, 0)),
-            np.minimum(hi + loss, np.maximum(most, 0)),
-            x.nan,
-        )
+        floor, ceiling = np.where(least >= 0, 0, -np.inf), np.where(most <= 0, 0, np.inf)
+        return Interval(np.maximum(lo - loss, floor), np.minimum(hi + loss, ceiling), x.nan)
 
     return [enclosure(column) for column in columns]
 

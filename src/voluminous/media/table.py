@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain, unit_of
-from .contract import Coefficients, Context, Medium
+from .contract import Coefficients, Context, Medium, check_plain
 from .shaped import _named, _positive, _scalar
 
 
@@ -138,6 +138,7 @@ class Colormap(Table):
     ) -> None:
         from .colormaps import get_colormap, values_at
 
+        vmin, vmax = _scalar(vmin, "vmin"), _scalar(vmax, "vmax")
         unit = unit_of(vmin) or unit_of(vmax)
         low, high = plain(vmin, unit, "vmin"), plain(vmax, unit, "vmax")
         if not low < high:
@@ -192,6 +193,7 @@ def _increasing(values: Any) -> np.ndarray:
 
 
 def _columns(data: Any, rows: int, what: str) -> np.ndarray:
+    check_plain(data, what)
     try:
         array = np.asarray(data, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -200,7 +202,7 @@ def _columns(data: Any, rows: int, what: str) -> np.ndarray:
         array = np.full(rows, float(array))
     if array.ndim == 1:
         array = array[:, None]
-    if array.ndim != 2 or len(array) != rows:
+    if array.ndim != 2 or len(array) != rows or array.size == 0:
         raise InputError(f"{what} must have {rows} rows (one per value), got shape {array.shape}")
     if not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be finite")
