@@ -51,6 +51,8 @@ class Camera:
 
     #: Unit of the image plane: "" stands for the volume's length unit.
     plane_unit = ""
+    #: True if the observer is at infinity: rays then come with a `Ray.start`.
+    parallel = False
 
     def frame(self, grid: Any) -> Frame:
         """Return the camera's pixels and vectors for a grid, in the grid's unit.

@@ -10,6 +10,10 @@ import numpy as np
 
 from .ops import Ops
 
+# log10(2) in two parts: the product of the first, of 16 bits, and an exponent is exact.
+_LOG10_2_HIGH = 39457 / 2**17
+_LOG10_2_LOW = -3.0243555500547861e-6
+
 
 class DrjitOps(Ops):
     """Evaluation with Dr.Jit arrays, on any backend, following NumPy's floating-point rules.
@@ -38,14 +42,16 @@ class DrjitOps(Ops):
 
     def __init__(self, float_type: Any, constant: Callable[[float], Any] | None = None) -> None:
         from ..backend import dr
+        from ..backend.functions import power_of_two
 
-        self._dr = dr
+        self._dr, self._power_of_two = dr, power_of_two
         self._float = float_type
         self._constant = float_type if constant is None else constant
         self.where = dr.select
         for name in ("log", "exp", "sqrt", "tanh", "minimum", "maximum"):
             setattr(self, name, getattr(dr, name))
         dtype = np.dtype(f"f{dr.itemsize_v(float_type)}")
+        self._most_exponent = float(np.finfo(dtype).maxexp - 2)
         self._most_turns = 1 / float(np.finfo(dtype).eps)
         # 2π in this type, and what that leaves out (minus the sine of τ is what the double τ does).
         self._turn = float(dtype.type(math.tau))
@@ -75,8 +81,14 @@ class DrjitOps(Ops):
 
     def log10(self, x: Any) -> Any:
         """Return the logarithm to base 10."""
-        # Dr.Jit has none. log2 is within one ε and exact for powers of two.
-        return self._dr.log2(x) * math.log10(2)
+        # Dr.Jit has none. With x = m 2^n, n log10(2) is added in two parts, the first of which is
+        # exact, to the small log10(m): so the sum is rounded once. log2(x) log10(2) is rounded
+        # twice, and a narrow Gaussian of log10(x) shows that in its 13th digit.
+        dr = self._dr
+        n = dr.round(dr.log2(x))
+        n = dr.select(dr.abs(n) < self._most_exponent, n, 0.0)
+        rest = dr.fma(n, _LOG10_2_LOW, dr.log(x * self._power_of_two(-n)) * math.log10(math.e))
+        return dr.fma(n, _LOG10_2_HIGH, rest)
 
     def sin(self, x: Any) -> Any:
         """Return the sine."""
@@ -114,7 +126,9 @@ class DrjitOps(Ops):
         # x**0 and 1**y are 1 also for infinite and undefined x and y. Elsewhere the product is
         # left alone, because what is replaced has no derivative.
         is_one = dr.isnan(doublings) & ((exponent == 0) | (dr.abs(base) == 1))
-        size = dr.exp2(dr.select(is_one, 0, doublings))
+        # dr.exp2 is -inf just above its underflow (double precision, [-1024, -1023.5]).
+        tiny = dr.select(doublings < -1022, -dr.inf, doublings)
+        size = dr.exp2(dr.select(is_one, 0, tiny))
         whole = dr.floor(exponent) == exponent
         odd = whole & ~(dr.floor(exponent / 2) * 2 == exponent)
         real = dr.select(whole | dr.isinf(base), size, math.nan)

@@ -134,7 +134,7 @@ class UniformAxis(Axis):
 
     def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
-        return _unit_interval(dr.fma(t, track.speed, track.position) - index)
+        return unit_interval(dr.fma(t, track.speed, track.position) - index)
 
 
 class RectilinearAxis(Axis):
@@ -174,10 +174,10 @@ class RectilinearAxis(Axis):
         slot = track.table + self.backend.UInt(index)
         lower = dr.gather(self.backend.Float, self.mirrored, slot)
         inverse = dr.gather(self.backend.Float, self.inverse_width, slot)
-        return _unit_interval((dr.fma(t, track.speed, track.position) - lower) * inverse)
+        return unit_interval((dr.fma(t, track.speed, track.position) - lower) * inverse)
 
 
-def _unit_interval(f: Any) -> Any:
+def unit_interval(f: Any) -> Any:
     """Return f between 0 and 1: rounding may put a point a hair outside its cell."""
     f = dr.select(f > 0.0, f, 0.0)
     return dr.select(f < 1.0, f, 1.0)

@@ -128,13 +128,14 @@ class CartesianGrid:
         """Width in x of the first cell: what flux conservation compares a pixel with."""
         return float(self.edges[0][1] - self.edges[0][0])
 
-    def walk(self, backend: Any) -> Any:
+    def walk(self, backend: Any, *, reckoned: bool = False) -> Any:
         """Return the walk of rays through this grid, for a backend (made once: edges are fixed)."""
         from .cartesian_walk import CartesianWalk
+        from .reckoned_walk import ReckonedWalk
 
-        key = (backend.device, backend.precision)
+        key = (backend.device, backend.precision, reckoned)
         if key not in self._walks:
-            self._walks[key] = CartesianWalk(self, backend)
+            self._walks[key] = (ReckonedWalk if reckoned else CartesianWalk)(self, backend)
         return self._walks[key]
 
     def describe(self) -> dict[str, Any]:
@@ -153,7 +154,8 @@ class CartesianGrid:
         )
         kind = "uniform" if self.is_uniform else "rectilinear"
         nx, ny, nz = self.shape
-        return f"<CartesianGrid {nx}x{ny}x{nz} cells, {kind}, {limits} {unit_name(self.unit)}>"
+        where = f"{limits} {unit_name(self.unit)}".strip()
+        return f"<CartesianGrid {nx}x{ny}x{nz} cells, {kind}, {where}>"
 
 
 def _common_unit(axes: Any, unit: Any) -> Any:

@@ -120,48 +120,51 @@ class CartesianWalk:
         """Return the segment through the present cell, and the cursor in the next one."""
         ahead = self._crossings(track.axes, cursor.index)
         wall = _least(ahead)
-        x = (ahead[0] <= ahead[1]) & (ahead[0] <= ahead[2])
-        y = ~x & (ahead[1] <= ahead[2])
-        through = [x, y, ~(x | y)]
+        through = nearest(ahead)
         end = _lesser(wall, track.leave) if track.bounded else wall
         index = [
             dr.select(crossed, i + 1.0, i) for crossed, i in zip(through, cursor.index, strict=True)
         ]
-        vertex = cursor.vertex + _pick(through, track.vertex_stride)
+        vertex = cursor.vertex + pick(through, track.vertex_stride)
         leaving = Exit(through, cursor.index, cursor.vertex, vertex)
         segment = Segment(
             self.backend.UInt(cursor.cell), end - cursor.t, end, cursor.inside, leaving
         )
-        cell = cursor.cell + _pick(through, track.cell_stride)
+        cell = cursor.cell + pick(through, track.cell_stride)
         # `leave` is a crossing itself, computed alike: a ray never steps beyond the last cell.
         return segment, Cursor(index, cell, vertex, end, end < track.leave)
 
     def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
-        return self._trilinear(track, cursor.index, cursor.vertex, cursor.t)
+        return self._trilinear(track, cursor.vertex, self._entry_fractions(track, cursor))
 
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
-        leaving = segment.exit
+        leaving, f = segment.exit, self._exit_fractions(track, segment)
         if track.bounded:  # it may end inside the cell
-            return self._trilinear(track, leaving.index, leaving.vertex, segment.end)
-        f = self._fractions(track, leaving.index, segment.end)
+            return self._trilinear(track, leaving.vertex, f)
         s = track.vertex_stride
         through = leaving.through
-        u, v = _pick(through, [f[1], f[2], f[0]]), _pick(through, [f[2], f[0], f[1]])
-        du, dv = _pick(through, [s[1], s[2], s[0]]), _pick(through, [s[2], s[0], s[1]])
+        u, v = pick(through, [f[1], f[2], f[0]]), pick(through, [f[2], f[0], f[1]])
+        du, dv = pick(through, [s[1], s[2], s[0]]), pick(through, [s[2], s[0], s[1]])
         base = leaving.next_vertex
         # Four products instead of six: the last three weights are differences.
         both = u * v
         vertex = [base, base + du, base + dv, base + du + dv]
         return Corners(vertex, [1.0 - u - v + both, u - both, v - both, both])
 
-    def _trilinear(self, track: Track, index: list[Any], vertex: Any, t: Any) -> Corners:
+    def _trilinear(self, track: Track, vertex: Any, fractions: list[Any]) -> Corners:
         vertices, weights = [vertex], [self.backend.Float(1)]
-        for f, stride in zip(self._fractions(track, index, t), track.vertex_stride, strict=True):
+        for f, stride in zip(fractions, track.vertex_stride, strict=True):
             vertices += [v + stride for v in vertices]
             weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
         return Corners(vertices, weights)
+
+    def _entry_fractions(self, track: Track, cursor: Cursor) -> list[Any]:
+        return self._fractions(track, cursor.index, cursor.t)
+
+    def _exit_fractions(self, track: Track, segment: Segment) -> list[Any]:
+        return self._fractions(track, segment.exit.index, segment.end)
 
     def _fractions(self, track: Track, index: list[Any], t: Any) -> list[Any]:
         return [
@@ -178,10 +181,17 @@ def _least(values: list[Any]) -> Any:
     return _lesser(_lesser(values[0], values[1]), values[2])
 
 
+def nearest(ways: list[Any]) -> list[Any]:
+    """Return for each axis whether its wall is the nearest; the first one where two are."""
+    x = (ways[0] <= ways[1]) & (ways[0] <= ways[2])
+    y = ~x & (ways[1] <= ways[2])
+    return [x, y, ~(x | y)]
+
+
 def _signed(stride: Any, down: Any) -> Any:
     return dr.select(down, -stride, stride)
 
 
-def _pick(through: list[Any], values: list[Any]) -> Any:
+def pick(through: list[Any], values: list[Any]) -> Any:
     """Return the value that belongs to the axis of the wall crossed."""
     return dr.select(through[0], values[0], dr.select(through[1], values[1], values[2]))

@@ -23,12 +23,15 @@ class Ray:
         ``origin + t direction`` with a unit direction pointing the way the ray is walked.
     first, last : array or None
         The walk is confined to ``first <= t <= last``; None where it is not.
+    start : list of three arrays, optional
+        A point of the ray before the domain, rounded as in RADMC-3D; for a walk by dead reckoning.
     """
 
     origin: list[Any]
     direction: list[Any]
     first: Any = None
     last: Any = None
+    start: list[Any] | None = None
 
 
 @dataclass
@@ -99,8 +102,8 @@ class Grid(Protocol):
     def bounds(self) -> np.ndarray:
         """Corners of the domain, shape (3, 2)."""
 
-    def walk(self, backend: Any) -> Walk:
-        """Return the walk for a backend."""
+    def walk(self, backend: Any, *, reckoned: bool = False) -> Walk:
+        """Return the walk for a backend; if `reckoned`, the one that rounds as RADMC-3D does."""
 
     def needs_double(self) -> bool:
         """Return True where single precision cannot tell cells apart."""

@@ -47,6 +47,16 @@ class Job:
     samples: int = 1
     done: int = 0
 
+    def __post_init__(self) -> None:
+        """Turn the loop where positions are reckoned: RADMC-3D's rays run towards the observer."""
+        self.backward |= self.reckoned
+
+    @property
+    def reckoned(self) -> bool:
+        """True if the last bits of positions matter, and there are bits to spare."""
+        double = self.backend.precision == "double"
+        return bool(self.scheme.reckoned and double and self.camera.parallel)
+
     def run(self, brightest_background: float) -> Planes:
         """Render all batches of pixels."""
         backend, order = self.backend, PixelOrder(self.frame.pixels)
@@ -56,7 +66,7 @@ class Job:
         source = get_source(
             self.volume, self.medium, self.scheme, backend, steps, self._classifying
         )
-        walk = self.volume.grid.walk(backend)
+        walk = self.volume.grid.walk(backend, reckoned=self.reckoned)
         ending = self._ending(source, brightest_background)
         nx, ny = self.frame.pixels
         planes = [dr.zeros(backend.Float, nx * ny) for _ in range(self._numbers(source))]
@@ -158,7 +168,7 @@ def reverse(ray: Any) -> Any:
     """Return rays that run the other way, towards the camera."""
     last = None if ray.first is None else -ray.first
     first = None if ray.last is None else -ray.last
-    return Ray(ray.origin, [-d for d in ray.direction], first, last)
+    return Ray(ray.origin, [-d for d in ray.direction], first, last, ray.start)
 
 
 def _sum(a: Path, b: Path) -> Path:

@@ -27,6 +27,7 @@ class Scheme(Protocol):
     order: int
     place: str  # "cell" or "vertex": where the coefficients are tabulated
     linear: bool  # the emission is linear in the emissivity, whatever the extinction
+    reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""

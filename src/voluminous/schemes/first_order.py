@@ -20,6 +20,7 @@ class FirstOrder:
     order = 1
     place = "cell"
     linear = True
+    reckoned = False
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry nothing: a segment knows its cell."""

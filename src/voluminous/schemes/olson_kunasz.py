@@ -4,31 +4,44 @@ Olson & Kunasz (1987, JQSRT 38, 325) take the source function as linear in OPTIC
 optical depth by the trapezoidal rule; RADMC-3D 2.0 adds that the emission never exceeds the
 optically thin trapezoid. This is not the exact solution for coefficients linear in distance
 (scheme ``second-order``): it differs by 2e-4 (smooth) to 1e-1 (white noise) of the image maximum.
+
+RADMC-3D computes ``τ - (1 - e^-τ)`` by subtraction: for τ just above 1e-6 the last bit of a path
+length is 1e-9 of the image maximum. In double precision, for parallel rays, positions are therefore
+rounded as RADMC-3D rounds them (`grids.reckoned_walk`). Its rays run towards the camera: the order
+asked for does not matter then, and no ray stops early.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import precision_of
+from ..backend.functions import attenuation, precision_of
 from .contract import Solution
 from .linear import end_values, start_values
 
 # Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
 _SERIES_BELOW = 1e-6
 _THIN_BELOW = float(np.float32(1e-9))
+# Where seven terms of the front weight's series suffice in single precision.
+_SERIES_ENDS = 0.35
 
 
 class OlsonKunasz:
-    """Solve a segment as RADMC-3D's ``secondorder`` does."""
+    """Solve a segment as RADMC-3D's ``secondorder`` does.
+
+    With ``precision="double"`` and a camera at infinity `cutoff` has no effect: rays go from behind
+    to the camera.
+    """
 
     name = "olson-kunasz"
     order = 2
     place = "vertex"
     linear = False
+    reckoned = True
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry the coefficients where the ray is."""
@@ -53,16 +66,51 @@ class OlsonKunasz:
 
 def _weights(tau: Any) -> tuple[Any, Any, Any]:
     """Return the transparency and the weights of the back and the front source function."""
+    return _stable_weights(tau) if precision_of(type(tau)) == "single" else _radmc_weights(tau)
+
+
+def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
+    """Return them without subtractions of nearly equal numbers.
+
+    In single precision RADMC-3D's arithmetic would lose all digits at τ = 1e-4.
+    """
+    theta, mean = attenuation(tau)
+    series = type(tau)(1.0 / math.factorial(9))
+    for k in range(8, 1, -1):
+        series = dr.fma(-tau, series, 1.0 / math.factorial(k))
+    front = dr.select(tau < 0.35, tau * series, 1.0 - mean)
+    return theta, dr.fma(tau, mean, -front), front
+
+
+def _radmc_weights(tau: Any) -> tuple[Any, Any, Any]:
+    """Return them by RADMC-3D's operations."""
     thin = tau <= _SERIES_BELOW
-    e = _correctly_rounded_exp(tau)
-    e0 = 1.0 - e
-    front = (tau - e0) / dr.select(thin, 1.0, tau)
+    accurate = precision_of(type(tau)) == "single"
+    e, back, front = _accurate_weights(tau) if accurate else _subtracted_weights(tau, thin)
     half = 0.5 * tau
     return (
         dr.select(thin, 1.0 - tau, e),
-        dr.select(thin, half, e0 - front),
+        dr.select(thin, half, back),
         dr.select(thin, half, front),
     )
+
+
+def _subtracted_weights(tau: Any, thin: Any) -> tuple[Any, Any, Any]:
+    """Return e^-τ and the weights as RADMC-3D gets them: differences of nearly equal numbers."""
+    e = _correctly_rounded_exp(tau)
+    e0 = 1.0 - e
+    front = (tau - e0) / dr.select(thin, 1.0, tau)
+    return e, e0 - front, front
+
+
+def _accurate_weights(tau: Any) -> tuple[Any, Any, Any]:
+    """Return the same without cancellation: in single precision no digit would be left."""
+    e, mean = attenuation(tau)
+    series = type(tau)(1.0)
+    for k in range(9, 2, -1):
+        series = dr.fma(tau * (-1.0 / k), series, 1.0)
+    front = dr.select(tau < _SERIES_ENDS, 0.5 * tau * series, 1.0 - mean)
+    return e, dr.fma(tau, mean, -front), front
 
 
 def _correctly_rounded_exp(tau: Any) -> Any:

@@ -1,0 +1,29 @@
+"""What all tests share: how Hypothesis runs, and how compiled kernels are counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from hypothesis import settings
+
+pytest.register_assert_rewrite("contracts")
+
+# The first example of a kind compiles a kernel: time per example says nothing.
+settings.register_profile("voluminous", deadline=None)
+settings.load_profile("voluminous")
+
+
+@pytest.fixture
+def kernels() -> Callable:
+    """Return a function that calls another and returns the hashes of the kernels it launched."""
+    import drjit as dr
+
+    def launched(function: Callable, *args, **options) -> set[str]:
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            function(*args, **options)
+            history = dr.kernel_history()
+        return {entry["hash"] for entry in history if entry["type"] == dr.KernelType.JIT}
+
+    return launched

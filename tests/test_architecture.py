@@ -1,0 +1,93 @@
+"""What the package promises of itself: quick to import, documented, pure Python, one version."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import inspect
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import voluminous as vm
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("astropy", "matplotlib", "h5py", "PIL", "tqdm", "tifffile", "OpenEXR", "scipy")
+
+EVERY_MODULE = """
+import importlib, pkgutil, voluminous
+for found in pkgutil.walk_packages(voluminous.__path__, "voluminous."):
+    if not found.name.endswith("__main__"):
+        importlib.import_module(found.name)
+"""
+HELP = """
+import contextlib, io
+from voluminous.cli import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main(["--help"])
+"""
+
+
+def loaded_by(script: str) -> set[str]:
+    """Return the top-level modules that a new Python has after running a script."""
+    tell = "\nimport json, sys; print(json.dumps(sorted({m.split('.')[0] for m in sys.modules})))"
+    done = subprocess.run(
+        [sys.executable, "-c", script + tell], capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize("script", ["import voluminous", HELP], ids=["import", "help"])
+def test_importing_and_asking_for_help_load_nothing_heavy(script):
+    loaded = loaded_by(script)
+    assert "voluminous" in loaded
+    assert not loaded & {*HEAVY, "drjit"}
+
+
+def test_no_module_loads_anything_heavy_before_it_is_used():
+    # Dr.Jit is what kernels are written in: modules with kernels do import it.
+    loaded = loaded_by(EVERY_MODULE)
+    assert "drjit" in loaded
+    assert not loaded & set(HEAVY)
+
+
+@pytest.mark.parametrize("name", [n for n in vm.__all__ if n != "__version__"])
+def test_public_names_are_documented(name):
+    public = getattr(vm, name)
+    assert inspect.getdoc(public)
+    if inspect.isclass(public) and not issubclass(public, BaseException):
+        own = {n: m for n, m in vars(public).items() if not n.startswith("_") and callable(m)}
+        undocumented = [n for n in own if not inspect.getdoc(getattr(public, n))]
+        assert not undocumented
+
+
+def test_all_public_names_can_be_seen():
+    assert sorted(vm.__all__) == dir(vm)
+    assert len(set(vm.__all__)) == len(vm.__all__)
+
+
+def test_an_unknown_name_names_the_nearest():
+    with pytest.raises(AttributeError, match="did you mean 'Gaussian'"):
+        vm.Gausian  # noqa: B018 - looking it up is the test
+
+
+def test_what_is_installed_is_pure_python():
+    wheel = importlib.metadata.distribution("voluminous").read_text("WHEEL")
+    assert "Root-Is-Purelib: true" in wheel
+    assert re.findall(r"^Tag: (.*)$", wheel, re.MULTILINE) == ["py3-none-any"]
+
+
+@pytest.mark.parametrize(
+    ("file", "pattern"),
+    [
+        ("pyproject.toml", r'^version = "(.*)"$'),
+        ("CITATION.cff", r'^version: "?([^"]*)"?$'),
+        ("CHANGELOG.md", r"^## \[(\d[^\]]*)\]"),
+    ],
+)
+def test_the_version_is_the_same_everywhere(file, pattern):
+    text = (ROOT / file).read_text(encoding="utf-8")
+    assert re.findall(pattern, text, re.MULTILINE)[0] == vm.__version__

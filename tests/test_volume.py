@@ -1,0 +1,198 @@
+"""Volumes: fields, their types and units, derived fields, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from astropy import units as u
+from hypothesis import given
+from hypothesis import strategies as st
+
+import voluminous as vm
+
+GRID = vm.CartesianGrid([0.0, 1.0, 3.0], [0.0, 1.0, 2.0, 3.0], [-1.0, 0.0, 1.0, 2.0, 4.0])
+SHAPE = (2, 3, 4)
+COUNTED = np.arange(24).reshape(SHAPE)
+
+
+def depth_of(volume, name):
+    """Return the optical depth of a field as extinction, along z."""
+    camera = vm.Orthographic(width=(3, 3), resolution=(6, 6))
+    image = vm.render(
+        volume, vm.Coefficients("0", name), camera, scheme="first-order", precision="double"
+    )
+    return image.optical_depth[..., 0].T[::2, ::2]
+
+
+@pytest.mark.parametrize(
+    "dtype", ["f4", "f8", "f2", "g", "i1", "u1", "i2", "i4", "u4", "i8", "u8", ">f4", ">f8", ">i4"]
+)
+def test_every_kind_of_number_renders_as_its_value(dtype):
+    volume = vm.Volume(GRID, a=COUNTED.astype(dtype))
+    expected = (COUNTED * np.diff(GRID.edges[2])).sum(axis=2)
+    # The pixels' columns: x cells are 1 and 2 wide.
+    np.testing.assert_allclose(depth_of(volume, "a"), expected[[0, 1, 1]], rtol=1e-14)
+
+
+def test_booleans_are_zero_and_one():
+    volume = vm.Volume(GRID, a=COUNTED > 11)
+    np.testing.assert_allclose(depth_of(volume, "a"), 5.0 * np.array([[0], [1], [1]]) + np.zeros(3))
+
+
+def test_contiguous_arrays_are_not_copied():
+    for dtype in ("f4", "f8", "i4", "u1", "?"):
+        array = COUNTED.astype(dtype)
+        assert np.shares_memory(vm.Volume(GRID, a=array).array("a"), array)
+    quantity = COUNTED.astype(float) * u.K
+    assert np.shares_memory(vm.Volume(GRID, a=quantity).array("a"), quantity.value)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.asfortranarray(COUNTED.astype(float)),
+        np.repeat(COUNTED.astype(float), 2, axis=2)[..., ::2],
+        COUNTED[::-1].astype(float)[::-1],
+        COUNTED.tolist(),
+    ],
+    ids=["fortran", "strided", "reversed", "lists"],
+)
+def test_any_layout_has_the_same_values(array):
+    volume = vm.Volume(GRID, a=array)
+    np.testing.assert_array_equal(volume["a"], COUNTED)
+    assert volume.array("a").flags.c_contiguous
+
+
+def test_fields_are_read_only_and_read_only_arrays_are_taken():
+    frozen = COUNTED.astype(float)
+    frozen.setflags(write=False)
+    volume = vm.Volume(GRID, a=frozen)
+    with pytest.raises(ValueError, match="read-only"):
+        volume["a"][0, 0, 0] = 1
+    depth_of(volume, "a")
+    own = COUNTED.astype(float)
+    vm.Volume(GRID, a=own)
+    own[0, 0, 0] = 7  # the caller's array stays the caller's
+
+
+def test_mapping_and_keywords():
+    volume = vm.Volume(GRID, {"a": COUNTED, "b": COUNTED * u.K}, c=COUNTED)
+    assert volume.fields == ("a", "b", "c")
+    assert list(volume) == ["a", "b", "c"]
+    assert len(volume) == 3
+    assert "a" in volume
+    assert "d" not in volume
+    assert volume.units == {"a": "", "b": "K", "c": ""}
+    assert volume["b"].unit == u.K
+    assert "b (float64 K)" in repr(volume)
+    assert "no fields" in repr(vm.Volume(GRID))
+    told = volume.describe()
+    assert json.loads(json.dumps(told)) == told
+    assert told["fields"]["b"] == {"dtype": "float64", "unit": "K"}
+
+
+def test_deletion_and_replacement():
+    volume = vm.Volume(GRID, a=COUNTED, b=COUNTED * u.K)
+    del volume["b"]
+    assert volume.fields == ("a",)
+    volume["a"] = 2 * COUNTED
+    np.testing.assert_array_equal(volume["a"], 2 * COUNTED)
+    with pytest.raises(vm.UnknownNameError, match="unknown field 'b'"):
+        del volume["b"]
+    with pytest.raises(KeyError):
+        volume["b"]
+
+
+def test_derived_fields_use_fields_and_coordinates():
+    volume = vm.Volume(GRID, density=1.0 + COUNTED)
+    volume["logn"] = "log10(density)"
+    np.testing.assert_allclose(volume["logn"], np.log10(1 + COUNTED), rtol=1e-15)
+    volume["place"] = "x + 10*y + 100*z"
+    x, y, z = np.meshgrid(*GRID.centers, indexing="ij")
+    np.testing.assert_allclose(volume["place"], x + 10 * y + 100 * z, rtol=1e-15)
+    volume["again"] = "logn*r"
+    expected = np.log10(1 + COUNTED) * np.sqrt(x**2 + y**2 + z**2)
+    np.testing.assert_allclose(volume["again"], expected, rtol=1e-15)
+    volume["constant"] = "3"
+    np.testing.assert_array_equal(volume["constant"], np.full(SHAPE, 3.0))
+
+
+def test_single_precision_stays_single():
+    volume = vm.Volume(GRID, a=COUNTED.astype("f4"))
+    volume["b"] = "2*a + 1"
+    assert volume["b"].dtype == np.float32
+    volume["c"] = "2*a + x"
+    assert volume["c"].dtype == np.float64
+
+
+def test_large_volumes_are_evaluated_in_parts(monkeypatch):
+    monkeypatch.setattr("voluminous.volume._CHUNK", 5)
+    volume = vm.Volume(GRID, a=COUNTED)
+    np.testing.assert_array_equal(volume.evaluate("a*2 + x*0"), 2.0 * COUNTED)
+
+
+@given(st.sampled_from(["pc", "cm", "km", "K", "g / cm3", "1 / cm"]), st.floats(1e-3, 1e3))
+def test_units_come_back(unit, factor):
+    quantity = factor * COUNTED * u.Unit(unit)
+    volume = vm.Volume(GRID, a=quantity)
+    assert (volume["a"] == quantity).all()
+    volume.set_unit("a", "K")
+    np.testing.assert_array_equal(volume["a"].value, quantity.value)
+    assert volume["a"].unit == u.K
+    volume.set_unit("a", None)
+    assert not hasattr(volume["a"], "unit")
+
+
+def test_coordinates_have_the_unit_of_the_grid():
+    grid = vm.CartesianGrid.uniform(2, (-1, 1), unit="pc")
+    volume = vm.Volume(grid, a=np.ones(grid.shape))
+    assert volume.unit == u.pc
+    assert volume.field_unit("r") == u.pc
+    assert volume.field_unit("a") is None
+    assert vm.Volume(GRID).unit is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        (
+            "a",
+            np.zeros((4, 3, 2)),
+            r"shape \(4, 3, 2\), expected the grid's \(2, 3, 4\); transpose",
+        ),
+        ("a", np.zeros(24), r"shape \(24,\)"),
+        ("a", 3.0, r"shape \(\)"),
+        ("a", np.zeros(SHAPE, dtype=complex), "real numbers.*imaginary"),
+        ("a", np.full(SHAPE, "x"), "real numbers"),
+        ("a", np.full(SHAPE, None), "real numbers"),
+        ("two words", COUNTED, "must be an identifier"),
+        ("if", COUNTED, "must be an identifier"),
+        ("1a", COUNTED, "must be an identifier"),
+        ("", COUNTED, "must be an identifier"),
+        (3, COUNTED, "must be an identifier"),
+        ("x", COUNTED, "'x' is reserved"),
+        ("r", COUNTED, "'r' is reserved"),
+        ("log10", COUNTED, "'log10' is reserved"),
+        ("pi", COUNTED, "'pi' is reserved"),
+    ],
+)
+def test_fields_that_cannot_be(name, value, told):
+    volume = vm.Volume(GRID)
+    with pytest.raises(vm.InputError, match=told):
+        volume[name] = value
+    assert not volume.fields
+
+
+def test_unknown_field_names_the_nearest():
+    volume = vm.Volume(GRID, density=COUNTED)
+    for act in (lambda: volume["densty"], lambda: volume.evaluate("log10(densty)")):
+        with pytest.raises(vm.UnknownNameError, match="did you mean 'density'"):
+            act()
+
+
+def test_names_are_those_that_expressions_know():
+    volume = vm.Volume(GRID, {"ﬁeld": COUNTED})  # the ligature fi, which Python normalises
+    assert volume.fields == ("field",)
+    np.testing.assert_array_equal(volume.evaluate("ﬁeld"), COUNTED)
