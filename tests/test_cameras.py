@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from astropy import units as u
-from contracts import CameraContract
-from contracts.camera import BOUNDS, rays_of
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import voluminous as vm
+from contracts import CameraContract
+from contracts.camera import BOUNDS, rays_of
 
 GRID = vm.CartesianGrid.uniform((3, 4, 5), BOUNDS)
 CENTER = np.mean(BOUNDS, axis=1)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contracts import Bundle, SchemeContract, chords
-from contracts.camera import rays_of
 
 import voluminous as vm
+from contracts import Bundle, SchemeContract, chords
+from contracts.camera import rays_of
 from voluminous.schemes import SCHEMES
 
 # Rounding of a handful of operations; single precision tells 6e-8 apart.

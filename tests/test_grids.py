@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from astropy import units as u
-from contracts import GridContract
-from contracts.grid import make_ray, walk_along
 
 import voluminous as vm
+from contracts import GridContract
+from contracts.grid import make_ray, walk_along
 from voluminous.backend import dr, get_backend
 
 UNEVEN = [-1.0, -0.3, 0.1, 0.8, 2.0]

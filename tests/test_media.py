@@ -455,7 +455,7 @@ REFUSED = [
     ),
     (lambda: T([1, 2], [1, 2], 1, -1), InputError, "path_length must be positive, got -1"),
     (lambda: C("infernal", 0, 1, 1, 1), UnknownNameError, "'infernal'; did you mean 'inferno'"),
-    (lambda: C(3, 0, 1, 1, 1), InputError, "cmap must be the name of a colormap"),
+    (lambda: C(3, 0, 1, 1, 1), InputError, "a colormap must be a name"),
     (lambda: C("gray", 1, 1, 1, 1), InputError, "vmin must be below vmax, got 1.0 and 1.0"),
     (lambda: C("gray", 0, math.nan, 1, 1), InputError, "vmax must be finite, got nan"),
     (lambda: C("gray", 0, math.inf, 1, 1), InputError, "vmax must be finite, got inf"),

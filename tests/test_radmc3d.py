@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 import reference
 import scenes
 import twin
-
 import voluminous as vm
 
 MODELS = ("random32", "box_40x24x30", "nonuniform", "direct20", "background_1ch", "core")

@@ -72,33 +72,6 @@ def find_llvm_early() -> None:
         ensure_llvm()
 
 
-def check_llvm() -> None:
-    """Refuse an LLVM too old to be trusted; call once the LLVM backend is loaded."""
-    version = llvm_version()
-    if version is None:
-        raise DeviceError(
-            f"Dr.Jit could not load the LLVM library {os.environ.get(VARIABLE)!r}; "
-            f"install another one, or set {VARIABLE}"
-        )
-    if version[0] < OLDEST_LLVM:
-        name = ".".join(map(str, version))
-        raise DeviceError(
-            f"Dr.Jit loaded LLVM {name}, which is too old (it miscompiles or aborts); version "
-            f"{OLDEST_LLVM} or newer is needed: set {VARIABLE} to it, or pip install {WHEEL} and "
-            "import voluminous before drjit"
-        )
-
-
-def llvm_version() -> tuple[int, int, int] | None:
-    """Return the version of the LLVM that Dr.Jit uses, or None if it cannot be loaded."""
-    from .backend.jit import dr
-
-    if not dr.has_backend(dr.JitBackend.LLVM):
-        return None
-    major, minor, patch = dr.detail.llvm_version()
-    return major, minor, patch
-
-
 def _from_wheel() -> Path | None:
     """Return the library carried by the LLVM wheel, if that is installed."""
     try:

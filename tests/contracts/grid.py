@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from contracts.bundle import box_limits, on_a_sphere
 
+from contracts.bundle import box_limits, on_a_sphere
 from voluminous.backend import dr, get_backend
 from voluminous.grids.contract import Ray
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contracts.bundle import Bundle, on_a_sphere
 
 import voluminous as vm
+from contracts.bundle import Bundle, on_a_sphere
 
 EDGES = ([-1.0, -0.3, 0.1, 0.8, 2.0], [0.0, 0.5, 0.75, 3.0], [-2.0, -1.0, 1.0])
 INSIDE = (0.2, 0.9, -0.4)

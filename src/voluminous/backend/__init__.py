@@ -1,6 +1,7 @@
 """The only door to Dr.Jit: device, precision, finding LLVM, and the arithmetic kernels need."""
 
-from ..llvm import ensure_llvm, llvm_version
+from ..llvm import ensure_llvm
+from .check import llvm_version
 from .device import Backend, available_devices, get_backend
 from .jit import dr
 

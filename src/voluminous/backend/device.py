@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DeviceError, InputError, unknown_name
-from ..llvm import check_llvm
+from .check import check_llvm
 from .jit import dr, missing_llvm
 
 PRECISIONS = ("single", "double")

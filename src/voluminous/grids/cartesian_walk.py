@@ -94,21 +94,25 @@ class CartesianWalk:
             # The wall it comes in through is known: it must not be found again by arithmetic.
             on_wall = (side.arrive == arrive) & (begin == 0)
             mirrored = dr.select(on_wall, 0, mirrored)
+            track = axis.track(side, dr.fma(arrive, side.speed, side.position))
+            # A wall that rounding puts behind the start has been crossed: rays nearly parallel to
+            # it would meet it far behind, and be as much too long.
+            passed = axis.crossing(track, Float(mirrored)) < Float(begin)
+            mirrored = dr.select(passed, dr.minimum(mirrored + 1, axis.last_cell), mirrored)
             own = dr.select(side.down, axis.last_cell - mirrored, mirrored)
             cell += own * self.cell_strides[a]
             vertex += dr.select(side.down, own + 1, own) * self.vertex_strides[a]
             cell_stride.append(_signed(self.cell_strides[a], side.down))
             vertex_stride.append(_signed(self.vertex_strides[a], side.down))
-            tracks.append(axis.track(side, dr.fma(arrive, side.speed, side.position)))
+            tracks.append(track)
             index.append(Float(mirrored))
         lasts = [Float(axis.last_cell) for axis in self.axes]
         leave = _least(self._crossings(tracks, lasts))
         if bound is not None:
             leave = dr.minimum(leave, bound)
-        track = Track(tracks, cell_stride, vertex_stride, leave, bound is not None)
-        # Rounding may put the start a hair behind the first wall: no segment is shorter than zero.
-        t = dr.minimum(Float(begin), _least(self._crossings(tracks, index)))
-        return track, Cursor(index, cell, vertex, t, inside & (t < leave))
+        whole = Track(tracks, cell_stride, vertex_stride, leave, bound is not None)
+        t = Float(begin)
+        return whole, Cursor(index, cell, vertex, t, inside & (t < leave))
 
     def _crossings(self, tracks: list[AxisTrack], index: list[Any]) -> list[Any]:
         """Return the distances of the next wall of each axis."""

@@ -7,35 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, unknown_name
+from ..colormaps import get_colormap
+from ..errors import InputError
 from .stretch import LINEAR, Curve, finite, positive
 
 if TYPE_CHECKING:
-    from matplotlib.colors import Colormap, Normalize
+    from matplotlib.colors import Normalize
 
 _DECADES = 1e-6
-
-
-def find(colormap: Any) -> Colormap:
-    """Return a matplotlib colormap by its name, or as it was given.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such name.
-    InputError
-        If it is neither a name nor a colormap.
-    """
-    import matplotlib
-    from matplotlib.colors import Colormap
-
-    if isinstance(colormap, Colormap):
-        return colormap
-    if not isinstance(colormap, str):
-        raise InputError(f"colormap must be a name or a matplotlib colormap, got {colormap!r}")
-    if colormap not in matplotlib.colormaps:
-        raise unknown_name("colormap", colormap, matplotlib.colormaps)
-    return matplotlib.colormaps[colormap]
 
 
 def scale(
@@ -127,7 +106,7 @@ def _limits(
 
 def mapped(values: NDArray[Any], colormap: Any, norm: Normalize) -> NDArray[np.float32]:
     """Return the colours of a channel, shape (ny, nx, 3); transparent ones over black."""
-    table = find(colormap)
+    table = get_colormap(colormap)
     assert norm.vmin is not None
     assert norm.vmax is not None
     # Norms mask infinities; the ends of the scale show them as what they are.

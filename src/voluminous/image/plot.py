@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..colormaps import get_colormap
 from . import mixing
-from .colormap import find, scale
+from .colormap import scale
 from .options import check_options
 from .stretch import curve, finite
 from .tone import OPTIONS, display, white_level
@@ -78,7 +79,11 @@ def _one_channel(image: Image, **options: Any) -> dict[str, Any]:
     if colormap is None:
         limits = _grey_limits(values, *limits)
     norm = scale(values, bend, options.get("norm"), *limits)
-    return {"X": values, "norm": norm, "cmap": find("gray" if colormap is None else colormap)}
+    return {
+        "X": values,
+        "norm": norm,
+        "cmap": get_colormap("gray" if colormap is None else colormap),
+    }
 
 
 def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> list[Any]:

@@ -136,7 +136,8 @@ class Colormap(Table):
         norm: Any = None,
         samples: int = 256,
     ) -> None:
-        from .colormaps import get_colormap, values_at
+        from ..colormaps import get_colormap
+        from .norms import values_at
 
         vmin, vmax = _scalar(vmin, "vmin"), _scalar(vmax, "vmax")
         unit = unit_of(vmin) or unit_of(vmax)

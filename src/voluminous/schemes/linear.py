@@ -4,16 +4,35 @@ from __future__ import annotations
 
 from typing import Any
 
+from .contract import Solution
 
-def start_values(source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-    """Return the coefficients where the ray enters: carried along, each wall is looked up once."""
-    return list(source.interpolate(walk.entry_corners(track, cursor), cursor.inside))
+# Coefficients at one end of a segment: j per emission, α per extinction.
+End = tuple[list[Any], list[Any]]
 
 
-def end_values(
-    source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return the coefficients at the segment's front, at its back, and where the walk goes on."""
-    reached = list(source.interpolate(walk.exit_corners(track, segment), segment.active))
-    front, back = (reached, carried) if backward else (carried, reached)
-    return front, back, reached
+class Linear:
+    """Look coefficients up where the ray crosses walls, and solve what lies between.
+
+    They are averaged to vertices and bilinear on walls. The values at one wall are carried along:
+    each wall is looked up once.
+    """
+
+    order = 2
+    place = "vertex"
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry the values where the ray is."""
+        return list(source.interpolate(walk.entry_corners(track, cursor), cursor.inside))
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Solution, list[Any]]:
+        """Return the solution of one segment; see `schemes.contract.Scheme`."""
+        reached = list(source.interpolate(walk.exit_corners(track, segment), segment.active))
+        front, back = (reached, carried) if backward else (carried, reached)
+        split = source.numbers.split
+        return self.between(split(front), split(back), segment.length), reached
+
+    def between(self, front: End, back: End, length: Any) -> Solution:
+        """Return the solution of a segment from the coefficients at its two ends."""
+        raise NotImplementedError

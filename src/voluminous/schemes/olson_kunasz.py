@@ -21,7 +21,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import attenuation, precision_of
 from .contract import Solution
-from .linear import end_values, start_values
+from .linear import End, Linear
 
 # Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
 _SERIES_BELOW = 1e-6
@@ -30,7 +30,7 @@ _THIN_BELOW = float(np.float32(1e-9))
 _SERIES_ENDS = 0.35
 
 
-class OlsonKunasz:
+class OlsonKunasz(Linear):
     """Solve a segment as RADMC-3D's ``secondorder`` does.
 
     With ``precision="double"`` and a camera at infinity `cutoff` has no effect: rays go from behind
@@ -38,30 +38,19 @@ class OlsonKunasz:
     """
 
     name = "olson-kunasz"
-    order = 2
-    place = "vertex"
     linear = False
     reckoned = True
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry the coefficients where the ray is."""
-        return start_values(source, walk, track, cursor)
-
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
-        """Return the solution of one segment; see `schemes.contract.Scheme`."""
-        front, back, reached = end_values(source, walk, track, segment, carried, backward)
-        s, n = segment.length, source.numbers.emissions
-        depth = [0.5 * (f + b) * s for f, b in zip(front[n:], back[n:], strict=True)]
+    def between(self, front: End, back: End, length: Any) -> Solution:
+        """Return the solution of a segment from the coefficients at its two ends."""
+        (j_front, a_front), (j_back, a_back) = front, back
+        depth = [0.5 * (f + b) * length for f, b in zip(a_front, a_back, strict=True)]
         weights = [_weights(tau) for tau in depth]
         emission = []
-        for c in range(n):
+        for c, (jf, jb) in enumerate(zip(j_front, j_back, strict=True)):
             k = c if len(depth) > 1 else 0
-            emission.append(
-                _emission(front[c], back[c], front[n + k], back[n + k], s, depth[k], weights[k])
-            )
-        return Solution(emission, [theta for theta, _, _ in weights], depth), reached
+            emission.append(_emission(jf, jb, a_front[k], a_back[k], length, depth[k], weights[k]))
+        return Solution(emission, [theta for theta, _, _ in weights], depth)
 
 
 def _weights(tau: Any) -> tuple[Any, Any, Any]:
@@ -78,7 +67,7 @@ def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
     series = type(tau)(1.0 / math.factorial(9))
     for k in range(8, 1, -1):
         series = dr.fma(-tau, series, 1.0 / math.factorial(k))
-    front = dr.select(tau < 0.35, tau * series, 1.0 - mean)
+    front = dr.select(tau < _SERIES_ENDS, tau * series, 1.0 - mean)
     return theta, dr.fma(tau, mean, -front), front
 
 

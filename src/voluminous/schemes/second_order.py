@@ -24,7 +24,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import precision_of
 from .contract import Solution
-from .linear import end_values, start_values
+from .linear import End, Linear
 
 # (order of the series, optical depth up to which it suffices): what is left out of θ is
 # τ^(n+1)/(n+1)!, 5e-9 and 1e-18.
@@ -36,34 +36,24 @@ _THIN = {"single": (4, 0.3), "double": (8, 0.4)}
 _THICK = {"single": (18, 20.0), "double": (32, 40.0)}
 
 
-class SecondOrder:
+class SecondOrder(Linear):
     """Solve a segment whose emissivity and extinction are linear in distance."""
 
     name = "second-order"
-    order = 2
-    place = "vertex"
     linear = True
     reckoned = False
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry the coefficients where the ray is."""
-        return start_values(source, walk, track, cursor)
-
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
-        """Return the solution of one segment; see `schemes.contract.Scheme`."""
-        front, back, reached = end_values(source, walk, track, segment, carried, backward)
-        s = segment.length
-        (j_front, alpha_front), (j_back, alpha_back) = map(source.numbers.split, (front, back))
-        a_front, a_back = ([a * s for a in alpha] for alpha in (alpha_front, alpha_back))
+    def between(self, front: End, back: End, length: Any) -> Solution:
+        """Return the solution of a segment from the coefficients at its two ends."""
+        (j_front, alpha_front), (j_back, alpha_back) = front, back
+        a_front, a_back = ([a * length for a in alpha] for alpha in (alpha_front, alpha_back))
         depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]
         weights, transparency = visibility(a_front, a_back, depth)
         emission = []
         for c, (jf, jb) in enumerate(zip(j_front, j_back, strict=True)):
             w_front, w_back = weights[c if len(weights) > 1 else 0]
-            emission.append(s * dr.fma(jf, w_front, jb * w_back))
-        return Solution(emission, transparency, depth), reached
+            emission.append(length * dr.fma(jf, w_front, jb * w_back))
+        return Solution(emission, transparency, depth)
 
 
 def visibility(

@@ -1,4 +1,4 @@
-"""Colormaps and norms from matplotlib, which is imported only when one is asked for."""
+"""Norms from matplotlib, which is imported only when one is asked for."""
 
 from __future__ import annotations
 
@@ -9,27 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, unknown_name
-
-
-def get_colormap(cmap: Any) -> Any:
-    """Return a matplotlib colormap from its name or itself.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of that name.
-    InputError
-        If it is neither.
-    """
-    import matplotlib
-
-    if isinstance(cmap, matplotlib.colors.Colormap):
-        return cmap
-    if not isinstance(cmap, str):
-        raise InputError(f"cmap must be the name of a colormap or a matplotlib one, got {cmap!r}")
-    if cmap not in matplotlib.colormaps:
-        raise unknown_name("colormap", cmap, matplotlib.colormaps)
-    return matplotlib.colormaps[cmap]
 
 
 def values_at(position: np.ndarray, norm: Any, vmin: float, vmax: float) -> np.ndarray:
