@@ -17,7 +17,7 @@ settings.load_profile("voluminous")
 @pytest.fixture
 def kernels() -> Callable:
     """Return a function that calls another and returns the hashes of the kernels it launched."""
-    import drjit as dr
+    from voluminous.backend import dr
 
     def launched(function: Callable, *args, **options) -> set[str]:
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):

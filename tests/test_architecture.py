@@ -84,7 +84,7 @@ def test_what_is_installed_is_pure_python():
     ("file", "pattern"),
     [
         ("pyproject.toml", r'^version = "(.*)"$'),
-        ("CITATION.cff", r'^version: "?([^"]*)"?$'),
+        ("CITATION.cff", r'^version: "?([^"\n]*)"?$'),
         ("CHANGELOG.md", r"^## \[(\d[^\]]*)\]"),
     ],
 )

@@ -77,6 +77,21 @@ def test_pure_emitter_and_pure_absorber(scheme, precision):
     assert slab(scheme, precision, 0.0, 0.0, background=5.0) == (5.0, 1.0, 0.0)
 
 
+def test_backgrounds_are_numbers_channels_or_pictures():
+    volume, camera = vm.models.uniform_slab(1.0, 2.0), vm.Orthographic(width=2, resolution=(5, 4))
+    medium = vm.Coefficients(["j", "0*j"], "a")
+    dark = vm.render(volume, medium, camera, precision="double")
+    picture = np.random.default_rng(0).uniform(size=(4, 5, 2))
+    backgrounds = [3.0, [1.0, 2.0], picture[..., 0], picture[..., :1], picture, vm.Image(picture)]
+    shapes = [3.0, [1.0, 2.0], picture[..., :1], picture[..., :1], picture, picture]
+    for background, light in zip(backgrounds, shapes, strict=True):
+        lit = vm.render(volume, medium, camera, precision="double", background=background)
+        # Also beside the slab, where nothing is in the way.
+        expected = dark.intensity + dark.transparency * light
+        np.testing.assert_allclose(lit.intensity, expected, rtol=1e-15)
+    assert dark.transparency.max() == 1
+
+
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))
 def test_sphere_is_round_to_the_size_of_a_cell(scheme):
     volume = vm.models.sphere(48, radius=1.0)

@@ -24,6 +24,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from PIL import Image as Pillow
 
 import voluminous as vm
 from voluminous.cli import main
@@ -116,6 +117,19 @@ def test_the_readme_starts_with_the_two_commands_and_the_ten_lines_work():
     assert second.split("  ")[0] == f'{venv} ".[test]" && .venv/bin/pytest'
     assert found[1].language == "python"
     assert len(found[1].text.splitlines()) <= 10
+
+
+FIGURES = sorted(path.stem for path in (ROOT / "docs" / "_static").glob("*.png"))
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_the_pictures_can_be_made(name, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    figures = importlib.import_module("figures")
+    figures.FIGURES[name](tmp_path / f"{name}.png", pixels=32)
+    with Pillow.open(tmp_path / f"{name}.png") as picture:
+        assert min(picture.size) > 100
+    assert (ROOT / "docs" / "_static" / f"{name}.png").stat().st_size < 200_000
 
 
 def modules() -> list[str]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import twin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import twin
 import voluminous as vm
 
 # The twin sorts all crossings of a ray: its rounding is another, of some 1e-15 per segment.

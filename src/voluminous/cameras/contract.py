@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -97,7 +98,9 @@ def pixel_counts(resolution: Any) -> tuple[int, int]:
 
 
 def _is_count(n: Any) -> bool:
-    return not isinstance(n, (bool, str)) and int(n) == n and n >= 1
+    return (
+        isinstance(n, Real) and not isinstance(n, bool) and float(n) >= 1 and float(n).is_integer()
+    )
 
 
 def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, float]:

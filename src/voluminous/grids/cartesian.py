@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -196,6 +197,8 @@ def _plain_edges(values: Any, axis: str) -> np.ndarray:
 
 def _counts(shape: Any) -> tuple[int, ...]:
     counts = (shape,) * 3 if np.ndim(shape) == 0 else tuple(shape)
-    if len(counts) != 3 or any(int(n) != n or n < 1 for n in counts):
+    if len(counts) != 3 or not all(
+        isinstance(n, Real) and float(n) >= 1 and float(n).is_integer() for n in counts
+    ):
         raise InputError(f"shape must be three positive whole numbers (nx, ny, nz), got {shape!r}")
     return tuple(int(n) for n in counts)

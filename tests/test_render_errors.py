@@ -1,0 +1,177 @@
+"""What cannot be rendered is refused beforehand, with the reason and the remedy."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+
+GRID = vm.CartesianGrid.uniform((3, 4, 5), (-1, 1))
+CAMERA = vm.Orthographic(30, 40, resolution=8)
+MEDIUM = vm.Coefficients("density", "density")
+
+
+@pytest.fixture
+def volume():
+    return vm.Volume(GRID, density=np.ones(GRID.shape))
+
+
+def refused(error, told, *arguments, **options):
+    """Assert that a render raises an error that tells something."""
+    with pytest.raises(error, match=told):
+        vm.render(*arguments, **options)
+
+
+def test_wrong_things_in_wrong_places(volume):
+    refused(vm.InputError, "a vm.Volume first, got ndarray", np.ones(3), MEDIUM, CAMERA)
+    refused(vm.InputError, "a medium .* second, got str", volume, "density", CAMERA)
+    refused(vm.InputError, "a camera .* got NoneType", volume, MEDIUM, None)
+    refused(vm.InputError, "a medium .* got Orthographic", volume, CAMERA, MEDIUM)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"scheme": "second"}, "unknown scheme 'second'.*did you mean 'second-order'"),
+        ({"scheme": None}, "unknown scheme"),
+        ({"device": "cup"}, "unknown device 'cup'.*did you mean 'cpu'"),
+        ({"precision": "duble"}, "unknown precision 'duble'.*did you mean 'double'"),
+        ({"order": "front to back"}, "unknown order.*did you mean 'front-to-back'"),
+        ({"samples": "flux"}, "unknown samples 'flux'.*flux-conserving"),
+    ],
+)
+def test_unknown_names_name_the_nearest(volume, options, told):
+    refused(vm.UnknownNameError, told, volume, MEDIUM, CAMERA, **options)
+    refused(KeyError, None, volume, MEDIUM, CAMERA, **options)
+
+
+def test_unknown_fields_name_the_nearest(volume):
+    for medium in (
+        vm.Coefficients("densty", "density"),
+        vm.Coefficients("density", ["log10(densty)"]),
+        vm.Gaussian("densty", 1, 1, 1, 1, 1),
+        MEDIUM + vm.Gaussian("densty", 1, 1, 1, 1, 1),
+        vm.Medium.from_function(lambda d: (d, d), ["densty"], 1),
+    ):
+        refused(vm.UnknownNameError, "'densty'.*did you mean 'density'", volume, medium, CAMERA)
+
+
+SCHEMES = ["first-order", "second-order"]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_coefficients_that_are_not_finite_name_their_first_cell(volume, scheme, value):
+    density = np.ones(GRID.shape)
+    density[1, 2, 3] = density[2, 0, 0] = value
+    volume["density"] = density
+    told = r"cannot be used in 2 cells.*first is \(1, 2, 3\).*where density = " + str(value)
+    refused(vm.InputError, told, volume, MEDIUM, CAMERA, scheme=scheme)
+    refused(ValueError, "clip the fields", volume, MEDIUM, CAMERA, scheme=scheme)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_negative_extinction_is_refused_and_negative_emissivity_is_not(volume, scheme):
+    medium = vm.Coefficients("density", ["0.5 - x"])
+    refused(
+        vm.InputError, "extinction of channel 0 is -0.166", volume, medium, CAMERA, scheme=scheme
+    )
+    signed = vm.render(volume, vm.Coefficients("-density", "0*x"), CAMERA, scheme=scheme)
+    assert signed.intensity.min() < -1
+
+
+def test_a_medium_evaluated_on_the_ray_is_looked_at_afterwards(volume, monkeypatch):
+    monkeypatch.setattr("voluminous.rendering.source.fits", lambda needed: False)
+    for medium in (vm.Coefficients("density", "0.5 - x"), vm.Coefficients("log(x)", "density")):
+        told = "not finite: .* or a negative extinction"
+        refused(vm.InputError, told, volume, medium, CAMERA, scheme="first-order")
+
+
+@pytest.mark.parametrize(
+    ("background", "told"),
+    [
+        ([1.0, 2.0], r"1 numbers .* got shape \(2,\)"),
+        (np.ones((8, 7)), r"shape \(8, 8\) or \(8, 8, 1\); got shape \(8, 7\)"),
+        (np.ones((8, 8, 3)), r"got shape \(8, 8, 3\)"),
+        (np.nan, "background must be finite"),
+        ("blue", "must be numbers"),
+    ],
+)
+def test_backgrounds_that_do_not_fit(volume, background, told):
+    refused(vm.InputError, told, volume, MEDIUM, CAMERA, background=background)
+
+
+@pytest.mark.parametrize("cutoff", [-0.1, 1.0, 2, np.nan, "low", True + 1])
+def test_cutoffs_that_are_no_transparency(volume, cutoff):
+    told = "cutoff is the transparency at which a ray stops"
+    refused(vm.InputError, told, volume, MEDIUM, CAMERA, cutoff=cutoff)
+
+
+@pytest.mark.parametrize("samples", [0, -1, 1.5, True, 10**6])
+def test_samples_that_are_no_count(volume, samples):
+    refused(
+        vm.InputError, "samples must be a whole number", volume, MEDIUM, CAMERA, samples=samples
+    )
+
+
+def test_flux_conservation_of_far_too_large_pixels(volume):
+    camera = vm.Orthographic(width=1e6, resolution=2)
+    told = "needs .* rays per pixel here"
+    refused(vm.InputError, told, volume, MEDIUM, camera, samples="flux-conserving")
+
+
+def test_memory_is_asked_for_beforehand(volume, monkeypatch):
+    monkeypatch.setattr("voluminous.memory.available_memory", lambda: 1000)
+    with pytest.raises(vm.MemoryNeededError, match="scheme 'second-order' needs") as caught:
+        vm.render(volume, MEDIUM, CAMERA, scheme="second-order")
+    needed, free = map(int, re.findall(r"(\d+) bytes", str(caught.value)))
+    # Two numbers of four bytes at each of 4 x 5 x 6 vertices, and what classifying takes.
+    assert needed >= 2 * 4 * 4 * 5 * 6
+    assert free == 1000
+    assert "first-order" in str(caught.value)
+    assert isinstance(caught.value, MemoryError)
+    # First order does without a table.
+    assert vm.render(volume, MEDIUM, CAMERA, scheme="first-order").intensity.max() > 0
+
+
+@pytest.mark.parametrize(
+    ("function", "told"),
+    [
+        (lambda d: d, r"must return \(emissivity, extinction\), got"),
+        (lambda d: None, r"must return \(emissivity, extinction\), got NoneType"),
+        (lambda d: (d, d, d), r"must return \(emissivity, extinction\)"),
+        (lambda d: ([d, d], d), "returned 2 values of emissivity, expected 1"),
+        (lambda d: (d, [d, d]), "returned 2 values of extinction, expected 1"),
+    ],
+)
+def test_functions_that_return_something_else(volume, function, told):
+    medium = vm.Medium.from_function(function, ["density"], channels=1)
+    refused(vm.InputError, told, volume, medium, CAMERA)
+
+
+def test_functions_that_fail_raise_their_own_error(volume):
+    medium = vm.Medium.from_function(lambda d: 1 / 0, ["density"], channels=1)
+    refused(ZeroDivisionError, "division", volume, medium, CAMERA)
+
+
+def test_progress_may_cancel_and_the_next_render_is_unharmed(volume):
+    class Enough(Exception):
+        """Raised by whoever watches."""
+
+    def stop(done, total):
+        raise Enough
+
+    refused(Enough, None, volume, MEDIUM, CAMERA, progress=stop)
+    assert vm.render(volume, MEDIUM, CAMERA).intensity.max() > 0
+
+
+def test_progress_ends_with_everything(volume):
+    reports = []
+    vm.render(volume, MEDIUM, CAMERA, samples=2, progress=lambda *report: reports.append(report))
+    done, total = reports[-1]
+    assert done == total > 0
+    fractions = [d / t for d, t in reports]
+    assert fractions == sorted(fractions)

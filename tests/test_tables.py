@@ -1,0 +1,185 @@
+"""Tables of coefficients, kernels and the cut-off are for speed: they change nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts.scheme import coloured, random_volume
+from voluminous.schemes import SCHEMES
+
+OBLIQUE = vm.Orthographic(57, 213, 31, width=4.0, resolution=(15, 12))
+INSIDE = vm.Perspective((0.2, 0.9, -0.4), (1, 2, 0.3), 100, resolution=12, projection="spherical")
+
+
+def core(seed=0, shape=(6, 5, 4)):
+    """Return noise with a unit, and coordinates that media may look at."""
+    grid = vm.CartesianGrid.uniform(shape, (-1, 1))
+    return vm.Volume(grid, f=aligned(np.random.default_rng(seed).uniform(size=shape)))
+
+
+def aligned(values):
+    """Return a copy that starts at a multiple of 128 bytes: Dr.Jit's kernels know if it does."""
+    memory = np.empty(values.nbytes + 128, dtype="u1")
+    start = -memory.ctypes.data % 128
+    copy = memory[start : start + values.nbytes].view(values.dtype).reshape(values.shape)
+    copy[...] = values
+    return copy
+
+
+def shell(color=(1.0, 0.3), opacity=2.0, sigma=0.1, center=0.5, path=1.0):
+    return vm.Gaussian("f", center, sigma, color, opacity, path)
+
+
+def picture(volume, medium, camera=OBLIQUE, **options):
+    return vm.render(volume, medium, camera, **options).intensity
+
+
+MEDIA = {
+    "shapes": shell(),
+    "two shapes": shell() + vm.Rectangle("f", 0.2, 0.1, (0.2, 0.9), 1.0, 1.0),
+    "direct": vm.Coefficients(["f", "r"], ["f*x**2", "1 + y"]),
+    "table": vm.Table("f", [0, 0.5, 1], [[0, 1], [1, 0], [2, 2]], [0, 1, 3], 1.0),
+    "function": vm.Medium.from_function(lambda f, x: ([f, f * f], f * abs(x)), ["f", "x"], 2),
+}
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", sorted(MEDIA))
+def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch):
+    options = {"scheme": "first-order", "precision": precision}
+    volume = core(shape=(3, 3, 3))
+    tabulated = picture(volume, MEDIA[name], **options)
+    assert len(volume.tables) == (0 if name == "function" else 1)
+    monkeypatch.setattr("voluminous.rendering.source.fits", lambda needed: False)
+    fresh = core(shape=(3, 3, 3))
+    np.testing.assert_array_equal(picture(fresh, MEDIA[name], **options), tabulated)
+    assert not fresh.tables
+
+
+@pytest.mark.parametrize("dtype", ["f4", "i2", "i4", "?"])
+def test_classifying_on_the_ray_knows_all_kinds_of_numbers(dtype, monkeypatch):
+    field = (np.arange(60).reshape(5, 4, 3) % 7).astype(dtype)
+    volumes = [vm.Volume(vm.CartesianGrid.uniform((5, 4, 3), (-1, 1)), f=field) for _ in "ab"]
+    medium, options = vm.Coefficients("f", "0.1*f"), {"scheme": "first-order"}
+    tabulated = picture(volumes[0], medium, **options)
+    monkeypatch.setattr("voluminous.rendering.source.fits", lambda needed: False)
+    np.testing.assert_array_equal(picture(volumes[1], medium, **options), tabulated)
+
+
+@pytest.mark.parametrize("scheme", sorted(SCHEMES))
+def test_tables_are_used_again_and_never_stale(scheme):
+    options = {"scheme": scheme}
+    volume = core()
+    own = np.array(volume.array("f"))
+    volume["f"] = own
+    first = picture(volume, shell(), **options)
+    kept = list(volume.tables.values())
+    np.testing.assert_array_equal(picture(volume, shell(), INSIDE, **options).shape, (12, 12, 2))
+    np.testing.assert_array_equal(picture(volume, shell(), **options), first)
+    assert list(volume.tables.values()) == kept  # the same table, not an equal one
+
+    def fresh(medium):
+        return picture(vm.Volume(volume.grid, f=own), medium, **options)
+
+    for medium in (shell(color=(0.1, 0.9)), shell(opacity=0.5), shell(sigma=0.2), shell(path=3.0)):
+        np.testing.assert_array_equal(picture(volume, medium, **options), fresh(medium))
+    own[2:, 1, 1] += 0.1  # in place: nobody is told
+    changed = picture(volume, shell(), **options)
+    assert (changed != first).any()
+    np.testing.assert_array_equal(changed, fresh(shell()))
+    volume["f"] = 1 - own
+    own = 1 - own
+    np.testing.assert_array_equal(picture(volume, shell(), **options), fresh(shell()))
+
+
+def test_a_unit_that_is_corrected_makes_another_table():
+    grid = vm.CartesianGrid.uniform((6, 5, 4), (-1, 1), unit="pc")
+    volume = vm.Volume(grid, f=np.random.default_rng(0).uniform(size=grid.shape))
+    medium = vm.Coefficients("1", "f")
+    first = picture(volume, medium)
+    volume.set_unit("f", "1 / kpc")
+    again = picture(volume, medium)
+    assert again.max() > first.max()  # a thousand times less extinction
+    volume.set_unit("f", "1 / pc")
+    np.testing.assert_array_equal(picture(volume, medium), first)
+
+
+def test_few_tables_are_kept():
+    volume = core()
+    for k in range(12):
+        picture(volume, shell(center=0.1 * k))
+    assert len(volume.tables) <= 4
+
+
+TURNS = {
+    "color": (shell(color=(0.2, 0.4)), OBLIQUE),
+    "opacity": (shell(opacity=0.3), OBLIQUE),
+    "width": (shell(sigma=0.3), OBLIQUE),
+    "centre": (shell(center=0.7), OBLIQUE),
+    "path length": (shell(path=2.0), OBLIQUE),
+    "camera": (shell(), vm.Orthographic(10, 20, 30, width=3.0, resolution=(15, 12))),
+    "along an axis": (shell(), vm.Orthographic(90, 0, width=3.0, resolution=(15, 12))),
+}
+
+
+@pytest.mark.parametrize("scheme", sorted(SCHEMES))
+@pytest.mark.parametrize("turn", sorted(TURNS))
+def test_turning_anything_compiles_nothing(scheme, turn, kernels):
+    # With and without a table at hand: two sets of kernels.
+    volume = core()
+    compiled = kernels(vm.render, volume, shell(), OBLIQUE, scheme=scheme)
+    compiled |= kernels(vm.render, volume, shell(), OBLIQUE, scheme=scheme)
+    medium, camera = TURNS[turn]
+    assert kernels(vm.render, volume, medium, camera, scheme=scheme) <= compiled
+    other = core(seed=1, shape=(7, 5, 4))
+    assert kernels(vm.render, other, medium, camera, scheme=scheme) <= compiled
+
+
+def dense_screen():
+    """Return a very bright source behind a dense screen that shines but faintly."""
+    grid = vm.CartesianGrid.uniform((4, 4, 30), (-1, 1))
+    j, a = np.full((2, *grid.shape), 1e-6)
+    a[..., 20:] = 8.0  # towards the observer
+    j[..., 20:] = 1e-3
+    j[..., :3] = 1e7
+    return vm.Volume(grid, j0=j, j1=2 * j, a0=a, a1=0.9 * a), vm.Orthographic(resolution=9)
+
+
+CASES = {
+    "opaque noise": (random_volume(depth=30.0), OBLIQUE),
+    "noise": (random_volume(depth=1.0), OBLIQUE),
+    "inside": (random_volume(depth=10.0), INSIDE),
+    "dense screen": dense_screen(),
+}
+
+
+@pytest.mark.parametrize("scheme", sorted(SCHEMES))
+@pytest.mark.parametrize("name", sorted(CASES))
+@pytest.mark.parametrize("background", [0.0, 100.0])
+def test_default_cutoff_is_unseen(name, scheme, background):
+    volume, camera = CASES[name]
+    exact, default = (
+        vm.render(volume, coloured(), camera, scheme=scheme, background=background, **options)
+        for options in ({"cutoff": 0}, {})
+    )
+    error = np.abs(default.intensity - exact.intensity).max()
+    # The bound is 1e-4 of the maximum; single precision has its own rounding.
+    assert error <= 1e-4 * exact.intensity.max()
+    # The optical depth is that of all that is there, cut-off or not.
+    np.testing.assert_allclose(default.optical_depth, exact.optical_depth, rtol=1e-6)
+
+
+def test_cutoff_is_a_transparency():
+    volume = vm.models.uniform_slab(1.0, 20.0)
+    finer = vm.Volume(
+        vm.CartesianGrid([-0.5, 0.5], [-0.5, 0.5], np.linspace(0, 1, 201)),
+        {k: np.full((1, 1, 200), volume.array(k).item()) for k in "ja"},
+    )
+    camera, medium = vm.Orthographic(width=0.5, resolution=1), vm.Coefficients("j", "a")
+    for cutoff in (0.5, 0.1, 0.01):
+        image = vm.render(finer, medium, camera, scheme="first-order", cutoff=cutoff)
+        # It stops within two cells, of optical depth 0.1, of where it is told to.
+        left = 1 - 20 * image.intensity.item()
+        assert cutoff * np.exp(-0.25) < left <= cutoff
