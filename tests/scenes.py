@@ -1,9 +1,9 @@
 """Reference models as voluminous scenes."""
 
 import numpy as np
-from reference import Case, Model
 
 import voluminous as vm
+from reference import Case, Model
 
 
 def volume_of(model: Model, *, emit_without_extinction: bool = True) -> vm.Volume:

@@ -25,8 +25,8 @@ from PIL import Image as Pillow
 from PIL.PngImagePlugin import PngInfo
 
 from voluminous.errors import FileFormatError, InputError, UnknownNameError
-from voluminous.image import Image
 from voluminous.files import MissingPathError
+from voluminous.image import Image
 from voluminous.image.formats import FORMATS, png_code
 
 SUFFIXES = [".npz", ".fits", ".exr", ".tif", ".png"]

@@ -110,7 +110,7 @@ def test_cutoffs_that_are_no_transparency(volume, cutoff):
     refused(vm.InputError, told, volume, MEDIUM, CAMERA, cutoff=cutoff)
 
 
-@pytest.mark.parametrize("samples", [0, -1, 1.5, True, 10**6])
+@pytest.mark.parametrize("samples", [0, -1, 1.5, True, 10**6, None, (2, 2)])
 def test_samples_that_are_no_count(volume, samples):
     refused(
         vm.InputError, "samples must be a whole number", volume, MEDIUM, CAMERA, samples=samples

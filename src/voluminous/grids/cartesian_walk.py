@@ -74,6 +74,8 @@ class CartesianWalk:
         last = None if ray.last is None else ray.last * self.to_scale
         start = arrive if first is None else dr.maximum(arrive, first)
         inside = start < (leave if last is None else dr.minimum(leave, last))
+        if ray.active is not None:
+            inside &= ray.active
         # A ray that misses starts somewhere finite, so that no lane computes with infinities.
         arrive = dr.select(inside, arrive, Wide(0))
         begin = dr.select(inside, start, Wide(0)) - arrive

@@ -23,6 +23,8 @@ class Ray:
         ``origin + t direction`` with a unit direction pointing the way the ray is walked.
     first, last : array or None
         The walk is confined to ``first <= t <= last``; None where it is not.
+    active : array of Bool or None
+        Lanes that are rays at all.
     start : list of three arrays, optional
         A point of the ray before the domain, rounded as in RADMC-3D; for a walk by dead reckoning.
     """
@@ -31,6 +33,7 @@ class Ray:
     direction: list[Any]
     first: Any = None
     last: Any = None
+    active: Any = None
     start: list[Any] | None = None
 
 

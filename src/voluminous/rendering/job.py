@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..backend import dr
-from ..grids.contract import Ray
 from ..volume import Volume
 from .march import Cutoff, march
 from .options import DEFAULT_ERROR
@@ -111,7 +110,7 @@ class Job:
         return _scaled(total, 1.0 / self.samples**2), early
 
     def _ray(self, x: Any, y: Any, offset: tuple[float, float], there: Any) -> Any:
-        """Return the rays through sub-pixels; lanes that are no pixels get rays that miss."""
+        """Return the rays through sub-pixels; lanes that are no pixels have none."""
         wide = self.backend.wide
         (nx, ny), (dx, dy), shift = self.frame.pixels, self.frame.pixel, self.frame.shift
         u, v = (
@@ -120,9 +119,8 @@ class Job:
         )
         vectors = [[wide(c) for c in vector] for vector in self.frame.vectors]
         ray = self.camera.rays(vectors, u, v)
-        if self.backward:
-            ray = reverse(ray)
-        return ray
+        ray.active = there
+        return reverse(ray) if self.backward else ray
 
     def _ending(self, source: Any, brightest_background: float) -> Cutoff | None:
         """Return the criterion at which rays stop; None if they never do."""
@@ -168,7 +166,8 @@ def reverse(ray: Any) -> Any:
     """Return rays that run the other way, towards the camera."""
     last = None if ray.first is None else -ray.first
     first = None if ray.last is None else -ray.last
-    return Ray(ray.origin, [-d for d in ray.direction], first, last, ray.start)
+    away = [-d for d in ray.direction]
+    return replace(ray, direction=away, first=first, last=last)
 
 
 def _sum(a: Path, b: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,8 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
         return count
     if isinstance(samples, str):
         raise unknown_name("samples", samples, ["flux-conserving"])
-    if isinstance(samples, bool) or int(samples) != samples or not 1 <= samples <= _MOST_SAMPLES:
+    whole = isinstance(samples, numbers.Integral) and not isinstance(samples, bool)
+    if not whole or not 1 <= samples <= _MOST_SAMPLES:
         raise InputError(
             "samples must be a whole number n (n x n rays per pixel) or 'flux-conserving', "
             f"got {samples!r}"
