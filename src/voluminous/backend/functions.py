@@ -106,7 +106,7 @@ def precision_of(real: Any) -> str:
     return "double" if dr.type_v(real) == dr.VarType.Float64 else "single"
 
 
-def flush_subnormal(value: Any) -> Any:
+def flush_subnormal(value: Any, margin: float = 2.0**30) -> Any:
     """Clamp to zero what is subnormal, or nearly, so that products with it would be.
 
     Dr.Jit's worker threads flush subnormal numbers, the calling thread does not, and arithmetic on
@@ -114,4 +114,4 @@ def flush_subnormal(value: Any) -> Any:
     3.3 times as long as it should for the tails of the Gaussians of `models.prestellar_core`.
     """
     kind = np.float32 if precision_of(type(value)) == "single" else np.float64
-    return dr.select(dr.abs(value) < 2.0**30 * float(np.finfo(kind).tiny), 0.0, value)
+    return dr.select(dr.abs(value) < margin * float(np.finfo(kind).tiny), 0.0, value)

@@ -109,7 +109,7 @@ class CartesianGrid:
 
     @functools.cached_property
     def scale(self) -> float:
-        """Typical cell width: kernels measure lengths in it."""
+        """Typical cell width, in which kernels measure lengths."""
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.edges]
         return float(np.exp(np.mean(np.log(widths))))
 

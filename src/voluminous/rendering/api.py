@@ -102,10 +102,9 @@ def _image(job: Job, planes: Planes, behind: np.ndarray, told: dict[str, Any]) -
             "the picture is not finite: the medium gives coefficients that are not, or a negative "
             "extinction, in cells that rays visit; look at the fields with `volume.evaluate(...)`"
         )
-    kind = job.backend.dtype
     intensity = planes.emission
     if np.any(behind):
-        intensity = (intensity + planes.transparency * behind).astype(kind)
+        intensity = (intensity + planes.transparency * behind).astype(intensity.dtype)
     x, y = job.frame.coordinates()
     return Image(
         intensity,

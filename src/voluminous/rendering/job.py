@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import flush_subnormal
 from ..volume import Volume
 from .march import Cutoff, march
 from .options import DEFAULT_ERROR
@@ -79,7 +80,7 @@ class Job:
             numbers = path.emission + path.transparency + path.depth
             target = y * dr.opaque(backend.UInt, nx) + x
             for plane, number in zip(planes, numbers, strict=True):
-                dr.scatter(plane, number, target, there)
+                dr.scatter(plane, flush_subnormal(number, margin=1.0), target, there)
             dr.eval(planes, early)
             stopped |= bool(dr.any(early)) if ending is not None else False
             if self.samples == 1:
@@ -131,7 +132,8 @@ class Job:
             return Cutoff(opaque(1.0), [], opaque(self.cutoff))
         bounds = self.volume.grid.bounds
         diagonal = float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) / self.volume.grid.scale
-        most = source.numbers.brightest(source.largest) * diagonal + brightest_background
+        most = source.numbers.brightest(source.largest) * diagonal
+        most += brightest_background / source.numbers.unit
         most = min(most, float(np.finfo(self.backend.dtype).max))  # no bound: rays hardly stop
         weights = [opaque(DEFAULT_ERROR * float(w)) for w in source.numbers.weights()]
         return Cutoff(opaque(most), weights, opaque(0.0))

@@ -45,20 +45,26 @@ def get_source(
         volume.grid.size > 0.5 * steps or not fits(needed + _SLABS)
     )
     if crowded and not volume.tables:  # not even hashed: that takes a second for 1024³
-        return OnRay(classifier, backend)
+        return _on_ray(classifier, backend)
     key = _key(classifier, scheme)
     if key is not None and key in volume.tables:
         volume.tables.move_to_end(key)
-        # Colours and opacities may have been turned: they are not in the table.
-        return replace(volume.tables[key], numbers=numbers)
+        table = volume.tables[key]
+        return replace(table, numbers=numbers.reuse(table.numbers))
     if crowded:
-        return OnRay(classifier, backend)
+        return _on_ray(classifier, backend)
     check_memory(needed + _SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
+    numbers.normalise(classifier.largest())
     make = cell_table if scheme.place == "cell" else vertex_table
     table = make(classifier, backend, report)
     if key is not None:
         _keep(volume, key, table)
     return table
+
+
+def _on_ray(classifier: Classifier, backend: Any) -> OnRay:
+    classifier.numbers.normalise(classifier.largest())
+    return OnRay(classifier, backend)
 
 
 def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
