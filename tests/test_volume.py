@@ -196,3 +196,13 @@ def test_names_are_those_that_expressions_know():
     volume = vm.Volume(GRID, {"ﬁeld": COUNTED})  # the ligature fi, which Python normalises
     assert volume.fields == ("field",)
     np.testing.assert_array_equal(volume.evaluate("ﬁeld"), COUNTED)
+
+
+def test_derived_fields_have_the_unit_of_their_expression():
+    grid = vm.CartesianGrid.uniform(2, (0, 1), unit="pc")
+    volume = vm.Volume(grid, rho=np.ones(grid.shape))
+    volume.set_unit("rho", "g cm-3")
+    volume["half"] = "rho / 2"
+    volume["far"] = "2 * r"
+    volume["exponent"] = "log10(rho)"
+    assert volume.units == {"rho": "g / cm3", "half": "g / cm3", "far": "pc", "exponent": ""}

@@ -100,7 +100,8 @@ class Volume:
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
         name = _check_name(name)
         if isinstance(value, (str, Expression)):
-            array, unit = self.evaluate(value), None
+            expression = Expression(value)
+            array, unit = self.evaluate(expression), self.expression_unit(expression)
         else:
             unit = parse_unit(value.unit) if is_quantity(value) else None
             array = np.asarray(value.value if is_quantity(value) else value)

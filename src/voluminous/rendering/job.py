@@ -80,7 +80,8 @@ class Job:
             numbers = path.emission + path.transparency + path.depth
             target = y * dr.opaque(backend.UInt, nx) + x
             for plane, number in zip(planes, numbers, strict=True):
-                dr.scatter(plane, flush_subnormal(number, margin=1.0), target, there)
+                # Sums so small may have lost subnormal terms: with how many threads, decides.
+                dr.scatter(plane, flush_subnormal(number, margin=2.0**36), target, there)
             dr.eval(planes, early)
             stopped |= bool(dr.any(early)) if ending is not None else False
             if self.samples == 1:
