@@ -1,7 +1,7 @@
 """Draw one scene with VTK, yt and voluminous in one process; print times, ratios and brightness.
 
     python benchmarks/peers.py --repeat 20
-    python benchmarks/peers.py --only vtk first --scene core_opaque --pictures /tmp/pictures
+    python benchmarks/peers.py --only vtk first --scene core_opaque --pictures pictures
 
 Contestants take turns, so that load from elsewhere meets all of them. The last column is the mean
 intensity of the picture: it says whether they all drew the same thing.

@@ -6,7 +6,6 @@ its import takes longer than a picture.
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -110,8 +109,3 @@ def degrees(value: Any, what: str) -> float:
 def radians(value: Any, what: str) -> Any:
     """Return an angle in radians; plain numbers are radians."""
     return plain(value, "rad", what) if is_quantity(value) else _as_float(value, what)
-
-
-def astropy_loaded() -> bool:
-    """Return True if astropy.units is already imported, so that using it is free."""
-    return "astropy.units" in sys.modules

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -62,9 +63,14 @@ def _mean_transparency_near_zero(r: Any, terms: int) -> Any:
     coefficients = [1.0]
     for k in range(2, terms + 1):
         coefficients.append(-coefficients[-1] / k)
-    total = type(r)(coefficients[-1])
+    return horner(r, coefficients)
+
+
+def horner(x: Any, coefficients: Sequence[Any]) -> Any:
+    """Return a polynomial in x, lowest power first; its coefficients may be arrays."""
+    total = type(x)(coefficients[-1])
     for c in coefficients[-2::-1]:
-        total = dr.fma(total, r, c)
+        total = dr.fma(total, x, c)
     return total
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import first_true
 from ..expressions.interval import Interval, extremes
 
 # What an interpolated value loses, in ε of the largest value around it: the position loses 1.5, the
@@ -35,7 +36,8 @@ def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarr
     """
     UInt = dr.uint32_array_t(real)
     last = dr.opaque(UInt, len(nodes) - 1)
-    places, upper = _search(real, UInt, x, nodes)
+    places = real(np.ascontiguousarray(nodes))
+    upper = first_true(len(nodes), UInt, lambda k: dr.gather(real, places, k) > x)
     upper = dr.clip(upper, 1, last)
     low, high = dr.gather(real, places, upper - 1), dr.gather(real, places, upper)
     width = high - low
@@ -49,22 +51,6 @@ def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarr
         return dr.fma(f, after - before, before)
 
     return [entries(column) for column in columns]
-
-
-def _search(real: Any, UInt: Any, x: Any, nodes: np.ndarray) -> tuple[Any, Any]:
-    """Return the nodes on the device, and how many of them are at or below x.
-
-    Nodes are filled up to a power of two, so that few lengths of tables make different kernels.
-    """
-    size = 1 << len(nodes).bit_length()
-    places = real(np.pad(nodes, (0, size - len(nodes)), constant_values=np.inf))
-    found = UInt(0)
-    step = size // 2
-    while step:
-        passed = dr.gather(real, places, found + (step - 1)) <= x
-        found = dr.select(passed, found + step, found)
-        step //= 2
-    return places, found
 
 
 def interpolate_ranges(

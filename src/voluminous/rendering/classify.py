@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..expressions.interval import Interval
 from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
+from ..volume import COORDINATES
 
 
 class Classifier:
@@ -27,7 +28,7 @@ class Classifier:
         self.backend, self.grid = backend, volume.grid
         for part in medium.components():
             for name in part.names:
-                if name not in ("x", "y", "z", "r") and name not in volume:
+                if name not in COORDINATES and name not in volume:
                     volume.array(name)  # raises the error that names the nearest field
 
     def context(self, real: Any) -> Context:
@@ -82,11 +83,7 @@ class Classifier:
         Wide = self.backend.Wide
         if name in self.volume:
             flat = self.volume.array(name).reshape(-1)[first : first + count]
-            if flat.dtype.kind != "f":
-                flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
-            module = self.backend.module
-            kind = module.Float32 if flat.dtype == np.float32 else module.Float64
-            return Wide(kind(flat))
+            return Wide(device_array(flat, self.backend))
         return self.coordinates(first, count)[name]
 
     def coordinates(self, first: int, count: int) -> dict[str, Any]:
@@ -123,6 +120,17 @@ class Classifier:
             f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction "
             "finite and not negative: clip the fields, or use where(...) in the expression"
         )
+
+
+def device_array(flat: np.ndarray, backend: Any) -> Any:
+    """Return numbers on the device, integers as floating point that holds them.
+
+    Float arrays in the CPU's memory are used where they are.
+    """
+    if flat.dtype.kind != "f":
+        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+    kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
+    return kind(flat)
 
 
 def cell_coordinates(grid: Any, cell: Any, backend: Any) -> dict[str, Any]:

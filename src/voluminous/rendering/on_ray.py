@@ -10,7 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import flush_subnormal
 from ..memory import check_memory
-from .classify import Classifier, cell_coordinates
+from .classify import Classifier, cell_coordinates, device_array
 
 
 class OnRay:
@@ -25,9 +25,7 @@ class OnRay:
         self.names = classifier.medium.names
         volume = classifier.volume
         self.fields = {
-            name: _device_array(volume.array(name), backend)
-            for name in self.names
-            if name in volume
+            name: _whole_field(volume.array(name), backend) for name in self.names if name in volume
         }
         self.largest = classifier.largest()
 
@@ -50,12 +48,9 @@ class OnRay:
         return flush_subnormal(self.backend.Float(value))
 
 
-def _device_array(array: np.ndarray, backend: Any) -> Any:
-    """Return a field on the device; float arrays in the CPU's memory are used where they are."""
-    flat = array.reshape(-1)
-    if flat.dtype.kind != "f":
-        size = flat.size * (4 if flat.dtype.itemsize <= 2 else 8)
+def _whole_field(array: np.ndarray, backend: Any) -> Any:
+    """Return a field on the device; a copy of integers must fit into memory."""
+    if array.dtype.kind != "f":
+        size = array.size * (4 if array.dtype.itemsize <= 2 else 8)
         check_memory(size, "an integer field as floating point", "crop or coarsen the volume")
-        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
-    kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
-    return kind(flat)
+    return device_array(array.reshape(-1), backend)

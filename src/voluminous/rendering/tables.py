@@ -34,7 +34,7 @@ def packet_widths(count: int) -> list[int]:
 
 @dataclass
 class Table:
-    """Tabulated coefficients; see `Source`.
+    """Tabulated coefficients: what a scheme looks up.
 
     Attributes
     ----------
@@ -51,11 +51,6 @@ class Table:
     numbers: Any
     largest: list[float]
     backend: Any
-
-    @property
-    def nbytes(self) -> int:
-        """Memory taken, in bytes."""
-        return sum(len(p) for p in self.packets) * self.backend.dtype.itemsize
 
     def gather(self, index: Any, active: Any) -> list[Any]:
         """Return all numbers at a flat index."""

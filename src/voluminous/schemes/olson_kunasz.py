@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import attenuation, precision_of
+from ..backend.functions import attenuation, horner, precision_of
 from .contract import Solution
 from .linear import End, Linear
 
@@ -64,9 +64,7 @@ def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
     In single precision RADMC-3D's arithmetic would lose all digits at τ = 1e-4.
     """
     theta, mean = attenuation(tau)
-    series = type(tau)(1.0 / math.factorial(9))
-    for k in range(8, 1, -1):
-        series = dr.fma(-tau, series, 1.0 / math.factorial(k))
+    series = horner(-tau, [1.0 / math.factorial(k) for k in range(2, 10)])
     front = dr.select(tau < _SERIES_ENDS, tau * series, 1.0 - mean)
     return theta, dr.fma(tau, mean, -front), front
 

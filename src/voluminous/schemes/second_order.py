@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import precision_of
+from ..backend.functions import horner, precision_of
 from .contract import Solution
 from .linear import End, Linear
 
@@ -87,9 +87,9 @@ def _faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any
     flat = []
     for af, ab, tau in zip(a_front, a_back, depth, strict=True):
         for moments in _series(order):
-            inner = [_horner(ab, row) for row in moments]
-            flat.append(_horner(af, inner))
-        flat.append(_horner(tau, exponential))
+            inner = [horner(ab, row) for row in moments]
+            flat.append(horner(af, inner))
+        flat.append(horner(tau, exponential))
     return flat
 
 
@@ -110,14 +110,6 @@ def _series(order: int) -> tuple[list[list[float]], list[list[float]]]:
         return [[coefficient(w, i, m) for m in range(order + 1 - i)] for i in range(order + 1)]
 
     return rows(1.0 - nodes), rows(nodes)
-
-
-def _horner(x: Any, coefficients: list[Any]) -> Any:
-    """Return a polynomial in x; its coefficients may be arrays."""
-    total = coefficients[-1]
-    for c in coefficients[-2::-1]:
-        total = dr.fma(total, x, c)
-    return total
 
 
 def _not_faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
