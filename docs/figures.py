@@ -12,31 +12,17 @@ from pathlib import Path
 
 import numpy as np
 from convergence import CELLS, VIEWS, convergence
+from drawing import compressed, saved
+from figures_media import MEDIA_FIGURES, outflow_walls
+from figures_schemes import raw_or_derived, thin_shell
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from PIL import Image as Pillow
 
 import voluminous as vm
 from voluminous.cameras.rotation import image_axes
 from voluminous.cli import main as command
 
 FOLDER = Path(__file__).parent / "_static"
-DPI = 120
-
-
-def compressed(path: Path, target: Path) -> None:
-    """Write a PNG with 256 colours, dithered: half the bytes, and no difference to be seen."""
-    picture = Pillow.open(path).convert("RGB")
-    palette = picture.quantize(256, method=Pillow.Quantize.MEDIANCUT, kmeans=2)
-    shown = picture.quantize(palette=palette, dither=Pillow.Dither.FLOYDSTEINBERG)
-    shown.save(target, optimize=True)
-
-
-def saved(figure: Figure, target: Path) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / target.name
-        figure.savefig(path, dpi=DPI)
-        compressed(path, target)
 
 
 def core(target: Path, pixels: int) -> None:
@@ -94,14 +80,11 @@ def name_axes(place: Axes, image: np.ndarray) -> None:
 
 
 def outflow(cells: int) -> vm.Volume:
-    """The walls of a bipolar outflow that is faster and hotter the further it is from its disc."""
-    volume = vm.Volume(vm.CartesianGrid.uniform(cells, (-1, 1)))
-    volume["rho"] = "sqrt(x**2 + y**2)"
-    wall = "exp(-0.5 * ((rho - 0.15 - 0.5 * abs(z)) / 0.06)**2)"
-    disc = "exp(-0.5 * (z / 0.05)**2) * exp(-(rho / 0.6)**4)"
-    volume["density"] = f"{wall} + 0.3 * {disc}"
-    volume["velocity_z"] = "20 * z"
-    volume["temperature"] = "10**(1 + 3 * abs(z))"
+    """The walls of a bipolar outflow, and the disc it comes from."""
+    volume = outflow_walls(cells)
+    volume["walls"] = volume["density"]
+    disc = "exp(-0.5 * (z / 0.05)**2) * exp(-(x**2 + y**2)**2 / 0.6**4)"
+    volume["density"] = f"walls + 0.3 * {disc}"
     return volume
 
 
@@ -189,6 +172,9 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     "stretches": stretches,
     "perspectives": perspectives,
     "convergence": errors,
+    "thin_shell": thin_shell,
+    "raw_or_derived": raw_or_derived,
+    **MEDIA_FIGURES,
 }
 
 

@@ -65,7 +65,7 @@ def process(*arguments, cwd):
 def test_the_process_renders_and_fails_as_it_should(scene, tmp_path):
     done = process("render", "scene.toml", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")  # no progress bar in a pipe
-    assert done.stdout.startswith("scene.png: 6 x 6 pixels, 2 channels, second-order, single")
+    assert done.stdout.startswith("scene.png: 6 x 6 pixels, 2 channels, post-classified, single")
     assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
     failed = process("render", "scene.tomm", cwd=tmp_path)
     assert (failed.returncode, failed.stdout) == (2, "")
@@ -264,7 +264,7 @@ def test_demo_draws_three_panels_and_says_so(tmp_path, monkeypatch, capsys):
     names = ["core-1.png", "core-2.png", "core-3.png", "core.png"]
     assert sorted(p.name for p in tmp_path.iterdir()) == names
     assert all(name in out for name in names)
-    assert out.count("40 x 40 pixels, 3 channels, second-order, single precision") == 3
+    assert out.count("40 x 40 pixels, 3 channels, post-classified, single precision") == 3
     assert "s in all" in out
     first, second, third = (vm.Image.load(name).intensity for name in names[:3])
     assert first.shape == (40, 40, 3)

@@ -169,4 +169,4 @@ class _Reckoned:
         self.grid, self.scale = grid, grid.scale
 
     def walk(self, backend):
-        return self.grid.walk(backend, reckoned=True)
+        return self.grid.walk(backend, "reckoned")

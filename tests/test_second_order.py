@@ -86,7 +86,9 @@ def look(j, alpha, precision, **options):
     volume = vm.Volume(vm.CartesianGrid([-1, 1], [-1, 1], edges), j=j, a=alpha)
     camera = vm.Orthographic(width=1, resolution=1)
     medium = vm.Coefficients("j", "a")
-    image = vm.render(volume, medium, camera, precision=precision, cutoff=0, **options)
+    image = vm.render(
+        volume, medium, camera, scheme="second-order", precision=precision, cutoff=0, **options
+    )
     return image.intensity.item(), image.transparency.item()
 
 

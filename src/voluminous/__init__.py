@@ -19,6 +19,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "CartesianGrid": "grids",
     "Coefficients": "media",
+    "ColorBy": "media",
     "Colormap": "media",
     "DeviceError": "errors",
     "Expression": "expressions",
@@ -27,6 +28,7 @@ _PUBLIC = {
     "Gaussian": "media",
     "Image": "image",
     "InputError": "errors",
+    "Isosurface": "media",
     "Medium": "media",
     "MemoryNeededError": "errors",
     "MissingPackageError": "errors",
@@ -39,6 +41,8 @@ _PUBLIC = {
     "UnknownNameError": "errors",
     "Volume": "volume",
     "VoluminousError": "errors",
+    "auto": "calibration",
+    "calibrate": "calibration",
     "open": "io",
     "render": "rendering",
 }
@@ -47,6 +51,7 @@ _MODULES = ("io", "math", "models")
 __all__ = [
     "CartesianGrid",
     "Coefficients",
+    "ColorBy",
     "Colormap",
     "DeviceError",
     "Expression",
@@ -55,6 +60,7 @@ __all__ = [
     "Gaussian",
     "Image",
     "InputError",
+    "Isosurface",
     "Medium",
     "MemoryNeededError",
     "MissingPackageError",
@@ -68,6 +74,8 @@ __all__ = [
     "Volume",
     "VoluminousError",
     "__version__",
+    "auto",
+    "calibrate",
     "io",
     "math",
     "models",
@@ -77,6 +85,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from . import io, math, models
+    from .calibration import auto, calibrate
     from .cameras import Orthographic, Perspective
     from .errors import (
         DeviceError,
@@ -93,7 +102,16 @@ if TYPE_CHECKING:
     from .grids import CartesianGrid
     from .image import Image
     from .io import open
-    from .media import Coefficients, Colormap, Gaussian, Medium, Rectangle, Table
+    from .media import (
+        Coefficients,
+        ColorBy,
+        Colormap,
+        Gaussian,
+        Isosurface,
+        Medium,
+        Rectangle,
+        Table,
+    )
     from .rendering import render
     from .scene import Scene
     from .volume import Volume

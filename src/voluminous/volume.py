@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-import keyword
-import unicodedata
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from .errors import InputError, UnitsError, unknown_name
-from .expressions import CONSTANTS, FUNCTIONS, Expression, NumpyOps, UnitOps, check_names
+from .derivatives import Derivatives
+from .errors import UnitsError, unknown_name
+from .expressions import (
+    Expression,
+    NumpyOps,
+    UnitOps,
+    components,
+    derived_field,
+    required_names,
+)
+from .fields import COORDINATES, checked_array, checked_name, coordinate, unit_quantity
 from .units import is_quantity, parse_unit, unit_name
 
-COORDINATES = ("x", "y", "z", "r")
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
 
@@ -52,6 +58,7 @@ class Volume:
         self.grid = grid
         self._fields: dict[str, np.ndarray] = {}
         self._units: dict[str, Any] = {}
+        self._derivatives = Derivatives()
         # Coefficients tabulated for this volume (see `render.tables`), newest last.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         for name, value in {**(fields or {}), **named}.items():
@@ -73,55 +80,93 @@ class Volume:
         return {name: unit_name(unit) for name, unit in self._units.items()}
 
     def field_unit(self, name: str) -> Any:
-        """Return the astropy unit of a field or coordinate, or None."""
-        return self.unit if name in COORDINATES and name not in self._fields else self._units[name]
+        """Return the astropy unit of a field, derivative or coordinate, or None."""
+        if name in self._fields:
+            return self._units[name]
+        derived = derived_field(name)
+        if derived is not None:
+            return self._derivatives.unit(self, derived)
+        return self.unit if name in COORDINATES else self._units[name]
 
     def array(self, name: str) -> np.ndarray:
         """Return a field as a plain, read-only view, in its own unit.
+
+        Parameters
+        ----------
+        name : str
+            A field, or a derivative of fields such as ``gradmag(density)``. That is computed when
+            first asked for, and kept until a field it is made of is set, or `refresh` finds it
+            changed.
 
         Raises
         ------
         UnknownNameError
             If there is no such field.
         """
-        if name not in self._fields:
-            raise unknown_name("field", name, self._fields)
-        view = self._fields[name].view()
+        derived = None if name in self._fields else derived_field(name)
+        if derived is None:
+            self._check_field(name)
+            view = self._fields[name].view()
+        else:
+            self.check_names(derived.argument)
+            view = self._derivatives.array(self, derived).view()
         view.setflags(write=False)
         return view
 
+    def _check_field(self, name: str) -> None:
+        if name not in self._fields:
+            raise unknown_name("field", name, self._fields)
+
+    def refresh(self) -> None:
+        """Look for arrays that were changed in place, and forget the derivatives made of them.
+
+        `evaluate` and indexing do it; it takes the time to read all fields that derivatives are
+        kept of.
+        """
+        self._derivatives.refresh(self)
+
     def __getitem__(self, name: str) -> Any:
         """Return a field: an array, or a Quantity if it has a unit."""
-        array = self.array(name)
-        unit = self._units[name]
+        if name not in self._fields:
+            self.refresh()
+        array, unit = self.array(name), self.field_unit(name)
         return array if unit is None else unit_quantity(array, unit)
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
-        name = _check_name(name)
+        name = checked_name(name)
         if isinstance(value, (str, Expression)):
             expression = Expression(value)
             array, unit = self.evaluate(expression), self.expression_unit(expression)
         else:
             unit = parse_unit(value.unit) if is_quantity(value) else None
             array = np.asarray(value.value if is_quantity(value) else value)
-        self._fields[name] = _checked(name, array, self.grid.shape)
+        self._fields[name] = checked_array(name, array, self.grid.shape)
         self._units[name] = unit
-        self.tables.clear()
+        self._forget(name)
 
     def set_unit(self, name: str, unit: Any) -> None:
         """Say which unit a field's plain values are in (values stay as they are)."""
-        self.array(name)
+        self._check_field(name)
         self._units[name] = parse_unit(unit)
-        self.tables.clear()
+        self._forget(name)
 
     def __delitem__(self, name: str) -> None:
-        self.array(name)
+        self._check_field(name)
         del self._fields[name], self._units[name]
+        self._forget(name)
+
+    def _forget(self, name: str) -> None:
+        """Forget all that was computed of a field."""
+        self._derivatives.forget(name)
         self.tables.clear()
 
     def __contains__(self, name: object) -> bool:
-        return name in self._fields
+        """Return True for fields, and for derivatives of fields and coordinates that exist."""
+        derived = derived_field(name) if isinstance(name, str) else None
+        if derived is None:
+            return name in self._fields
+        return all(n in self._fields or n in COORDINATES for n in required_names(derived.argument))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._fields)
@@ -138,21 +183,31 @@ class Volume:
             May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from
             the origin, in the volume's unit.
 
+        Returns
+        -------
+        array, shape (nx, ny, nz) or (3, nx, ny, nz)
+            Three components of a vector such as ``grad(density)``, which only text can be.
+
         Raises
         ------
         UnknownNameError
             If it names a field that does not exist.
         """
-        parsed = Expression(expression)
-        self.check_names(parsed)
+        parts = components(expression)
+        for part in parts:
+            self.check_names(part)
+        self.refresh()
+        if len(parts) == 1:
+            return self._evaluate_whole(parts[0])
+        return np.stack([self._evaluate_whole(part) for part in parts])
+
+    def _evaluate_whole(self, expression: Expression) -> np.ndarray:
         out: np.ndarray | None = None
-        ops = NumpyOps()
         # Whole layers of the first axis at a time.
         step = max(1, _CHUNK // max(1, self.grid.size // self.grid.shape[0]))
         for first in range(0, self.grid.shape[0], step):
             part = slice(first, min(first + step, self.grid.shape[0]))
-            values = {name: self._layers(name, part) for name in parsed.names}
-            result = np.asarray(parsed.evaluate(ops, values))
+            result = self.evaluate_layers(expression, part)
             if out is None:
                 kind = np.float32 if result.dtype == np.float32 else np.float64
                 out = np.empty(self.grid.shape, dtype=kind)
@@ -160,14 +215,24 @@ class Volume:
         assert out is not None
         return out
 
+    def evaluate_layers(self, expression: Expression, part: slice) -> np.ndarray:
+        """Return an expression on some layers of the first axis."""
+        values = {name: self._layers(name, part) for name in expression.names}
+        result = np.asarray(expression.evaluate(NumpyOps(), values))
+        shape = (len(range(*part.indices(self.grid.shape[0]))), *self.grid.shape[1:])
+        return np.broadcast_to(result, shape)  # a constant has no axes
+
     def check_names(self, expression: Expression) -> None:
         """Raise the error that names the nearest field if an expression uses an unknown one."""
-        check_names(expression, (*self._fields, *COORDINATES))
+        known = (*self._fields, *COORDINATES)
+        for name in required_names(expression):
+            if name not in known:
+                raise unknown_name("field", name, known)
 
     def _layers(self, name: str, part: slice) -> np.ndarray:
-        if name in self._fields:
-            return self._fields[name][part]
-        return coordinate(self.grid.centers, name, part)
+        if name in COORDINATES and name not in self._fields:
+            return coordinate(self.grid.centers, name, part)
+        return self.array(name)[part]
 
     def expression_unit(self, expression: Expression) -> Any:
         """Return the unit of an expression by evaluating it on units, None where it has none.
@@ -206,49 +271,3 @@ class Volume:
             for name, array in self._fields.items()
         )
         return f"<Volume on {self.grid!r}: {listed or 'no fields'}>"
-
-
-def coordinate(centers: Any, name: str, part: slice) -> np.ndarray:
-    """Return a coordinate of cell centres for layers of the first axis."""
-    x, y, z = centers[0][part, None, None], centers[1][None, :, None], centers[2][None, None, :]
-    if name == "r":
-        return np.sqrt(x * x + y * y + z * z)
-    shape = (x.shape[0], y.shape[1], z.shape[2])
-    return np.broadcast_to({"x": x, "y": y, "z": z}[name], shape)
-
-
-def unit_quantity(array: np.ndarray, unit: Any) -> Any:
-    """Return an array as a Quantity without copying it."""
-    from astropy import units as u
-
-    return u.Quantity(array, unit, copy=False, subok=True)
-
-
-def _check_name(name: Any) -> str:
-    """Return the name as expressions know it (Unicode-normalised, as in Python)."""
-    if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
-        raise InputError(
-            f"a field's name must be an identifier (letters, digits, _), got {name!r}; "
-            "expressions refer to fields by it"
-        )
-    if name in FUNCTIONS or name in CONSTANTS or name in COORDINATES:
-        raise InputError(f"{name!r} is reserved for expressions; give the field another name")
-    return unicodedata.normalize("NFKC", name)
-
-
-def _checked(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    if array.dtype.kind not in "fiub":
-        raise InputError(
-            f"field {name!r} must be real numbers, got dtype {array.dtype}"
-            + ("; give its real and imaginary parts" if array.dtype.kind == "c" else "")
-        )
-    if array.shape != shape:
-        raise InputError(
-            f"field {name!r} has shape {array.shape}, expected the grid's {shape}"
-            + ("; transpose it (index is [ix, iy, iz])" if array.T.shape == shape else "")
-        )
-    if array.dtype == np.float16:
-        array = array.astype(np.float32)
-    elif array.dtype.kind == "f" and array.dtype.itemsize > 8:
-        array = array.astype(np.float64)
-    return np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))

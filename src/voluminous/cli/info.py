@@ -25,7 +25,7 @@ def describer(path: Path) -> Callable[[Path], Iterator[str]]:
         from .info_scene import describe_scene
 
         return describe_scene
-    if _is_image(path):
+    if is_image(path):
         from .info_image import describe_image
 
         return describe_image
@@ -34,7 +34,8 @@ def describer(path: Path) -> Callable[[Path], Iterator[str]]:
     return describe_volume
 
 
-def _is_image(path: Path) -> bool:
+def is_image(path: Path) -> bool:
+    """Return True for an image file; content decides where the suffix leaves it open."""
     from ..image.formats import FORMATS
 
     if path.suffix.lower() == ".npz" and path.is_file():

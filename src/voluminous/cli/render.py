@@ -1,4 +1,4 @@
-"""Render a scene file to an image."""
+"""Render a scene, or a file with data, to an image."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from . import render_volume
 from .common import (
     add_render_options,
     check_output,
@@ -27,7 +28,11 @@ _PATHS = ("volume.path", "render.background")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
     parser.add_argument(
-        "scene", type=Path, help="scene file (TOML), or an image that was rendered from one"
+        "scene",
+        type=Path,
+        metavar="FILE",
+        help="scene file (TOML), an image that was rendered from one, or a file with data, of "
+        "which a first picture is made",
     )
     parser.add_argument(
         "-o",
@@ -36,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         metavar="FILE",
         help="image to write (.png, .tif, .exr, .fits, .npz); may be given several times; "
-        "by default the scene's name with .png, in the working directory",
+        "by default the file's name with .png, in the working directory",
     )
     parser.add_argument(
         "--set",
@@ -45,14 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="change a value of the scene, such as camera.incl=40 or medium.2.opacity=0.3",
     )
+    render_volume.add_arguments(parser)
     add_render_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
-    from ..scene import Scene
-
-    scene = Scene.load(args.scene)
+    scene = _scene(args)
     changes = dict(_assignment(text, scene) for text in args.set) | given_options(args)
     if changes:
         scene = scene.replaced(changes)
@@ -66,6 +70,16 @@ def run(args: argparse.Namespace) -> int:
         scene.save_image(image, path)
         say(args.quiet, f"{path}: {told(image, seconds)}")
     return 0
+
+
+def _scene(args: argparse.Namespace) -> Scene:
+    """Return the scene in a file, or one made for the data in it."""
+    from ..scene import Scene
+
+    if render_volume.is_volume(args.scene):
+        return render_volume.scene_of(args)
+    render_volume.refuse_options(args)
+    return Scene.load(args.scene)
 
 
 def _assignment(text: str, scene: Scene) -> tuple[str, Any]:
@@ -82,6 +96,6 @@ def _assignment(text: str, scene: Scene) -> tuple[str, Any]:
 
 
 def _default_output(scene: Path) -> Path:
-    if scene.suffix.lower() != ".toml":
+    if scene.suffix.lower() != ".toml" and not render_volume.is_volume(scene):
         raise InputError(f"say with -o what to write: the scene comes from the image {scene}")
     return Path(scene.stem + ".png")

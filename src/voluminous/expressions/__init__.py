@@ -4,20 +4,23 @@ The text is parsed with Python's grammar into a tree of plain nodes (no code obj
 run). The same tree is then evaluated with NumPy (`NumpyOps`), traced with Dr.Jit (`DrjitOps`), or
 evaluated on intervals, to know which values it can have (`IntervalOps`).
 
-Everything is floating point and everything is per element. Comparisons are true or false; in
+Everything is floating point and everything is per element, but for derivatives: they are fields by
+names of their own (`derived_field`). Comparisons are true or false; in
 arithmetic true counts 1 and false 0, and in a logical place any number but 0 is true.
 """
 
+from .derived import DerivedField, derived_field, required_names
 from .drjit_ops import DrjitOps
-from .expression import Expression, check_names
+from .expression import Expression, check_names, components
 from .interval_ops import IntervalOps
+from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
-from .parser import CONSTANTS, FUNCTIONS
 from .unit_ops import UnitOps
 
 __all__ = [
     "CONSTANTS",
     "FUNCTIONS",
+    "DerivedField",
     "DrjitOps",
     "Expression",
     "IntervalOps",
@@ -25,4 +28,7 @@ __all__ = [
     "Ops",
     "UnitOps",
     "check_names",
+    "components",
+    "derived_field",
+    "required_names",
 ]

@@ -52,6 +52,7 @@ class DrjitOps(Ops):
             setattr(self, name, getattr(dr, name))
         dtype = np.dtype(f"f{dr.itemsize_v(float_type)}")
         self._most_exponent = float(np.finfo(dtype).maxexp - 2)
+        self._smallest = float(np.finfo(dtype).tiny)
         self._most_turns = 1 / float(np.finfo(dtype).eps)
         # 2π in this type, and what that leaves out (minus the sine of τ is what the double τ does).
         self._turn = float(dtype.type(math.tau))
@@ -84,11 +85,23 @@ class DrjitOps(Ops):
         # Dr.Jit has none. With x = m 2^n, n log10(2) is added in two parts, the first of which is
         # exact, to the small log10(m): so the sum is rounded once. log2(x) log10(2) is rounded
         # twice, and a narrow Gaussian of log10(x) shows that in its 13th digit.
+        if self._dr.itemsize_v(self._float) == 4:
+            return self._log10_single(x)
         dr = self._dr
         n = dr.round(dr.log2(x))
         n = dr.select(dr.abs(n) < self._most_exponent, n, 0.0)
         rest = dr.fma(n, _LOG10_2_LOW, dr.log(x * self._power_of_two(-n)) * math.log10(math.e))
         return dr.fma(n, _LOG10_2_HIGH, rest)
+
+    def _log10_single(self, x: Any) -> Any:
+        from ..backend.functions import split_log
+
+        dr = self._dr
+        n, log = split_log(x)
+        value = dr.fma(n, _LOG10_2_HIGH, dr.fma(n, _LOG10_2_LOW, log * math.log10(math.e)))
+        beyond = dr.select(x < 0, math.nan, dr.select(x > 1, x, -dr.inf))  # NaN is neither
+        ordinary = (x >= self._smallest) & (x < dr.inf)
+        return dr.select(ordinary, value, dr.select(x == x, beyond, x))
 
     def sin(self, x: Any) -> Any:
         """Return the sine."""

@@ -13,7 +13,9 @@ from ..errors import ExpressionError, unknown_name
 from .ops import Ops
 from .parser import parse
 from .source import one_line
+from .text import text
 from .tree import Node
+from .vectors import Vector
 
 
 class Expression:
@@ -30,7 +32,8 @@ class Expression:
         What the user wrote, on one line and without the spaces around it.
     names : tuple of str
         The field names used, without repetition, in order of first appearance. Identifiers are in
-        Unicode normal form NFKC, as everywhere in Python.
+        Unicode normal form NFKC, as everywhere in Python. Derivatives are fields too, by names such
+        as ``gradmag(log10(density))``; the names in them are not listed.
 
     Raises
     ------
@@ -42,6 +45,9 @@ class Expression:
     Operators are Python's ``+ - * / // % **``, comparisons (also chained), ``and or not`` (also
     written ``& | ~``) and ``a if c else b``; functions are ``where log10 log exp sqrt abs min max
     sin cos tan tanh atan2 clip``; constants are numbers, ``pi``, ``e``, ``true`` and ``false``.
+    Derivatives are ``gradmag``,
+    ``laplacian`` and the vector ``grad``, with components ``grad(a).x``; vectors, also
+    ``vector(a, b, c)``, become numbers by ``norm`` and ``dot``.
     ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
 
     Two expressions are equal if they mean the same tree: ``a+b`` equals ``(a + b)``.
@@ -68,9 +74,9 @@ class Expression:
         if isinstance(source, Expression):
             return source
         self = super().__new__(cls)
-        text = _source_text(source)
-        tree, names = parse(text)
-        for attribute, value in (("text", text), ("names", names), ("_tree", tree)):
+        shown = _source_text(source)
+        tree, names = parse(shown)
+        for attribute, value in (("text", shown), ("names", names), ("_tree", tree)):
             object.__setattr__(self, attribute, value)
         return self
 
@@ -115,6 +121,21 @@ class Expression:
 
     def __reduce__(self) -> tuple[type[Expression], tuple[str]]:
         return Expression, (self.text,)
+
+
+def components(source: str | float | Expression) -> tuple[Expression, ...]:
+    """Return the three components of a vector such as ``grad(density)``, else the expression.
+
+    Raises
+    ------
+    ExpressionError
+        If the text is not in the language.
+    """
+    if isinstance(source, str):
+        tree, _ = parse(one_line(source), vectors=True)
+        if isinstance(tree, Vector):
+            return tuple(Expression(text(component)) for component in tree.components)
+    return (Expression(source),)
 
 
 def check_names(expr: Expression, known: Iterable[str]) -> None:

@@ -5,83 +5,30 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, NoReturn
+from typing import Any
 
 from ..errors import unknown_name
+from .language import (
+    ARITHMETIC,
+    COMPARISONS,
+    CONSTANTS,
+    FOREIGN,
+    FOREIGN_OPERATORS,
+    FUNCTIONS,
+    LOGIC,
+    TIGHT_LOGIC,
+)
 from .source import MAX_DEPTH, fail, fail_too_deep, python_tree
 from .tree import Call, Comparison, Constant, Field, IntegerPower, Logic, Node, Where
+from .vector_builder import VECTOR_CALLS, VectorBuilder
 
 MAX_INTEGER_POWER = 8
 
-CONSTANTS = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}
 
-
-class Function(NamedTuple):
-    """A function of the language: how it is called, and how many arguments it takes."""
-
-    signature: str
-    least: int
-    most: float
-
-
-FUNCTIONS = {
-    "where": Function("where(condition, a, b)", 3, 3),
-    "atan2": Function("atan2(y, x)", 2, 2),
-    "clip": Function("clip(x, lower, upper)", 3, 3),
-    "min": Function("min(a, b, …)", 2, math.inf),
-    "max": Function("max(a, b, …)", 2, math.inf),
-    **{
-        name: Function(f"{name}(x)", 1, 1)
-        for name in ("abs", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")
-    },
-}
-
-_ARITHMETIC: dict[type[ast.AST], str] = {
-    ast.Add: "add",
-    ast.Sub: "subtract",
-    ast.Mult: "multiply",
-    ast.Div: "divide",
-    ast.FloorDiv: "floor_divide",
-    ast.Mod: "remainder",
-    ast.UAdd: "positive",
-    ast.USub: "negative",
-}
-_COMPARISONS: dict[type[ast.AST], str] = {
-    ast.Lt: "less",
-    ast.LtE: "less_equal",
-    ast.Gt: "greater",
-    ast.GtE: "greater_equal",
-    ast.Eq: "equal",
-    ast.NotEq: "not_equal",
-}
-_LOGIC: dict[type[ast.AST], str] = {
-    ast.And: "logical_and",
-    ast.Or: "logical_or",
-    ast.Not: "logical_not",
-}
-# Also logical here, but they bind more tightly than comparisons.
-_TIGHT_LOGIC: dict[type[ast.AST], str] = {
-    ast.BitAnd: "logical_and",
-    ast.BitOr: "logical_or",
-    ast.Invert: "logical_not",
-}
-_FOREIGN_OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
-    ast.BitXor: ("^", "'^' is not an operator of expressions; powers are written with '**'"),
-    ast.MatMult: ("@", "'@' is not an operator of expressions; '*' multiplies"),
-    ast.LShift: ("<<", "'<<' is not an operator of expressions; '<' compares"),
-    ast.RShift: (">>", "'>>' is not an operator of expressions; '>' compares"),
-}
-_FOREIGN: dict[type[ast.AST], str] = {
-    ast.Attribute: "'.' after a name is not part of an expression; write log10(x), not np.log10(x)",
-    ast.Subscript: "[] after a name is not part of an expression; it holds for all elements",
-    ast.JoinedStr: "text in quotes is not part of an expression; write field names without quotes",
-    ast.NamedExpr: "':=' is not part of an expression; '==' compares",
-    ast.Tuple: "',' is only allowed between the arguments of a function",
-}
-
-
-def parse(text: str) -> tuple[Node, tuple[str, ...]]:
+def parse(text: str, *, vectors: bool = False) -> tuple[Node, tuple[str, ...]]:
     """Return the tree of an expression and the field names in it, in order of first appearance.
+
+    Derivatives have names too: their text. With `vectors` the tree may be a `Vector`.
 
     Raises
     ------
@@ -89,43 +36,29 @@ def parse(text: str) -> tuple[Node, tuple[str, ...]]:
         If the text is too long, nested too deeply, or not in the language.
     """
     builder = _Builder(text)
-    tree = builder.build(python_tree(text))
+    build = builder.build_any if vectors else builder.build
+    tree = build(python_tree(text))
     return tree, tuple(builder.names)
 
 
-class _Builder:
-    """Turns Python's nodes into ours, and collects the field names on the way."""
+class _Builder(VectorBuilder):
+    """Builds all that Python's grammar has; calls of vectors are its base's."""
 
-    def __init__(self, text: str) -> None:
-        self._text = text
-        self._depth = 0
-        self.names: dict[str, None] = {}  # a dict, because it keeps the order
-
-    def build(self, node: ast.expr) -> Node:
-        """Return our node for Python's `node`."""
+    def build_any(self, node: ast.expr) -> Node:
+        """Return our node, a number or a vector, for Python's `node`."""
         handler = _HANDLERS.get(type(node))
         if handler is None:
-            self._fail(node, _FOREIGN.get(type(node), "this is not part of an expression"))
-        if self._depth == MAX_DEPTH:
+            self._fail(node, FOREIGN.get(type(node), "this is not part of an expression"))
+        if self._depth >= MAX_DEPTH:
             fail_too_deep(self._text, self._character(node.col_offset))
         self._depth += 1
         built = handler(self, node)
         self._depth -= 1
         return built
 
-    def _character(self, byte: int) -> int:
-        # Python counts in bytes of UTF-8, a caret in characters.
-        return len(self._text.encode()[:byte].decode())
-
-    def _fail(self, node: ast.expr, problem: str) -> NoReturn:
-        fail(self._text, self._character(node.col_offset), problem)
-
-    def _many(self, nodes: list[ast.expr]) -> tuple[Node, ...]:
-        return tuple(self.build(node) for node in nodes)
-
     def _constant(self, node: ast.Constant) -> Node:
         if isinstance(node.value, (str, bytes)):
-            self._fail(node, _FOREIGN[ast.JoinedStr])
+            self._fail(node, FOREIGN[ast.JoinedStr])
         if not isinstance(node.value, (bool, int, float)):
             self._fail(node, f"{node.value!r} is not a real number")
         try:
@@ -147,41 +80,41 @@ class _Builder:
     def _unary(self, node: ast.UnaryOp) -> Node:
         operand = self.build(node.operand)
         operator = type(node.op)
-        if operator in _ARITHMETIC:
+        if operator in ARITHMETIC:
             if operator is ast.USub and isinstance(operand, Constant):
                 return Constant(-operand.value)
-            return Call(_ARITHMETIC[operator], (operand,))
-        return Logic((_LOGIC | _TIGHT_LOGIC)[operator], (operand,))
+            return Call(ARITHMETIC[operator], (operand,))
+        return Logic((LOGIC | TIGHT_LOGIC)[operator], (operand,))
 
     def _binary(self, node: ast.BinOp) -> Node:
         operator = type(node.op)
-        if operator in _FOREIGN_OPERATORS:
-            symbol, problem = _FOREIGN_OPERATORS[operator]
+        if operator in FOREIGN_OPERATORS:
+            symbol, problem = FOREIGN_OPERATORS[operator]
             end_of_left = self._character(node.left.end_col_offset or 0)
             fail(self._text, self._text.index(symbol, end_of_left), problem)
         if operator is ast.Pow:
             return _power(self.build(node.left), self.build(node.right))
-        if operator in _TIGHT_LOGIC:
-            return Logic(_TIGHT_LOGIC[operator], self._many([node.left, node.right]))
-        return Call(_ARITHMETIC[operator], self._many([node.left, node.right]))
+        if operator in TIGHT_LOGIC:
+            return Logic(TIGHT_LOGIC[operator], self._many([node.left, node.right]))
+        return Call(ARITHMETIC[operator], self._many([node.left, node.right]))
 
     def _boolean(self, node: ast.BoolOp) -> Node:
-        return Logic(_LOGIC[type(node.op)], self._many(node.values))
+        return Logic(LOGIC[type(node.op)], self._many(node.values))
 
     def _compare(self, node: ast.Compare) -> Node:
         operands = [node.left, *node.comparators]
         for operand in operands:
             # 'a > 1 & b < 2' would mean 'a > (1 & b) < 2', which nobody wants.
-            if isinstance(operand, (ast.BinOp, ast.UnaryOp)) and type(operand.op) in _TIGHT_LOGIC:
+            if isinstance(operand, (ast.BinOp, ast.UnaryOp)) and type(operand.op) in TIGHT_LOGIC:
                 self._fail(
                     operand,
                     "'&', '|' and '~' come before comparisons: use 'and', 'or', 'not', "
                     "or parentheses as in (a > 1) & (b < 2)",
                 )
         operators = [type(operator) for operator in node.ops]
-        if any(operator not in _COMPARISONS for operator in operators):
+        if any(operator not in COMPARISONS for operator in operators):
             self._fail(node, "'in' and 'is' are not part of an expression; '==' compares")
-        return Comparison(tuple(_COMPARISONS[op] for op in operators), self._many(operands))
+        return Comparison(tuple(COMPARISONS[op] for op in operators), self._many(operands))
 
     def _if_else(self, node: ast.IfExp) -> Node:
         chosen, condition, otherwise = self._many([node.body, node.test, node.orelse])
@@ -189,7 +122,7 @@ class _Builder:
 
     def _call(self, node: ast.Call) -> Node:
         if not isinstance(node.func, ast.Name):
-            self._fail(node.func, _FOREIGN.get(type(node.func), "only a function can be called"))
+            self._fail(node.func, FOREIGN.get(type(node.func), "only a function can be called"))
         name = node.func.id
         if name not in FUNCTIONS:
             self._fail(node, str(unknown_name("function", name, FUNCTIONS)))
@@ -198,6 +131,8 @@ class _Builder:
             self._fail(node.keywords[0].value, f"arguments have no names; call {signature}")
         if not least <= len(node.args) <= most:
             self._fail(node, f"wrong number of arguments ({len(node.args)}), call {signature}")
+        if name in VECTOR_CALLS:
+            return VECTOR_CALLS[name](self, node)
         arguments = self._many(node.args)
         return Where(*arguments) if name == "where" else Call(name, arguments)
 
@@ -221,4 +156,5 @@ _HANDLERS: dict[type[ast.AST], Callable[[_Builder, Any], Node]] = {
     ast.Compare: _Builder._compare,
     ast.IfExp: _Builder._if_else,
     ast.Call: _Builder._call,
+    ast.Attribute: _Builder._component,
 }

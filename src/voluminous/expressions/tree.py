@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -50,6 +50,17 @@ class Field(Node):
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
         """Return the field."""
         return fields[self.name]
+
+
+@dataclass(frozen=True, slots=True)
+class Derivative(Field):
+    """A field made of the neighbouring elements of another one; its name is its text.
+
+    The name says everything, so that the argument need not be compared.
+    """
+
+    operation: str = field(compare=False)
+    argument: Node = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)

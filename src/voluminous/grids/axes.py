@@ -132,6 +132,10 @@ class UniformAxis(Axis):
         """Return the distance at which the ray leaves mirrored cell `index`."""
         return dr.fma(index, track.pace, track.lead)
 
+    def cell_at(self, track: AxisTrack, t: Any) -> Any:
+        """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
+        return dr.floor(dr.fma(t, track.speed, track.position))
+
     def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         return unit_interval(dr.fma(t, track.speed, track.position) - index)
@@ -168,6 +172,16 @@ class RectilinearAxis(Axis):
         """Return the distance at which the ray leaves mirrored cell `index`."""
         slot = track.table + self.backend.UInt(index) + 1
         return dr.fma(dr.gather(self.backend.Float, self.mirrored, slot), track.pace, track.lead)
+
+    def cell_at(self, track: AxisTrack, t: Any) -> Any:
+        """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
+        Float, place = self.backend.Float, dr.fma(t, track.speed, track.position)
+        above = first_true(
+            self.count,
+            self.backend.UInt,
+            lambda k: dr.gather(Float, self.mirrored, track.table + k) > place,
+        )
+        return Float(self.backend.Int(above) - 1)
 
     def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""

@@ -129,14 +129,25 @@ class CartesianGrid:
         """Width in x of the first cell: what flux conservation compares a pixel with."""
         return float(self.edges[0][1] - self.edges[0][0])
 
-    def walk(self, backend: Any, *, reckoned: bool = False) -> Any:
-        """Return the walk of rays through this grid, for a backend (made once: edges are fixed)."""
+    def walk(self, backend: Any, kind: str = "cells") -> Any:
+        """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
+
+        Parameters
+        ----------
+        backend : Backend
+            Device and precision.
+        kind : {"cells", "reckoned", "dual"}
+            Through the cells; through the cells, rounding as RADMC-3D does; or through the dual
+            cells, whose corners are the centres of the cells.
+        """
         from .cartesian_walk import CartesianWalk
+        from .dual_walk import DualWalk
         from .reckoned_walk import ReckonedWalk
 
-        key = (backend.device, backend.precision, reckoned)
+        kinds = {"cells": CartesianWalk, "reckoned": ReckonedWalk, "dual": DualWalk}
+        key = (backend.device, backend.precision, kind)
         if key not in self._walks:
-            self._walks[key] = (ReckonedWalk if reckoned else CartesianWalk)(self, backend)
+            self._walks[key] = kinds[kind](self.edges, self.scale, backend)
         return self._walks[key]
 
     def describe(self) -> dict[str, Any]:

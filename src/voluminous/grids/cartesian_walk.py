@@ -52,12 +52,15 @@ class Exit:
 class CartesianWalk:
     """Rays through a `CartesianGrid`; see `grids.contract.Walk`."""
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    leaps = True  # rays may cross empty blocks in one step (`grids.leap`)
+
+    def __init__(self, edges: Any, scale: float, backend: Any) -> None:
         self.backend = backend
-        self.axes = [make_axis(e, grid.scale, backend) for e in grid.edges]
-        self.scale, self.to_scale = backend.wide(grid.scale), backend.wide(1.0 / grid.scale)
-        self.cell_strides = self._strides(grid.shape)
-        self.vertex_strides = self._strides([n + 1 for n in grid.shape])
+        self.axes = [make_axis(e, scale, backend) for e in edges]
+        self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
+        self.counts = [len(e) - 1 for e in edges]
+        self.cell_strides = self._strides(self.counts)
+        self.vertex_strides = self._strides([n + 1 for n in self.counts])
 
     def _strides(self, counts: Any) -> list[Any]:
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
@@ -109,7 +112,7 @@ class CartesianWalk:
             tracks.append(track)
             index.append(Float(mirrored))
         lasts = [Float(axis.last_cell) for axis in self.axes]
-        leave = _least(self._crossings(tracks, lasts))
+        leave = least(self._crossings(tracks, lasts))
         if bound is not None:
             leave = dr.minimum(leave, bound)
         whole = Track(tracks, cell_stride, vertex_stride, leave, bound is not None)
@@ -125,7 +128,7 @@ class CartesianWalk:
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
         """Return the segment through the present cell, and the cursor in the next one."""
         ahead = self._crossings(track.axes, cursor.index)
-        wall = _least(ahead)
+        wall = least(ahead)
         through = nearest(ahead)
         end = _lesser(wall, track.leave) if track.bounded else wall
         index = [
@@ -133,12 +136,23 @@ class CartesianWalk:
         ]
         vertex = cursor.vertex + pick(through, track.vertex_stride)
         leaving = Exit(through, cursor.index, cursor.vertex, vertex)
-        segment = Segment(
-            self.backend.UInt(cursor.cell), end - cursor.t, end, cursor.inside, leaving
-        )
-        cell = cursor.cell + pick(through, track.cell_stride)
+        cell, length = self.backend.UInt(cursor.cell), end - cursor.t
+        segment = Segment(cell, length, cursor.t, end, cursor.inside, leaving)
+        onward = cursor.cell + pick(through, track.cell_stride)
         # `leave` is a crossing itself, computed alike: a ray never steps beyond the last cell.
-        return segment, Cursor(index, cell, vertex, end, end < track.leave)
+        return segment, Cursor(index, onward, vertex, end, end < track.leave)
+
+    def at(self, track: Track, index: list[Any], t: Any) -> Cursor:
+        """Return the cursor in the cell with mirrored indices, at a distance."""
+        Int = self.backend.Int
+        cell, vertex = Int(0), Int(0)
+        for i, axis, a in zip(index, self.axes, range(3), strict=True):
+            down = track.cell_stride[a] < 0
+            mirrored = Int(i)
+            own = dr.select(down, axis.last_cell - mirrored, mirrored)
+            cell += own * self.cell_strides[a]
+            vertex += dr.select(down, own + 1, own) * self.vertex_strides[a]
+        return Cursor(list(index), cell, vertex, t, t < track.leave)
 
     def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
@@ -167,12 +181,13 @@ class CartesianWalk:
         return Corners(vertices, weights)
 
     def _entry_fractions(self, track: Track, cursor: Cursor) -> list[Any]:
-        return self._fractions(track, cursor.index, cursor.t)
+        return self.fractions(track, cursor.index, cursor.t)
 
     def _exit_fractions(self, track: Track, segment: Segment) -> list[Any]:
-        return self._fractions(track, segment.exit.index, segment.end)
+        return self.fractions(track, segment.exit.index, segment.end)
 
-    def _fractions(self, track: Track, index: list[Any], t: Any) -> list[Any]:
+    def fractions(self, track: Track, index: list[Any], t: Any) -> list[Any]:
+        """Return where in its mirrored cell a ray is along each axis, from 0 to 1."""
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
         ]
@@ -183,7 +198,8 @@ def _lesser(a: Any, b: Any) -> Any:
     return dr.select(a < b, a, b)
 
 
-def _least(values: list[Any]) -> Any:
+def least(values: list[Any]) -> Any:
+    """Return the smallest of three."""
     return _lesser(_lesser(values[0], values[1]), values[2])
 
 

@@ -47,8 +47,8 @@ class Segment:
         Flat index of the cell.
     length : array
         Its length, in units of the grid's scale.
-    end : array
-        Distance along the ray where it ends.
+    begin, end : array
+        Distances along the ray where it begins and ends.
     active : array of Bool
         Lanes that are still inside.
     exit : object
@@ -57,6 +57,7 @@ class Segment:
 
     cell: Any
     length: Any
+    begin: Any
     end: Any
     active: Any
     exit: Any
@@ -76,6 +77,8 @@ class Walk(Protocol):
     A *track* holds what is constant along a ray, a *cursor* (a dataclass of arrays, part of the
     loop's state) where it is now; ``cursor.inside`` tells the lanes that still have a way to go.
     """
+
+    leaps: bool  # rays may cross empty blocks in one step (`grids.leap`)
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
         """Return the track and the cursor at the point where each ray enters."""
@@ -105,8 +108,12 @@ class Grid(Protocol):
     def bounds(self) -> np.ndarray:
         """Corners of the domain, shape (3, 2)."""
 
-    def walk(self, backend: Any, *, reckoned: bool = False) -> Walk:
-        """Return the walk for a backend; if `reckoned`, the one that rounds as RADMC-3D does."""
+    def walk(self, backend: Any, kind: str = "cells") -> Walk:
+        """Return the walk for a backend.
+
+        It goes through the cells; or through the dual cells between their centres (``"dual"``);
+        or, where the grid can, through the cells with RADMC-3D's rounding (``"reckoned"``).
+        """
 
     def needs_double(self) -> bool:
         """Return True where single precision cannot tell cells apart."""

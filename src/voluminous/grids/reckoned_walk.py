@@ -44,6 +44,8 @@ class ReckonedExit(Exit):
 class ReckonedWalk(CartesianWalk):
     """Rays that have a `Ray.start` through a `CartesianGrid`; in double precision."""
 
+    leaps = False  # every position follows from the one before
+
     def enter(self, ray: Ray) -> tuple[ReckonedTrack, ReckonedCursor]:
         """Return the track and the cursor at the point where each ray enters the domain."""
         plain_track, cursor = super().enter(ray)

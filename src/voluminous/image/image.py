@@ -31,6 +31,10 @@ class Image:
         (ny, nx), the same for every channel.
     optical_depth : array_like or callable, optional
         Likewise; or a function without arguments that gives it, called once, on first use.
+    error : array_like, shape (ny, nx), optional
+        How far the intensity may be off in any channel.
+    lower, upper : array_like, shape (ny, nx, channel), optional
+        Guaranteed bounds of the intensity.
     x, y : array_like or Quantity, shapes (nx,) and (ny,), optional
         Coordinates of the pixel centres on the image plane. Default: pixel indices.
     unit : str or unit, optional
@@ -65,6 +69,9 @@ class Image:
         *,
         transparency: ArrayLike | None = None,
         optical_depth: ArrayLike | Callable[[], ArrayLike] | None = None,
+        error: ArrayLike | None = None,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
         x: ArrayLike | None = None,
         y: ArrayLike | None = None,
         unit: Any = "",
@@ -79,6 +86,10 @@ class Image:
         self._pending = optical_depth if callable(optical_depth) else None
         if self._pending is None:
             self._optical_depth = planes.plane(optical_depth, self.shape, "optical_depth")
+        self._planes = {
+            name: planes.plane(values, self.shape, name)
+            for name, values in (("error", error), ("lower", lower), ("upper", upper))
+        }
         self.unit = coordinates.length_unit(unit, x, y)
         self.x = coordinates.axis(x, self.shape[1], self.unit, "x")
         self.y = coordinates.axis(y, self.shape[0], self.unit, "y")
@@ -109,6 +120,22 @@ class Image:
             self._optical_depth = planes.plane(self._pending(), self.shape, "optical_depth")
             self._pending = None
         return planes.spread(self._optical_depth, self.shape)
+
+    @property
+    def error(self) -> Array | None:
+        """How far the intensity may be off in any channel, (ny, nx); None if unknown."""
+        array = self._planes["error"]
+        return None if array is None else array[..., 0]
+
+    @property
+    def lower(self) -> Array | None:
+        """What the intensity is at least, (ny, nx, channel); None if not asked for."""
+        return planes.spread(self._planes["lower"], self.shape)
+
+    @property
+    def upper(self) -> Array | None:
+        """What the intensity is at most, (ny, nx, channel); None if not asked for."""
+        return planes.spread(self._planes["upper"], self.shape)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

@@ -12,6 +12,9 @@ from ..units import is_quantity, plain
 
 Array = NDArray[np.floating[Any]]
 
+# What an image may hold beside intensities, by the names of its properties and arguments.
+PLANES = ("transparency", "optical_depth", "error", "lower", "upper")
+
 
 def intensity(values: Any, unit: Any) -> tuple[Array, str]:
     """Return intensities as an array (ny, nx, channel) of floats, and the name of their unit.
@@ -64,7 +67,8 @@ def spread(array: Array | None, shape: tuple[int, ...]) -> Array | None:
 
 def gathered(array: Array) -> Array:
     """Undo `spread`: one channel if all share the same memory, as grey extinction does."""
-    return array[..., :1] if array.strides[-1] == 0 else array
+    shared = array.ndim == 3 and array.strides[-1] == 0
+    return array[..., :1] if shared else array
 
 
 def _floats(values: Any, what: str) -> Array:

@@ -1,11 +1,14 @@
 """From field values to emissivity and extinction: one file per medium (`media.contract`)."""
 
 from .coefficients import Coefficients
+from .color_by import ColorBy
+from .colormap import Colormap
 from .contract import Context, Medium
 from .function import Function
+from .isosurface import Isosurface
 from .shaped import Gaussian, Rectangle, Shaped
 from .sum import Sum
-from .table import Colormap, Table
+from .table import Table
 
 # The media a scene file can name.
 MEDIA = {
@@ -14,15 +17,18 @@ MEDIA = {
     "table": Table,
     "colormap": Colormap,
     "coefficients": Coefficients,
+    "isosurface": Isosurface,
 }
 
 __all__ = [
     "MEDIA",
     "Coefficients",
+    "ColorBy",
     "Colormap",
     "Context",
     "Function",
     "Gaussian",
+    "Isosurface",
     "Medium",
     "Rectangle",
     "Shaped",

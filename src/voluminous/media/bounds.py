@@ -46,10 +46,14 @@ class RangeContext(Context):
         The volume's length unit.
     unit_of : callable
         Returns the unit of an `Expression`, or None.
+    faint : float
+        Coefficients below this fraction of their peak may be neglected.
     """
 
-    def __init__(self, unit: Any, unit_of: Callable[[Expression], Any]) -> None:
-        super().__init__(Interval.of, Interval.of, unit, unit_of)
+    def __init__(
+        self, unit: Any, unit_of: Callable[[Expression], Any], faint: float = 1e-8
+    ) -> None:
+        super().__init__(Interval.of, Interval.of, unit, unit_of, faint=faint)
 
     @property
     def ops(self) -> IntervalOps:

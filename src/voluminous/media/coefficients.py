@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
@@ -12,6 +12,10 @@ from ..expressions.interval import Interval
 from ..units import parse_unit, unit_name
 from .contract import Coefficients as Values
 from .contract import Context, Medium
+
+if TYPE_CHECKING:
+    from .course import CourseContext, Courses
+    from .part_bounds import PartBounds
 
 
 class Coefficients(Medium):
@@ -56,9 +60,19 @@ class Coefficients(Medium):
             ],
         )
 
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return the expressions of all coefficients; no difference of values is too small."""
+        return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
+
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
         """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
+
+    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
+        """Return what is certain on a panel: means of smooth expressions are well known."""
+        from .mean_bounds import expression_parts
+
+        return expression_parts(self, courses, context)
 
     def intensity_unit(self, context: Context) -> Any:
         """Return the unit of emissivity times the volume's length unit."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..backend import dr
 from ..errors import InputError
 from ..expressions import DrjitOps, Expression, Ops
 from ..expressions.interval import Interval
@@ -16,6 +18,13 @@ from .interpolation import interpolate
 
 if TYPE_CHECKING:
     from .bounds import Bounds
+    from .course import CourseContext, Courses
+    from .part_bounds import PartBounds
+    from .stretch import Panel, Stretch
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 def no_unit(expression: Expression) -> None:
@@ -36,17 +45,41 @@ class Context:
         The volume's length unit.
     unit_of : callable
         Returns the unit of an `Expression`, or None where it has none or it is not known.
+    narrow : callable
+        Turns values of `real` into what integrals along rays are computed with.
+    scale : float
+        The unit of lengths along rays (`Stretch.length`), in the volume's: what `Medium.means`
+        returns is per this length.
+    radiance : float
+        The unit of emission of `Medium.means`.
+    limits : dict of str to (array, array)
+        Least and largest values of fields: what is interpolated between cells must not leave them
+        by rounding, or logarithms of fields with zeros have no value.
+    faint : float
+        Coefficients below this fraction of their peak may be neglected.
     """
 
     real: Any
     number: Callable[[float], Any]
     unit: Any
     unit_of: Callable[[Expression], Any]
+    narrow: Callable[[Any], Any] = _same
+    scale: float = 1.0
+    radiance: float = 1.0
+    limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
+    faint: float = 1e-8
+    _kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
     def ops(self) -> Ops:
         """The operations and functions to compute with."""
         return DrjitOps(self.real, constant=self.number)
+
+    def keep(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what `make` returned the first time: run-time numbers are put in a kernel once."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     def evaluate(self, expression: Expression, fields: dict[str, Any]) -> Any:
         """Return the value of an expression of the fields."""
@@ -55,6 +88,14 @@ class Context:
     def interpolate(self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
         """Return the columns of a table, given at its nodes, interpolated at x."""
         return interpolate(self.real, x, nodes, columns)
+
+
+# Places and weights on [0, 1].
+GAUSS_LEGENDRE_3 = (
+    (0.5 - math.sqrt(0.15), 5 / 18),
+    (0.5, 8 / 18),
+    (0.5 + math.sqrt(0.15), 5 / 18),
+)
 
 
 @dataclass
@@ -86,6 +127,85 @@ class Medium:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
         raise NotImplementedError
 
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return all expressions, each with the smallest difference of its values that matters.
+
+        They tell whether single precision is enough to evaluate them along rays. Raises
+        NotImplementedError where that cannot be told.
+        """
+        raise NotImplementedError
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether `means` looks at fields between a panel's ends."""
+        return True
+
+    def scalars(self) -> tuple[Expression, ...]:
+        """Return the expressions that `means` takes as linear over a panel."""
+        return ()
+
+    def means(self, panel: Panel, context: Context) -> Coefficients:
+        """Return the means of j and α over a panel of a ray (traced by Dr.Jit).
+
+        Per `context.scale` of length, emission in units of `context.radiance`. By default three
+        points of Gauss and Legendre, exact for polynomials of degree five.
+        """
+        bright, dense = context.keep(
+            "units",
+            lambda: [context.number(u) for u in (context.scale / context.radiance, context.scale)],
+        )
+        total: list[Any] = []
+        for place, weight in GAUSS_LEGENDRE_3:
+            found = self.coefficients(panel.fields(place), context)
+            # What no physics can use shows as NaN, even where the mean would hide it.
+            usable = [dr.select(a >= 0.0, a, math.nan) for a in found.extinction]
+            values = [bright * j for j in found.emissivity] + [dense * a for a in usable]
+            values = [weight * context.narrow(v) for v in values]
+            total = [t + v for t, v in zip(total, values, strict=True)] if total else values
+        return Coefficients(total[: self.channels], total[self.channels :])
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where it may be noticeable on a stretch, and where panels may not show that.
+
+        Two masks: False in the first promises that `means` would be negligible; True in the second
+        asks for smaller panels.
+        """
+        active = stretch.length >= 0.0
+        return active, active & False
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how thin its structures are on a stretch, and how far bends may put means off.
+
+        Two numbers from 0 to 1. The first: whether it has structures narrower than the panels, so
+        that halving them cannot be trusted to show how far a mean is off; the second: a relative
+        error of the mean that panels need not show.
+        """
+        zero = stretch.length * 0.0
+        return zero, zero
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return how many structures narrower than a panel lie in each half of a stretch.
+
+        Where there are two, a panel mixes what is in front of each other.
+        """
+        zero = stretch.length * 0.0
+        return [zero, zero]
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where it may be noticeable while the fields stay in ranges (NumPy, a mask).
+
+        By default where its coefficients may be other than zero.
+        """
+        found = self.ranges(fields, context)
+        seen: Any = False
+        for value in (*found.emissivity, *found.extinction):
+            seen = seen | value.nan | (value.size > 0.0)
+        return seen
+
+    def visible_key(self) -> Any:
+        """Return what `visible_in` depends on, besides the fields; None if that cannot be told."""
+        return self.key()
+
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α while the fields stay in theirs.
 
@@ -96,6 +216,16 @@ class Medium:
         return Coefficients(
             [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
         )
+
+    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
+        """Return what is certain on a panel of a ray, of all parts whose sum this is (traced).
+
+        By default what `ranges` tells. Media that know their means better have narrower bounds.
+        """
+        from .part_bounds import part_bounds
+
+        found = self.ranges(courses.fields, context)
+        return [part_bounds(found, found, courses.length)]
 
     def bounds(
         self,

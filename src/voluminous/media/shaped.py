@@ -6,13 +6,37 @@ and of `opacity` for the extinction: seen through one path length of its peak, i
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import TYPE_CHECKING, Any
 
+from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression, Ops
 from ..expressions.interval import Interval
-from ..units import is_quantity, parse_unit, plain, unit_name
+from ..units import is_quantity, plain
+from .bends import bend, slope_factor, thinness
 from .contract import Coefficients, Context, Medium, channel_values, check_extinction
+from .given import named as _named
+from .given import scalar as _scalar
+from .modulation import Middle, modulated
+from .shape_means import box_mean, gaussian_mean
+from .shape_middles import box_middle, gaussian_middle
+from .stretch import Straight, extremes
+
+if TYPE_CHECKING:
+    from ..expressions.traced_interval import TracedInterval
+    from .course import CourseContext, Courses
+    from .part_bounds import PartBounds
+    from .stretch import Panel, Stretch
+
+# Control points that stick out by this many widths beyond a panel's ends call for smaller panels.
+_DOUBT = 0.25
+# Most of a shell is within so many widths of its centre.
+_CORE = 2.0
+
+
+# As a path length: the median thickness in the volume (`calibration`).
+AUTO = "auto"
 
 
 class Shaped(Medium):
@@ -21,22 +45,33 @@ class Shaped(Medium):
     _width_name = ""
 
     def __init__(
-        self, expr: Any, center: Any, width: Any, color: Any, opacity: Any, path_length: Any
+        self,
+        expr: Any,
+        center: Any,
+        width: Any,
+        color: Any,
+        opacity: Any,
+        path_length: Any,
+        where: Any,
     ) -> None:
         self.expr = Expression(expr)
         self.center = _scalar(center, "center")
         self.width = _scalar(width, self._width_name)
-        self.color = channel_values(color, "color")
+        self.color, self.modulation = modulated(color, where)
         self.opacity = channel_values(opacity, "opacity")
-        self.path_length = _scalar(path_length, "path_length")
+        self.path_length = _path_length(path_length)
         check_extinction(self.opacity, len(self.color), "opacity")
         _positive(self.width, self._width_name)
-        _positive(self.path_length, "path_length")
         if len(set(self.opacity)) == 1:  # the same for all channels: grey
             self.opacity = self.opacity[:1]
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
-        self.names = self.expr.names
+        self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
+
+    @property
+    def mixes(self) -> bool:
+        """Whether all channels are the same function of x, times numbers."""
+        return self.grey and self.modulation.fixed
 
     def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return the shape at a distance from the centre; one at its peak."""
@@ -45,24 +80,181 @@ class Shaped(Medium):
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length."""
         shape = self.per_length(fields, context)
-        return Coefficients(
+        found = Coefficients(
             [context.number(h) * shape for h in self.color],
             [context.number(h) * shape for h in self.opacity],
         )
+        return self.modulation.coefficients(found, fields, context)
 
     def per_length(self, fields: dict[str, Any], context: Context) -> Any:
         """Return the shape per path length: what colour and opacity are multiplied with."""
-        unit = context.unit_of(self.expr)
-        center = plain(self.center, unit, "center")
-        width = plain(self.width, unit, self._width_name)
-        length = plain(self.path_length, context.unit, "path_length")
+        center, width, length = self._numbers(context)
         x = context.evaluate(self.expr, fields)
         shape = self.shape(context.ops, x - context.number(center), context.number(width))
         return context.number(1.0 / length) * shape
 
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return the expression of the shape, with its width, and those of the modulation."""
+        width = float(getattr(self.width, "value", self.width))
+        return ((self.expr, width), *self.modulation.expressions())
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether colours or a gate are looked up between a panel's ends."""
+        return not self.modulation.fixed
+
+    def scalars(self) -> tuple[Expression, ...]:
+        """Return the expression that the shape is a function of."""
+        return (self.expr,)
+
+    def means(self, panel: Panel, context: Context) -> Coefficients:
+        """Return the means of j and α over a panel."""
+        shape = self.mean_per_length(panel, context)
+        color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
+        found = Coefficients([h * shape for h in color], [h * shape for h in opacity])
+        if self.modulation.fixed:
+            return found
+        middle = self.middle(*self._ends(panel, context))
+        return self.modulation.means(found, panel, context, middle)
+
+    def mean_per_length(self, panel: Panel, context: Context) -> Any:
+        """Return the mean of the shape per path length, exact if x is linear over the panel."""
+        _, _, per_length = self._kept(context)
+        ends = self._ends(panel, context)
+        mean = self.mean_shape(*ends) * per_length
+        if isinstance(panel.stretch, Straight):
+            return mean
+        place = self.middle(*ends).place
+        return mean * slope_factor(panel, self.expr, place, context.narrow)
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how thin the shell is on a stretch, and what bends of x may do to it."""
+        center, narrowness, _ = self._kept(context)
+        reach = context.keep((id(self), "reach"), lambda: self._reach(context))
+
+        def offset(x: Any) -> Any:
+            return context.narrow(x - center)
+
+        low, high = -reach / narrowness, reach / narrowness
+        hull = [offset(x) for x in stretch.hull(self.expr)]
+        seen = (hull[0] <= high) & (hull[1] >= low)
+        thin = thinness(stretch, self.expr, narrowness, context.narrow)
+        off = bend(stretch, self.expr, narrowness, offset, low, high)
+        return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
+
+    def _ends(self, panel: Panel, context: Context) -> tuple[Any, Any]:
+        """Return how far x is from the centre at both ends, in widths."""
+        center, narrowness, _ = self._kept(context)
+        first, last = (context.narrow(x - center) * narrowness for x in panel.ends(self.expr))
+        return first, last
+
+    def mean_shape(self, first: Any, last: Any) -> Any:
+        """Return the mean of the shape between two distances from the centre, in widths."""
+        raise NotImplementedError
+
+    def middle(self, first: Any, last: Any) -> Middle:
+        """Return where the mass of the shape is between two distances, in widths."""
+        raise NotImplementedError
+
+    def reach(self, faint: float) -> float:
+        """Return at how many widths from its centre the shape falls below `faint`."""
+        raise NotImplementedError
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where the shape may be noticeable, and where a panel's ends may not show that."""
+        center, narrowness, _ = self._kept(context)
+        reach = context.keep((id(self), "reach"), lambda: self._reach(context))
+        nodes = extremes([stretch.scalar(self.expr, s) for s in (0.0, 0.5, 1.0)])
+        below, above, low, high = (
+            context.narrow(x - center) * narrowness for x in (*nodes, *stretch.hull(self.expr))
+        )
+        seen = ~((low > reach) | (high < -reach))  # where there is NaN, it must show
+        over = (high > above + _DOUBT) & (above < reach) & (high > -reach)
+        under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
+        return self.modulation.visible(stretch, context, seen, over | under)
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return in which halves most of the shell is, if it is narrower than they are."""
+        center, narrowness, _ = self._kept(context)
+        nodes = [
+            context.narrow(stretch.scalar(self.expr, s) - center) * narrowness
+            for s in (0.0, 0.5, 1.0)
+        ]
+        counts = []
+        for pair in (nodes[:2], nodes[1:]):
+            low, high = extremes(pair)
+            inside = (low < _CORE) & (high > -_CORE) & (high - low > 1.0)
+            counts.append(dr.select(inside, stretch.length * 0.0 + 1.0, 0.0))
+        return counts
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where the shape may be noticeable while the fields stay in ranges."""
+        center, width, _ = self._numbers(context)
+        reach = self.reach(context.faint) * width
+        x = context.evaluate(self.expr, fields)
+        seen = x.nan | ((x.lo <= center + reach) & (x.hi >= center - reach))
+        return seen & self.modulation.visible_in(fields, context)
+
+    def visible_key(self) -> Any:
+        """Return expression, centre, width and gate."""
+        return (*self.shape_key()[:-1], self.modulation.gate_key())
+
+    def _numbers(self, context: Context) -> tuple[float, float, float]:
+        """Return centre, width and path length as plain numbers, in the units of a volume."""
+        unit = context.unit_of(self.expr)
+        return (
+            float(plain(self.center, unit, "center")),
+            float(plain(self.width, unit, self._width_name)),
+            _length(self.path_length, context.unit),
+        )
+
+    def _kept(self, context: Context) -> tuple[Any, Any, Any]:
+        """Return centre, 1/width and scale/length as numbers of a kernel, put there once."""
+
+        def make() -> tuple[Any, Any, Any]:
+            center, width, length = self._numbers(context)
+            narrowness, per_length = (
+                context.narrow(context.number(v)) for v in (1.0 / width, context.scale / length)
+            )
+            return context.number(center), narrowness, per_length
+
+        return context.keep(id(self), make)
+
+    def _colors(self, context: Context) -> tuple[list[Any], list[Any]]:
+        color, opacity = (
+            [context.narrow(context.number(h / unit)) for h in values]
+            for values, unit in ((self.color, context.radiance), (self.opacity, 1.0))
+        )
+        return color, opacity
+
+    def _reach(self, context: Context) -> Any:
+        return context.narrow(context.number(self.reach(context.faint)))
+
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
+
+    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
+        """Return what is certain on a panel."""
+        from .mean_bounds import shaped_parts
+
+        return shaped_parts(self, courses, context)
+
+    def mean_bounds(
+        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+    ) -> TracedInterval:
+        """Return bounds of the mean of the shape over a panel; see `media.mean_bounds`.
+
+        Parameters
+        ----------
+        first, last : arrays
+            How far the ends of the chord are from the centre, in widths.
+        off, farthest : arrays
+            How far the argument is from its chord in the mean, and anywhere, at most.
+        z : TracedInterval
+            Its values.
+        """
+        raise NotImplementedError
 
     def shape_key(self) -> Any:
         """Return what `per_length` depends on, units included."""
@@ -71,7 +263,7 @@ class Shaped(Medium):
 
     def key(self) -> Any:
         """Return the class and all its numbers, units included."""
-        return (*self.shape_key(), self.color, self.opacity)
+        return (*self.shape_key(), self.color, self.opacity, self.modulation.key())
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""
@@ -83,6 +275,7 @@ class Shaped(Medium):
             "color": list(self.color),
             "opacity": self.opacity[0] if self.grey else list(self.opacity),
             "path_length": _named(self.path_length),
+            **self.modulation.described(),
         }
 
 
@@ -95,13 +288,19 @@ class Gaussian(Shaped):
         Expression x of the fields, e.g. ``"log10(density)"``.
     center, sigma : float or Quantity
         Where the shell is, and how wide, in x.
-    color : float or sequence
-        Emission h_j per channel: the intensity of one `path_length` of the peak, thin.
+    color : float, sequence or ColorBy
+        Emission h_j per channel: the intensity of one `path_length` of the peak, thin. A `ColorBy`
+        gives it by another expression, in three channels.
     opacity : float or sequence
         Extinction h_α, one for all channels (grey) or one per channel: the optical depth of one
         `path_length` of the peak.
-    path_length : float or Quantity
+    path_length : float, Quantity or "auto"
         Length to which `color` and `opacity` refer; plain numbers are in the volume's unit.
+        ``"auto"`` is the median thickness of the shell in the volume that is rendered: one crossing
+        shows the colour. `voluminous.calibrate` gives the number.
+    where : str, optional
+        Expression of the fields that multiplies emission and extinction: a comparison, or a number,
+        limited to 0 … 1. Where it has no value (NaN) it is 0.
 
     Raises
     ------
@@ -116,14 +315,42 @@ class Gaussian(Shaped):
     _width_name = "sigma"
 
     def __init__(
-        self, expr: Any, center: Any, sigma: Any, color: Any, opacity: Any, path_length: Any
+        self,
+        expr: Any,
+        center: Any,
+        sigma: Any,
+        color: Any,
+        opacity: Any,
+        path_length: Any,
+        *,
+        where: Any = None,
     ) -> None:
-        super().__init__(expr, center, sigma, color, opacity, path_length)
+        super().__init__(expr, center, sigma, color, opacity, path_length, where)
 
     def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return exp(-(offset/σ)²/2); zero at infinity."""
         scaled = offset / width
         return ops.exp(-0.5 * (scaled * scaled))
+
+    def mean_shape(self, first: Any, last: Any) -> Any:
+        """Return the mean of a Gaussian between two distances, in σ."""
+        return gaussian_mean(first, last)
+
+    def mean_bounds(
+        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+    ) -> TracedInterval:
+        """Return the mean on the chord, up to what the bow can change."""
+        from .mean_bounds import gaussian_bounds
+
+        return gaussian_bounds(gaussian_mean(first, last), off, z)
+
+    def middle(self, first: Any, last: Any) -> Middle:
+        """Return where the mass of a Gaussian is between two distances, in σ."""
+        return gaussian_middle(first, last)
+
+    def reach(self, faint: float) -> float:
+        """Return how many σ away it is below `faint`."""
+        return math.sqrt(-2.0 * math.log(faint))
 
 
 class Rectangle(Shaped):
@@ -135,7 +362,7 @@ class Rectangle(Shaped):
         Expression x of the fields.
     center, half_width : float or Quantity
         Where the shell is, and half how wide, in x.
-    color, opacity, path_length
+    color, opacity, path_length, where
         As in `Gaussian`.
 
     Notes
@@ -146,38 +373,66 @@ class Rectangle(Shaped):
     _width_name = "half_width"
 
     def __init__(
-        self, expr: Any, center: Any, half_width: Any, color: Any, opacity: Any, path_length: Any
+        self,
+        expr: Any,
+        center: Any,
+        half_width: Any,
+        color: Any,
+        opacity: Any,
+        path_length: Any,
+        *,
+        where: Any = None,
     ) -> None:
-        super().__init__(expr, center, half_width, color, opacity, path_length)
+        super().__init__(expr, center, half_width, color, opacity, path_length, where)
 
     def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return one within the half width, else zero; NaN stays NaN."""
         box = ops.number(abs(offset) <= width)
         return ops.where(offset == offset, box, offset)
 
+    def mean_shape(self, first: Any, last: Any) -> Any:
+        """Return which part of the way is within the half width."""
+        return box_mean(first, last)
 
-def _scalar(value: Any, what: str) -> Any:
-    """Return a finite float, or a Quantity left as it is until the volume's unit is known."""
-    import math
+    def mean_bounds(
+        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+    ) -> TracedInterval:
+        """Return the part of the chord within the half width, with that moved in and out."""
+        from .mean_bounds import box_bounds
 
-    magnitude = value.value if is_quantity(value) else value
-    try:
-        number = float(magnitude)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must be one number or quantity, got {value!r}") from error
-    if not math.isfinite(number):
-        raise InputError(f"{what} must be finite, got {value!r}")
-    return value if is_quantity(value) else number
+        return box_bounds(first, last, farthest)
+
+    def middle(self, first: Any, last: Any) -> Middle:
+        """Return the middle of the part that is within the half width."""
+        return box_middle(first, last)
+
+    def reach(self, faint: float) -> float:
+        """Return one: beyond the half width there is nothing."""
+        return 1.0
+
+
+def _path_length(value: Any) -> Any:
+    """Return a positive length, or "auto", which stays until the volume is known."""
+    if isinstance(value, str):
+        if value != AUTO:
+            raise InputError(f"path_length must be a number, a quantity or 'auto', got {value!r}")
+        return value
+    length = _scalar(value, "path_length")
+    _positive(length, "path_length")
+    return length
+
+
+def _length(path_length: Any, unit: Any) -> float:
+    """Return a path length as a number in the volume's unit; "auto" must have become one."""
+    if isinstance(path_length, str):
+        raise InputError(
+            "path_length is still 'auto', which only a volume makes a number: use the medium that "
+            "vm.calibrate(medium, volume) returns (vm.render does that by itself)"
+        )
+    return float(plain(path_length, unit, "path_length"))
 
 
 def _positive(value: Any, what: str) -> None:
     magnitude = value.value if is_quantity(value) else value
     if magnitude <= 0:
         raise InputError(f"{what} must be positive, got {value}")
-
-
-def _named(value: Any) -> Any:
-    """Return a number, or a quantity as text such as ``"2.5e+16 cm"``."""
-    if is_quantity(value):
-        return f"{float(value.value)!r} {unit_name(parse_unit(value.unit))}".strip()
-    return value

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..expressions import Expression
 from ..expressions.interval import Interval
 from .contract import Coefficients, Context, Medium
+from .stretch import extremes
+
+if TYPE_CHECKING:
+    from .course import CourseContext, Courses
+    from .part_bounds import PartBounds
+    from .stretch import Panel, Stretch
 
 
 class Sum(Medium):
@@ -38,9 +45,62 @@ class Sum(Medium):
         """Return the sums of j and of α."""
         return self._total([part.coefficients(fields, context) for part in self.parts])
 
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return the expressions of all parts."""
+        return tuple(found for part in self.parts for found in part.expressions())
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether one of the parts looks at fields between a panel's ends."""
+        return any(part.looks_inside for part in self.parts)
+
+    def scalars(self) -> tuple[Expression, ...]:
+        """Return the parts' scalars, each once."""
+        found = (e for part in self.parts for e in part.scalars())
+        return tuple({e.text: e for e in found}.values())
+
+    def means(self, panel: Panel, context: Context) -> Coefficients:
+        """Return the sums of the parts' means."""
+        return self._total([part.means(panel, context) for part in self.parts])
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where one of the parts may be noticeable, and where one may hide."""
+        masks = [part.visible(stretch, context) for part in self.parts]
+        seen, hidden = masks[0]
+        for a, b in masks[1:]:
+            seen, hidden = seen | a, hidden | b
+        return seen, hidden
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return the largest of the parts'."""
+        found = [part.sharpness(stretch, context) for part in self.parts]
+        thin, off = zip(*found, strict=True)
+        return extremes(thin)[1], extremes(off)[1]
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return the sums of the parts' counts."""
+        counts = [part.cores(stretch, context) for part in self.parts]
+        return [sum(own[1:], own[0]) for own in zip(*counts, strict=True)]
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where one of the parts may be noticeable while the fields stay in ranges."""
+        seen = self.parts[0].visible_in(fields, context)
+        for part in self.parts[1:]:
+            seen = seen | part.visible_in(fields, context)
+        return seen
+
+    def visible_key(self) -> Any:
+        """Return the keys of all parts."""
+        keys = tuple(part.visible_key() for part in self.parts)
+        return None if None in keys else keys
+
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return the sums of the parts' intervals."""
         return self._total([part.ranges(fields, context) for part in self.parts])
+
+    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
+        """Return what is certain of all parts."""
+        return [found for part in self.parts for found in part.on_panel(courses, context)]
 
     def _total(self, solved: list[Coefficients]) -> Coefficients:
         count = 1 if self.grey else self.channels

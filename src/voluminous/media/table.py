@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Any
+import functools
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain, unit_of
+from .bends import bend, thinness
+from .color_by import ColorBy
 from .contract import Coefficients, Context, Medium, check_plain
-from .shaped import _named, _positive, _scalar
+from .given import named
+from .modulation import Modulation, kept
+from .shaped import _length, _path_length
+from .stretch import extremes
+from .table_means import PiecewiseLinear, Place
+from .table_middles import TableMiddles
+from .table_structure import structures, visible_range
+
+if TYPE_CHECKING:
+    from .course import CourseContext, Courses
+    from .part_bounds import PartBounds
+    from .stretch import Panel, Stretch
+
+# Control points that stick out by this part of a structure's width call for smaller panels.
+_DOUBT = 0.25
 
 
 class Table(Medium):
@@ -23,12 +41,16 @@ class Table(Medium):
         Expression x of the fields.
     values : array_like, shape (n,)
         Increasing values of x, at least two; two equal ones make a jump.
-    colors : array_like, shape (n, channel) or (n,)
-        Emission h_j at these values.
+    colors : array_like, shape (n, channel) or (n,), or ColorBy
+        Emission h_j at these values. With a `ColorBy`: the opacity times a colour by another
+        expression.
     opacities : array_like, shape (n,), (n, channel) or a number
         Extinction h_α at these values.
-    path_length : float or Quantity
-        Length to which colours and opacities refer.
+    path_length : float, Quantity or "auto"
+        Length to which colours and opacities refer; ``"auto"`` as in `Gaussian`, for the width of
+        all that is opaque (or, where nothing is, bright) in the volume's range of x.
+    where : str, optional
+        As in `Gaussian`.
 
     Raises
     ------
@@ -38,16 +60,23 @@ class Table(Medium):
     """
 
     def __init__(
-        self, expr: Any, values: Any, colors: Any, opacities: Any, path_length: Any
+        self,
+        expr: Any,
+        values: Any,
+        colors: Any,
+        opacities: Any,
+        path_length: Any,
+        *,
+        where: Any = None,
     ) -> None:
         self.expr = Expression(expr)
         self.unit = unit_of(values)
         self.values = _increasing(plain(values, self.unit, "values"))
         n = len(self.values)
-        self.colors = _columns(colors, n, "colors")
         self.opacities = _columns(opacities, n, "opacities")
-        self.path_length = _scalar(path_length, "path_length")
-        _positive(self.path_length, "path_length")
+        by = colors if isinstance(colors, ColorBy) else None
+        self.colors = _columns(colors, n, "colors") if by is None else _shared(self.opacities, by)
+        self.path_length = _path_length(path_length)
         self.channels = self.colors.shape[1]
         if self.opacities.shape[1] not in (1, self.channels):
             raise InputError(
@@ -57,19 +86,159 @@ class Table(Medium):
         if self.opacities.min() < 0:
             raise InputError(f"opacities must not be negative, got {self.opacities.min():g}")
         self.grey = self.opacities.shape[1] == 1
-        self.names = self.expr.names
+        self.modulation = Modulation(where, by, self.channels)
+        self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
+
+    @property
+    def color(self) -> tuple[float, ...]:
+        """The brightest emission of each channel."""
+        return tuple(np.abs(self.colors).max(axis=0).tolist())
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length, interpolated in x."""
         x = context.evaluate(self.expr, fields)
-        scale = 1.0 / plain(self.path_length, context.unit, "path_length")
+        scale = 1.0 / self._length(context)
         columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
         found = context.interpolate(x, self._nodes(context), columns)
-        return Coefficients(found[: self.channels], found[self.channels :])
+        result = Coefficients(found[: self.channels], found[self.channels :])
+        return self.modulation.coefficients(result, fields, context)
+
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return the expression, with the narrowest interval of the table, and the modulation's."""
+        steps = np.diff(self.values)
+        return ((self.expr, float(steps[steps > 0].min())), *self.modulation.expressions())
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether colours or a gate are looked up between a panel's ends."""
+        return not self.modulation.fixed
+
+    def scalars(self) -> tuple[Expression, ...]:
+        """Return the expression that the table is a function of."""
+        return (self.expr,)
+
+    def means(self, panel: Panel, context: Context) -> Coefficients:
+        """Return the means of j and α over a panel, exact if x is linear there."""
+        stretch = panel.stretch
+        ends = [self._place(stretch, s, context) for s in (panel.first, panel.last)]
+        heights = context.keep((id(self), "heights"), lambda: self._heights(context))
+        table = self._table(context, type(ends[0].x))
+        means = table.means(*ends)[: len(heights)]
+        found = [h * v for h, v in zip(heights, means, strict=True)]
+        result = Coefficients(found[: self.channels], found[self.channels :])
+        if self.modulation.fixed:
+            return result
+        middles = context.keep((id(self), "middles"), lambda: self._middles(context, table.real))
+        return self.modulation.means(result, panel, context, middles.between(*ends))
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where an entry may be noticeable, and where a panel's ends may not show that."""
+        low, high = (context.narrow(x) for x in stretch.hull(self.expr))
+        nodes = [context.narrow(stretch.scalar(self.expr, s)) for s in (0.0, 0.5, 1.0)]
+        below, above = extremes(nodes)
+        real = type(low)
+        first, last = context.keep((id(self), "range"), lambda: self._kept_range(context, real))
+        seen = ~((low > last) | (high < first))  # where there is NaN, it must show
+        hidden = seen & False
+        for doubt, begin, end in context.keep(
+            (id(self), "structures"), lambda: self._kept_structures(context, real)
+        ):
+            hidden |= (high > above + doubt) & (above < end) & (high > begin)
+            hidden |= (low < below - doubt) & (below > begin) & (low < end)
+        return self.modulation.visible(stretch, context, seen, hidden)
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how thin the narrowest structure is, and what bends of x may do to it."""
+        real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
+        found = context.keep((id(self), "structures"), lambda: self._kept_structures(context, real))
+        first, last = context.keep((id(self), "range"), lambda: self._kept_range(context, real))
+        least = functools.reduce(
+            lambda a, b: dr.select(a < b, a, b), [doubt for doubt, *_ in found]
+        )
+        narrowness = _DOUBT / least
+        off = bend(stretch, self.expr, narrowness, context.narrow, first, last)
+        return thinness(stretch, self.expr, narrowness, context.narrow), off
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where an entry may be noticeable while the fields stay in ranges."""
+        x = context.evaluate(self.expr, fields)
+        found = context.interpolate(x, self._nodes(context), list(self._shape.T))
+        seen: Any = x.nan
+        for value in found:
+            seen = seen | (value.size > context.faint)
+        return seen & self.modulation.visible_in(fields, context)
+
+    def visible_key(self) -> Any:
+        """Return the expression, all entries and the gate."""
+        return (*self._entries(), self.modulation.gate_key())
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
+
+    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
+        """Return what is certain on a panel."""
+        from .mean_bounds import table_parts
+
+        length = _length(self.path_length, context.unit)
+        return table_parts(self, length, courses, context)
+
+    @property
+    def _rows(self) -> np.ndarray:
+        return np.concatenate([self.colors, self.opacities], axis=1)
+
+    @property
+    def _peaks(self) -> np.ndarray:
+        peaks = np.abs(self._rows).max(axis=0)
+        return np.where(peaks > 0, peaks, 1.0)
+
+    @property
+    def _shape(self) -> np.ndarray:
+        """All columns, each over its peak."""
+        return np.ascontiguousarray(self._rows / self._peaks)
+
+    @property
+    def _weight(self) -> np.ndarray:
+        """The mean of all columns' magnitudes: where the mass is."""
+        return np.abs(self._shape).mean(axis=1)
+
+    def _table(self, context: Context, real: Any) -> PiecewiseLinear:
+        def make() -> PiecewiseLinear:
+            columns = self._shape
+            if not self.modulation.fixed:
+                columns = np.concatenate([columns, self._weight[:, None]], axis=1)
+            return PiecewiseLinear(real, self._nodes(context), columns)
+
+        return context.keep((id(self), "table"), make)
+
+    def _middles(self, context: Context, real: Any) -> TableMiddles:
+        return TableMiddles(real, self._nodes(context), self._weight)
+
+    def _place(self, stretch: Stretch, s: float, context: Context) -> Place:
+        """Return where x lies in the table at an end or in the middle of a stretch."""
+
+        def make() -> Place:
+            x = context.narrow(stretch.scalar(self.expr, s))
+            return self._table(context, type(x)).at(x)
+
+        return kept(stretch, (id(self), s), make)
+
+    def _length(self, context: Context) -> float:
+        return _length(self.path_length, context.unit)
+
+    def _heights(self, context: Context) -> list[Any]:
+        length = self._length(context)
+        units = [context.radiance] * self.channels + [1.0] * self.opacities.shape[1]
+        factors = self._peaks / np.array(units) * (context.scale / length)
+        return [context.narrow(context.number(float(h))) for h in factors]
+
+    def _kept_range(self, context: Context, real: Any) -> list[Any]:
+        found = visible_range(self._nodes(context), self._shape, context.faint)
+        return [dr.opaque(real, value) for value in found]
+
+    def _kept_structures(self, context: Context, real: Any) -> list[list[Any]]:
+        found = structures(self._nodes(context), self._shape)
+        return [[dr.opaque(real, v) for v in (_DOUBT * w, low, high)] for w, low, high in found]
 
     def _nodes(self, context: Context) -> np.ndarray:
         if self.unit is None:
@@ -79,9 +248,12 @@ class Table(Medium):
 
     def key(self) -> Any:
         """Return the expression and all numbers."""
+        return (*self._entries(), named(self.path_length), self.modulation.key())
+
+    def _entries(self) -> tuple[Any, ...]:
         data = (self.values.tobytes(), self.colors.tobytes(), self.opacities.tobytes())
         shapes = (self.colors.shape, self.opacities.shape, str(self.unit))
-        return ("Table", self.expr.text, *data, *shapes, _named(self.path_length))
+        return ("Table", self.expr.text, *data, *shapes)
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""
@@ -91,94 +263,21 @@ class Table(Medium):
             "values": self.values.tolist(),
             "colors": self.colors.tolist(),
             "opacities": self.opacities.tolist(),
-            "path_length": _named(self.path_length),
+            "path_length": named(self.path_length),
+            **self.modulated(),
         }
 
-
-class Colormap(Table):
-    """Colours from a matplotlib colormap, opacity uniform or as a function of the position in it.
-
-    Parameters
-    ----------
-    expr : str
-        Expression x of the fields.
-    cmap : str or matplotlib.colors.Colormap
-        Name or object; its RGB become three channels.
-    vmin, vmax : float or Quantity
-        Range of x; beyond it the colours of the ends go on.
-    opacity : float or callable
-        Extinction h_α, or a function of the position 0 … 1 in the colormap.
-    path_length : float or Quantity
-        Length to which colour and opacity refer: seen through one path length, a value shows the
-        colour of the map times `opacity` (emission weighted by opacity, as in a picture).
-    norm : str or matplotlib.colors.Normalize, optional
-        How x maps to the position: ``"linear"``, ``"log"``, ``"symlog"`` … or an object.
-    samples : int
-        Number of entries taken from the map.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such colormap or norm.
-    InputError
-        If the range is empty, or the norm cannot be applied to it.
-    """
-
-    def __init__(
-        self,
-        expr: Any,
-        cmap: Any,
-        vmin: Any,
-        vmax: Any,
-        opacity: Any,
-        path_length: Any,
-        *,
-        norm: Any = None,
-        samples: int = 256,
-    ) -> None:
-        from ..colormaps import get_colormap
-        from .norms import values_at
-
-        vmin, vmax = _scalar(vmin, "vmin"), _scalar(vmax, "vmax")
-        unit = unit_of(vmin) or unit_of(vmax)
-        low, high = plain(vmin, unit, "vmin"), plain(vmax, unit, "vmax")
-        if not low < high:
-            raise InputError(f"vmin must be below vmax, got {vmin} and {vmax}")
-        if int(samples) != samples or samples < 2:
-            raise InputError(f"samples must be a whole number of at least 2, got {samples!r}")
-        self.map = get_colormap(cmap)
-        position = np.linspace(0.0, 1.0, int(samples))
-        values = values_at(position, norm, low, high)
-        rgb = np.asarray(self.map(position))[:, :3]
-        alpha = _opacities(opacity, position)
-        self._described = {
-            "type": "colormap",
-            "cmap": self.map.name,
-            "vmin": _named(vmin),
-            "vmax": _named(vmax),
-            "opacity": alpha.tolist() if callable(opacity) else float(opacity),
-            "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
-        }
-        nodes = values * unit if unit is not None else values
-        super().__init__(expr, nodes, rgb * alpha[:, None], alpha, path_length)
-
-    def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values."""
-        return {**self._described, "expr": self.expr.text, "path_length": _named(self.path_length)}
+    def modulated(self) -> dict[str, Any]:
+        """Return gate and colours as plain values."""
+        told = self.modulation.described()
+        return {"colors" if key == "color" else key: value for key, value in told.items()}
 
 
-def _opacities(opacity: Any, position: np.ndarray) -> np.ndarray:
-    """Return the opacity at positions in a colormap, from a number or a function of them."""
-    given = [opacity(float(p)) for p in position] if callable(opacity) else opacity
-    try:
-        alpha = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"opacity must be a number or a function, got {opacity!r}") from error
-    if alpha.shape not in ((), position.shape) or (alpha.ndim == 1 and not callable(opacity)):
-        raise InputError(
-            f"opacity must be one number, or a function that gives one, got {opacity!r}"
-        )
-    return np.broadcast_to(alpha, position.shape)
+def _shared(opacities: np.ndarray, by: ColorBy) -> np.ndarray:
+    """Return the opacity times the brightness in three channels, to be coloured."""
+    if opacities.shape[1] not in (1, 3):
+        raise InputError(f"opacities must have one column or 3, got {opacities.shape[1]}")
+    return by.brightness * np.broadcast_to(opacities, (len(opacities), 3))
 
 
 def _increasing(values: Any) -> np.ndarray:

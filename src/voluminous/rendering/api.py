@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import get_backend
+from ..calibration import calibrate
 from ..errors import InputError
 from ..image import Image
 from ..media.bounds import RangeContext
@@ -15,8 +16,9 @@ from ..media.contract import Medium
 from ..schemes import get_scheme
 from ..units import unit_name
 from ..volume import Volume
+from .bounds import bracket, check_bounds
 from .job import Job, Planes
-from .options import background_array, check_cutoff, check_order, sample_count
+from .options import background_array, check_cutoff, check_order, check_tolerance, sample_count
 
 
 def render(
@@ -24,13 +26,15 @@ def render(
     medium: Medium,
     camera: Any,
     *,
-    scheme: Any = "second-order",
+    scheme: Any = "post-classified",
+    tolerance: float | None = 1e-3,
     background: Any = 0.0,
     precision: str = "single",
     device: str = "auto",
     order: str = "front-to-back",
     cutoff: float | None = None,
     samples: Any = 1,
+    bounds: bool | int = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
@@ -43,8 +47,11 @@ def render(
         From field values to emissivity and extinction.
     camera : Orthographic or Perspective
         Which rays.
-    scheme : {"second-order", "first-order", "olson-kunasz"}
+    scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes.
+    tolerance : float
+        For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
+        `Image.error` tells what was reached. None: do not look, which takes half the time.
     background : float, sequence of float, array (ny, nx[, channel]) or Image
         Intensity behind everything.
     precision : {"single", "double"}
@@ -57,8 +64,15 @@ def render(
         Transparency at which a ray stops; 0 turns it off. By default a ray stops where all that
         may still come is below 1e-4 of what it has gathered, so the error is below 1e-4 of the
         image's maximum.
-    samples : int or "flux-conserving"
-        n for n × n rays per pixel, at the centres of equal parts; or RADMC-3D's recursion.
+    samples : int, "adaptive" or "flux-conserving"
+        n for n × n rays per pixel, at the centres of equal parts; or more rays where the picture is
+        not smooth, up to 256 a pixel, until its mean has settled to the tolerance; or RADMC-3D's
+        recursion.
+    bounds : bool or int
+        Also give `Image.lower` and `Image.upper`: what the intensity is at least and at most, with
+        certainty, per pixel and channel; for media of expressions, and ``"post-classified"``. They
+        are brought within the tolerance of each other unless that takes more than 1024 panels, or
+        so many as given, on a segment of a ray.
     progress : callable, optional
         Called as ``progress(done, total)`` now and then; may raise to cancel.
 
@@ -77,6 +91,7 @@ def render(
         If it does not fit into memory, before any is taken.
     """
     _check_types(volume, medium, camera)
+    medium = calibrate(medium, volume)
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
     job = Job(
@@ -84,19 +99,24 @@ def render(
         medium=medium,
         camera=camera,
         frame=camera.frame(volume.grid),
-        scheme=get_scheme(scheme),
+        scheme=get_scheme(scheme, controlled=tolerance is not None),
         backend=get_backend(device, precision),
         backward=check_order(order),
         cutoff=check_cutoff(cutoff),
+        tolerance=check_tolerance(tolerance),
         progress=progress or silent,
     )
-    job.samples = sample_count(samples, job.frame, volume.grid)
+    job.adaptive = isinstance(samples, str) and samples == "adaptive"
+    job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
     behind = background_array(background, job.frame.pixels, medium.channels)
+    budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
-    return _image(job, planes, behind, {"samples": samples, "order": order})
+    return _image(job, planes, behind, budget, {"samples": samples, "order": order})
 
 
-def _image(job: Job, planes: Planes, behind: np.ndarray, told: dict[str, Any]) -> Image:
+def _image(
+    job: Job, planes: Planes, behind: np.ndarray, budget: int, told: dict[str, Any]
+) -> Image:
     if not np.all(np.isfinite(planes.emission)) or not np.all(np.isfinite(planes.depth)):
         raise InputError(
             "the picture is not finite: the medium gives coefficients that are not, or a negative "
@@ -105,11 +125,15 @@ def _image(job: Job, planes: Planes, behind: np.ndarray, told: dict[str, Any]) -
     intensity = planes.emission
     if np.any(behind):
         intensity = (intensity + planes.transparency * behind).astype(intensity.dtype)
+    lower, upper = bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     return Image(
         intensity,
         transparency=planes.transparency,
         optical_depth=_full_depth(job) if planes.stopped else planes.depth,
+        error=planes.error,
+        lower=lower,
+        upper=upper,
         x=x,
         y=y,
         intensity_unit=_intensity_unit(job),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -23,9 +24,12 @@ class Classifier:
         What is computed per cell.
     """
 
-    def __init__(self, volume: Any, medium: Medium, numbers: Any, backend: Any) -> None:
+    def __init__(
+        self, volume: Any, medium: Medium, numbers: Any, backend: Any, extremes: Any = None
+    ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
         self.backend, self.grid = backend, volume.grid
+        self.extremes = extremes if extremes is not None else functools.partial(extremes_of, volume)
         for part in medium.components():
             for name in part.names:
                 if name not in COORDINATES and name not in volume:
@@ -62,8 +66,7 @@ class Classifier:
 
     def _range(self, name: str) -> Interval:
         if name in self.volume:
-            array = self.volume.array(name)
-            return Interval(np.asarray(float(array.min())), np.asarray(float(array.max())))
+            return Interval(*(np.asarray(value) for value in self.extremes(name)))
         low, high = self.grid.bounds.T
         if name == "r":
             return Interval(np.asarray(0.0), np.linalg.norm(np.maximum(abs(low), abs(high))))
@@ -120,6 +123,12 @@ class Classifier:
             f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction "
             "finite and not negative: clip the fields, or use where(...) in the expression"
         )
+
+
+def extremes_of(volume: Any, name: str) -> tuple[float, float]:
+    """Return the least and the largest value of a field."""
+    array = volume.array(name)
+    return float(array.min()), float(array.max())
 
 
 def device_array(flat: np.ndarray, backend: Any) -> Any:

@@ -7,7 +7,8 @@ from typing import Any
 
 from ..backend import dr
 from ..grids.contract import Ray
-from .path import Path, over
+from ..grids.leap import leap
+from ..schemes.path import Path, most, over
 
 
 @dataclass
@@ -25,9 +26,7 @@ class Cutoff:
 
     def reached(self, path: Path) -> Any:
         """Return the lanes that may stop."""
-        brightest = path.transparency[0]
-        for theta in path.transparency[1:]:
-            brightest = dr.select(theta > brightest, theta, brightest)
+        brightest = most(path.transparency)
         enough = self.least
         for weight, b in zip(self.weights, path.emission, strict=False):
             enough = dr.fma(weight, b, enough)
@@ -78,5 +77,18 @@ def march(
         reached = never if cutoff is None else cutoff.reached(state.path)
         return (State(cursor, carried, over(front, back), reached),)
 
-    (state,) = dr.while_loop((state,), going_on, step, label=f"{scheme.name} march")
+    def visit(state: State) -> tuple[State]:
+        """Cross what is empty, then the block that is not."""
+        found = leap(walk, track, state.cursor, source.blocks)
+        carried = scheme.leapt(state.carried, found.moved)
+
+        def within(state: State) -> Any:
+            return going_on(state) & (state.cursor.t < found.leave)
+
+        entered = State(found.cursor, carried, state.path, state.over)
+        (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} block")
+        return (left,)
+
+    body = visit if walk.leaps and source.blocks is not None else step
+    (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
     return state.path, state.cursor.inside

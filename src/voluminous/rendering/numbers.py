@@ -19,6 +19,8 @@ from ..expressions.interval import Interval
 from ..media import Shaped
 from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
+from ..media.stretch import Panel
+from ..schemes.path import most
 
 
 @dataclass
@@ -60,6 +62,15 @@ class Direct:
         own = context.number(1.0 / self.unit)
         return [*(own * j for j in found.emissivity), *found.extinction]
 
+    def means(self, panel: Panel, context: Context) -> list[Any]:
+        """Return the means of the values over a panel of a ray."""
+        found = self.medium.means(panel, context)
+        return [*found.emissivity, *found.extinction]
+
+    def brightness(self, emission: list[Any]) -> Any:
+        """Return the magnitude of the brightest channel."""
+        return most([dr.abs(b) for b in emission])
+
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         """Return what encloses the values while the fields stay in ranges."""
         found = self.medium.ranges(fields, context)
@@ -88,6 +99,16 @@ class Direct:
         small = 2.0**-90 < self.unit < 2.0**90  # else single precision cannot hold the picture
         return stacked * (stacked.dtype.type(self.unit) if small else np.float64(self.unit))
 
+    def densest(self, largest: list[float]) -> float:
+        """Return a bound of the extinction, from the largest values; 0 if there is none."""
+        most_of_all = max(largest[self.emissions :])
+        return most_of_all if np.isfinite(most_of_all) else 0.0
+
+    def one_path(self) -> float:
+        """Return how bright one path length of the brightest part is; zero where that has none."""
+        colors = [abs(h) for part in self.medium.components() for h in getattr(part, "color", ())]
+        return max(colors, default=0.0) / self.unit
+
     def weights(self) -> np.ndarray:
         """Return weights of emissions whose sum is at most the brightest channel's intensity."""
         return np.full(self.emissions, 1.0 / self.emissions)
@@ -107,13 +128,14 @@ class Shapes:
         The media added.
     color : float array, shape (channel, part)
         Emission of each part in each channel.
-    opacity : list
-        Extinction of each part, as run-time numbers of the kernel.
+    opacity, peak : list
+        Extinction of each part, and its emission in its brightest channel, as run-time numbers.
     """
 
     parts: tuple[Any, ...]
     color: np.ndarray
     opacity: list[Any]
+    peak: list[Any]
 
     @property
     def emissions(self) -> int:
@@ -135,6 +157,17 @@ class Shapes:
     def values(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return the shapes per path length."""
         return [part.per_length(fields, context) for part in self.parts]
+
+    def means(self, panel: Panel, context: Context) -> list[Any]:
+        """Return the means of the shapes over a panel of a ray."""
+        return [part.mean_per_length(panel, context) for part in self.parts]
+
+    def brightness(self, emission: list[Any]) -> Any:
+        """Return a bound of the magnitude of the brightest channel."""
+        total = dr.abs(emission[0]) * self.peak[0]
+        for b, weight in zip(emission[1:], self.peak[1:], strict=True):
+            total = dr.fma(dr.abs(b), weight, total)
+        return total
 
     def ranges(self, fields: dict[str, Interval], context: RangeContext) -> list[Interval]:
         """Return what encloses the values while the fields stay in ranges."""
@@ -159,6 +192,14 @@ class Shapes:
         stacked = np.stack(emission, axis=-1)
         return stacked @ self.color.T.astype(stacked.dtype)
 
+    def densest(self, largest: list[float]) -> float:
+        """Return a bound of the extinction, from the largest values."""
+        return float(sum(p.opacity[0] * v for p, v in zip(self.parts, largest, strict=True)))
+
+    def one_path(self) -> float:
+        """Return how bright one path length of the brightest part is."""
+        return float(np.max(np.abs(self.color)))
+
     def weights(self) -> np.ndarray:
         """Return weights of emissions whose sum is at most the brightest channel's intensity."""
         return self.color.mean(axis=0)
@@ -170,9 +211,10 @@ class Shapes:
 
 def plan_numbers(medium: Medium, scheme: Any, backend: Any) -> Direct | Shapes:
     """Return what to tabulate for a medium: shapes where that is possible and fewer."""
-    parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.grey)
+    parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.mixes)
     mixed = len(parts) < len(medium.components())
     if mixed or not scheme.linear or len(parts) > medium.channels:
         return Direct(medium)
     color = np.array([part.color for part in parts]).T
-    return Shapes(parts, color, [backend.opaque(part.opacity[0]) for part in parts])
+    peak = [backend.opaque(max(map(abs, part.color))) for part in parts]
+    return Shapes(parts, color, [backend.opaque(part.opacity[0]) for part in parts], peak)

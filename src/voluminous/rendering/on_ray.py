@@ -19,6 +19,8 @@ class OnRay:
     Unusable coefficients become NaN, which the picture shows: it is looked at afterwards.
     """
 
+    blocks = None
+
     def __init__(self, classifier: Classifier, backend: Any) -> None:
         self.classifier, self.backend = classifier, backend
         self.numbers = classifier.numbers

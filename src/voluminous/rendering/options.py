@@ -14,6 +14,8 @@ ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
 DEFAULT_ERROR = 1e-4
 _MOST_SAMPLES = 4096
+# What counts as tolerance where none is asked for: faint places are left out accordingly.
+_CARELESS = 0.1
 
 
 def check_order(order: Any) -> bool:
@@ -41,6 +43,24 @@ def check_cutoff(cutoff: Any) -> float | None:
     return float(cutoff)
 
 
+def check_tolerance(tolerance: Any) -> float:
+    """Return the error allowed, relative to the brightest pixel.
+
+    Raises
+    ------
+    InputError
+        If it is not between 1e-9 and 1.
+    """
+    if tolerance is None:
+        return _CARELESS
+    if not isinstance(tolerance, (int, float)) or not 1e-9 <= tolerance <= 1:
+        raise InputError(
+            "tolerance is the error allowed in a pixel, as a fraction of the brightest: from 1e-9 "
+            f"to 1, or None (do not look), got {tolerance!r}"
+        )
+    return float(tolerance)
+
+
 def sample_count(samples: Any, frame: Any, grid: Any) -> int:
     """Return n for n × n rays per pixel.
 
@@ -63,12 +83,12 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
             )
         return count
     if isinstance(samples, str):
-        raise unknown_name("samples", samples, ["flux-conserving"])
+        raise unknown_name("samples", samples, ["adaptive", "flux-conserving"])
     whole = isinstance(samples, numbers.Integral) and not isinstance(samples, bool)
     if not whole or not 1 <= samples <= _MOST_SAMPLES:
         raise InputError(
-            "samples must be a whole number n (n x n rays per pixel) or 'flux-conserving', "
-            f"got {samples!r}"
+            "samples must be a whole number n (n x n rays per pixel), 'adaptive' or "
+            f"'flux-conserving', got {samples!r}"
         )
     return int(samples)
 

@@ -51,6 +51,7 @@ class Table:
     numbers: Any
     largest: list[float]
     backend: Any
+    blocks: Any = None
 
     def gather(self, index: Any, active: Any) -> list[Any]:
         """Return all numbers at a flat index."""

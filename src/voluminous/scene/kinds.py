@@ -87,6 +87,15 @@ def _either(*takers: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return take
 
 
+def _word(word: str) -> Callable[[Any], Any]:
+    def take(value: Any) -> Any:
+        if value != word:
+            raise _UnfitError
+        return value
+
+    return take
+
+
 def _table(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
     def take_table(value: Any) -> Any:
         return {key: take(v) for key, v in _of(dict)(value).items()}
@@ -99,11 +108,16 @@ _number, _text, _whole = _of(int, float), _of(str), _of(int)
 TEXT = Kind("a text", _text)
 BOOLEAN = Kind("true or false", _of(bool))
 WHOLE = Kind("a whole number", _whole)
+WHOLE_OR_BOOLEAN = Kind("true, false or a whole number", _either(_of(bool), _whole))
 WHOLES = Kind("a whole number or a list of them", _listed(_whole))
 NUMBER = Kind("a number", _number)
 NUMBERS = Kind("a number or a list of them", _listed(_number))
 QUANTITY = Kind("a number, or a text such as '0.1 pc'", _quantity)
+QUANTITY_OR_AUTO = Kind(
+    "a number, a text such as '0.1 pc', or 'auto'", _either(_word("auto"), _quantity)
+)
 QUANTITIES = Kind("numbers or texts such as '0.1 pc'", _listed(_quantity))
+EXPRESSION = Kind("an expression", _either(_text, _number))
 EXPRESSIONS = Kind("an expression, or a list of them", _listed(_either(_text, _number)))
 NUMBER_OR_TEXT = Kind("a number or a text", _either(_number, _text))
 NUMBERS_OR_TEXT = Kind("a text, a number or a list of numbers", _either(_text, _listed(_number)))
@@ -116,6 +130,15 @@ TEXT_TABLE = Kind("a table name = text", _table(_text))
 ANYTHING = Kind("a value", _either(_listed(_quantity), lambda value: value))
 
 _ANNOTATED = {"int": WHOLE, "float": NUMBER, "bool": BOOLEAN, "str": TEXT}
+
+
+def or_table(kind: Kind, make: Callable[[dict[str, Any]], Any]) -> Kind:
+    """Return a kind that may also be a table, of which something is made."""
+
+    def take(value: Any) -> Any:
+        return make(value) if isinstance(value, dict) else kind.take(value)
+
+    return Kind(f"{kind.expected}, or a table", take)
 
 
 def arguments(

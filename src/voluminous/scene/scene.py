@@ -31,6 +31,8 @@ class Scene:
         ``image``, as in a scene file. Media and cameras may also be given as objects.
     directory : str or Path
         What relative paths are relative to.
+    volume : Volume, optional
+        What the section ``volume`` describes, if it is there already; else it is read when needed.
 
     Attributes
     ----------
@@ -58,7 +60,13 @@ class Scene:
     (400, 400, 1)
     """
 
-    def __init__(self, settings: Mapping[str, Any], directory: str | Path = ".") -> None:
+    def __init__(
+        self,
+        settings: Mapping[str, Any],
+        directory: str | Path = ".",
+        *,
+        volume: Volume | None = None,
+    ) -> None:
         self.directory = Path(directory)
         self._settings = plain_sections(settings)
         self._source = read_source(self._settings["volume"])
@@ -66,7 +74,7 @@ class Scene:
         self.camera = build_camera(self._settings["camera"])
         self.render_options = render_options(self._settings["render"])
         self.image_options = image_options(self._settings["image"], self.medium.channels)
-        self._volume: Volume | None = None
+        self._volume = volume
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:

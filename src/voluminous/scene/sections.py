@@ -14,11 +14,17 @@ from .kinds import Kind, arguments, check_keys
 _MEDIUM: dict[str, Kind] = {
     **dict.fromkeys(("expr", "emissivity", "extinction"), kinds.EXPRESSIONS),
     **dict.fromkeys(("cmap", "norm"), kinds.TEXT),
-    **dict.fromkeys(("color", "colors", "opacity", "opacities"), kinds.NUMBERS),
-    **dict.fromkeys(("center", "sigma", "half_width", "path_length"), kinds.QUANTITY),
+    **dict.fromkeys(("color", "colors"), kinds.or_table(kinds.NUMBERS, lambda t: _color_by(t))),
+    **dict.fromkeys(("opacity", "opacities"), kinds.NUMBERS),
+    "where": kinds.EXPRESSION,
+    **dict.fromkeys(("center", "sigma", "half_width"), kinds.QUANTITY),
+    "path_length": kinds.QUANTITY_OR_AUTO,
     **dict.fromkeys(("vmin", "vmax"), kinds.QUANTITY),
     "values": kinds.QUANTITIES,
     "samples": kinds.WHOLE,
+    **dict.fromkeys(("level", "levels", "width"), kinds.QUANTITIES),
+    "density": kinds.TEXT,
+    "shading": kinds.NUMBER,
 }
 _CAMERA: dict[str, Kind] = {
     **dict.fromkeys(("incl", "phi", "posang", "zenith", "fov"), kinds.QUANTITY),
@@ -30,8 +36,9 @@ _CAMERA: dict[str, Kind] = {
 _RENDER: dict[str, Kind] = {
     **dict.fromkeys(("scheme", "precision", "device", "order"), kinds.TEXT),
     "background": kinds.NUMBERS_OR_TEXT,
-    "cutoff": kinds.NUMBER,
+    **dict.fromkeys(("cutoff", "tolerance"), kinds.NUMBER),
     "samples": kinds.NUMBER_OR_TEXT,
+    "bounds": kinds.WHOLE_OR_BOOLEAN,
 }
 _IMAGE: dict[str, Kind] = {
     **dict.fromkeys(("exposure", "vmin", "vmax", "softening"), kinds.NUMBER),
@@ -62,6 +69,14 @@ def build_medium(sections: list[Mapping[str, Any]]) -> Any:
             parts.append(make(**arguments(make, rest, _MEDIUM)))
     with placed("[[medium]]"):
         return sum(parts[1:], parts[0])
+
+
+def _color_by(section: Mapping[str, Any]) -> Any:
+    """Return the colours by another expression, from the table ``color`` of a medium."""
+    from ..media import ColorBy
+
+    with placed("color"):
+        return ColorBy(**arguments(ColorBy, section, _MEDIUM))
 
 
 def build_camera(section: Mapping[str, Any]) -> Any:

@@ -7,13 +7,17 @@ from typing import Any
 from ..errors import unknown_name
 from .first_order import FirstOrder
 from .olson_kunasz import OlsonKunasz
+from .one_panel import OnePanel
+from .post_classified import PostClassified
 from .second_order import SecondOrder
 
-SCHEMES = {scheme.name: scheme for scheme in (FirstOrder, SecondOrder, OlsonKunasz)}
+SCHEMES = {scheme.name: scheme for scheme in (PostClassified, SecondOrder, FirstOrder, OlsonKunasz)}
 
 
-def get_scheme(name: Any) -> Any:
+def get_scheme(name: Any, *, controlled: bool = True) -> Any:
     """Return the scheme with this name; a scheme object is returned as it is.
+
+    If errors need not be controlled, the cheaper form of a scheme that can.
 
     Raises
     ------
@@ -24,4 +28,6 @@ def get_scheme(name: Any) -> Any:
         return name
     if name not in SCHEMES:
         raise unknown_name("scheme", str(name), SCHEMES)
+    if name == OnePanel.name and not controlled:
+        return OnePanel()
     return SCHEMES[name]()

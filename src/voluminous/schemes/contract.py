@@ -7,17 +7,12 @@ one segment to the next, and how it gets (b, θ) from both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
 
+from .path import Path
 
-@dataclass
-class Solution:
-    """One segment solved: emission per channel; transparency and optical depth per extinction."""
-
-    emission: list[Any]
-    transparency: list[Any]
-    depth: list[Any]
+# One segment solved is a stretch of path like any other.
+Solution = Path
 
 
 class Scheme(Protocol):
@@ -25,12 +20,16 @@ class Scheme(Protocol):
 
     name: str
     order: int
-    place: str  # "cell" or "vertex": where the coefficients are tabulated
+    place: str  # "cell", "vertex": where coefficients are tabulated; "field": fields, interpolated
     linear: bool  # the emission is linear in the emissivity, whatever the extinction
+    controlled: bool  # it keeps to a tolerance, and tells the error (`Path.error`)
     reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""
+
+    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+        """Return what is carried by rays some of which crossed empty space (a mask)."""
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -20,11 +20,16 @@ class FirstOrder:
     order = 1
     place = "cell"
     linear = True
+    controlled = False
     reckoned = False
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry nothing: a segment knows its cell."""
         return []
+
+    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+        """Carry nothing."""
+        return carried
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..backend import dr
 from .contract import Solution
 
 # Coefficients at one end of a segment: j per emission, α per extinction.
@@ -23,6 +24,10 @@ class Linear:
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry the values where the ray is."""
         return list(source.interpolate(walk.entry_corners(track, cursor), cursor.inside))
+
+    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+        """Return zeros for rays that crossed empty space: its vertices bear nothing."""
+        return [dr.select(moved, 0.0, value) for value in carried]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

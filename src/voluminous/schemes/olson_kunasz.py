@@ -39,6 +39,7 @@ class OlsonKunasz(Linear):
 
     name = "olson-kunasz"
     linear = False
+    controlled = False
     reckoned = True
 
     def between(self, front: End, back: End, length: Any) -> Solution:

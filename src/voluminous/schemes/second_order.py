@@ -41,6 +41,7 @@ class SecondOrder(Linear):
 
     name = "second-order"
     linear = True
+    controlled = False
     reckoned = False
 
     def between(self, front: End, back: End, length: Any) -> Solution:

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from .. import metadata
-from ..planes import gathered
+from ..planes import PLANES, gathered
 from . import fits_axes
 from .contract import Format
 
 if TYPE_CHECKING:
     from ..image import Image
 
-_PLANES = ("transparency", "optical_depth")
 _TEXT = "VOLMETA"
 _COUNT = "NEXTEND"
 
@@ -30,7 +29,7 @@ def write(image: Image, path: Path) -> None:
     from astropy.io import fits
 
     hdus = [fits.PrimaryHDU(_channels_first(image.intensity), header=_header(image))]
-    for name in _PLANES:
+    for name in PLANES:
         plane = getattr(image, name)
         if plane is not None:
             hdus.append(fits.ImageHDU(_channels_first(gathered(plane)), name=name.upper()))
@@ -41,6 +40,8 @@ def write(image: Image, path: Path) -> None:
 
 
 def _channels_first(planes: NDArray[Any]) -> NDArray[Any]:
+    if planes.ndim == 2:
+        return planes
     return planes[..., 0] if planes.shape[-1] == 1 else np.moveaxis(planes, -1, 0)
 
 
@@ -101,7 +102,7 @@ def _channels_last(data: Any) -> NDArray[Any]:
 
 
 def _planes(extras: dict[str, NDArray[Any]], shape: tuple[int, ...]) -> dict[str, Any]:
-    found = {name: extras.get(name.upper()) for name in _PLANES}
+    found = {name: extras.get(name.upper()) for name in PLANES}
     return {
         name: _channels_last(data)
         for name, data in found.items()

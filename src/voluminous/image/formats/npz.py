@@ -9,20 +9,19 @@ import numpy as np
 
 from ...errors import FileFormatError
 from .. import metadata
-from ..planes import gathered
+from ..planes import PLANES, gathered
 from .contract import Format
 
 if TYPE_CHECKING:
     from ..image import Image
 
-_PLANES = ("transparency", "optical_depth")
 _AXES = ("x", "y")
 
 
 def write(image: Image, path: Path) -> None:
     """Write all arrays uncompressed: intensities hardly get smaller, only slower."""
     arrays: dict[str, Any] = {"intensity": image.intensity, "x": image.x, "y": image.y}
-    for name in _PLANES:
+    for name in PLANES:
         plane = getattr(image, name)
         if plane is not None:
             arrays[name] = gathered(plane)
@@ -38,7 +37,7 @@ def read(path: Path) -> dict[str, Any]:
             found = ", ".join(archive.files) or "nothing"
             raise FileFormatError(f"expected an array named intensity; the file holds {found}")
         image = {"intensity": archive["intensity"]}
-        image |= {name: archive[name] for name in (*_PLANES, *_AXES) if name in archive}
+        image |= {name: archive[name] for name in (*PLANES, *_AXES) if name in archive}
         text = str(archive["metadata"]) if "metadata" in archive else None
     return image | metadata.loads(text, image["intensity"].shape)
 

@@ -1,0 +1,127 @@
+"""Values and gradients of a scalar on the cells of a volume, in pieces of bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression
+from ..grids import CartesianGrid
+from ..volume import Volume
+
+# Cells looked at: enough for any median or histogram, and a second of work at most.
+BUDGET = 1 << 22
+# Cells of a piece: its temporary arrays take some tens of MiB.
+_PIECE = 1 << 19
+
+
+@dataclass
+class Piece:
+    """Whole layers of the first axis. Lengths are in units of the grid's scale.
+
+    Attributes
+    ----------
+    x : array, shape (layers, ny, nz)
+        The scalar at the cell centres; NaN where it is not finite.
+    slope : array
+        |∇x| there.
+    reach : array
+        How far x goes from its value at the centre, up and down, within a cell in which it is
+        linear: ½ Σ |∂x/∂i| hᵢ.
+    widths : list of three arrays
+        Cell widths, each with three axes.
+    """
+
+    x: np.ndarray
+    slope: np.ndarray
+    reach: np.ndarray
+    widths: list[np.ndarray]
+
+    @property
+    def volume(self) -> np.ndarray:
+        """Volumes of the cells, of a shape that broadcasts."""
+        return self.widths[0] * self.widths[1] * self.widths[2]
+
+
+def pieces(volume: Volume, expr: Expression, budget: float = BUDGET) -> Iterator[Piece]:
+    """Yield pieces of a volume: all of it, or every k-th where there are more cells than `budget`.
+
+    Parameters
+    ----------
+    volume : Volume
+        On a `CartesianGrid`.
+    expr : Expression
+        The scalar x.
+    budget : float
+        Number of cells to be looked at; infinity for all.
+
+    Raises
+    ------
+    InputError
+        If the grid is of another kind.
+    UnknownNameError
+        If the expression names a field that does not exist.
+    """
+    if not isinstance(volume.grid, CartesianGrid):
+        raise InputError(
+            f"thicknesses are measured on a CartesianGrid, got a {type(volume.grid).__name__}; "
+            "give path_length as a number"
+        )
+    volume.check_names(expr)
+    for first, stop in _parts(volume.grid.shape, budget):
+        yield _piece(volume, expr, first, stop)
+
+
+def _parts(shape: tuple[int, ...], budget: float) -> list[tuple[int, int]]:
+    """Return the layers of each piece, evenly spread where they are not all."""
+    layers, size = shape[0], int(np.prod(shape, dtype=object))
+    thick = max(1, _PIECE * layers // size)
+    count = -(-layers // thick)
+    step = min(count, max(1, int(np.ceil(size / budget))))
+    return [(k * thick, min((k + 1) * thick, layers)) for k in range((step - 1) // 2, count, step)]
+
+
+def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> Piece:
+    """Return the layers from `first` to `stop`; differences look one layer further."""
+    low, high = max(0, first - 1), min(volume.grid.shape[0], stop + 1)
+    own = slice(first - low, stop - low)
+    x = _evaluate(volume, expr, low, high)
+    edges = [e / volume.grid.scale for e in volume.grid.edges]
+    edges[0] = edges[0][low : high + 1]
+    widths = [_along(np.diff(e), axis) for axis, e in enumerate(edges)]
+    square: Any = np.zeros((), x.dtype)
+    reach: Any = np.zeros((), x.dtype)
+    for axis in range(3):
+        slope = _derivative(x, edges[axis], axis, volume.grid.is_uniform)
+        square = square + slope * slope
+        reach = reach + 0.5 * np.abs(slope) * widths[axis].astype(x.dtype)
+    x[~np.isfinite(x)] = np.nan
+    widths[0] = widths[0][own]
+    return Piece(x[own], np.sqrt(square)[own], reach[own], widths)
+
+
+def _evaluate(volume: Volume, expr: Expression, low: int, high: int) -> np.ndarray:
+    edges = volume.grid.edges
+    grid = CartesianGrid(edges[0][low : high + 1], edges[1], edges[2])
+    fields = {name: volume.array(name)[low:high] for name in expr.names if name in volume}
+    return Volume(grid, fields).evaluate(expr)
+
+
+def _derivative(x: np.ndarray, edges: np.ndarray, axis: int, uniform: bool) -> np.ndarray:
+    """Return ∂x/∂axis by central differences; zero where it is not finite, or there is one cell."""
+    if x.shape[axis] < 2:
+        return np.zeros_like(x)
+    centers = 0.5 * (edges[1:] + edges[:-1])
+    spacing = (edges[-1] - edges[0]) / (len(edges) - 1) if uniform else centers
+    with np.errstate(all="ignore"):
+        slope = np.gradient(x, spacing, axis=axis)
+    slope[~np.isfinite(slope)] = 0.0
+    return slope
+
+
+def _along(values: np.ndarray, axis: int) -> np.ndarray:
+    return values.reshape([-1 if k == axis else 1 for k in range(3)])

@@ -1,0 +1,136 @@
+"""How thick a shell is in a volume, and how often a line of sight crosses it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..expressions import Expression
+from ..volume import Volume
+from .profile import Profile
+from .samples import BUDGET, Piece, pieces
+
+# Cells that see less of the shell than this part of what they could see do not count.
+_NOTICEABLE = 0.01
+# A line along the grid has met a shell where it sees this part of its median thickness.
+_MET = 0.3
+
+
+@dataclass
+class Thickness:
+    """What was measured of one shell.
+
+    Attributes
+    ----------
+    length : float
+        Median thickness, in the volume's unit.
+    crossings : float
+        Mean number of thicknesses that a line along y or z sees, of those that see the shell; zero
+        if none does.
+    area : float
+        Area of the shell in what was looked at, in an arbitrary unit.
+    """
+
+    length: float
+    crossings: float
+    area: float
+
+
+def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -> list[Thickness]:
+    """Return the median thickness of shells of one scalar x in a volume.
+
+    Where x has the gradient ∇x, a shell of effective width w (`Profile.width`) in x is w / |∇x|
+    thick, or as thick as the shortest side L of the domain if that is less (a volume filled with
+    the shell, seen along that side, shows its colour). Each cell that the shell goes through counts
+    with the area it contributes to the shell, volume times mean profile over thickness, so the
+    median is that of the lines of sight that cross the shell.
+
+    Parameters
+    ----------
+    volume : Volume
+        Where x is looked at; of large ones, evenly spread layers.
+    expr : Expression
+        The scalar x.
+    profiles : sequence of Profile
+        The shells.
+
+    Returns
+    -------
+    list of Thickness
+        For a shell that is nowhere in the volume, the shortest side.
+
+    Notes
+    -----
+    The area follows from the coarea formula, ∫ f |∇x| dV = ∫ dx ∫ f dA.
+    """
+    found = _measure(volume, expr, profiles, BUDGET)
+    missed = [k for k, shell in enumerate(found) if not shell.area]
+    if missed and volume.grid.size > BUDGET:  # perhaps between the layers that were looked at
+        again = _measure(volume, expr, [profiles[k] for k in missed], np.inf)
+        for k, shell in zip(missed, again, strict=True):
+            found[k] = shell
+    scale, longest = volume.grid.scale, _shortest_side(volume)
+    return [shell.measured(longest, scale) for shell in found]
+
+
+@dataclass
+class _Shell:
+    """Thicknesses of cells, the areas they count with, and lengths that lines see."""
+
+    lengths: list[np.ndarray] = field(default_factory=list)
+    areas: list[np.ndarray] = field(default_factory=list)
+    seen: list[np.ndarray] = field(default_factory=list)
+
+    @property
+    def area(self) -> float:
+        return float(sum(areas.sum() for areas in self.areas))
+
+    def add(self, piece: Piece, profile: Profile, longest: float) -> None:
+        mean = profile.mean(piece.x, piece.reach)
+        # The most there can be, where a cell is steeper than the shell is wide.
+        most = profile.width / np.maximum(profile.width, 2 * piece.reach)
+        inside = mean > _NOTICEABLE * most
+        slope = piece.slope[inside].astype(np.float64)
+        thin = slope * longest > profile.width
+        length = np.divide(profile.width, slope, out=np.full(len(slope), longest), where=thin)
+        volume = np.broadcast_to(piece.volume, mean.shape)[inside]
+        self.lengths.append(length)
+        self.areas.append(mean[inside] * volume / length)
+        for axis in (1, 2):
+            seen = (mean * piece.widths[axis]).sum(axis=axis).ravel()
+            self.seen.append(seen[seen > 0])
+
+    def measured(self, longest: float, scale: float) -> Thickness:
+        if not self.area:
+            return Thickness(longest * scale, 0.0, 0.0)
+        length = weighted_median(np.concatenate(self.lengths), np.concatenate(self.areas))
+        seen = np.concatenate(self.seen)
+        met = seen[seen > _MET * length]
+        crossings = float(met.mean() / length) if len(met) else 0.0
+        return Thickness(length * scale, crossings, self.area)
+
+
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """Return the least value that, with all below it, has at least half of the weight."""
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(reached, 0.5 * reached[-1])]])
+
+
+def _measure(
+    volume: Volume, expr: Expression, profiles: Sequence[Profile], budget: float
+) -> list[_Shell]:
+    shells = [_Shell() for _ in profiles]
+    longest = _shortest_side(volume)
+    for piece in pieces(volume, expr, budget):
+        for shell, profile in zip(shells, profiles, strict=True):
+            if profile.width > 0:
+                shell.add(piece, profile, longest)
+    return shells
+
+
+def _shortest_side(volume: Volume) -> float:
+    """Return the shortest side of the domain in units of the grid's scale."""
+    return float(np.ptp(volume.grid.bounds, axis=1).min() / volume.grid.scale)

@@ -1,0 +1,82 @@
+"""The derivatives of one volume: computed when first asked for, and kept."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..expressions import DerivedField, required_names
+from ..memory import fits
+from ..units import parse_unit
+from .layers import whole
+
+# Bytes per cell that keeping derivatives must leave to other things.
+_SPARE = 16
+
+
+class _Kept(NamedTuple):
+    array: np.ndarray
+    # The fields it was made of, and a hash of each.
+    source: dict[str, bytes]
+
+
+class Derivatives:
+    """What was computed of a volume's derivatives.
+
+    Each method is given the volume: one that it referred to itself would stay in memory until
+    Python's garbage collector comes by.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[str, _Kept] = {}
+
+    def array(self, volume: Any, derived: DerivedField) -> np.ndarray:
+        """Return the values, float32 or float64, in `unit`."""
+        if derived.name not in self._kept:
+            with np.errstate(all="ignore"):  # NaN and infinity say enough
+                array = whole(
+                    derived.operation,
+                    lambda part: volume.evaluate_layers(derived.argument, part),
+                    volume.grid.centers,
+                )
+            names = [name for name in required_names(derived.argument) if name in volume]
+            self._kept[derived.name] = _Kept(array, {name: _hash(volume, name) for name in names})
+        return self._kept[derived.name].array
+
+    def unit(self, volume: Any, derived: DerivedField) -> Any:
+        """Return the unit: that of the argument, per length or per length squared."""
+        unit = volume.expression_unit(derived.argument)
+        if unit is None and volume.unit is None:
+            return None
+        from astropy import units as u
+
+        power = 2 if derived.operation == "laplacian" else 1
+        length = u.dimensionless_unscaled if volume.unit is None else volume.unit
+        try:
+            return parse_unit((u.dimensionless_unscaled if unit is None else unit) / length**power)
+        except (u.UnitsError, TypeError):  # such as a magnitude per length
+            return None
+
+    def forget(self, field: str) -> None:
+        """Forget the derivatives made of a field."""
+        self._kept = {n: kept for n, kept in self._kept.items() if field not in kept.source}
+
+    def refresh(self, volume: Any) -> None:
+        """Forget the derivatives made of arrays that have been changed in place since.
+
+        Where memory gets short, all. That is for now and not for when the next one is computed:
+        the others may be needed for the same expression.
+        """
+        if self._kept and not fits(_SPARE * volume.grid.size):
+            self._kept.clear()
+        used = {name for kept in self._kept.values() for name in kept.source}
+        now = {name: _hash(volume, name) for name in used}
+        for name in [n for n, kept in self._kept.items() if not kept.source.items() <= now.items()]:
+            del self._kept[name]
+
+
+def _hash(volume: Any, name: str) -> bytes:
+    import xxhash
+
+    return bytes(xxhash.xxh3_64_digest(volume.array(name).data))

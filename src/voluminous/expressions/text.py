@@ -1,0 +1,70 @@
+"""From a tree back to text, the same for all ways to write an expression."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+from .tree import Call, Comparison, Constant, Field, IntegerPower, Logic, Node, Where
+
+_PREFIX = {"negative": "-", "positive": "+", "logical_not": "not "}
+_INFIX = {
+    "add": "+",
+    "subtract": "-",
+    "multiply": "*",
+    "divide": "/",
+    "floor_divide": "//",
+    "remainder": "%",
+    "power": "**",
+    "less": "<",
+    "less_equal": "<=",
+    "greater": ">",
+    "greater_equal": ">=",
+    "equal": "==",
+    "not_equal": "!=",
+    "logical_and": "and",
+    "logical_or": "or",
+}
+
+
+def text(node: Node) -> str:
+    """Return a text that is parsed into this very tree."""
+    match node:
+        case Constant(value):
+            return repr(value).removesuffix(".0")
+        case Field(name):  # a derivative too
+            return name
+        case IntegerPower(base, exponent):
+            return f"{_operand(base)} ** {exponent}"
+        case Comparison(operations, operands):
+            return _chained([_INFIX[operation] for operation in operations], operands)
+        case Where(condition, chosen, otherwise):
+            return f"where({_listed((condition, chosen, otherwise))})"
+        case Call(operation, arguments) | Logic(operation, arguments):
+            return _operation(operation, arguments)
+    raise TypeError(f"not a number in an expression: {node!r}")
+
+
+def _operation(operation: str, arguments: tuple[Node, ...]) -> str:
+    if operation in _PREFIX:
+        return _PREFIX[operation] + _operand(arguments[0])
+    if operation in _INFIX:
+        return _chained([_INFIX[operation]] * (len(arguments) - 1), arguments)
+    return f"{operation}({_listed(arguments)})"
+
+
+def _chained(symbols: list[str], operands: tuple[Node, ...]) -> str:
+    """Return operands with a symbol between each two."""
+    first, *others = (_operand(operand) for operand in operands)
+    return " ".join((first, *chain.from_iterable(zip(symbols, others, strict=True))))
+
+
+def _operand(node: Node) -> str:
+    """Return the text of an operand, in parentheses unless it can do without."""
+    shown = text(node)
+    simple = isinstance(node, Constant) and not shown.startswith("-")
+    function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
+    return shown if simple or function or isinstance(node, (Field, Where)) else f"({shown})"
+
+
+def _listed(nodes: tuple[Node, ...]) -> str:
+    return ", ".join(text(node) for node in nodes)

@@ -1,0 +1,212 @@
+"""The operations of expressions on jets: enclosures of values and of derivatives along a ray."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from .interval import Truth
+from .ops import Ops
+from .traced_interval import TracedInterval
+from .traced_interval_ops import TracedIntervalOps
+from .traced_jet import Derivative, TracedJet, chain, negative, plus, times
+
+_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
+
+
+class TracedJetOps(Ops):
+    """Evaluation with `TracedJet`.
+
+    Values are those of `TracedIntervalOps`. Derivatives are known of arithmetic, powers, roots,
+    exponentials, logarithms, sines and hyperbolic tangents; of the rest, and where a kink or jump
+    may be, they may be anything.
+
+    Parameters
+    ----------
+    float_type : type
+        The Dr.Jit type of the ends.
+    constant : callable, optional
+        As in `DrjitOps`.
+    """
+
+    def __init__(self, float_type: Any, constant: Callable[[float], Any] | None = None) -> None:
+        self._float = float_type
+        self._at = TracedIntervalOps(float_type, constant)
+        for name in _COMPARISONS:
+            setattr(self, name, self._comparison(name))
+        for name in ("tan", "atan2", "floor_divide", "remainder"):
+            setattr(self, name, self._rough(name))
+
+    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+        """Return this evaluator and the fields, which are jets."""
+        return self, dict(values)
+
+    def constant(self, value: float) -> TracedJet:
+        """Return a number."""
+        return TracedJet(self._at.constant(value))
+
+    def is_mask(self, value: Any) -> bool:
+        """Return True for truth values."""
+        return isinstance(value, Truth)
+
+    def number(self, value: Any) -> TracedJet:
+        """Return `value` as a jet; true is 1 and false is 0, and between them is a jump."""
+        if not isinstance(value, Truth):
+            return value
+        jump = self._zero().unknown_where(value.true & value.false, False)
+        return TracedJet(self._at.number(value), jump, jump)
+
+    def mask(self, value: Any) -> Any:
+        """Return `value` as a mask: numbers other than 0 are true."""
+        return value if self.is_mask(value) else self._at.mask(value.value)
+
+    def ones_like(self, value: TracedJet) -> TracedJet:
+        """Return one."""
+        return TracedJet(self._at.ones_like(value.value))
+
+    def add(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the sum."""
+        return TracedJet(a.value + b.value, plus(a.first, b.first), plus(a.second, b.second))
+
+    def negative(self, a: TracedJet) -> TracedJet:  # type: ignore[override]
+        """Return minus a value."""
+        return TracedJet(-a.value, negative(a.first), negative(a.second))
+
+    def positive(self, a: TracedJet) -> TracedJet:  # type: ignore[override]
+        """Return the value."""
+        return a
+
+    def subtract(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the difference."""
+        return self.add(a, self.negative(b))
+
+    def multiply(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the product: (ab)'' = a'' b + 2 a' b' + a b''."""
+        cross = times(a.first, b.first)
+        outer = plus(times(a.second, b.value), times(a.value, b.second))
+        return TracedJet(
+            a.value * b.value,
+            plus(times(a.first, b.value), times(a.value, b.first)),
+            plus(plus(cross, cross), outer),
+        )
+
+    def divide(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the quotient; its value is that of intervals, tighter than a product's."""
+        if b.fixed:
+            over = [None if part is None else part / b.value for part in (a.first, a.second)]
+            return TracedJet(a.value / b.value, *over)
+        inverse = self.integer_power(b, -1)
+        found = self.multiply(a, inverse)
+        return TracedJet(a.value / b.value, found.first, found.second)
+
+    def integer_power(self, base: TracedJet, exponent: int) -> TracedJet:
+        """Return a whole power."""
+        at = self._at
+        value = at.integer_power(base.value, exponent)
+        if base.fixed:
+            return TracedJet(value)
+        slope = float(exponent) * at.integer_power(base.value, exponent - 1)
+        bend = float(exponent * (exponent - 1)) * at.integer_power(base.value, exponent - 2)
+        return chain(base, value, slope, bend)
+
+    def power(self, base: TracedJet, exponent: TracedJet) -> TracedJet:
+        """Return base**exponent; nothing is known of the derivatives if the exponent varies."""
+        at = self._at
+        value, p = at.power(base.value, exponent.value), exponent.value
+        if not exponent.fixed or base.fixed:
+            return self._of_unknown_shape(value, (base, exponent))
+        slope = p * at.power(base.value, p - 1.0)
+        bend = p * (p - 1.0) * at.power(base.value, p - 2.0)
+        return chain(base, value, slope, bend)
+
+    def exp(self, x: TracedJet) -> TracedJet:
+        """Return the exponential, which is its own derivative."""
+        value = self._at.exp(x.value)
+        return chain(x, value, value, value)
+
+    def log(self, x: TracedJet) -> TracedJet:
+        """Return the natural logarithm."""
+        return self._logarithm(x, self._at.log(x.value), 1.0)
+
+    def log10(self, x: TracedJet) -> TracedJet:
+        """Return the logarithm to base ten."""
+        return self._logarithm(x, self._at.log10(x.value), 1.0 / math.log(10.0))
+
+    def _logarithm(self, x: TracedJet, value: TracedInterval, factor: float) -> TracedJet:
+        if x.fixed:
+            return TracedJet(value)
+        near = [float(np.nextafter(factor, end)) for end in (0.0, np.inf)]
+        slope = TracedInterval(*map(self._float, near)) / x.value
+        return chain(x, value, slope, -(slope / x.value))
+
+    def sqrt(self, x: TracedJet) -> TracedJet:
+        """Return the square root."""
+        root = self._at.sqrt(x.value)
+        if x.fixed:
+            return TracedJet(root)
+        slope = 0.5 / root
+        return chain(x, root, slope, -0.5 * (slope / x.value))
+
+    def sin(self, x: TracedJet) -> TracedJet:
+        """Return the sine."""
+        sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
+        return chain(x, sine, cosine, -sine)
+
+    def cos(self, x: TracedJet) -> TracedJet:
+        """Return the cosine."""
+        sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
+        return chain(x, cosine, -sine, -cosine)
+
+    def tanh(self, x: TracedJet) -> TracedJet:
+        """Return the hyperbolic tangent."""
+        value = self._at.tanh(x.value)
+        slope = 1.0 - value * value
+        return chain(x, value, slope, -2.0 * (value * slope))
+
+    def abs(self, x: TracedJet) -> TracedJet:  # type: ignore[override]
+        """Return the magnitude; it has a kink where the sign changes."""
+        found = self.where(x.value >= 0.0, x, self.negative(x))
+        return TracedJet(abs(x.value), found.first, found.second)
+
+    def minimum(self, left: TracedJet, right: TracedJet) -> TracedJet:
+        """Return the smaller of both."""
+        found = self.where(left.value < right.value, left, right)
+        return TracedJet(self._at.minimum(left.value, right.value), found.first, found.second)
+
+    def maximum(self, left: TracedJet, right: TracedJet) -> TracedJet:
+        """Return the larger of both."""
+        found = self.where(left.value > right.value, left, right)
+        return TracedJet(self._at.maximum(left.value, right.value), found.first, found.second)
+
+    def where(self, mask: Truth, chosen: TracedJet, otherwise: TracedJet) -> TracedJet:
+        """Return the one or the other; where it can be either, derivatives may be anything."""
+        either = mask.true & mask.false
+        derivatives = [
+            self._at.where(mask, self._interval(a), self._interval(b)).unknown_where(either, False)
+            for a, b in ((chosen.first, otherwise.first), (chosen.second, otherwise.second))
+        ]
+        return TracedJet(self._at.where(mask, chosen.value, otherwise.value), *derivatives)
+
+    def _comparison(self, name: str) -> Callable[[TracedJet, TracedJet], Truth]:
+        compare = getattr(self._at, name)
+        return lambda a, b: compare(a.value, b.value)
+
+    def _rough(self, name: str) -> Callable[..., TracedJet]:
+        function = getattr(self._at, name)
+        return lambda *xs: self._of_unknown_shape(function(*(x.value for x in xs)), xs)
+
+    def _of_unknown_shape(self, value: TracedInterval, inputs: Any) -> TracedJet:
+        if all(x.fixed for x in inputs):
+            return TracedJet(value)
+        anything = TracedInterval(self._float(-dr.inf), self._float(dr.inf))
+        return TracedJet(value, anything, anything)
+
+    def _interval(self, derivative: Derivative) -> TracedInterval:
+        return self._zero() if derivative is None else derivative
+
+    def _zero(self) -> TracedInterval:
+        return TracedInterval.constant(self._float(0))

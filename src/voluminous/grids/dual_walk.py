@@ -1,0 +1,172 @@
+"""The walk of rays through the dual grid: cells whose corners are the centres of the grid's cells.
+
+Inside a dual cell a field given at cell centres is trilinear, so along a ray it is a cubic. The
+outermost layer of dual cells reaches as far beyond the domain's face as the outermost centres lie
+within it; rays walk through the inner half of it, where fields are constant across the face.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from .axes import NEVER, Side
+from .cartesian_walk import CartesianWalk, Cursor, Track
+from .contract import Ray, Segment
+
+# Slower than this along an axis, a ray runs parallel to its walls.
+PARALLEL = 1e-150
+
+
+@dataclass
+class DualTrack(Track):
+    """Also how mirrored fractions become real ones, the first corner, and the ray itself.
+
+    Attributes
+    ----------
+    sign, offset : list of arrays
+        The fraction along an axis is ``offset + sign · mirrored fraction``.
+    first_corner : array
+        What to add to the mirrored lower vertex to get the lower vertex.
+    origin, direction : list of arrays
+        The point where distances start, and the way per unit of distance, in the volume's unit.
+    """
+
+    sign: list[Any]
+    offset: list[Any]
+    first_corner: Any
+    origin: list[Any]
+    direction: list[Any]
+
+
+class Chord:
+    """A segment as a straight line through a dual cell.
+
+    What is asked for is computed where it is asked for, each time: what only a branch needs is
+    computed in the branch.
+
+    Parameters
+    ----------
+    walk, track, segment
+        The segment, and how it was found.
+    """
+
+    def __init__(self, walk: DualWalk, track: DualTrack, segment: Segment) -> None:
+        self.walk, self.track, self.segment = walk, track, segment
+
+    @property
+    def cell(self) -> Any:
+        """Flat number of the dual cell."""
+        return self.segment.cell
+
+    @property
+    def corner(self) -> Any:
+        """Flat number of its lower corner, among the padded centres."""
+        return self.walk.backend.UInt(self.segment.exit.vertex + self.track.first_corner)
+
+    @property
+    def start(self) -> list[Any]:
+        """Where it enters, as fractions of the cell along each axis."""
+        return self._fractions(self.segment.begin)
+
+    @property
+    def end(self) -> list[Any]:
+        """Where it leaves, as fractions of the cell along each axis."""
+        return self._fractions(self.segment.end)
+
+    @property
+    def way(self) -> list[Any]:
+        """How far it goes, as fractions of the cell along each axis."""
+        return [b - a for a, b in zip(self.start, self.end, strict=True)]
+
+    @property
+    def position(self) -> list[Any]:
+        """Where it enters, in the volume's coordinates."""
+        track = self.track
+        return [
+            dr.fma(self.segment.begin, d, o)
+            for o, d in zip(track.origin, track.direction, strict=True)
+        ]
+
+    @property
+    def step(self) -> list[Any]:
+        """How far it goes, in the volume's coordinates."""
+        return [self.segment.length * d for d in self.track.direction]
+
+    def _fractions(self, t: Any) -> list[Any]:
+        """Return where a ray is in its dual cell, counted upwards along each axis."""
+        track = self.track
+        mirrored = self.walk.fractions(track, self.segment.exit.index, t)
+        return [dr.fma(f, s, o) for f, s, o in zip(mirrored, track.sign, track.offset, strict=True)]
+
+
+def dual_edges(edges: np.ndarray) -> np.ndarray:
+    """Return the centres of cells, and one more on either side, mirrored at the outermost faces."""
+    centers = 0.5 * (edges[1:] + edges[:-1])
+    below, above = 2.0 * edges[0] - centers[0], 2.0 * edges[-1] - centers[-1]
+    return np.concatenate([[below], centers, [above]])
+
+
+class DualWalk(CartesianWalk):
+    """Rays through the dual of a `CartesianGrid`."""
+
+    def __init__(self, edges: Any, scale: float, backend: Any) -> None:
+        super().__init__([dual_edges(e) for e in edges], scale, backend)
+        self.faces = [(backend.wide(e[0]), backend.wide(e[-1])) for e in edges]
+
+    def enter(self, ray: Ray) -> tuple[Track, Cursor]:
+        """Return the track and the cursor at the point where each ray enters the domain."""
+        first, last = self._between_faces(ray)
+        if ray.first is not None:
+            first = dr.maximum(first, ray.first)
+        if ray.last is not None:
+            last = dr.minimum(last, ray.last)
+        return super().enter(replace(ray, first=first, last=last))
+
+    def _between_faces(self, ray: Ray) -> tuple[Any, Any]:
+        """Return the distances at which rays enter and leave the domain; the wrong way if never."""
+        Wide = self.backend.Wide
+        first, last = Wide(-NEVER), Wide(NEVER)
+        for origin, direction, (low, high) in zip(
+            ray.origin, ray.direction, self.faces, strict=True
+        ):
+            parallel = dr.abs(direction) < PARALLEL
+            between = (origin >= low) & (origin <= high)
+            pace = 1.0 / dr.select(parallel, 1.0, direction)
+            a, b = (low - origin) * pace, (high - origin) * pace
+            arrive, leave = dr.minimum(a, b), dr.maximum(a, b)
+            never = dr.select(between, Wide(-NEVER), Wide(NEVER))
+            first = dr.maximum(first, dr.select(parallel, never, arrive))
+            last = dr.minimum(last, dr.select(parallel, Wide(NEVER), leave))
+        return first, last
+
+    def _start(
+        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
+    ) -> tuple[DualTrack, Cursor]:
+        track, cursor = super()._start(sides, arrive, begin, inside, bound)
+        Float = self.backend.Float
+        down = [side.down for side in sides]
+        sign = [dr.select(d, Float(-1), 1) for d in down]
+        offset = [dr.select(d, Float(1), 0) for d in down]
+        first_corner = self.backend.Int(0)
+        for is_down, stride in zip(down, self.vertex_strides, strict=True):
+            first_corner -= dr.select(is_down, stride, 0)
+        here = arrive * self.scale
+        origin = [Float(dr.fma(here, side.direction, side.origin)) for side in sides]
+        direction = [Float(side.direction * self.scale) for side in sides]
+        whole = DualTrack(
+            **vars(track),
+            sign=sign,
+            offset=offset,
+            first_corner=first_corner,
+            origin=origin,
+            direction=direction,
+        )
+        return whole, cursor
+
+    def chord(self, track: DualTrack, segment: Segment) -> Chord:
+        """Return a segment as a straight line through its dual cell."""
+        return Chord(self, track, segment)

@@ -1,0 +1,90 @@
+"""How a scalar departs from a line along a stretch of ray, and what that does to thin shells."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..backend import dr
+from ..backend.functions import precision_of
+from .stretch import Straight, extremes
+
+if TYPE_CHECKING:
+    from ..expressions import Expression
+    from .stretch import Panel, Stretch
+
+# A scalar is taken as quadratic only where its slope changes by less than this over a panel.
+_MOST_CHANGE = 0.5
+# Second differences below this fraction of a scalar may be nothing but rounding.
+_NOISE = {"single": 2e-6, "double": 4e-15}
+
+
+def slope_factor(panel: Panel, expr: Expression, place: Any, narrow: Any) -> Any:
+    """Return the mean slope of a scalar over its slope at a place in a panel.
+
+    The mean of a shape over a panel is, with x for the variable of integration, that of shape/x';
+    with a quadratic through the three nodes of the stretch it is that for a line, times this factor
+    at the shape's centre of mass. One order more than a line gives, for thin shells and for wide.
+
+    Parameters
+    ----------
+    place : array
+        The centre of mass, as a fraction of the panel.
+    """
+    stretch = panel.stretch
+    if isinstance(stretch, Straight):
+        return 1.0
+    first, middle, last = (stretch.scalar(expr, s) for s in (0.0, 0.5, 1.0))
+    bow = narrow(2.0 * (first - 2.0 * middle + last))
+    noise = narrow(_NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last)))
+    bow = dr.select(dr.abs(bow) > noise, bow, 0.0)
+    ends = panel.ends(expr)
+    rise = narrow(ends[1] - ends[0])
+    width = panel.last - panel.first
+    change = 2.0 * width * width * bow * (place - 0.5)
+    near = dr.abs(change) < _MOST_CHANGE * dr.abs(rise)
+    return dr.select(near, rise / dr.select(near, rise + change, 1.0), 1.0)
+
+
+def bend(
+    stretch: Stretch, expr: Expression, narrowness: Any, offset: Any, low: Any, high: Any
+) -> Any:
+    """Return the relative error that the bends of a scalar may make in a thin shell on a stretch.
+
+    From the cubic part of the scalar (the third difference of its control points), which two halves
+    and the whole may agree about by accident: a quadratic through the nodes misses half of it in
+    slope; twice that, since control points tell the cubic part of a function of fields only nearly.
+    Zero for shells much wider than the change of the scalar.
+
+    Parameters
+    ----------
+    narrowness : array
+        One over the width of the shell.
+    offset : callable
+        Returns how far values of the scalar are from the shell's centre.
+    low, high : array
+        Between which offsets the shell is seen.
+    """
+    b0, b1, b2, b3 = (offset(x) for x in stretch.controls(expr))
+    cubic = dr.abs(b3 - 3.0 * b2 + 3.0 * b1 - b0)
+    nodes = [offset(stretch.scalar(expr, s)) for s in (0.0, 0.5, 1.0)]
+    total = cubic * 0.0
+    for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])):
+        least, largest = extremes([a, b])
+        rise = largest - least
+        wide = rise * narrowness
+        thin = 0.25 * wide * wide
+        # The slope per stretch is twice the rise of a half.
+        own = dr.select(thin < 1.0, thin, 1.0) * 0.5 * cubic / dr.select(rise > 0.0, rise, 1.0)
+        own = dr.select(dr.isnan(own), 0.0, own)  # of infinite values: log10 of zeros
+        own = dr.select((largest >= low) & (least <= high), own, 0.0)
+        total = dr.select(own > total, own, total)
+    return dr.select(total < 1.0, total, 1.0)
+
+
+def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -> Any:
+    """Return how thin a shell is compared with the halves of a stretch: 0 (wide) to 1."""
+    nodes = [stretch.scalar(expr, s) for s in (0.0, 0.5, 1.0)]
+    first, last = (dr.abs(narrow(b - a)) for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])))
+    wide = dr.select(first > last, first, last) * narrowness
+    thin = 0.25 * wide * wide
+    return dr.select(thin < 1.0, thin, 1.0)

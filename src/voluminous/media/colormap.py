@@ -1,0 +1,87 @@
+"""Colours from a matplotlib colormap, as a medium."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .color_scale import ColorScale
+from .given import named
+from .table import Table
+
+
+class Colormap(Table):
+    """Colours from a matplotlib colormap, opacity uniform or as a function of the position in it.
+
+    Parameters
+    ----------
+    expr : str
+        Expression x of the fields.
+    cmap : str or matplotlib.colors.Colormap
+        Name or object; its RGB become three channels.
+    vmin, vmax : float or Quantity
+        Range of x; beyond it the colours of the ends go on.
+    opacity : float or callable
+        Extinction h_α, or a function of the position 0 … 1 in the colormap.
+    path_length : float, Quantity or "auto"
+        Length to which colour and opacity refer: seen through one path length, a value shows the
+        colour of the map times `opacity` (emission weighted by opacity, as in a picture).
+        ``"auto"`` as in `Table`.
+    where : str, optional
+        As in `Gaussian`.
+    norm : str or matplotlib.colors.Normalize, optional
+        How x maps to the position: ``"linear"``, ``"log"``, ``"symlog"`` … or an object.
+    samples : int
+        Number of entries taken from the map.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such colormap or norm.
+    InputError
+        If the range is empty, or the norm cannot be applied to it.
+    """
+
+    def __init__(
+        self,
+        expr: Any,
+        cmap: Any,
+        vmin: Any,
+        vmax: Any,
+        opacity: Any,
+        path_length: Any,
+        *,
+        norm: Any = None,
+        samples: int = 256,
+        where: Any = None,
+    ) -> None:
+        scale = ColorScale(cmap, vmin, vmax, norm, samples)
+        alpha = _opacities(opacity, scale.position)
+        self._described = {
+            "type": "colormap",
+            **scale.describe(),
+            "opacity": alpha.tolist() if callable(opacity) else float(opacity),
+        }
+        nodes = scale.values * scale.unit if scale.unit is not None else scale.values
+        super().__init__(expr, nodes, scale.rgb * alpha[:, None], alpha, path_length, where=where)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the medium as plain values."""
+        own = {"expr": self.expr.text, "path_length": named(self.path_length)}
+        return {**self._described, **own, **self.modulated()}
+
+
+def _opacities(opacity: Any, position: np.ndarray) -> np.ndarray:
+    """Return the opacity at positions in a colormap, from a number or a function of them."""
+    given = [opacity(float(p)) for p in position] if callable(opacity) else opacity
+    try:
+        alpha = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"opacity must be a number or a function, got {opacity!r}") from error
+    if alpha.shape not in ((), position.shape) or (alpha.ndim == 1 and not callable(opacity)):
+        raise InputError(
+            f"opacity must be one number, or a function that gives one, got {opacity!r}"
+        )
+    return np.broadcast_to(alpha, position.shape)

@@ -1,0 +1,179 @@
+"""Between which values scalars stay on a panel of a ray, and how straight they run there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from ..backend import dr
+from ..expressions import Expression
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..expressions.traced_jet import Derivative, TracedJet
+from ..expressions.traced_jet_ops import TracedJetOps
+from ..expressions.traced_rounding import larger, lowered, raised, smaller
+from .traced_bounds import TracedRangeContext
+
+_AXES = ("x", "y", "z")
+
+
+@dataclass
+class Piece:
+    """A field on a panel: enclosed by control points, and by values it cannot leave.
+
+    Attributes
+    ----------
+    points : list of four arrays
+        Bézier control points of a cubic.
+    slack : array
+        How far each of them may be off.
+    low, high : arrays
+        The field is never outside, such as beyond the corners of its cell.
+    """
+
+    points: list[Any]
+    slack: Any
+    low: Any
+    high: Any
+
+    def end(self, number: int) -> TracedInterval:
+        """Return the value at the first (0) or last (3) control point."""
+        return self._within(self.points[number], self.points[number])
+
+    def jet(self) -> TracedJet:
+        """Return value and derivatives over the panel: differences of control points.
+
+        A cubic and its derivatives stay within theirs (Farin 2002, sections 5.1 and 5.3).
+        """
+        p = self.points
+        rises = [b - a for a, b in pairwise(p)]
+        bends = [b - a for a, b in pairwise(rises)]
+        return TracedJet(
+            self._within(*extremes(p)), self._times(3.0, rises, 2.0), self._times(6.0, bends, 4.0)
+        )
+
+    def _within(self, low: Any, high: Any) -> TracedInterval:
+        low, high = low - self.slack, high + self.slack
+        return TracedInterval(
+            dr.select(low < self.low, self.low, low), dr.select(high > self.high, self.high, high)
+        )
+
+    def _times(self, factor: float, values: list[Any], slacks: float) -> TracedInterval:
+        low, high = extremes(values)
+        slack = slacks * self.slack
+        return factor * TracedInterval(low - slack, high + slack)
+
+
+@dataclass
+class Course:
+    """A scalar on a panel, u from 0 to 1.
+
+    Attributes
+    ----------
+    first, last, values : TracedInterval
+        What it is at both ends, and anywhere.
+    slope : TracedInterval
+        Its derivative by u.
+    bow : array
+        A bound of its second derivative: it is within u(1-u)/2 times this of the chord.
+    """
+
+    first: TracedInterval
+    last: TracedInterval
+    values: TracedInterval
+    slope: TracedInterval
+    bow: Any
+
+    @property
+    def off(self) -> Any:
+        """The mean distance from the chord between the middles of both ends, at most."""
+        return self.bow * (1.0 / 12.0) + self._doubt
+
+    @property
+    def farthest(self) -> Any:
+        """The largest distance from that chord, at most."""
+        return self.bow * 0.125 + self._doubt
+
+    @property
+    def _doubt(self) -> Any:
+        return larger(self.first.hi - self.first.lo, self.last.hi - self.last.lo)
+
+
+class CourseContext(TracedRangeContext):
+    """Evaluation by what is known of the courses of scalars: tighter than by ranges of fields."""
+
+    def __init__(
+        self,
+        float_type: Any,
+        number: Callable[[float], Any],
+        unit: Any,
+        unit_of: Callable[[Expression], Any],
+    ) -> None:
+        super().__init__(float_type, self.plain, unit, unit_of)
+        self._opaque = number
+        self.courses: Courses | None = None
+
+    def plain(self, value: float) -> Any:
+        """Return a number for kernels, which is put there once."""
+        return self.keep(("number", value), lambda: self._opaque(value))
+
+    def evaluate(self, expression: Expression, fields: dict[str, Any]) -> Any:
+        """Return the interval of an expression on the present panel."""
+        assert self.courses is not None
+        return self.courses.course(expression).values
+
+
+class Courses:
+    """All scalars on a panel.
+
+    Parameters
+    ----------
+    pieces : dict of str to Piece
+        The fields.
+    length : array
+        The panel's length, in the volume's unit.
+    context : CourseContext
+        How expressions are evaluated.
+    """
+
+    def __init__(self, pieces: dict[str, Piece], length: Any, context: CourseContext) -> None:
+        self.real = type(length)
+        # Ends of segments are differences of distances, which round.
+        self.length = TracedInterval(lowered(length), raised(length))
+        self._ops, self._jets = context.ops, TracedJetOps(self.real, context.plain)
+        self._ends = [
+            _with_radius(self._ops, {n: p.end(k) for n, p in pieces.items()}) for k in (0, 3)
+        ]
+        self._whole = _with_radius(self._jets, {n: p.jet() for n, p in pieces.items()})
+        self._found: dict[str, Course] = {}
+        self.fields = {name: jet.value for name, jet in self._whole.items()}
+        self.pieces = pieces
+
+    def course(self, expr: Expression) -> Course:
+        """Return how an expression runs; computed once."""
+        if expr.text not in self._found:
+            self._found[expr.text] = self._course(expr)
+        return self._found[expr.text]
+
+    def _course(self, expr: Expression) -> Course:
+        first, last = (self._ops.number(expr.evaluate(self._ops, end)) for end in self._ends)
+        jet = self._jets.number(expr.evaluate(self._jets, self._whole))
+        bow = self._interval(jet.second).size
+        sag = 0.125 * bow
+        chord_low = lowered(smaller(first.lo, last.lo) - sag)
+        chord_high = raised(larger(first.hi, last.hi) + sag)
+        values = TracedInterval(
+            larger(jet.value.lo, chord_low), smaller(jet.value.hi, chord_high), jet.value.nan
+        )
+        return Course(first, last, values, self._interval(jet.first), bow)
+
+    def _interval(self, derivative: Derivative) -> TracedInterval:
+        return TracedInterval.constant(self.real(0)) if derivative is None else derivative
+
+
+def _with_radius(ops: Any, fields: dict[str, Any]) -> dict[str, Any]:
+    if all(axis in fields for axis in _AXES):
+        x, y, z = (ops.multiply(fields[a], fields[a]) for a in _AXES)
+        fields["r"] = ops.sqrt(ops.add(ops.add(x, y), z))
+    return fields

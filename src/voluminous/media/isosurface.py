@@ -1,0 +1,426 @@
+"""Isosurfaces: one crossing shows one colour, however steep the field is there.
+
+A shell of fixed extent in the scalar x is thick where x varies slowly, and so brighter there.
+Weighted by how fast x varies, emissivity and extinction are
+
+    j = τ₁ color |∂x/∂s| K(x),    α = τ₁ |∂x/∂s| K(x),    ∫ K dx = 1,    τ₁ = -ln(1 - opacity),
+
+so a ray that crosses the level once gathers τ₁, hence color · opacity, and lets 1 - opacity
+through: the same at every angle and for every gradient. With |∇x| in place of |∂x/∂s| the surface
+is a sheet of constant thickness, and looks denser where it is seen edge-on.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..backend.functions import precision_of
+from ..errors import InputError, unknown_name
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..units import plain
+from .color_by import ColorBy
+from .contract import Coefficients, Context, Medium, channel_values, check_extinction
+from .given import named as _named
+from .given import scalar as _scalar
+from .modulation import Factors, Modulation, modulated
+from .shape_middles import crossing_middle
+from .stretch import extremes
+
+if TYPE_CHECKING:
+    from .course import CourseContext, Courses
+    from .part_bounds import PartBounds
+    from .stretch import Panel, Stretch
+
+# Segments are counted as at least this long, in cells: a surface between two of them is not lost.
+_SHORTEST = 1e-20
+DENSITIES = ("crossing", "gradient")
+# The optical depth of an opaque surface: what shows through is below all rounding.
+_OPAQUE = 40.0
+# What rounding may do to a value near a level, as a fraction of it.
+_NOISE = {"single": 2e-6, "double": 1e-14}
+
+
+class Isosurface(Medium):
+    """Surfaces where a scalar has given values.
+
+    Parameters
+    ----------
+    expr : str
+        Expression x of the fields.
+    level : float, Quantity or sequence of them
+        The value of x on the surface, or one for each of several surfaces.
+    color : sequence of float, sequence of sequences, str or ColorBy
+        What one crossing shows if it is opaque: one value per channel; for several levels one such
+        row for each, or the name of a matplotlib colormap.
+    opacity : float or sequence
+        Part of the light from behind that a crossing takes away: one number (grey) or one per
+        channel.
+    width : float or Quantity
+        Extent of the shell in x. 0: a surface without thickness, its crossings counted exactly.
+    density : {"crossing", "gradient"}
+        Extinction proportional to |∂x/∂s| along the ray, so that a crossing is equally dense at
+        every angle; or to |∇x|, a sheet of the same thickness everywhere, denser edge-on.
+    shading : float
+        0: none, which is what radiative transfer gives. 1: emission proportional to the cosine
+        between the ray and the normal (Lambert's law for a lamp at the camera); between them a mix.
+
+    where : str, optional
+        Only where this expression holds; a number from 0 to 1 makes a soft gate.
+
+    Raises
+    ------
+    InputError
+        If numbers do not fit each other, or are out of range.
+
+    Notes
+    -----
+    One crossing gives ``color · opacity`` and the transparency ``1 - opacity``.
+    """
+
+    def __init__(
+        self,
+        expr: Any,
+        level: Any = None,
+        color: Any = (1.0, 1.0, 1.0),
+        opacity: Any = 0.3,
+        width: Any = 0.0,
+        *,
+        levels: Any = None,
+        density: str = "crossing",
+        shading: float = 0.0,
+        where: Any = None,
+    ) -> None:
+        self.expr = Expression(expr)
+        self.levels = _levels(level, levels)
+        self.colors, self.modulation = _modulated_colors(color, where, len(self.levels))
+        self.opacity = _opacity(opacity, len(self.colors[0]))
+        self.width = _scalar(width, "width")
+        if plain_number(self.width) < 0:
+            raise InputError(f"width must not be negative, got {width}")
+        if density not in DENSITIES:
+            raise unknown_name("density", str(density), DENSITIES)
+        self.density, self.shading = density, _fraction(shading, "shading")
+        self.channels, self.grey = len(self.colors[0]), len(self.opacity) == 1
+        self.slope = Expression(f"gradmag({self.expr.text})")
+        self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
+        self.names = self._names()
+
+    @property
+    def color(self) -> tuple[float, ...]:
+        """All numbers of the colours: the largest is as bright as a crossing gets."""
+        return tuple(h for row in self.colors for h in row)
+
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return the expression of the surfaces, with their width, and those of the modulation."""
+        return ((self.expr, plain_number(self.width)), *self.modulation.expressions())
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether anything is looked up where a panel crosses a surface."""
+        plain = self.density == "crossing" and self.shading == 0
+        return not (plain and self.modulation.fixed)
+
+    def scalars(self) -> tuple[Expression, ...]:
+        """Return the expression whose levels are shown."""
+        return (self.expr,)
+
+    def means(self, panel: Panel, context: Context) -> Coefficients:
+        """Return the means of j and α over a panel: what is crossed, over its length."""
+        levels, width, depths, colors = self._kept(context)
+        first, last = panel.ends(self.expr)
+        length = panel.length
+        per_length = 1.0 / dr.select(length > _SHORTEST, length, _SHORTEST)
+        emission: list[Any] = [type(length)(0)] * self.channels
+        extinction: list[Any] = [type(length)(0)] * len(depths)
+        for level, color in zip(levels, colors, strict=True):
+            ends = first - level, last - level
+            crossed = per_length * self._crossed(context, *ends, width)
+            if self.density == "gradient":
+                crossed = crossed * self._obliquity(panel, context, first, last)
+            found = self._modulated(color, crossed, ends, panel, context)
+            extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
+            shade = self._shade(panel, context)
+            for c, lit in enumerate(found.emission):
+                emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * lit * shade
+        return Coefficients(emission, extinction)
+
+    def _modulated(
+        self, color: list[Any], crossed: Any, ends: Any, panel: Panel, context: Context
+    ) -> Factors:
+        """Return what is crossed, in the surface's colours, seen through its gate."""
+        if self.modulation.fixed:
+            return Factors([h * crossed for h in color], crossed)
+        middle = crossing_middle(*(context.narrow(x) for x in ends))
+        factors = self.modulation.factors(panel, context, middle)
+        lit = [h * f * crossed for h, f in zip(color, factors.emission, strict=True)]
+        return Factors(lit, factors.gate * crossed)
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where a level may be crossed, and where more often than a panel's ends show."""
+        levels, width, _, _ = self._kept(context)
+        controls = stretch.controls(self.expr)
+        nodes = [stretch.scalar(self.expr, s) for s in (0.0, 0.5, 1.0)]
+        seen = dr.isnan(nodes[1])  # where there is NaN, it must show
+        hidden = stretch.length < 0.0
+        for level in levels:
+            for edge in (level - 0.5 * width, level + 0.5 * width) if self._thick else (level,):
+                possible, shown = _sign_changes(controls, edge), _sign_changes(nodes, edge)
+                seen |= possible > 0
+                hidden |= possible > shown
+            if self._thick:
+                seen |= dr.abs(controls[0] - level) <= 0.5 * width
+        return self.modulation.visible(stretch, context, seen, hidden)
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return how many surfaces are crossed in each half."""
+        levels, width, _, _ = self._kept(context)
+        nodes = [stretch.scalar(self.expr, s) for s in (0.0, 0.5, 1.0)]
+        counts = []
+        for pair in (nodes[:2], nodes[1:]):
+            low, high = extremes(pair)
+            total = stretch.length * 0.0
+            for level in levels:
+                near = (low <= level + 0.5 * width) & (high >= level - 0.5 * width)
+                total += dr.select(near & (high - low > width), 1.0, 0.0)
+            counts.append(total)
+        return counts
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return one: surfaces are thinner than all panels; crossings are counted exactly."""
+        zero = stretch.length * 0.0
+        return zero + 1.0, zero
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where x may reach a level while the fields stay in ranges."""
+        levels, width = self._numbers(context)
+        x = context.evaluate(self.expr, fields)
+        seen = x.nan
+        for level in levels:
+            seen = seen | ((x.lo <= level + 0.5 * width) & (x.hi >= level - 0.5 * width))
+        return seen & self.modulation.visible_in(fields, context)
+
+    def visible_key(self) -> Any:
+        """Return expression, levels and width."""
+        numbers = (*map(_named, self.levels), _named(self.width))
+        return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
+        """Return j and α per unit length with |∇x| for the slope: that along a ray is not known.
+
+        Raises
+        ------
+        InputError
+            If the width is zero: no cell's centre is likely to lie on the surface.
+        """
+        if not self._thick:
+            raise InputError(
+                "an Isosurface of width 0 is drawn with scheme='post-classified'; other schemes "
+                "need a width (in the units of its expression)"
+            )
+        levels, width = self._numbers(context)
+        x, slope = context.evaluate(self.expr, fields), context.evaluate(self.slope, fields)
+        depths = [context.number(_depth(o)) for o in self.opacity]
+        ops = context.ops
+        emission: list[Any] = [0.0 * x] * self.channels
+        extinction: list[Any] = [0.0 * x] * len(depths)
+        for level, color in zip(levels, self.colors, strict=True):
+            inside = ops.number(abs(x - context.number(level)) <= context.number(0.5 * width))
+            dense = context.number(1.0 / width) * slope * inside
+            extinction = [t + d * dense for t, d in zip(extinction, depths, strict=True)]
+            for c, h in enumerate(color):
+                own = depths[c if len(depths) > 1 else 0]
+                emission[c] = emission[c] + context.number(h) * own * dense
+        return self.modulation.coefficients(Coefficients(emission, extinction), fields, context)
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return intervals that hold j and α, with |∇x| for the slope."""
+        return (
+            self.coefficients(fields, context) if self._thick else super().ranges(fields, context)
+        )
+
+    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
+        """Return what is certain on a panel: how often levels are crossed."""
+        from .surface_bounds import surface_parts
+
+        return surface_parts(self, courses, context)
+
+    def key(self) -> Any:
+        """Return all numbers, units included."""
+        rest = (self.colors, self.opacity, self.density, self.shading, self.modulation.key())
+        return (*self.visible_key(), *rest)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the medium as plain values."""
+        one = len(self.levels) == 1
+        return {
+            "type": "isosurface",
+            "expr": self.expr.text,
+            "level": _named(self.levels[0]) if one else [_named(v) for v in self.levels],
+            "color": list(self.colors[0]) if one else [list(row) for row in self.colors],
+            "opacity": self.opacity[0] if self.grey else list(self.opacity),
+            "width": _named(self.width),
+            "density": self.density,
+            "shading": self.shading,
+            **self.modulation.described(),
+        }
+
+    @property
+    def _thick(self) -> bool:
+        return plain_number(self.width) > 0
+
+    def _names(self) -> tuple[str, ...]:
+        used = list(self.expr.names)
+        if self.density == "gradient" or self._thick:
+            used += self.slope.names
+        if self.shading > 0:
+            used += [name for e in self.normal for name in e.names]
+            used += ["x", "y", "z"]
+        used += self.modulation.names
+        return tuple(dict.fromkeys(used))
+
+    def _numbers(self, context: Context) -> tuple[list[float], float]:
+        unit = context.unit_of(self.expr)
+        levels = [float(plain(level, unit, "level")) for level in self.levels]
+        return levels, float(plain(self.width, unit, "width"))
+
+    def _kept(self, context: Context) -> tuple[list[Any], Any, list[Any], list[list[Any]]]:
+        """Return levels, width, optical depths and colours as numbers of a kernel."""
+
+        def make() -> tuple[list[Any], Any, list[Any], list[list[Any]]]:
+            levels, width = self._numbers(context)
+
+            def narrow(value: float) -> Any:
+                return context.narrow(context.number(value))
+
+            return (
+                [context.number(level) for level in levels],
+                context.number(width),
+                [narrow(_depth(o)) for o in self.opacity],
+                [[narrow(h / context.radiance) for h in row] for row in self.colors],
+            )
+
+        return context.keep(id(self), make)
+
+    def _crossed(self, context: Context, first: Any, last: Any, width: Any) -> Any:
+        """Return how much of the surface lies between two values of x, counted from its level."""
+        if not self._thick:
+            return dr.select((first < 0.0) ^ (last < 0.0), context.narrow(first * 0 + 1), 0.0)
+        ends = [_limited(x / width + 0.5) for x in (first, last)]
+        return context.narrow(dr.abs(ends[1] - ends[0]))
+
+    def _obliquity(self, panel: Panel, context: Context, first: Any, last: Any) -> Any:
+        """Return |∇x| over |∂x/∂s|, at least one."""
+        scale = context.keep((id(self), "scale"), lambda: context.number(context.scale))
+        slope = context.narrow(scale * context.evaluate(self.slope, panel.fields(0.5)))
+        way = dr.abs(context.narrow(last - first))
+        ratio = slope * panel.length / dr.select(way > 0.0, way, 1.0)
+        return dr.select(ratio > 1.0, ratio, 1.0)
+
+    def _shade(self, panel: Panel, context: Context) -> Any:
+        """Return how bright the surface looks by the light of a lamp at the camera."""
+        if self.shading == 0:
+            return 1.0
+        cubics = panel.stretch.cubics
+        fields = panel.fields(0.5)
+        normal = [context.narrow(context.evaluate(e, fields)) for e in self.normal]
+        way = [context.narrow(cubics[axis][1]) for axis in "xyz"]
+        size = dr.sqrt(_dot(normal, normal) * _dot(way, way))
+        cosine = dr.abs(_dot(normal, way)) / dr.select(size > 0.0, size, 1.0)
+        share = context.keep(
+            (id(self), "shading"), lambda: context.narrow(context.number(self.shading))
+        )
+        return 1.0 - share + share * dr.select(size > 0.0, cosine, 1.0)
+
+
+def _sign_changes(values: list[Any], level: Any) -> Any:
+    """Return how often a sequence passes a level.
+
+    Bézier control points do at least as often as their curve, and more by an even number (Farin
+    2002, section 5.3). Those between the ends count only if rounding cannot have put them there.
+    """
+    first, *inner, last = values
+    noise = _NOISE[precision_of(type(first))] * (dr.abs(level) + dr.abs(last))
+    below, count = first < level, dr.int32_array_t(type(first))(0)
+    for value in inner:
+        now = (value < level - noise) | ((value < level + noise) & below)
+        count += dr.select(below ^ now, 1, 0)
+        below = now
+    return count + dr.select(below ^ (last < level), 1, 0)
+
+
+def _dot(a: list[Any], b: list[Any]) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _limited(f: Any) -> Any:
+    f = dr.select(f > 0.0, f, 0.0)
+    return dr.select(f < 1.0, f, 1.0)
+
+
+def _depth(opacity: float) -> float:
+    return min(-math.log1p(-opacity), _OPAQUE) if opacity < 1 else _OPAQUE
+
+
+def plain_number(value: Any) -> float:
+    """Return a quantity's value, or a number itself."""
+    return float(getattr(value, "value", value))
+
+
+def _levels(level: Any, levels: Any) -> tuple[Any, ...]:
+    if (level is None) == (levels is None):
+        raise InputError("an Isosurface needs level=…, or levels=[…] for several, and not both")
+    given = level if levels is None else levels
+    listed = list(given) if np.ndim(getattr(given, "value", given)) else [given]
+    if not listed:
+        raise InputError("levels is empty; give at least one value")
+    return tuple(_scalar(value, "level") for value in listed)
+
+
+def _modulated_colors(
+    color: Any, where: Any, count: int
+) -> tuple[tuple[tuple[float, ...], ...], Modulation]:
+    """Return one colour per level, and what varies them."""
+    if isinstance(color, ColorBy):
+        row, modulation = modulated(color, where)
+        return (row,) * count, modulation
+    rows = _colors(color, count)
+    return rows, Modulation(where, None, len(rows[0]))
+
+
+def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
+    """Return one colour per level."""
+    if isinstance(color, str):
+        from ..colormaps import get_colormap
+
+        places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
+        return tuple(tuple(map(float, row[:3])) for row in get_colormap(color)(places))
+    nested = isinstance(color, (list, tuple, np.ndarray)) and len(color) and np.ndim(color[0]) == 1
+    rows = [channel_values(row, "color") for row in (color if nested else [color] * count)]
+    if len(rows) != count or len({len(row) for row in rows}) != 1:
+        raise InputError(
+            f"color must be one colour, or {count} (one per level) with the same number of "
+            f"channels, got {color!r}"
+        )
+    return tuple(rows)
+
+
+def _opacity(opacity: Any, channels: int) -> tuple[float, ...]:
+    values = channel_values(opacity, "opacity")
+    check_extinction(values, channels, "opacity")
+    if max(values) > 1:
+        raise InputError(
+            "opacity is the part of the light that one crossing takes away: from 0 to 1, "
+            f"got {max(values):g}"
+        )
+    return values[:1] if len(set(values)) == 1 else values
+
+
+def _fraction(value: Any, what: str) -> float:
+    if not isinstance(value, (int, float)) or not 0 <= value <= 1:
+        raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
+    return float(value)

@@ -1,0 +1,229 @@
+"""What varies a medium by other expressions than its own: gates, and colours of another field.
+
+Over a panel of a ray the mean of shape times modulation is taken with three values of the latter:
+at both ends, and where the shape has its centre of mass. With the weights that follow from the
+shape's width this is exact for modulations that are quadratic along the panel, for shells much
+thinner than the panel, and Simpson's rule where the shape is constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval
+from ..expressions.traced_interval_ops import TracedIntervalOps
+from .color_by import ColorBy
+from .contract import Coefficients, Context, channel_values
+from .stretch import extremes
+
+if TYPE_CHECKING:
+    from .stretch import Panel, Stretch
+
+# Where panels' ends show less than a gate may do between them by this, panels are made smaller.
+_DOUBT = 0.25
+
+
+@dataclass
+class Middle:
+    """Where the mass of a shape is in a panel.
+
+    Attributes
+    ----------
+    place : array
+        Its centre, as a fraction of the panel.
+    spread : array or float
+        Its variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
+    """
+
+    place: Any
+    spread: Any
+
+
+@dataclass
+class Factors:
+    """What multiplies the emissivity of each channel, and the extinction."""
+
+    emission: list[Any]
+    gate: Any
+
+    def times(self, found: Coefficients) -> Coefficients:
+        """Return modulated coefficients; zero where the factor is, whatever the coefficient."""
+        return Coefficients(
+            [_product(f, j) for f, j in zip(self.emission, found.emissivity, strict=True)],
+            [_product(self.gate, a) for a in found.extinction],
+        )
+
+
+def modulated(color: Any, where: Any) -> tuple[tuple[float, ...], Modulation]:
+    """Return the numbers to multiply with per channel, and what varies.
+
+    Parameters
+    ----------
+    color : float, sequence or ColorBy
+        What the user gave.
+    where : str, float, Expression or None
+        As for `Modulation`.
+    """
+    if isinstance(color, ColorBy):
+        return (color.brightness,) * 3, Modulation(where, color, 3)
+    values = channel_values(color, "color")
+    return values, Modulation(where, None, len(values))
+
+
+class Modulation:
+    """A gate and a colour by another expression; either may be missing.
+
+    Parameters
+    ----------
+    where : str, float or Expression, optional
+        Multiplies emission and extinction: a comparison, or a number, limited to 0 … 1. Where it
+        has no value (NaN) it is 0.
+    color : ColorBy, optional
+        Multiplies the emission of three channels.
+    channels : int
+        Number of channels of the medium.
+
+    Attributes
+    ----------
+    fixed : bool
+        True if there is neither: everything is multiplied with one.
+    names : tuple of str
+        The fields it looks at.
+    """
+
+    def __init__(self, where: Any, color: ColorBy | None, channels: int) -> None:
+        self.where = None if where is None else Expression(where)
+        self.color, self.channels = color, channels
+        self.fixed = where is None and color is None
+        used = [*(self.where.names if self.where else ()), *(color.names if color else ())]
+        self.names = tuple(dict.fromkeys(used))
+
+    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return the expressions of gate and colour; no difference of values is too small."""
+        found = (self.where, self.color.expr if self.color else None)
+        return tuple((expr, 0.0) for expr in found if expr is not None)
+
+    def coefficients(
+        self, found: Coefficients, fields: dict[str, Any], context: Context
+    ) -> Coefficients:
+        """Return coefficients at places, or intervals of them, modulated."""
+        if self.fixed:
+            return found
+        gate = self._gate(fields, context) if self.where else context.real(1.0)
+        paint = self.color.colors(fields, context) if self.color else None
+        emission = [gate * c for c in paint] if paint else [gate] * self.channels
+        ops = context.ops
+        zero = context.real(0.0)
+        return Coefficients(
+            [
+                ops.where(gate > 0.0, f * j, zero)
+                for f, j in zip(emission, found.emissivity, strict=True)
+            ],
+            [ops.where(gate > 0.0, gate * a, zero) for a in found.extinction],
+        )
+
+    def means(
+        self, found: Coefficients, panel: Panel, context: Context, middle: Middle
+    ) -> Coefficients:
+        """Return mean coefficients over a panel, modulated where their mass is."""
+        return found if self.fixed else self.factors(panel, context, middle).times(found)
+
+    def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
+        """Return the mean factors over a panel for a shape with its mass at a place."""
+        first, last = (self._at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
+        here = self._factors(panel.fields(middle.place), context)
+        spread, place = middle.spread, middle.place
+        weights = ((1.0 - place) * spread, 1.0 - spread, place * spread)
+        mean = [
+            weights[0] * a + weights[1] * b + weights[2] * c
+            for a, b, c in zip(first, here, last, strict=True)
+        ]
+        painted = mean[1:] if self.color else mean * self.channels
+        return Factors(painted, mean[0])
+
+    def visible(
+        self, stretch: Stretch, context: Context, seen: Any, hidden: Any
+    ) -> tuple[Any, Any]:
+        """Return the masks of `Medium.visible`, given those of the medium without modulation."""
+        if self.where is None:
+            return seen, hidden
+        possible = self._possible(stretch, context)
+        nodes = [_defined_unit(stretch.scalar(self.where, s)) for s in (0.0, 0.5, 1.0)]
+        low, high = extremes(nodes)
+        doubtful = (possible.hi > high + _DOUBT) | (possible.lo < low - _DOUBT)
+        seen = seen & (possible.hi > 0.0)
+        return seen, seen & (hidden | doubtful)
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where the gate may be open while the fields stay in ranges."""
+        return True if self.where is None else self._gate(fields, context).hi > 0.0
+
+    def key(self) -> tuple[Any, ...]:
+        """Return what identifies it."""
+        color = self.color.key() if self.color else None
+        return (self.gate_key(), color)
+
+    def gate_key(self) -> str | None:
+        """Return what `visible_in` depends on."""
+        return self.where.text if self.where else None
+
+    def described(self) -> dict[str, Any]:
+        """Return what a medium says of itself besides its own: plain values."""
+        color = {"color": self.color.describe()} if self.color else {}
+        return {**color, **({"where": self.where.text} if self.where else {})}
+
+    def _gate(self, fields: dict[str, Any], context: Context) -> Any:
+        assert self.where is not None
+        return _defined_unit(context.evaluate(self.where, fields))
+
+    def _factors(self, fields: dict[str, Any], context: Context) -> list[Any]:
+        """Return the gate, then the gated colours, in the type of integrals."""
+        gate: Any = context.narrow(self._gate(fields, context)) if self.where else None
+        paint = self.color.seen(fields, context) if self.color else []
+        if gate is None:
+            return [type(paint[0])(1.0), *paint]
+        return [gate, *(gate * c for c in paint)]
+
+    def _at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
+        """Return the factors at an end or in the middle of a stretch; computed once."""
+        return kept(stretch, (id(self), s), lambda: self._factors(stretch.fields(s), context))
+
+    def _possible(self, stretch: Stretch, context: Context) -> Any:
+        """Return the interval in which the gate stays on a stretch."""
+        assert self.where is not None
+        axes = "xyz" if "r" in self.where.names else ""
+        names = dict.fromkeys((*self.where.names, *axes))
+        fields = {n: TracedInterval(*stretch.hull(Expression(n))) for n in names if n != "r"}
+        ops = TracedIntervalOps(context.real, context.number)
+        if axes:
+            x, y, z = (fields[a] for a in axes)
+            fields["r"] = ops.sqrt(x * x + y * y + z * z)
+        return _defined_unit(ops.number(self.where.evaluate(ops, fields)))
+
+
+def kept(stretch: Stretch, key: Any, make: Any) -> Any:
+    """Return what `make` returned the first time for a stretch, whose panels share their ends."""
+    store = vars(stretch).setdefault("_kept", {})
+    if key not in store:
+        store[key] = make()
+    return store[key]
+
+
+def _product(factor: Any, value: Any) -> Any:
+    return dr.select(factor == 0.0, 0.0, factor * value)
+
+
+def _defined_unit(value: Any) -> Any:
+    """Return a number limited to 0 … 1; 0 for NaN. Also of intervals."""
+    if not isinstance(value, Interval):
+        return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
+    where: Any = dr.select if isinstance(value, TracedInterval) else np.where
+    low = where(value.nan | (value.lo <= 0.0), 0.0, where(value.lo < 1.0, value.lo, 1.0))
+    high = where(value.hi >= 1.0, 1.0, where(value.hi > 0.0, value.hi, 0.0))
+    return type(value)(low, high)

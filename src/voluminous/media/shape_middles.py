@@ -1,0 +1,52 @@
+"""Where the mass of a shape is in a panel over which its argument is linear."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..backend import dr
+from .modulation import Middle
+
+
+def gaussian_middle(first: Any, last: Any) -> Middle:
+    """Return where the mass of exp(-z²/2) is between two distances from the centre.
+
+    With t from -1 to 1 over the panel, z = m + h t, the centre of mass is -m h / 3 for narrow
+    panels, -m / h for wide ones, and the variance 1/3 and 1/h²: rational functions of both limits.
+    """
+    middle, half = 0.5 * (first + last), 0.5 * (last - first)
+    variance = 1.0 / (half * half + 3.0)
+    return _middle(-middle * half * variance, variance)
+
+
+def box_middle(first: Any, last: Any) -> Middle:
+    """Return where the part of the panel is in which z is from -1 to 1; exact."""
+    low, high = (
+        _within(dr.select(first < last, first, last)),
+        _within(dr.select(first < last, last, first)),
+    )
+    half = 0.5 * (last - first)
+    per_half = dr.select(half == 0.0, 0.0, 1.0 / half)
+    extent = dr.select(half == 0.0, 1.0, 0.5 * (high - low) * per_half)
+    center = 0.5 * (low + high) - 0.5 * (first + last)
+    return _middle(center * per_half, extent * extent / 3.0)
+
+
+def crossing_middle(first: Any, last: Any) -> Middle:
+    """Return where a shell of no thickness is: where a linear function passes zero."""
+    way = first - last
+    f = first / dr.select(way == 0.0, 1.0, way)
+    return Middle(dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0), 0.0)
+
+
+def _within(z: Any) -> Any:
+    return dr.select(z < -1.0, -1.0, dr.select(z > 1.0, 1.0, z))
+
+
+def _middle(t: Any, variance: Any) -> Middle:
+    """Return the middle for a centre of mass and a variance on [-1, 1]."""
+    t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))
+    # What is inside has at most the variance of masses at both ends, 1 - t².
+    room = 1.0 - t * t
+    spread = variance / dr.select(room > 0.0, room, 1.0)
+    return Middle(0.5 + 0.5 * t, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))

@@ -1,0 +1,199 @@
+"""A stretch of ray on which fields are polynomials of the distance, and media are integrated.
+
+What schemes that classify interpolated fields ask of a medium is its mean emissivity and extinction
+over a panel, a part of a stretch over which its scalars may be taken as linear (`Medium.means`).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ..backend import dr
+from ..backend.functions import horner
+from ..expressions import Expression
+from .contract import Context
+
+Cubic = Sequence[Any]  # coefficients of 1, s, s², s³; or fewer
+
+
+class Stretch:
+    """A piece of a ray, s from 0 to 1 along the walk.
+
+    Parameters
+    ----------
+    cubics : dict of str to sequence of arrays
+        Coefficients of every field as a polynomial of s, lowest power first.
+    context : Context
+        How expressions are evaluated.
+    length : array
+        Its length, in units of the grid's scale.
+    """
+
+    def __init__(self, cubics: Mapping[str, Cubic], context: Context, length: Any) -> None:
+        self.cubics, self.context, self.length = cubics, context, length
+        self._scalars: dict[tuple[str, float], Any] = {}
+        self._controls: dict[str, list[Any]] = {}
+
+    def fields(self, s: Any) -> dict[str, Any]:
+        """Return all fields at a place."""
+        s = self.context.real(s)
+        return self._complete({name: horner(s, c) for name, c in self.cubics.items()})
+
+    def scalar(self, expr: Expression, s: float) -> Any:
+        """Return an expression at 0, ½ or 1; computed once."""
+        key = (expr.text, s)
+        if key not in self._scalars:
+            self._scalars[key] = self.context.evaluate(expr, self._fields_at_node(s))
+        return self._scalars[key]
+
+    def set_scalar(self, expr: Expression, s: float, value: Any) -> None:
+        """Say which value an expression has at a place.
+
+        At 0 it is what it was at the end of the stretch before, so that the integrals over a ray's
+        stretches join up to the last bit.
+        """
+        self._scalars[expr.text, s] = value
+
+    def known(self, expr: Expression) -> list[Any]:
+        """Return all that was computed of an expression: at both ends, between, and the middle."""
+        return [*self.controls(expr)[:3], self.scalar(expr, 0.5), self.scalar(expr, 1.0)]
+
+    def set_known(self, expr: Expression, values: list[Any]) -> None:
+        """Take what `known` returned for the same stretch in another scope of a kernel."""
+        first, second, third, middle, last = values
+        for s, value in zip((0.0, 0.5, 1.0), (first, middle, last), strict=True):
+            self._scalars[expr.text, s] = value
+        self._controls[expr.text] = [first, second, third, last]
+
+    def hull(self, expr: Expression) -> tuple[Any, Any]:
+        """Return the least and largest value of an expression at the Bézier control points.
+
+        A cubic stays within its control points (Farin 2002, section 5.1), and so does a monotonic
+        function of one. Of other functions these are four more samples.
+        """
+        return extremes(self.controls(expr))
+
+    def controls(self, expr: Expression) -> list[Any]:
+        """Return an expression at the four Bézier control points of the fields."""
+        if expr.text not in self._controls:
+            inner = [self.context.evaluate(expr, self._control(i)) for i in (1, 2)]
+            self._controls[expr.text] = [self.scalar(expr, 0.0), *inner, self.scalar(expr, 1.0)]
+        return self._controls[expr.text]
+
+    def part(self, start: Any, width: Any) -> Stretch:
+        """Return the part from `start` on, of a width, as a stretch of its own."""
+        begin, part = self.context.real(start), self.context.real(width)
+        cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
+        return Stretch(cubics, self.context, self.length * width)
+
+    def panel(self, first: float, last: float) -> Panel:
+        """Return the panel between two of the places 0, ½ and 1."""
+        return Panel(self, first, last)
+
+    def _fields_at_node(self, s: float) -> dict[str, Any]:
+        if s == 0.0:
+            return self._complete({name: c[0] for name, c in self.cubics.items()})
+        if s == 1.0:
+            return self._complete({name: sum(c[1:], c[0]) for name, c in self.cubics.items()})
+        return self.fields(s)
+
+    def _complete(self, fields: dict[str, Any]) -> dict[str, Any]:
+        return with_radius(within_limits(fields, self.context))
+
+    def _control(self, number: int) -> dict[str, Any]:
+        """Return the second or third of the fields' four Bézier control points."""
+        return self._complete({n: control_point(c, number) for n, c in self.cubics.items()})
+
+
+class Straight(Stretch):
+    """A stretch on which scalars are taken as linear, whatever the fields do between its ends."""
+
+    def scalar(self, expr: Expression, s: float) -> Any:
+        """Return an expression at 0, ½ or 1."""
+        if s == 0.5:
+            return 0.5 * (self.scalar(expr, 0.0) + self.scalar(expr, 1.0))
+        return super().scalar(expr, s)
+
+    def controls(self, expr: Expression) -> list[Any]:
+        """Return an expression at both ends: nothing between them counts."""
+        return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
+
+
+@dataclass
+class Panel:
+    """A part of a stretch over which scalars are taken as linear.
+
+    Attributes
+    ----------
+    first, last : float
+        Where in the stretch it is: two of 0, ½ and 1.
+    """
+
+    stretch: Stretch
+    first: float
+    last: float
+
+    @property
+    def length(self) -> Any:
+        """Its length, in units of the grid's scale."""
+        return self.stretch.length * (self.last - self.first)
+
+    def ends(self, expr: Expression) -> tuple[Any, Any]:
+        """Return an expression at both ends."""
+        return self.stretch.scalar(expr, self.first), self.stretch.scalar(expr, self.last)
+
+    def fields(self, f: Any) -> dict[str, Any]:
+        """Return all fields at a fraction of the panel."""
+        return self.stretch.fields(self.first + f * (self.last - self.first))
+
+
+def extremes(values: Sequence[Any]) -> tuple[Any, Any]:
+    """Return the least and the largest of some arrays."""
+    low = functools.reduce(lambda a, b: dr.select(b < a, b, a), values)
+    high = functools.reduce(lambda a, b: dr.select(b > a, b, a), values)
+    return low, high
+
+
+def within_limits(fields: dict[str, Any], context: Context) -> dict[str, Any]:
+    """Return interpolated fields, none beyond the least and largest of its values."""
+    for name, (low, high) in context.limits.items():
+        if name in fields:
+            value = dr.select(fields[name] < low, low, fields[name])
+            fields[name] = dr.select(value > high, high, value)
+    return fields
+
+
+def with_radius(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return fields with the distance from the origin, if the coordinates are among them."""
+    if all(axis in fields for axis in "xyz"):
+        fields["r"] = dr.sqrt(sum(fields[axis] * fields[axis] for axis in "xyz"))
+    return fields
+
+
+def control_point(cubic: Cubic, number: int) -> Any:
+    """Return a Bézier control point of a polynomial of at most third degree.
+
+    The coefficient of Bernstein's polynomial `number` of degree three: Σ c_k C(n, k) / C(3, k).
+    """
+    ratios = {1: (1.0, 1 / 3), 2: (1.0, 2 / 3, 1 / 3)}[number]
+    total = cubic[0]
+    for c, ratio in zip(cubic[1:], ratios[1:], strict=False):
+        total = dr.fma(c, ratio, total)
+    return total
+
+
+def shifted(cubic: Cubic, start: Any, width: Any) -> list[Any]:
+    """Return the coefficients of p(start + width s) (Horner's rule for all derivatives)."""
+    own = list(cubic)
+    count = len(own)
+    for first in range(count - 1):
+        for k in range(count - 2, first - 1, -1):
+            own[k] = dr.fma(own[k + 1], start, own[k])
+    power = width
+    for k in range(1, count):
+        own[k] = own[k] * power
+        power = power * width
+    return own

@@ -1,0 +1,90 @@
+"""Between which values the coefficients of a medium stay, inside kernels: see `bounds`."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval, traced
+from ..expressions.traced_interval_ops import TracedIntervalOps
+from .contract import Coefficients, Context, Medium
+from .traced_interpolation import interpolate_traced_ranges
+
+
+class TracedRangeContext(Context):
+    """How a medium is evaluated on intervals inside a kernel.
+
+    Parameters
+    ----------
+    float_type : type
+        Dr.Jit float type of the ends.
+    number : callable
+        Turns a finite Python float into run-time data of that type.
+    unit : astropy unit or None
+        The volume's length unit.
+    unit_of : callable
+        Returns the unit of an `Expression`, or None.
+    faint : float
+        Coefficients below this fraction of their peak may be neglected.
+    """
+
+    def __init__(
+        self,
+        float_type: Any,
+        number: Callable[[float], Any],
+        unit: Any,
+        unit_of: Callable[[Expression], Any],
+        faint: float = 1e-8,
+    ) -> None:
+        self._float, self._constant = float_type, number
+
+        def constant(value: float) -> TracedInterval:
+            return TracedInterval.constant(number(value))
+
+        real = functools.partial(traced, float_type)
+        super().__init__(real, constant, unit, unit_of, faint=faint)
+
+    @property
+    def ops(self) -> TracedIntervalOps:
+        """The operations of intervals inside kernels."""
+        return TracedIntervalOps(self._float, self._constant)
+
+    def interpolate(
+        self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
+    ) -> list[TracedInterval]:
+        """Return enclosures of the columns of a table, interpolated anywhere in an interval."""
+        return interpolate_traced_ranges(x, nodes, columns)
+
+
+def traced_ranges(
+    medium: Medium, fields: Mapping[str, TracedInterval], context: TracedRangeContext
+) -> Coefficients:
+    """Return `TracedInterval` that hold j and α while the fields stay in theirs.
+
+    A medium of which nothing is known, such as a function, has j in (-∞, ∞) and α in [0, ∞).
+
+    Parameters
+    ----------
+    medium : Medium
+        Any, or a sum.
+    fields : mapping of str to TracedInterval
+        All that are in ``medium.names``.
+    context : TracedRangeContext
+        How to evaluate.
+
+    Raises
+    ------
+    UnknownNameError
+        If a field is missing.
+    """
+    given: dict[str, Interval] = dict(fields)
+    found = medium.ranges(given, context)
+    return Coefficients(
+        [context.real(value) for value in found.emissivity],
+        [context.real(value) for value in found.extinction],
+    )

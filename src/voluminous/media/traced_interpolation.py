@@ -1,0 +1,131 @@
+"""Enclosures of piecewise-linear tables inside kernels, by the rule of `interpolation`.
+
+Between the ends of an interval lie any number of entries. Their extremes are those of two blocks of
+2^k entries that may overlap, and extremes of all such blocks are tabulated: Bender & Farach-Colton,
+*The LCA problem revisited* (2000), section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from ..backend.functions import first_true
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..expressions.traced_rounding import float_info, larger, positive, smaller
+
+# In ε of the largest value around, as on the host.
+_LOSS = 8.0
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where in a table one end of an interval lies.
+
+    Attributes
+    ----------
+    passed : Dr.Jit integer array
+        How many nodes do not lie above it.
+    upper : Dr.Jit integer array
+        The node that ends the piece in which it lies.
+    fraction : Dr.Jit float array
+        How far it is from the node before that one.
+    """
+
+    passed: Any
+    upper: Any
+    fraction: Any
+
+
+def interpolate_traced_ranges(
+    x: TracedInterval, nodes: np.ndarray, columns: Sequence[np.ndarray]
+) -> list[TracedInterval]:
+    """Return enclosures of the columns interpolated anywhere in x: from both ends and all between.
+
+    Parameters
+    ----------
+    x : TracedInterval
+        Places.
+    nodes : array, shape (n,)
+        Increasing places of the entries, at least two.
+    columns : sequence of array, shape (n,)
+        The entries.
+    """
+    data = type(x.lo)(np.ascontiguousarray(nodes))
+    first, last = (_locate(end, data) for end in (x.lo, x.hi))
+    return [_enclosure(column, first, last, x) for column in columns]
+
+
+def _enclosure(column: np.ndarray, first: _Place, last: _Place, x: TracedInterval) -> Any:
+    real = type(x.lo)
+    data = real(np.ascontiguousarray(column))
+    pieces = [
+        (dr.gather(real, data, place.upper - 1), dr.gather(real, data, place.upper))
+        for place in (first, last)
+    ]
+    values = [
+        dr.fma(place.fraction, after - before, before)
+        for place, (before, after) in zip((first, last), pieces, strict=True)
+    ]
+    # The entries between are among those around: with none between, any of the values will do.
+    between = [
+        _extreme_between(column, extreme, first.passed, last.passed, values[0])
+        for extreme in (np.minimum, np.maximum)
+    ]
+    around = extremes([*pieces[0], *pieces[1], *between])
+    return _moved_out(*extremes([*values, *between]), *around, x.nan)
+
+
+def _moved_out(lo: Any, hi: Any, least: Any, most: Any, nan: Any) -> TracedInterval:
+    """Return ends moved out by what rounding may lose; where all entries are equal, it is none."""
+    info = float_info(type(lo))
+    largest = larger(dr.abs(least), dr.abs(most))
+    loss = dr.fma(largest, _LOSS * float(info.eps), float(info.tiny))
+    loss = dr.select(least < most, loss, 0)
+    lo, hi = lo - loss, hi + loss
+    # Rounding never carries a value across zero.
+    lo = dr.select(least >= 0, positive(lo), lo)
+    hi = dr.select(most <= 0, -positive(-hi), hi)
+    return TracedInterval(lo, hi, nan)
+
+
+def _locate(end: Any, nodes: Any) -> _Place:
+    real, count = type(end), len(nodes)
+    UInt = dr.uint32_array_t(real)
+    passed = first_true(count, UInt, lambda k: dr.gather(real, nodes, k) > end)
+    upper = dr.clip(passed, 1, dr.opaque(UInt, count - 1))
+    low, high = dr.gather(real, nodes, upper - 1), dr.gather(real, nodes, upper)
+    width = high - low
+    inside = smaller(positive((end - low) / dr.select(width > 0, width, 1)), real(1))
+    fraction = dr.select(width > 0, inside, dr.select(end < high, real(0), real(1)))
+    return _Place(passed, upper, fraction)
+
+
+def _extreme_between(
+    column: np.ndarray, extreme: Callable[..., Any], start: Any, stop: Any, otherwise: Any
+) -> Any:
+    """Return the extreme of ``column[start:stop]``; `otherwise` where that is empty."""
+    real, UInt = type(otherwise), type(start)
+    data = real(_extremes_of_blocks(column, extreme))
+    some = start < stop
+    level = 31 - dr.lzcnt(dr.select(some, stop - start, 1))
+    row = level * dr.opaque(UInt, len(column))
+    first = dr.gather(real, data, row + start, some)
+    last = dr.gather(real, data, row + stop - (UInt(1) << level), some)
+    found = smaller(first, last) if extreme is np.minimum else larger(first, last)
+    return dr.select(some, found, otherwise)
+
+
+def _extremes_of_blocks(column: np.ndarray, extreme: Callable[..., Any]) -> np.ndarray:
+    """Return the extremes of 1, 2, 4 … entries from each entry on, one row after the other."""
+    rows, half = [np.ascontiguousarray(column)], 1
+    while 2 * half <= len(column):
+        row = rows[-1].copy()
+        row[:-half] = extreme(row[:-half], row[half:])
+        rows.append(row)
+        half *= 2
+    return np.concatenate(rows)

@@ -1,0 +1,156 @@
+"""Fields interpolated along rays, and a medium that classifies them there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from ..backend.functions import horner
+from ..expressions import Expression
+from ..grids.dual_walk import Chord
+from ..media.contract import Context
+from ..media.stretch import Panel, Straight, Stretch, with_radius, within_limits
+from .classify import Classifier
+from .lattice import Corners
+
+
+class Interpolated:
+    """What a scheme on interpolated fields gets its coefficients from.
+
+    Attributes
+    ----------
+    numbers : Direct or Shapes
+        What is integrated.
+    scalars : tuple of Expression
+        What is carried from one stretch to the next.
+    tolerance : tuple of arrays
+        The errors of emission and transparency allowed per stretch.
+    """
+
+    def __init__(
+        self, classifier: Classifier, lattices: dict[str, Any], context: Context, blocks: Any
+    ) -> None:
+        self.classifier, self.lattices, self.context = classifier, lattices, context
+        self.numbers, self.backend = classifier.numbers, classifier.backend
+        self.blocks = blocks
+        self.tolerance: tuple[Any, Any] = ()  # type: ignore[assignment]
+        # A ray that never comes nearer to a shell than where it is neglected may pass along it
+        # for some ten path lengths.
+        self.neglected = 10.0 * context.faint * self.numbers.one_path()
+        self.largest = classifier.largest()
+        self.looks_inside = classifier.medium.looks_inside
+        self.scalars: tuple[Expression, ...] = classifier.medium.scalars()
+        self.units = {
+            name: context.number(lattice.unit)
+            for name, lattice in lattices.items()
+            if lattice.unit != 1.0
+        }
+        names = classifier.medium.names
+        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or "r" in names]
+
+    def allow(self, emission: float, transparency: float) -> None:
+        """Set the errors allowed per segment."""
+        o = self.backend.opaque
+        most = float(np.finfo(self.backend.dtype).max)
+        self.tolerance = (o(min(emission, most)), o(min(transparency, most)))
+
+    def corners(self, chord: Chord, active: Any) -> dict[str, Corners]:
+        """Return the values of every field around the dual cell of a segment."""
+        return {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+
+    def values(self, chord: Chord, corners: dict[str, Corners], s: float) -> dict[str, Any]:
+        """Return every field at the beginning (0) or the end (1) of a segment."""
+        place = chord.end if s else chord.start
+        found = {name: self._value(name, trilinear(c, place)) for name, c in corners.items()}
+        for a in self.coordinates:
+            here = chord.position[a] + chord.step[a] if s else chord.position[a]
+            found["xyz"[a]] = self.context.real(here)
+        return with_radius(within_limits(found, self.context))
+
+    def cubics(self, chord: Chord, corners: dict[str, Corners]) -> dict[str, list[Any]]:
+        """Return every field along a segment, as a polynomial of s from 0 to 1."""
+        found = {
+            name: trilinear_cubic(values, chord.start, chord.way)
+            for name, values in corners.items()
+        }
+        for a in self.coordinates:
+            found["xyz"[a]] = [chord.position[a], chord.step[a]]
+        return found
+
+    def stretch(self, cubics: dict[str, list[Any]], length: Any) -> Stretch:
+        """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
+        own = {n: [self._value(n, v) for v in c] for n, c in cubics.items()}
+        return Stretch(own, self.context, length)
+
+    def straight(self, cubics: dict[str, list[Any]], length: Any) -> Straight:
+        """Return the same with scalars taken as linear."""
+        own = {n: [self._value(n, v) for v in c] for n, c in cubics.items()}
+        return Straight(own, self.context, length)
+
+    def _value(self, name: str, value: Any) -> Any:
+        """Return a field's value in the type that expressions are evaluated in."""
+        value = self.context.real(value)
+        return value * self.units[name] if name in self.units else value
+
+    def means(self, panel: Panel) -> tuple[list[Any], list[Any]]:
+        """Return mean j and α over a panel, per length of the grid's scale."""
+        j, alpha = self.numbers.split(self.numbers.means(panel, self.context))
+        # What no physics can use becomes NaN, which the picture shows: it is looked at afterwards.
+        return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
+
+    def cores(self, stretch: Stretch) -> list[Any]:
+        """Return how many structures narrower than a panel are in each half of a stretch."""
+        return self.classifier.medium.cores(stretch, self.context)
+
+    def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
+        """Return how thin the medium's structures are, and how far bends may put means off."""
+        return self.classifier.medium.sharpness(stretch, self.context)
+
+    def visible(self, stretch: Stretch) -> tuple[Any, Any]:
+        """Return where the medium may be noticeable, and where panels may not show that."""
+        return self.classifier.medium.visible(stretch, self.context)
+
+
+def trilinear(corners: Corners, place: list[Any]) -> Any:
+    """Return a trilinear function at a place in the unit cube."""
+    edges = [
+        [horner(place[0], [corners[0][b][c], corners[1][b][c] - corners[0][b][c]]) for c in (0, 1)]
+        for b in (0, 1)
+    ]
+    faces = [horner(place[1], [edges[0][c], edges[1][c] - edges[0][c]]) for c in (0, 1)]
+    return horner(place[2], [faces[0], faces[1] - faces[0]])
+
+
+def trilinear_cubic(corners: Corners, start: list[Any], way: list[Any]) -> list[Any]:
+    """Return a trilinear function along a straight line, as a cubic (power basis).
+
+    Parameters
+    ----------
+    corners : nested lists [x][y][z]
+        Values at the corners of the unit cube.
+    start, way : three arrays each
+        The line is ``start + s way``.
+    """
+    edges = [
+        [_line(corners[0][b][c], corners[1][b][c], start[0], way[0]) for c in (0, 1)]
+        for b in (0, 1)
+    ]
+    faces = [_blend(edges[0][c], edges[1][c], start[1], way[1]) for c in (0, 1)]
+    return _blend(faces[0], faces[1], start[2], way[2])
+
+
+def _line(low: Any, high: Any, start: Any, way: Any) -> list[Any]:
+    rise = high - low
+    return [horner(start, [low, rise]), rise * way]
+
+
+def _blend(low: list[Any], high: list[Any], start: Any, way: Any) -> list[Any]:
+    """Return low + (start + s way) (high - low), one degree higher."""
+    rise = [b - a for a, b in zip(low, high, strict=True)]
+    here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
+    onward = [r * way for r in rise]
+    inner = [a + b for a, b in zip(here[1:], onward[:-1], strict=True)]
+    return [here[0], *inner, onward[-1]]

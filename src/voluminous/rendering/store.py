@@ -1,0 +1,70 @@
+"""What was made of a volume for one picture and serves the next: tables, lattices, blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..memory import fits
+from .classify import extremes_of
+
+# Things kept per volume: turning only the camera, or going back and forth between two schemes or
+# media, makes nothing again.
+_KEPT = 16
+# Memory that is left alone: temporary numbers while making the next thing.
+SLABS = 96 << 20
+
+
+class Store:
+    """Access to `Volume.tables` for one picture.
+
+    Parameters
+    ----------
+    volume : Volume
+        Its fields' contents are hashed, once per picture (at 30 GB/s), since arrays are not copied
+        and may have been changed in place.
+    """
+
+    def __init__(self, volume: Any) -> None:
+        self.volume = volume
+        self._digests: dict[str, bytes] = {}
+
+    def digest(self, name: str) -> bytes:
+        """Return a hash of a field's contents."""
+        if name not in self._digests:
+            import xxhash
+
+            self._digests[name] = xxhash.xxh3_64_digest(self.volume.array(name).data)
+        return self._digests[name]
+
+    def digests(self, names: Any) -> tuple[Any, ...]:
+        """Return what identifies the fields among some names: units count too."""
+        return tuple(
+            (name, str(self.volume.field_unit(name)), self.digest(name))
+            for name in names
+            if name in self.volume
+        )
+
+    def extremes(self, name: str) -> tuple[float, float]:
+        """Return the least and the largest value of a field; kept."""
+        key = ("extremes", name, self.digest(name))
+        return self.kept(key, lambda: extremes_of(self.volume, name))
+
+    def get(self, key: Any) -> Any:
+        """Return what is kept under a key, or None."""
+        if key not in self.volume.tables:
+            return None
+        self.volume.tables.move_to_end(key)
+        return self.volume.tables[key]
+
+    def keep(self, key: Any, thing: Any) -> Any:
+        """Remember a thing; forget the oldest where there are many, or memory is short."""
+        tables = self.volume.tables
+        while tables and (len(tables) >= _KEPT or not fits(SLABS)):
+            tables.popitem(last=False)
+        tables[key] = thing
+        return thing
+
+    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what is kept under a key, made if need be."""
+        return self.get(key) if key in self.volume.tables else self.keep(key, make())

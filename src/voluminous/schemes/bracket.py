@@ -1,0 +1,118 @@
+"""Guaranteed bounds along a ray: post-classified, with intervals in place of numbers.
+
+Coefficients are bracketed over the range of the interpolant on each panel of a segment (Novins,
+Arvo & Salesin 1992, *Adaptive error bracketing for controlled-precision volume rendering*), and
+panels halved until the bracket is narrow enough, or the budget spent. What is kept of a path are
+lower and upper emissions and transparencies, which compose like others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..backend import dr
+from ..expressions.traced_rounding import positive
+from .contract import Solution
+from .panel_bounds import solve_parts
+from .path import Path, empty_path, most, over
+
+# No panel is made narrower than this fraction of a segment: at a jump nothing else would end it.
+_NARROWEST = 2.0**-24
+# The part of the budget that may be spent anywhere.
+_SHARE = 0.25
+
+
+@dataclass
+class Progress:
+    """How far a segment is: where, how wide the next panel is, panels tried, what is gathered."""
+
+    begin: Any
+    width: Any
+    tried: Any
+    path: Path
+
+
+class Bracket:
+    """Bounds of what post-classified tends to.
+
+    Parameters
+    ----------
+    budget : int
+        About how many panels are tried per segment, at most.
+    signed : bool
+        The emissivity may be negative: what is negative is kept as emissions of its own.
+    """
+
+    name = "bracket"
+    order = 2
+    place = "field"
+    linear = False
+    controlled = False
+    reckoned = False
+
+    def __init__(self, budget: int, signed: bool) -> None:
+        self.budget, self.signed = budget, signed
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry how much of what is emitted may be seen."""
+        return [source.backend.Float(1)]
+
+    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+        """Carry the same over empty space."""
+        return carried
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Solution, list[Any]]:
+        """Return the bounds of one segment; see `schemes.contract.Scheme`."""
+        (seen,) = carried
+        real = source.backend.Float
+        cubics = source.cubics(walk.chord(track, segment), segment.active)
+        budget = dr.opaque(real, self.budget)
+
+        def going_on(state: Progress) -> Any:
+            return state.begin < 1.0
+
+        def step(state: Progress) -> tuple[Progress]:
+            courses = source.courses(cubics, segment.length, state.begin, state.width)
+            found, gaps = self._bounded(source.parts(courses))
+            wrong, dim = (gap * seen for gap in gaps)
+            good = ~(wrong > source.tolerance[0]) & ~(dim > source.tolerance[1])
+            tried = state.tried + 1.0
+            end = state.begin + state.width
+            # The budget is spent evenly along the segment, but for a share where it is needed most.
+            good |= tried >= budget * (_SHARE + (1.0 - _SHARE) * end)
+            good |= state.width <= _NARROWEST
+            begin = dr.select(good, end, state.begin)
+            width = dr.select(good, 2.0 * state.width, 0.5 * state.width)
+            width = dr.select(width < 1.0 - begin, width, 1.0 - begin)
+            path = dr.select(good, over(state.path, found), state.path)
+            return (Progress(begin, width, tried, path),)
+
+        count = source.numbers.emissions
+        nothing = empty_path(real, count, count)
+        begin = dr.select(segment.active, real(0), 1)
+        state = Progress(begin, real(1), real(0), nothing)
+        (state,) = dr.while_loop((state,), going_on, step, label="bracket")
+        return state.path, [seen * most(state.path.transparency)]
+
+    def _bounded(self, parts: Any) -> tuple[Path, tuple[Any, Any]]:
+        """Return a panel's path, and how wide its brackets are."""
+        emission, transparency = solve_parts(parts)
+        grey = len(transparency) == 1
+        through = [transparency[0 if grey else c] for c in range(len(emission))]
+        lows, highs = ([ends[k] for ends in emission] for k in (0, 1))
+        dims, clears = ([ends[k] for ends in through] for k in (0, 1))
+        gaps = (
+            most([b - positive(a) if not self.signed else b - a for a, b in emission]),
+            most([b - a for a, b in transparency]),
+        )
+        found = [positive(v) for v in (*lows, *highs)]
+        theta = [*dims, *clears]
+        if self.signed:
+            found += [positive(-v) for v in (*lows, *highs)]
+            theta += [*clears, *dims]
+        # In place of depths: how many panels there are, each of which rounds.
+        one = type(found[0])(1)
+        return Path(found, theta, [one for _ in found]), gaps

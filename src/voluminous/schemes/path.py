@@ -1,0 +1,96 @@
+"""A stretch of ray is a pair (b, θ); two stretches compose: (b₁, θ₁) over (b₂, θ₂)."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..backend import dr
+
+
+@dataclass
+class Path:
+    """What a stretch of ray emits and lets through: of one segment, or gathered so far.
+
+    Attributes
+    ----------
+    emission : list of arrays
+        b per channel (or per shape).
+    transparency, depth : list of arrays
+        θ and τ per extinction.
+    error : list of arrays
+        Nothing, or three: how far b may be off, how far θ may be off, and the brightness of b.
+    """
+
+    emission: list[Any]
+    transparency: list[Any]
+    depth: list[Any]
+    error: list[Any] = field(default_factory=list)
+
+
+def empty_path(real: Any, channels: int, extinctions: int, errors: int = 0) -> Path:
+    """Return the identity of composition: nothing emitted, everything transmitted."""
+    return Path(
+        [real(0) for _ in range(channels)],
+        [real(1) for _ in range(extinctions)],
+        [real(0) for _ in range(extinctions)],
+        [real(0) for _ in range(errors)],
+    )
+
+
+def over(front: Path, back: Path) -> Path:
+    """Return ``front over back``: (b₁ + θ₁ b₂, θ₁ θ₂).
+
+    Associative, so tiles, chunks and both directions of the loop fold it as they like.
+    """
+    grey = len(front.transparency) == 1
+    emission = [
+        dr.fma(front.transparency[0 if grey else c], b, f)
+        for c, (f, b) in enumerate(zip(front.emission, back.emission, strict=True))
+    ]
+    transparency = [f * b for f, b in zip(front.transparency, back.transparency, strict=True)]
+    depth = [f + b for f, b in zip(front.depth, back.depth, strict=True)]
+    return Path(emission, transparency, depth, _error_over(front, back))
+
+
+def _error_over(front: Path, back: Path) -> list[Any]:
+    """Return the errors of ``front over back``, as if all of them had the same sign.
+
+    δb = δb₁ + θ₁ δb₂ + δθ₁ b₂ and δθ = δθ₁ θ₂ + θ₁ δθ₂, with the brightness for b and the largest
+    transparency for θ.
+    """
+    if not front.error:
+        return []
+    (wrong, dim, bright), (wrong_back, dim_back, bright_back) = front.error, back.error
+    through = most(front.transparency)
+    return [
+        dr.fma(through, wrong_back, dr.fma(dim, bright_back, wrong)),
+        dr.fma(through, dim_back, dim * most(back.transparency)),
+        dr.fma(through, bright_back, bright),
+    ]
+
+
+def plus(a: Path, b: Path) -> Path:
+    """Return the sums of all numbers: for means over rays."""
+    return Path(
+        *(
+            [p + q for p, q in zip(getattr(a, part), getattr(b, part), strict=True)]
+            for part in ("emission", "transparency", "depth", "error")
+        )
+    )
+
+
+def times(path: Path, factor: float) -> Path:
+    """Return all numbers times a factor."""
+    return Path(
+        *(
+            [v * factor for v in getattr(path, part)]
+            for part in ("emission", "transparency", "depth", "error")
+        )
+    )
+
+
+def most(values: list[Any]) -> Any:
+    """Return the largest of some arrays."""
+    return functools.reduce(lambda a, b: dr.select(a > b, a, b), values)

@@ -1,0 +1,226 @@
+"""Post-classified: fields are interpolated along the ray, and classified there.
+
+Between cell centres a field is trilinear, so along a segment it is a cubic. Over panels on which a
+medium's scalars are nearly linear its integrals are known in closed form (`Medium.means`); panels
+are halved until a panel and its two halves agree. What they differ by is the error that is kept.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from ..backend import dr
+from ..backend.functions import precision_of
+from .contract import Solution
+from .one_panel import solved
+from .path import Path, empty_path, most, over
+
+# Panels are not made narrower than this fraction of a segment.
+_NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
+# The least part of their difference that two approximations are taken to be off by.
+_SURE = 0.3
+NODES = (0.0, 0.5, 1.0)
+
+
+@dataclass
+class Progress:
+    """How far the halving of one segment is: where, how wide, and what has been gathered."""
+
+    begin: Any
+    width: Any
+    scalars: list[Any]
+    path: Path
+
+
+class PostClassified:
+    """Classify what is interpolated, to a tolerance."""
+
+    name = "post-classified"
+    order = 2
+    place = "field"
+    linear = True
+    controlled = True
+    reckoned = False
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry the scalars where the ray is (not known yet: NaN), and its transparency."""
+        unknown = source.context.real(math.nan)
+        return [*(unknown for _ in source.scalars), source.backend.Float(1)]
+
+    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+        """Forget the scalars of rays that crossed empty space."""
+        *scalars, seen_through = carried
+        return [*(dr.select(moved, math.nan, x) for x in scalars), seen_through]
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Solution, list[Any]]:
+        """Return the solution of one segment; see `schemes.contract.Scheme`."""
+        *scalars, seen_through = carried
+        chord = walk.chord(track, segment)
+        cubics = source.cubics(chord, source.corners(chord, segment.active))
+        whole = source.stretch(cubics, segment.length)
+        for expr, before in zip(source.scalars, scalars, strict=True):
+            fresh = whole.scalar(expr, 0.0)
+            whole.set_scalar(expr, 0.0, dr.select(dr.isnan(before), fresh, before))
+        visible, hidden = source.visible(whole)
+        known = [whole.known(expr) for expr in source.scalars]
+        numbers = source.numbers
+        nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
+        path = dr.if_stmt(
+            args=(cubics, known, segment.length, seen_through, hidden, nothing),
+            cond=visible & segment.active,
+            true_fn=functools.partial(_visible, source, backward),
+            false_fn=_invisible,
+        )
+        if not backward:
+            seen_through = seen_through * most(path.transparency)
+        return path, [*(values[-1] for values in known), seen_through]
+
+
+def _invisible(
+    cubics: Any, known: Any, length: Any, seen_through: Any, hidden: Any, nothing: Path
+) -> Path:
+    return nothing
+
+
+def _visible(
+    source: Any,
+    backward: bool,
+    cubics: Any,
+    known: Any,
+    length: Any,
+    seen_through: Any,
+    hidden: Any,
+    nothing: Path,
+) -> Path:
+    """Return a segment solved in two panels, or in more where that is not good enough."""
+    whole = source.stretch(cubics, length)
+    for expr, values in zip(source.scalars, known, strict=True):
+        whole.set_known(expr, values)
+    fine, good = _attempt(source, whole, seen_through, backward)
+    return dr.if_stmt(
+        args=(cubics, known, length, seen_through, nothing, fine),
+        cond=good & ~hidden,
+        true_fn=_good_enough,
+        false_fn=functools.partial(_refined, source, backward),
+    )
+
+
+def _good_enough(
+    cubics: Any, known: Any, length: Any, seen_through: Any, nothing: Path, fine: Path
+) -> Path:
+    return fine
+
+
+def _refined(
+    source: Any,
+    backward: bool,
+    cubics: Any,
+    known: Any,
+    length: Any,
+    seen_through: Any,
+    nothing: Path,
+    fine: Path,
+) -> Path:
+    """Return a segment solved in panels that are narrow enough."""
+    real = type(length)
+    narrowest = _NARROWEST[precision_of(real)]
+    whole = source.stretch(cubics, length)
+
+    def going_on(state: Progress) -> Any:
+        return state.begin < 1.0
+
+    def step(state: Progress) -> tuple[Progress]:
+        part = whole.part(state.begin, state.width)
+        last = state.begin + state.width >= 1.0
+        for expr, value, values in zip(source.scalars, state.scalars, known, strict=True):
+            part.set_scalar(expr, 0.0, value)
+            # To the last bit where the next segment begins, lest a crossing be counted twice.
+            part.set_scalar(expr, 1.0, dr.select(last, values[-1], part.scalar(expr, 1.0)))
+        found, good = _attempt(source, part, seen_through, backward)
+        _, hidden = source.visible(part)
+        good = (good & ~hidden) | (state.width <= narrowest)
+        front, back = (found, state.path) if backward else (state.path, found)
+        begin = dr.select(good, state.begin + state.width, state.begin)
+        width = dr.select(good, 2.0 * state.width, 0.5 * state.width)
+        width = dr.select(width < 1.0 - begin, width, 1.0 - begin)
+        scalars = [
+            dr.select(good, part.scalar(expr, 1.0), value)
+            for expr, value in zip(source.scalars, state.scalars, strict=True)
+        ]
+        return (Progress(begin, width, scalars, dr.select(good, over(front, back), state.path)),)
+
+    starts = [values[0] for values in known]
+    state = Progress(real(0), real(0.5), starts, nothing)
+    (state,) = dr.while_loop((state,), going_on, step, label="panels")
+    return state.path
+
+
+def _attempt(source: Any, part: Any, seen_through: Any, backward: bool) -> tuple[Path, Any]:
+    """Return a part solved, and where that is good enough.
+
+    Twice: as one panel and as two; where they are near each other what is left of their difference
+    is extrapolated away (Richardson 1911).
+    """
+    halves = [_solved(source, part.panel(a, b)) for a, b in pairwise(NODES)]
+    fine = over(*(halves[::-1] if backward else halves))
+    coarse = _solved(source, part.panel(0.0, 1.0))
+    sharp = source.sharpness(part)
+    emission, wrong = _extrapolated(coarse.emission, fine.emission, *sharp)
+    depth, _ = _extrapolated(coarse.depth, fine.depth, *sharp)
+    through, dim = _extrapolated(
+        [1.0 - theta for theta in coarse.transparency],
+        [1.0 - theta for theta in fine.transparency],
+        *sharp,
+    )
+    brightness = source.numbers.brightness
+    mixed = _mixed(halves, source.cores(part))
+    error = [brightness(wrong) + mixed, most(dim), brightness(emission)]
+    path = Path(emission, [1.0 - lost for lost in through], depth, error)
+    allowed, allowed_dim = source.tolerance
+    good = (seen_through * error[0] <= allowed) & (seen_through * error[1] <= allowed_dim)
+    return path, good
+
+
+def _mixed(halves: list[Path], cores: list[Any]) -> Any:
+    """Return how far panels may be off that hold several structures, one in front of another."""
+    total = halves[0].error[2] * 0.0
+    for half, count in zip(halves, cores, strict=True):
+        lost = half.error[2] * (1.0 - most(half.transparency))
+        total += dr.select(count > 1.5, 0.5 * lost, 0.0)
+    return total
+
+
+def _extrapolated(
+    coarse: list[Any], fine: list[Any], thin: Any, bent: Any
+) -> tuple[list[Any], list[Any]]:
+    """Return what two approximations of second order tend to, and how far that may be off.
+
+    Halves are off by a third of what they differ from the whole; what remains after taking that
+    off is of higher order, about the square of the relative difference. Where they differ much, or
+    structures are thinner than a half, there is no order: then the halves count, and all of the
+    difference. `bent` is a relative error that both may share.
+    """
+    values, errors = [], []
+    for c, f in zip(coarse, fine, strict=True):
+        off, size = dr.abs(f - c), dr.abs(f)
+        near = off < 0.25 * size
+        ratio = off / dr.select(near, size, 1.0)
+        smooth = dr.select(near, dr.select(2.0 * ratio > _SURE, 2.0 * ratio, _SURE), 0.5)
+        share = dr.select(near, (1.0 - thin) * (1 / 3), 0.0)
+        values.append(dr.fma(f - c, share, f))
+        errors.append(off * dr.fma(thin, 1.0 - smooth, smooth) + bent * size)
+    return values, errors
+
+
+def _solved(source: Any, panel: Any) -> Path:
+    """Return a panel solved with its mean coefficients, and how bright it is."""
+    path = solved(source, panel)
+    zero = type(panel.length)(0)
+    path.error = [zero, zero, source.numbers.brightness(path.emission)]
+    return path

@@ -1,0 +1,288 @@
+"""vm.auto: what it chooses, and that a picture of any data shows something."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import real_data
+import voluminous as vm
+from voluminous.calibration.histogram import histogram, sampled_values
+from voluminous.calibration.labels import labels_of
+from voluminous.calibration.levels import levels
+from voluminous.calibration.scalar import is_wide, main_scalar
+from voluminous.cli import main
+from voluminous.expressions import Expression
+
+CAMERA = vm.Orthographic(60, 30, resolution=100)
+
+
+def cube(function, cells=40, **more):
+    """Return a volume over (-1, 1)³ with a field `a` of the radius."""
+    grid = vm.CartesianGrid.uniform(cells, (-1, 1))
+    x, y, z = np.meshgrid(*grid.centers, indexing="ij")
+    return vm.Volume(grid, a=function(np.sqrt(x**2 + y**2 + z**2)), **more)
+
+
+def shells(medium):
+    return medium.components()
+
+
+def boundary(radius, values):
+    """Return two materials with a smooth boundary, an error function four cells wide."""
+    low, high = values
+    return lambda r: low + (high - low) * 0.5 * (1 - np.tanh((r - radius) / 0.1))
+
+
+@pytest.mark.parametrize("values", [(0.0, 1.0), (-1000.0, 50.0), (5.0, 6.0)])
+def test_one_level_is_at_the_boundary_of_two_materials(values):
+    # The mean gradient of tanh is greatest in the middle: d tanh = 1 - tanh².
+    (shell,) = shells(vm.auto(cube(boundary(0.6, values)), n=1))
+    assert shell.center == pytest.approx(np.mean(values), abs=0.05 * np.ptp(values))
+
+
+def test_several_materials_get_a_level_each():
+    # Three boundaries: 0 | 1 | 2 | 3 from outside to inside, at 0.5, 1.5, 2.5.
+    steps = [boundary(radius, (0.0, 1.0)) for radius in (0.75, 0.5, 0.25)]
+    volume = cube(lambda r: sum(step(r) for step in steps), 64)
+    centers = [shell.center for shell in shells(vm.auto(volume, n=3))]
+    assert centers == pytest.approx([0.5, 1.5, 2.5], abs=0.25)
+
+
+def test_scale_free_data_gets_equally_spaced_logarithms():
+    media = shells(vm.auto(vm.models.prestellar_core(64), n=5))
+    assert {shell.expr.text for shell in media} == {"log10(density)"}
+    steps = np.diff([shell.center for shell in media])
+    assert np.ptp(steps) < 0.25 * steps.mean()  # the bins of the small, innermost shells are noisy
+
+
+def test_both_ends_of_signed_data_are_seen():
+    # Two jets of opposite velocity, each in less than a percent of the volume.
+    grid = vm.CartesianGrid.uniform(48, (-1, 1))
+    x, y, z = np.meshgrid(*grid.centers, indexing="ij")
+    speed = np.exp(-(x**2 + y**2) / 0.1**2 - (abs(z) - 0.5) ** 2 / 0.3**2)
+    centers = [shell.center for shell in shells(vm.auto(vm.Volume(grid, v=np.sign(z) * speed)))]
+    assert centers == pytest.approx([-c for c in reversed(centers)], abs=0.05)  # few cells
+    assert centers[-1] > 0.4
+
+
+@given(st.floats(-3, 3), st.floats(0.01, 100))
+@settings(max_examples=15)
+def test_linear_levels_follow_the_data_when_it_is_scaled_and_shifted(shift, factor):
+    r = cube(lambda r: np.exp(-3 * r) + 0.2 * np.sin(9 * r), 24).array("a")
+    grid = vm.CartesianGrid.uniform(24, (-1, 1))
+
+    def found(values):
+        field = Expression("a")
+        volume = vm.Volume(grid, a=values)
+        centers, distance = levels(histogram(volume, field, sampled_values(volume, field)), 4)
+        return np.array([*centers, distance])
+
+    expected = found(r) * factor + [*[shift] * 4, 0]
+    # Rounding may push a cell into the next of 1024 bins.
+    np.testing.assert_allclose(found(shift + factor * r), expected, atol=0.02 * factor)
+
+
+def test_the_mean_gradient_is_that_of_the_field():
+    # a = r³: |∇a| = 3 r² = 3 a^(2/3).
+    volume, field = cube(lambda r: r**3, 64), Expression("a")
+    found = histogram(volume, field, sampled_values(volume, field))
+    middle = (found.centers > 0.2) & (found.centers < 0.8)
+    steep = found.steepness(0.03)[middle]
+    expected = 3 * found.centers[middle] ** (2 / 3)
+    ratio = steep / expected
+    # The scale is arbitrary; the rest is smoothing and central differences.
+    np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.03)
+
+
+def test_the_area_of_an_isosurface_is_that_of_the_sphere():
+    volume, field = cube(lambda r: r, 64), Expression("a")
+    found = histogram(volume, field, sampled_values(volume, field))
+    expected = 4 * np.pi * found.centers**2 / 12  # in squares of the diagonal
+    for low in np.arange(0.3, 0.9, 0.1):
+        bins = (found.centers > low) & (found.centers < low + 0.1)
+        # Some thousand cells, whose centres are no random points: a percent.
+        assert found.area[bins].mean() == pytest.approx(expected[bins].mean(), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("values", "wide"),
+    [
+        (np.geomspace(1, 1e3, 1000), True),
+        (np.geomspace(1, 50, 1000), False),
+        (np.linspace(-1, 1, 1000), False),
+        (np.tanh(np.linspace(1e-9, 2, 1000)) ** 9, False),  # a material and its outskirts
+        (np.concatenate([np.full(900, 1e-18), np.linspace(1e-9, 1, 100)]), False),  # a floor
+        (np.concatenate([np.zeros(5000), np.geomspace(1e-9, 1, 100)]), True),
+        (np.concatenate([[-1e-9], np.geomspace(1e-3, 1, 9999)]), True),  # one cell of noise
+        (np.zeros(100), False),
+        (np.array([]), False),
+    ],
+)
+def test_a_logarithm_is_for_what_spans_decades(values, wide):
+    assert is_wide(np.sort(values)) is wide
+
+
+@pytest.mark.parametrize(
+    ("names", "chosen"),
+    [
+        (("pressure", "density"), "density"),
+        (("temperature", "Rho"), "Rho"),
+        (("velocity_x", "vel2", "speed"), "speed"),
+        (("flat", "noisy"), "noisy"),
+        (("velocity_x",), "velocity_x"),
+    ],
+)
+def test_the_field_to_look_at_first(names, chosen):
+    grid = vm.CartesianGrid.uniform(6, (0, 1))
+    noise = np.random.default_rng(3).random(grid.shape)
+    fields = {name: np.ones(grid.shape) if name == "flat" else noise for name in names}
+    assert main_scalar(vm.Volume(grid, fields)).text == chosen
+
+
+def test_labels_get_a_shell_each_but_not_the_background():
+    a = np.zeros((12, 12, 12), np.uint8)
+    a[2:5, 2:5, 2:5], a[6:10, 6:10, 6:10], a[7, 7, 7] = 2, 3, 5
+    volume = vm.Volume(vm.CartesianGrid.uniform(12, (0, 12)), tissue=a)
+    media = shells(vm.auto(volume, n=2))
+    assert [shell.center for shell in media] == [2, 3, 5]
+    assert {type(shell) for shell in media} == {vm.Rectangle}
+    assert len({shell.color for shell in media}) == 3
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        [0, 62, 125, 187],  # a coarsely measured number
+        [0.5, 1.5],
+        range(200),
+        [3],
+    ],
+)
+def test_what_is_no_label(values):
+    a = np.resize(np.array(values), (8, 8, 8))
+    volume, field = vm.Volume(vm.CartesianGrid.uniform(8, (0, 1)), a=a), Expression("a")
+    assert labels_of(volume, field, sampled_values(volume, field)) is None
+
+
+@pytest.mark.parametrize("value", [0.0, -3.25, 1e30, 1e-30])
+def test_a_constant_is_seen(value):
+    grid = vm.CartesianGrid.uniform(4, (0, 1))
+    volume = vm.Volume(grid, a=np.full(grid.shape, value))
+    image = vm.render(volume, vm.auto(volume), CAMERA, scheme="first-order")
+    assert (image.intensity.max(axis=-1) > 0).mean() > 0.3
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
+def test_cells_without_a_value_do_not_matter(bad):
+    volume = cube(lambda r: np.where(r > 0.9, bad, 10 ** (4 - 4 * r)))
+    media = shells(vm.auto(volume, n=3))
+    assert {shell.expr.text for shell in media} == {"log10(a)"}
+    assert np.all(np.diff([shell.center for shell in media]) > 0)
+    assert all(0.4 < shell.center < 4 for shell in media)
+
+
+def test_the_same_data_gives_the_same_medium():
+    first, second = (vm.auto(cube(np.cos)).describe() for _ in range(2))
+    assert first == second
+
+
+def test_opacity_scales_the_optical_depth_and_large_shells_are_more_transparent():
+    core = vm.models.prestellar_core(32)
+    one, half = (shells(vm.auto(core, opacity=o)) for o in (1.0, 0.5))
+    for a, b in zip(one, half, strict=True):
+        assert b.opacity[0] == pytest.approx(0.5 * a.opacity[0])
+    assert np.all(np.diff([shell.opacity[0] for shell in one]) > 0)
+
+
+def test_an_expression_may_be_given():
+    core = vm.models.prestellar_core(16)
+    media = shells(vm.auto(core, "r / 1e16", n=2, cmap="viridis"))
+    assert [shell.expr.text for shell in media] == ["r / 1e16"] * 2
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "told"),
+    [
+        ({"expr": "densty"}, vm.UnknownNameError, "density"),
+        ({"cmap": "turbot"}, vm.UnknownNameError, "turbo"),
+        ({"n": 0}, vm.InputError, "positive whole number"),
+        ({"n": 2.5}, vm.InputError, "positive whole number"),
+        ({"opacity": -1}, vm.InputError, "positive"),
+        ({"expr": "log10(-density)"}, vm.InputError, "no finite value"),
+    ],
+)
+def test_errors_say_what_to_do(options, error, told):
+    with pytest.raises(error, match=told):
+        vm.auto(vm.models.prestellar_core(8), **options)
+
+
+def test_a_volume_without_fields_says_so():
+    with pytest.raises(vm.InputError, match="no fields"):
+        vm.auto(vm.Volume(vm.CartesianGrid.uniform(4, (0, 1))))
+
+
+@pytest.mark.parametrize("name", real_data.names())
+def test_a_picture_of_real_data_shows_something(name):
+    volume = real_data.load(name)
+    image = vm.render(volume, vm.auto(volume), CAMERA, scheme="second-order")
+    shown = image.to_rgb().max(axis=-1)
+    visible = shown > 0.05
+    # Not black, and not full to the edge: the frame is wider than any volume.
+    assert 0.03 < visible.mean() < 0.9
+    # Faint and bright parts, neither of which is all there is.
+    assert np.mean(shown[visible] > 0.98) < 0.1
+    assert np.quantile(shown[visible], 0.95) > 3 * np.quantile(shown[visible], 0.05)
+    # Colours, not one only: chromaticities differ by more than rounding.
+    tints = image.to_rgb()[visible] / image.to_rgb()[visible].sum(axis=-1, keepdims=True)
+    assert tints.std(axis=0).max() > 0.05
+    # Nothing hides all the rest: rays through the middle of the picture come through in places.
+    assert np.quantile(image.transparency[visible], 0.9) > 0.2
+
+
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    """A data file in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    vm.io.save(cube(lambda r: np.exp(-5 * r), 12, velocity_x=np.ones((12,) * 3)), "ball.npz")
+    return tmp_path
+
+
+def test_render_makes_a_picture_of_a_data_file(data, capsys):
+    assert main(["render", "ball.npz"]) == 0
+    assert "ball.png: 800 x 800 pixels, 3 channels" in capsys.readouterr().out
+    image = vm.Image.load("ball.png")
+    assert image.camera["incl"] == 60
+    assert image.provenance["scene"]["volume"] == {"path": "ball.npz", "fields": ["a"]}
+    assert 0.1 < (image.intensity.max(axis=-1) > 0.02).mean() < 0.9
+
+
+def test_a_picture_of_a_data_file_is_a_scene(data):
+    small = ["--set", "camera.resolution=20"]
+    assert main(["render", "ball.npz", "-o", "a.png", "-n", "2", "--incl", "10", *small]) == 0
+    assert main(["render", "a.png", "-o", "b.png"]) == 0
+    first, second = vm.Image.load("a.png"), vm.Image.load("b.png")
+    np.testing.assert_array_equal(first.intensity, second.intensity)
+    assert first.camera["incl"] == 10
+    assert len(first.provenance["scene"]["medium"]) == 2
+
+
+def test_the_field_to_render_may_be_named(data):
+    arguments = ["render", "ball.npz", "--field", "sqrt(a) * velocity_x", "-q"]
+    assert main([*arguments, "--set", "camera.resolution=9", "-o", "c.fits"]) == 0
+    medium = vm.Image.load("c.fits").provenance["medium"]
+    assert {part["expr"] for part in medium["parts"]} == {"sqrt(a) * velocity_x"}
+
+
+def test_options_for_data_files_are_refused_beside_a_scene(data, capsys):
+    vm.Scene({"volume": {"path": "ball.npz"}, "medium": vm.Coefficients("a", "a")}).save("s.toml")
+    assert main(["render", "s.toml", "--incl", "20"]) == 2
+    assert "--set camera.incl" in capsys.readouterr().err
+
+
+def test_a_file_of_no_known_kind_is_refused(data, capsys):
+    (data / "odd.bin").write_bytes(b"\xff\xfe\x00\x01")
+    assert main(["render", "odd.bin"]) == 2
+    assert "Known formats" in capsys.readouterr().err

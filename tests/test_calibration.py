@@ -1,0 +1,275 @@
+"""path_length="auto": thicknesses with known answers, and where numbers take its place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.calibration.calibrate import extent_of
+from voluminous.calibration.profile import Profile
+from voluminous.calibration.samples import pieces
+from voluminous.calibration.thickness import thicknesses, weighted_median
+from voluminous.expressions import Expression
+from voluminous.scene import Scene
+
+SQRT_2PI = np.sqrt(2 * np.pi)
+
+
+def ramp(slope=3.0, edges=None, *, axis=0, unit=None, across=40.0):
+    """Return a volume whose field a rises linearly along one axis, with cells of any widths."""
+    along = np.linspace(0, 30, 61) if edges is None else np.asarray(edges)
+    sides = [np.linspace(0, across, 5)] * 3
+    sides[axis] = along
+    grid = vm.CartesianGrid(*sides, unit=unit)
+    shape = [-1 if k == axis else 1 for k in range(3)]
+    a = np.broadcast_to(slope * grid.centers[axis].reshape(shape), grid.shape)
+    return vm.Volume(grid, a=a)
+
+
+def length(medium, volume):
+    return vm.calibrate(medium, volume).path_length
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.3, 2.0])  # thinner than a cell, and thicker
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_gaussian_on_a_ramp_is_as_thick_as_its_integral(sigma, axis):
+    shell = vm.Gaussian("a", 40, sigma, 1, 1, "auto")
+    # The Gaussian is integrated up to six sigma: 1 - erf(6 / sqrt 2) = 2e-9 is left out.
+    np.testing.assert_allclose(
+        length(shell, ramp(axis=axis)), SQRT_2PI * sigma / 3, rtol=1e-8, atol=0
+    )
+
+
+@pytest.mark.parametrize("half_width", [0.001, 0.2, 5.0])
+def test_a_rectangle_on_a_ramp_is_as_thick_as_it_is_wide(half_width):
+    shell = vm.Rectangle("a", 40, half_width, 1, 1, "auto")
+    # A few roundings of numbers around 40.
+    np.testing.assert_allclose(length(shell, ramp()), 2 * half_width / 3, rtol=1e-11)
+
+
+@given(st.lists(st.floats(0.05, 3), min_size=30, max_size=60), st.floats(0.1, 50))
+def test_uneven_cells_do_not_matter(widths, slope):
+    volume = ramp(slope, np.concatenate([[0], np.cumsum(widths)]))
+    middle = 0.5 * slope * sum(widths)
+    shell = vm.Rectangle("a", middle, 0.01 * middle, 1, 1, "auto")
+    # A gradient of differences of positions: some roundings.
+    np.testing.assert_allclose(length(shell, volume), 0.02 * middle / slope, rtol=1e-9)
+
+
+@pytest.mark.parametrize("opacities", [[0, 1, 0], 0.0])
+def test_a_table_counts_its_opacity_or_else_its_brightness(opacities):
+    opacity = np.broadcast_to(opacities, 3)
+    table = vm.Table("a", [30, 40, 50], [0, 2, 0], opacity, "auto")
+    # A triangle of height one and base 20.
+    np.testing.assert_allclose(length(table, ramp()), 10 / 3, rtol=1e-12)
+
+
+def test_a_table_ends_where_the_data_end():
+    # Opaque for all x, of which the volume has 0.75 to 89.25.
+    table = vm.Table("a", [10, 20], [1, 1], [1, 1], "auto")
+    assert extent_of(ramp(), Expression("a")) == (0.75, 89.25)
+    np.testing.assert_allclose(length(table, ramp()), 88.5 / 3, rtol=1e-12)
+
+
+def test_a_colormap_is_as_thick_as_its_range():
+    colormap = vm.Colormap("a", "viridis", 30, 60, lambda p: float(0.2 < p < 0.6), "auto")
+    # 256 samples of the opacity: the two edges are known to one of them.
+    np.testing.assert_allclose(length(colormap, ramp()), 12 / 3, rtol=1 / 100)
+
+
+def test_no_shell_is_thicker_than_the_shortest_side():
+    constant = vm.Volume(vm.CartesianGrid([0, 1, 2], [0, 5], [0, 7]), a=np.full((2, 1, 1), 4.0))
+    assert length(vm.Gaussian("a", 4, 1, 1, 1, "auto"), constant) == 2
+    thick = vm.Gaussian("a", 40, 1e5, 1, 1, "auto")
+    assert length(thick, ramp()) == pytest.approx(30, rel=1e-15)
+
+
+def test_a_shell_that_is_nowhere_gets_the_shortest_side_and_shows_nothing():
+    shell = vm.Gaussian("a", -1e3, 1, 1, 1, "auto")
+    assert length(shell, ramp()) == pytest.approx(30, rel=1e-15)
+    image = vm.render(ramp(), shell, vm.Orthographic(resolution=4), scheme="first-order")
+    assert not image.intensity.any()
+
+
+@pytest.mark.parametrize("center", [3.2, 3.5, 4.0])
+@pytest.mark.parametrize("sigma", [0.003, 0.05])
+def test_the_shells_of_a_prestellar_core_are_as_thick_as_the_closed_form(center, sigma):
+    # x = log10(28) - 2 log10(r): r = sqrt(28 / 10^x), |dx/dr| = 2 / (r ln 10).
+    core = vm.models.prestellar_core(64)
+    radius = np.sqrt(28 / 10**center) * vm.models.PARSEC
+    thickness = SQRT_2PI * sigma * radius * np.log(10) / 2
+    found = length(vm.Gaussian("log10(density)", center, sigma, 1, 1, "auto"), core)
+    # Weighting with the area moves the median outwards by 2 (σ ln 10 / 2)² = 0.7 % at σ = 0.05;
+    # at 4.0 the radius is 13 cells, of which central differences make 1/(2·13²) = 0.3 %.
+    np.testing.assert_allclose(found, thickness, rtol=0.012)
+
+
+@pytest.mark.parametrize("factor", [1e-20, 1.0, 1e20])
+def test_lengths_scale_with_the_volume(factor):
+    core = vm.models.prestellar_core(16, 1.0)
+    grid = vm.CartesianGrid(*[e * factor / vm.models.PARSEC for e in core.grid.edges])
+    scaled = vm.Volume(grid, density=core.array("density"))
+    shell = vm.Gaussian("log10(density)", 2.5, 0.1, 1, 1, "auto")
+    expected = length(shell, core) * factor / vm.models.PARSEC
+    np.testing.assert_allclose(length(shell, scaled), expected, rtol=1e-6)  # float32 fields
+
+
+def test_the_number_is_in_the_volumes_unit_and_the_scalar_in_its_own():
+    u = pytest.importorskip("astropy.units")
+    volume = ramp(unit="pc")
+    volume.set_unit("a", "km")
+    shell = vm.Rectangle("a", 40e3 * u.m, 300 * u.m, 1, 1, "auto")
+    np.testing.assert_allclose(length(shell, volume), 0.6 / 3, rtol=1e-11)
+    assert isinstance(length(shell, volume), float)
+
+
+def test_only_what_is_auto_is_changed_and_only_in_the_copy():
+    automatic = vm.Gaussian("a", 40, 1, (1, 2), 0.1, "auto")
+    given_length = vm.Gaussian("a", 20, 1, (1, 2), 0.1, 7.0)
+    total = automatic + given_length
+    done = vm.calibrate(total, ramp())
+    assert [type(p.path_length) for p in done.components()] == [float, float]
+    assert done.components()[1] is given_length
+    assert automatic.path_length == "auto"
+    assert vm.calibrate(done, ramp()) is done
+    told = {**automatic.describe(), "path_length": done.components()[0].path_length}
+    assert done.components()[0].describe() == told
+
+
+@given(st.integers(1, 40), st.integers(0, 2**31))
+def test_the_weighted_median_is_that_of_repeated_values(count, seed):
+    rng = np.random.default_rng(seed)
+    values, weights = rng.normal(size=count), rng.integers(1, 9, count)
+    repeated = np.sort(np.repeat(values, weights))
+    assert weighted_median(values, weights) == repeated[(len(repeated) - 1) // 2]
+
+
+@given(st.floats(-3, 3), st.floats(1e-9, 4))
+def test_a_profile_is_averaged_over_a_cell(x, reach):
+    # A trapezium with a jump, and the mean of it by a plain sum.
+    profile = Profile(np.array([-1.0, 0.0, 0.0, 2.0]), np.array([0.0, 0.5, 1.0, 1.0]))
+    places = x + reach * (2 * (np.arange(20000) + 0.5) / 20000 - 1)
+    plain = np.where(places < 0, 0.5 * (places + 1), 1.0) * ((places >= -1) & (places < 2))
+    found = profile.mean(np.array([x]), np.array([reach]))[0]
+    # The sum errs by jumps of one within two of its steps; a narrow cell sees one value.
+    near_jump = min(abs(x), abs(x - 2)) <= reach < 1e-2
+    assert abs(found - plain.mean()) <= (1.0 if near_jump else 2e-3)
+
+
+def test_shells_thinner_than_a_cell_are_found_between_cell_centres():
+    # x is 0, 3, 6, … at the centres, and the shell is at 31 ± 0.01: no centre is in it.
+    volume = ramp(1.0, np.arange(0, 60, 3) - 1.5)
+    shell = vm.Rectangle("a", 31, 0.01, 1, 1, "auto")
+    np.testing.assert_allclose(length(shell, volume), 0.02, rtol=1e-10)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_cells_without_a_value_are_left_out(bad):
+    volume = ramp()
+    a = volume.array("a").copy()
+    a[::7, 1] = bad
+    holes = vm.Volume(volume.grid, a=a)
+    shell = vm.Rectangle("a", 40, 3, 1, 1, "auto")
+    np.testing.assert_allclose(length(shell, holes), 2, rtol=1e-10)
+
+
+def test_zeros_under_a_logarithm_do_not_matter():
+    a = np.zeros((8, 8, 8))
+    a[2:6, 2:6, 2:6] = 10.0
+    volume = vm.Volume(vm.CartesianGrid.uniform(8, (0, 4)), a=a)
+    assert length(vm.Gaussian("log10(a)", 1, 0.1, 1, 1, "auto"), volume) == 4
+
+
+def test_pieces_tell_the_same_as_the_whole(monkeypatch):
+    from voluminous.calibration import samples
+
+    core, expr = vm.models.prestellar_core(12), Expression("log10(density) + x / 1e18")
+    whole = list(pieces(core, expr))
+    monkeypatch.setattr(samples, "_PIECE", 300)
+    parts = list(pieces(core, expr))
+    assert len(whole) == 1
+    assert len(parts) == 6
+    for name in ("x", "slope", "reach"):
+        joined = np.concatenate([getattr(p, name) for p in parts])
+        # Sums in another order, in single precision.
+        np.testing.assert_allclose(joined, getattr(whole[0], name), rtol=1e-5)
+    np.testing.assert_array_equal(np.concatenate([p.widths[0] for p in parts]), whole[0].widths[0])
+
+
+def test_of_a_large_volume_layers_are_looked_at_and_all_if_those_miss_the_shell(monkeypatch):
+    from voluminous.calibration import samples, thickness
+
+    monkeypatch.setattr(samples, "_PIECE", 32)
+    monkeypatch.setattr(thickness, "BUDGET", 200)
+    volume = ramp()
+    assert sum(p.x.size for p in pieces(volume, Expression("a"), 200)) <= 200
+    shells = [Profile(np.array([c - 0.1, c + 0.1]), np.ones(2)) for c in np.arange(2.0, 88, 0.5)]
+    found = thicknesses(volume, Expression("a"), shells)
+    np.testing.assert_allclose([shell.length for shell in found], 0.2 / 3, rtol=1e-9)
+
+
+def test_a_line_crosses_a_closed_shell_twice_and_a_slanted_sheet_once():
+    profile = Profile(np.array([0.45, 0.55]), np.ones(2))
+    axis = np.linspace(-1, 1, 81)
+    ball = vm.Volume(vm.CartesianGrid(axis, axis, axis))
+    through = thicknesses(ball, Expression("(y + z) / sqrt(2)"), [profile])[0]
+    closed = thicknesses(ball, Expression("r"), [profile])[0]
+    # At 45 degrees; lines that leave the domain within the sheet see less.
+    assert through.crossings == pytest.approx(np.sqrt(2), rel=0.05)
+    # Lines that graze the shell see more than two of its thicknesses: the mean over the disc of
+    # radius 0.55 is the shell's volume over area and thickness, 4/3 (0.55³ - 0.45³) / 0.55² / 0.1.
+    # The rim of that disc is as uncertain as a cell, 0.025, is large: 2 · 0.0125 / 0.55.
+    assert closed.crossings == pytest.approx(4 / 3 * (0.55**3 - 0.45**3) / 0.55**2 / 0.1, rel=0.045)
+
+
+def test_a_medium_that_is_still_auto_says_so():
+    shell = vm.Gaussian("a", 40, 1, 1, 1, "auto")
+    table = vm.Table("a", [0, 1], [0, 1], [0, 1], "auto")
+    for medium in (shell, table):
+        with pytest.raises(vm.InputError, match=r"still 'auto'.*calibrate"):
+            medium.bounds({"a": 0.0}, {"a": 1.0})
+
+
+@pytest.mark.parametrize("bad", ["Auto", "2.5e16 cm", ""])
+def test_other_texts_are_refused(bad):
+    with pytest.raises(vm.InputError, match="'auto'"):
+        vm.Gaussian("a", 40, 1, 1, 1, bad)
+
+
+def test_an_unknown_field_is_named():
+    with pytest.raises(vm.UnknownNameError, match="'b'"):
+        vm.calibrate(vm.Gaussian("b", 40, 1, 1, 1, "auto"), ramp())
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_a_picture_tells_the_number_and_one_crossing_shows_the_colour(precision):
+    # Along the ramp each ray crosses the shell once: intensity j/α (1 - e^-τ) with τ = opacity.
+    volume = ramp(1.0, np.linspace(0, 30, 601), axis=2)
+    shell = vm.Gaussian("a", 15, 1.0, (0.3, 0.9), 0.5, "auto")
+    image = vm.render(
+        volume,
+        shell,
+        vm.Orthographic(0, 0, width=20, resolution=2),
+        scheme="second-order",
+        precision=precision,
+    )
+    told = image.provenance["medium"]["path_length"]
+    assert told == pytest.approx(SQRT_2PI, rel=1e-8)
+    expected = np.array([0.3, 0.9]) / 0.5 * (1 - np.exp(-0.5))
+    # 20 cells per σ: the trapezoidal rule of the scheme is exact to far less than 1e-4.
+    np.testing.assert_allclose(image.intensity, np.broadcast_to(expected, image.shape), rtol=1e-4)
+
+
+def test_a_scene_may_say_auto():
+    section = {"type": "gaussian", "expr": "log10(density)", "center": 3.5, "sigma": 0.1}
+    medium = {**section, "color": 1.0, "opacity": 0.5, "path_length": 1e16}
+    scene = Scene(
+        {"volume": {"model": "prestellar_core", "resolution": 8}, "medium": [medium]}
+    ).replaced({"medium.1.path_length": "auto"})
+    assert scene.medium.path_length == "auto"
+    assert scene.to_dict()["medium"][0]["path_length"] == "auto"
+    with pytest.raises(vm.InputError, match="'auto'"):
+        scene.replaced({"medium.1.path_length": "automatic"})

@@ -1,0 +1,271 @@
+"""Isosurfaces: every crossing counted once, and seen in its own colour."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts.bundle import Bundle, on_a_sphere
+from voluminous.errors import InputError, UnknownNameError
+from voluminous.scene import toml
+
+RAYS = 256
+WAYS = [("single", "front-to-back"), ("double", "back-to-front")]
+# A crossing within this of a turning point of the field may be seen as none, in float32.
+GRAZING = {"single": 1e-4, "double": 1e-9}
+
+
+def one_dual_cell(values):
+    """Return a volume whose centres are the corners of the unit cube, rays through that cube."""
+    edges = [np.array([-0.5, 0.5, 1.5])] * 3
+    values = np.asarray(values, np.float32).astype(float)
+    return vm.Volume(vm.CartesianGrid(*edges), a=values)
+
+
+def cubic_along(values, origin, direction):
+    """Return the power basis of a trilinear function along a line: by interpolation at 4 points."""
+    t = np.array([-1.0, 0.0, 1.0, 2.0])
+    place = origin + t[:, None] * direction
+    weights = np.stack([1 - place, place])  # side, point, axis
+    found = np.einsum("ijk,ip,jp,kp->p", values, *np.moveaxis(weights, 2, 0))
+    return np.polynomial.polynomial.polyfit(t, found, 3)
+
+
+def crossings(values, origin, direction, level):
+    """Return how often the cubic passes the level inside the cube, and how nearly it does not."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = -origin / direction, (1 - origin) / direction
+    enter, leave = np.minimum(a, b).max(), np.maximum(a, b).min()
+    if leave <= enter:
+        return 0, np.inf
+    cubic = cubic_along(values, origin, direction)
+    turns = np.roots(np.polynomial.polynomial.polyder(cubic)[::-1])
+    turns = turns[np.isreal(turns)].real
+    inside = np.sort([enter, *turns[(turns > enter) & (turns < leave)], leave])
+    at = np.polynomial.polynomial.polyval(inside, cubic) - level
+    shifted = cubic - np.array([level, 0, 0, 0])
+    roots = np.roots(shifted[::-1])
+    real = roots[np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots))].real
+    return int(((real > enter) & (real < leave)).sum()), np.abs(at).min()
+
+
+@pytest.mark.parametrize(("precision", "order"), WAYS)
+def test_crossings_are_the_roots_of_the_cubic(precision, order):
+    rng = np.random.default_rng(8)
+    counted = []
+    for number in range(12):
+        # Alternating corners: up to three crossings in one cell.
+        sign = (-1.0) ** np.indices((2, 2, 2)).sum(axis=0)
+        values = (rng.normal(size=(2, 2, 2)) + 1.5 * sign).astype(np.float32).astype(float)
+        level = rng.normal(0, 0.15)
+        volume, opacity = one_dual_cell(values), 0.2
+        # Half of them along diagonals, where the cubic turns most.
+        origins = rng.uniform(0, 1, (RAYS, 3))
+        directions = on_a_sphere(RAYS, number)
+        directions[: RAYS // 2] = np.sign(directions[: RAYS // 2]) + 0.3 * directions[: RAYS // 2]
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        camera = Bundle(origins, directions)
+        medium = vm.Isosurface("a - 0.0", level, [1.0], opacity)
+        image = vm.render(volume, medium, camera, precision=precision, order=order, cutoff=0.0)
+        found = camera.flat(image.optical_depth) / -np.log1p(-opacity)
+        outside = np.array(
+            [outer(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
+        )
+        exact = [crossings(values, o, d, level) for o, d in zip(origins, directions, strict=True)]
+        count, near = (np.array(column) for column in zip(*exact, strict=True))
+        clear = near > GRAZING[precision]
+        np.testing.assert_allclose(found[clear], (count + outside)[clear], atol=1e-4)
+        counted.append(count[clear])
+    counted = np.concatenate(counted)
+    assert {0, 1, 2, 3} <= set(counted.tolist())
+
+
+def outer(values, origin, direction, level):
+    """Return the crossings of the layers around the cube, where the field is bilinear or less."""
+    edges = [np.array([-0.5, 0.0, 1.0, 1.5])] * 3
+    t = np.concatenate([(e - o) / d for e, o, d in zip(edges, origin, direction, strict=True)])
+    total = 0
+    for t0, t1 in zip(np.sort(t)[:-1], np.sort(t)[1:], strict=True):
+        middle = origin + 0.5 * (t0 + t1) * direction
+        if ((middle < -0.5) | (middle > 1.5)).any() or ((middle > 0) & (middle < 1)).all():
+            continue
+        total += _crossings_between(values, origin, direction, t0, t1, level)
+    return total
+
+
+def _crossings_between(values, origin, direction, t0, t1, level):
+    t = np.linspace(t0, t1, 4)
+    place = np.clip(origin + t[:, None] * direction, 0, 1)
+    weights = np.stack([1 - place, place])
+    at = np.einsum("ijk,ip,jp,kp->p", values, *np.moveaxis(weights, 2, 0)) - level
+    cubic = np.polynomial.polynomial.polyfit((t - t0) / (t1 - t0), at, 3)
+    if np.abs(cubic).max() < 1e-12:
+        return 0
+    cubic = cubic[: np.flatnonzero(np.abs(cubic) > 1e-9 * np.abs(cubic).max())[-1] + 1]
+    roots = np.roots(cubic[::-1])
+    real = roots[np.abs(roots.imag) < 1e-9].real
+    return int(((real > 0) & (real < 1)).sum())
+
+
+def slope(axis_values=(0.0, 1.0, 2.0, 3.0, 4.0), gradient=1.0):
+    """Return a field that grows along x."""
+    values = gradient * np.array(axis_values)
+    field = np.broadcast_to(values[:, None, None], (len(values), 4, 4))
+    bounds = ((0, len(values)), (0, 4), (0, 4))
+    return vm.Volume(vm.CartesianGrid.uniform(field.shape, bounds), a=field)
+
+
+def seen(volume, medium, direction=(1.0, 0, 0), through=(2.5, 2.0, 2.0), **options):
+    """Return what one ray shows: intensity per channel, and transparency."""
+    direction = np.asarray(direction, float) / np.linalg.norm(direction)
+    camera = Bundle([np.asarray(through) - 20 * direction], [direction])
+    image = vm.render(volume, medium, camera, **options)
+    return image.intensity[0, 0], float(image.transparency[0, 0, 0])
+
+
+@pytest.mark.parametrize(("precision", "order"), WAYS)
+@pytest.mark.parametrize("width", [0.0, 1e-3, 0.4])
+def test_levels_are_seen_one_behind_the_other(width, precision, order):
+    colors = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    medium = vm.Isosurface("a", levels=[0.7, 1.6, 3.1], color=colors, opacity=0.4, width=width)
+    options = {"precision": precision, "order": order}
+    there, left = seen(slope(), medium, **options)
+    back, _ = seen(slope(), medium, (-1.0, 0, 0), **options)
+    shown = 0.4 * 0.6 ** np.arange(3)
+    np.testing.assert_allclose(there, shown, rtol=2e-5)
+    np.testing.assert_allclose(back, shown[::-1], rtol=2e-5)
+    np.testing.assert_allclose(left, 0.6**3, rtol=2e-5)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.2])
+def test_order_of_levels_does_not_matter(width):
+    colors = np.array([[1.0, 0.2], [0.3, 1.0], [0.5, 0.5]])
+    levels = np.array([3.1, 0.7, 1.6])
+    turned = [2, 0, 1]
+    one = vm.Isosurface("a", levels=list(levels), color=colors, opacity=0.4, width=width)
+    other = vm.Isosurface(
+        "a", levels=list(levels[turned]), color=colors[turned], opacity=0.4, width=width
+    )
+    both = [seen(slope(), medium)[0] for medium in (one, other)]
+    np.testing.assert_allclose(*both, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("precision", "order"), WAYS)
+@pytest.mark.parametrize("gradient", [1e-3, 1.0, 1e4])
+def test_a_crossing_is_as_dense_at_every_angle_and_gradient(gradient, precision, order):
+    for width in (0.0, 0.3 * gradient):
+        medium = vm.Isosurface("a", 1.93 * gradient, [0.8, 0.1], 0.3, width)
+        for angle in (0, 30, 60, 80):
+            way = (np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0)
+            through = (2.43, 2.0, 2.0)
+            color, left = seen(
+                slope(gradient=gradient), medium, way, through, precision=precision, order=order
+            )
+            np.testing.assert_allclose(color, [0.24, 0.03], rtol=2e-5)
+            np.testing.assert_allclose(left, 0.7, rtol=2e-5)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.3])
+@pytest.mark.parametrize("angle", [0, 30, 60])
+def test_density_by_gradient_is_that_of_a_sheet(angle, width):
+    """A sheet is 1/cos as thick seen at an angle; head-on it is one crossing."""
+    medium = vm.Isosurface("a", 1.93, [1.0], 0.3, width, density="gradient")
+    way = (np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0)
+    color, left = seen(slope(), medium, way, (2.43, 2.0, 2.0))
+    depth = -np.log(0.7) / np.cos(np.radians(angle))
+    np.testing.assert_allclose(left, np.exp(-depth), rtol=1e-4)
+    np.testing.assert_allclose(color, 1 - np.exp(-depth), rtol=1e-4)
+
+
+@pytest.mark.parametrize("shading", [0.0, 0.4, 1.0])
+def test_shading_is_by_the_cosine(shading):
+    medium = vm.Isosurface("a", 1.93, [1.0], 0.3, shading=shading)
+    for angle in (0, 35, 70):
+        way = (np.cos(np.radians(angle)), 0, np.sin(np.radians(angle)))
+        color, left = seen(slope(), medium, way, (2.43, 2.0, 2.0))
+        lit = 1 - shading + shading * np.cos(np.radians(angle))
+        np.testing.assert_allclose(color, 0.3 * lit, rtol=1e-4)
+        np.testing.assert_allclose(left, 0.7, rtol=1e-5)  # light takes nothing away
+
+
+def test_an_opaque_surface_hides_what_is_behind():
+    medium = vm.Isosurface("a", levels=[1.0, 2.0], color=[[1.0, 0], [0, 1.0]], opacity=1.0)
+    color, left = seen(slope(), medium, through=(2.4, 2.1, 2.2))
+    np.testing.assert_allclose(color, [1.0, 0.0], atol=1e-6)
+    assert left < 1e-15
+
+
+def test_opacity_per_channel():
+    medium = vm.Isosurface("a", 1.93, [1.0, 0.5], [0.3, 0.8])
+    color, _ = seen(slope(), medium)
+    np.testing.assert_allclose(color, [0.3, 0.4], rtol=1e-5)
+
+
+def test_a_colormap_gives_colours():
+    medium = vm.Isosurface("a", levels=[1.2, 2.2, 3.2], color="viridis")
+    assert (medium.channels, len(medium.colors)) == (3, 3)
+    assert len(set(medium.colors)) == 3
+
+
+def test_second_order_with_a_width_agrees():
+    """On tabulated coefficients the slope is |∇x|: a sheet, seen head-on one crossing."""
+    n = 128
+    volume = vm.Volume(
+        vm.CartesianGrid.uniform((n, 4, 4), ((0, 5), (0, 4), (0, 4))),
+        a=np.broadcast_to(((np.arange(n) + 0.5) * 5 / n)[:, None, None], (n, 4, 4)),
+    )
+    medium = vm.Isosurface("a", 2.1, [1.0], 0.3, 1.0)
+    color, left = seen(volume, medium, scheme="second-order", through=(2.5, 2.1, 2.2))
+    # The edges of the shell fall within cells: a part in its 26.
+    np.testing.assert_allclose([color[0], left], [0.3, 0.7], rtol=0.03)
+
+
+def test_without_a_width_other_schemes_say_what_to_do():
+    medium = vm.Isosurface("a", 2.1, [1.0])
+    with pytest.raises(InputError, match="post-classified"):
+        seen(slope(), medium, scheme="second-order")
+
+
+BAD = [
+    ({}, "level"),
+    ({"level": 1.0, "levels": [1.0]}, "level"),
+    ({"levels": []}, "levels"),
+    ({"level": 1.0, "width": -1.0}, "width"),
+    ({"level": 1.0, "opacity": 1.5}, "opacity"),
+    ({"level": 1.0, "opacity": -0.1}, "opacity"),
+    ({"level": 1.0, "opacity": [0.1, 0.2]}, "opacity"),
+    ({"level": 1.0, "shading": 2}, "shading"),
+    ({"level": float("nan")}, "level"),
+    ({"levels": [1.0, 2.0], "color": [[1.0, 0.0, 0.0]]}, "color"),
+    ({"levels": [1.0, 2.0], "color": [[1.0, 0.0], [1.0]]}, "color"),
+]
+
+
+@pytest.mark.parametrize(("given", "named"), BAD)
+def test_what_does_not_fit_is_refused(given, named):
+    with pytest.raises(InputError, match=named):
+        vm.Isosurface("a", **given)
+
+
+def test_an_unknown_density_is_refused():
+    with pytest.raises(UnknownNameError, match="gradient"):
+        vm.Isosurface("a", 1.0, density="gradiant")
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        lambda: vm.Isosurface("log10(a + 1)", 0.4, [1.0, 0.5, 0.2], 0.3),
+        lambda: vm.Isosurface("a", levels=[1.2, 2.2], color="viridis", opacity=0.3, width=0.1),
+        lambda: vm.Isosurface("a", 1.2, [1.0, 0, 0], [0.1, 0.2, 0.3], shading=0.5),
+        lambda: vm.Isosurface("a", 1.2, (1.0, 0, 0), density="gradient"),
+    ],
+)
+def test_scene_files_bring_it_back(medium):
+    volume, camera = slope(), vm.Orthographic(incl=60, phi=20, width=5.0, resolution=8)
+    scene = vm.Scene({"volume": {"model": "sphere"}, "medium": medium(), "camera": camera})
+    again = vm.Scene(toml.loads(scene.dumps()))
+    assert again.medium.key() == medium().key()
+    image, other = (vm.render(volume, m, camera) for m in (medium(), again.medium))
+    np.testing.assert_array_equal(image.intensity, other.intensity)

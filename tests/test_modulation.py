@@ -1,0 +1,298 @@
+"""Gates and colours by other expressions: `where` and `ColorBy` on every medium."""
+
+from __future__ import annotations
+
+import matplotlib
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.scene import toml
+
+PRECISIONS = ["single", "double"]
+SCHEMES = ["post-classified", "first-order"]
+ALONG_X = vm.Orthographic.looking([-1, 0, 0], [0, 0, 1], width=0.25, resolution=1)
+
+
+def line(resolution=16, **fields):
+    """Return a volume from 0 to 1, whose fields a ray along x sees as functions of x."""
+    grid = vm.CartesianGrid.uniform((resolution, 2, 2), (0, 1))
+    volume = vm.Volume(grid, a="x")
+    for name, text in fields.items():
+        volume[name] = text
+    return volume
+
+
+def seen(medium, volume=None, camera=ALONG_X, **options):
+    """Return the picture's only pixel."""
+    return vm.render(volume or line(b="x"), medium, camera, **options).intensity[0, 0]
+
+
+def media(**options):
+    """Return one medium of each kind that takes a gate."""
+    return {
+        "gaussian": vm.Gaussian("a", 0.5, 0.1, (1.0, 0.5, 0.2), 0.3, 0.2, **options),
+        "rectangle": vm.Rectangle("a", 0.5, 0.1, (1.0, 0.5, 0.2), 0.3, 0.2, **options),
+        "table": vm.Table("a", [0.2, 0.5, 0.7], np.eye(3), [0.1, 0.5, 0.2], 0.3, **options),
+        "colormap": vm.Colormap("a", "viridis", 0.1, 0.9, 0.4, 0.3, **options),
+    }
+
+
+KINDS = sorted(media())
+
+
+# Gates
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_gate_of_one_changes_nothing_and_one_of_zero_leaves_nothing(kind, scheme, precision):
+    options = {"scheme": scheme, "precision": precision}
+    plain = seen(media()[kind], **options)
+    found = seen(media(where="b + 2")[kind], **options)
+    np.testing.assert_allclose(found, plain, rtol=1e-6 if precision == "single" else 1e-14)
+    closed = seen(media(where="log10(-1 - b)")[kind], **options)  # NaN
+    np.testing.assert_array_equal(closed, 0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_number_is_a_soft_gate(kind):
+    # Half of emission and extinction is a medium of twice the path length.
+    half, other = media(where="0.5 * (b == b)")[kind], media()[kind]
+    other.path_length = 2 * other.path_length
+    np.testing.assert_allclose(seen(half), seen(other), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_hard_gate_is_the_medium_restricted(kind):
+    # The gate is open where the ray is in the last third: what is seen through the other two is
+    # not there. Adding both halves of a cut gives the whole.
+    thin = {"tolerance": 1e-5, "precision": "double"}
+    parts = [media(where=gate)[kind] for gate in ("b > 0.43", "b <= 0.43")]
+    whole = seen(media()[kind], **thin)
+    np.testing.assert_allclose(seen(parts[0] + parts[1], **thin), whole, rtol=1e-4)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_gate_inside_a_cell_is_found_where_it_is(precision):
+    # A uniform medium between 0.43 and 0.57, which no cell's wall or centre is near to: 0.14 long.
+    medium = vm.Table("a", [-1, 2], [1.0, 1.0], 0, 1.0, where="0.43 < b < 0.57")
+    for resolution in (3, 16):
+        volume = line(resolution, b="x")
+        found = seen(medium, volume, tolerance=1e-5, precision=precision)
+        assert found.item() == pytest.approx(0.14, rel=1e-3)
+
+
+def test_a_gate_narrower_than_a_cell_is_not_missed():
+    medium = vm.Table("a", [-1, 2], [1.0, 1.0], 0, 1.0, where="abs(b - 0.51) < 1e-3")
+    found = seen(medium, line(4, b="x"), tolerance=1e-5, precision="double")
+    assert found.item() == pytest.approx(2e-3, rel=1e-2)
+
+
+def test_a_gate_hides_what_has_no_value():
+    volume = line(b="x", c="log10(x - 0.5)")  # NaN below a half
+    medium = vm.Gaussian("c", -1.0, 0.5, 1.0, 0.1, 0.2, where="b > 0.5")
+    assert np.isfinite(seen(medium, volume, scheme="first-order")).all()
+    with pytest.raises(vm.InputError, match="cannot be used"):
+        seen(vm.Gaussian("c", -1.0, 0.5, 1.0, 0.1, 0.2), volume, scheme="first-order")
+
+
+def test_blocks_behind_a_closed_gate_are_leapt_over():
+    medium = vm.Gaussian("a", 0.5, 0.1, 1.0, 0.1, 0.2, where="b > 0.9")
+    assert medium.visible_key() != vm.Gaussian("a", 0.5, 0.1, 1.0, 0.1, 0.2).visible_key()
+    bounds = medium.bounds({"a": [0, 0], "b": [0, 0.8]}, {"a": [1, 1], "b": [0.5, 1]})
+    np.testing.assert_array_equal(np.asarray(bounds.a_hi)[0] > 0, [False, True])
+
+
+@settings(max_examples=30, deadline=None)
+@given(lo=st.floats(-2, 2), size=st.floats(0, 2), share=st.floats(0, 1), threshold=st.floats(-1, 1))
+def test_bounds_hold_gated_and_coloured_coefficients(lo, size, share, threshold):
+    by = vm.ColorBy("b", "plasma", -1, 1)
+    medium = vm.Gaussian("a", 0.5, 1.0, by, 0.4, 1.0, where=f"b > {threshold!r}")
+    found = medium.bounds({"a": lo, "b": lo}, {"a": lo + size, "b": lo + size})
+    value = lo + share * size
+    gate = value > threshold
+    shape = gate * np.exp(-0.5 * (value - 0.5) ** 2)
+    rgb = np.array(matplotlib.colormaps["plasma"](np.linspace(0, 1, 256)))[:, :3]
+    color = [np.interp(value, np.linspace(-1, 1, 256), channel) for channel in rgb.T]
+    assert found.a_lo[0] - 1e-15 <= 0.4 * shape <= found.a_hi[0] + 1e-15
+    for c in range(3):
+        assert found.j_lo[c] - 1e-15 <= color[c] * shape <= found.j_hi[c] + 1e-15
+
+
+# Colours
+
+
+def test_colour_by_a_constant_is_that_colour():
+    volume = line(b="0 * x + 0.3")
+    color = matplotlib.colormaps["viridis"](np.linspace(0, 1, 256))[:, :3]
+    expected = np.array([np.interp(0.3, np.linspace(0, 1, 256), c) for c in color.T])
+    for scheme in SCHEMES:
+        by = vm.Gaussian("a", 0.5, 0.1, vm.ColorBy("b", "viridis", 0, 1), 0.3, 0.2)
+        plain = vm.Gaussian("a", 0.5, 0.1, expected, 0.3, 0.2)
+        found = [seen(medium, volume, scheme=scheme) for medium in (by, plain)]
+        np.testing.assert_allclose(found[0], found[1], rtol=1e-5)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("place", [0.21, 0.5, 0.77])
+def test_a_thin_shell_has_the_colour_of_its_place(place, precision):
+    # Far thinner than a cell. The colour is that of b = 1 - x where a = x passes the centre.
+    volume = line(8, b="1 - x")
+    by = vm.ColorBy("b", "plasma", 0, 1, brightness=2.0)
+    thin = 1e-4
+    cases = [
+        (1, vm.Gaussian("a", place, thin, by, 0, thin * np.sqrt(2 * np.pi))),
+        (1, vm.Rectangle("a", place, thin, by, 0, 2 * thin)),
+        # Of optical depth one, and its emission is its opacity times the colour.
+        (-np.expm1(-1), vm.Table("a", [place - thin, place, place + thin], by, [0, 1, 0], thin)),
+    ]
+    color = matplotlib.colormaps["plasma"](np.linspace(0, 1, 256))[:, :3]
+    expected = 2 * np.array([np.interp(1 - place, np.linspace(0, 1, 256), c) for c in color.T])
+    for factor, medium in cases:
+        found = seen(medium, volume, precision=precision)
+        # The tolerance of the picture, and the shell's own extent.
+        np.testing.assert_allclose(found, factor * expected, atol=2e-3 * expected.max())
+
+
+def test_a_table_by_colour_is_opacity_times_colour():
+    volume = line(b="x")
+    by = vm.ColorBy("a", "viridis", 0.1, 0.9)
+    table = vm.Table("a", [0.1, 0.9], by, [0.4, 0.4], 0.3)
+    colormap = vm.Colormap("a", "viridis", 0.1, 0.9, 0.4, 0.3)
+    for scheme, tolerance in (("first-order", 1e-6), ("post-classified", 2e-3)):
+        found = [seen(medium, volume, scheme=scheme) for medium in (table, colormap)]
+        np.testing.assert_allclose(found[0], found[1], rtol=tolerance)
+
+
+def test_undefined_colours_emit_nothing():
+    volume = line(b="where(x > 0.5, 0/0 * x, x)")
+    medium = vm.Rectangle("a", 0.75, 0.2, vm.ColorBy("b", "viridis", 0, 1), 0.3, 0.2)
+    found = vm.render(volume, medium, ALONG_X, scheme="first-order")
+    np.testing.assert_array_equal(found.intensity, 0)
+    assert found.transparency.max() < 1
+
+
+@pytest.mark.parametrize("color", ["plain", "by"])
+def test_schemes_agree_as_the_grid_is_refined(color):
+    medium = vm.Gaussian(
+        "density",
+        0.5,
+        0.2,
+        vm.ColorBy("speed", "magma", 0, 2) if color == "by" else (1.0, 0.5, 0.2),
+        0.3,
+        0.5,
+        where="1 - 0.5 * speed",
+    )
+    camera = vm.Orthographic(50, 20, width=1.0, resolution=3)
+    differences = []
+    for resolution in (8, 16, 32):
+        volume = vm.Volume(vm.CartesianGrid.uniform(resolution, (-1, 1)))
+        volume["density"] = "exp(-r**2)"
+        volume["speed"] = "1 + 0.5*sin(2*x) + 0.3*y"
+        pictures = [
+            vm.render(volume, medium, camera, scheme=s, precision="double", tolerance=1e-6)
+            for s in SCHEMES
+        ]
+        differences.append(np.abs(pictures[0].intensity - pictures[1].intensity).max())
+    # First order on cells: the difference is of the order of a cell's width.
+    assert differences[2] < 0.6 * differences[0]
+    assert differences[2] < 0.05 * np.abs(pictures[0].intensity).max()
+
+
+# Scenes, and what is refused
+
+
+SCENE = """
+[volume]
+model = "prestellar_core"
+resolution = 8
+
+[[medium]]
+type = "gaussian"
+expr = "log10(density)"
+center = 3.5
+sigma = 0.05
+opacity = 0.3
+path_length = "auto"
+where = "x > 0"
+color = {expr = "log10(density)", cmap = "inferno", vmin = 3, vmax = 5, norm = "linear"}
+
+[[medium]]
+type = "table"
+expr = "log10(density)"
+values = [3, 4, 5]
+colors = {expr = "r", cmap = "viridis", vmin = "0 pc", vmax = "0.1 pc", brightness = 0.5}
+opacities = [0, 1, 0]
+path_length = "0.1 pc"
+
+[[medium]]
+type = "colormap"
+expr = "density"
+cmap = "viridis"
+vmin = 1
+vmax = 10
+opacity = 0.1
+path_length = 1.0
+where = "0.5"
+"""
+
+
+def test_scenes_carry_gates_and_colours():
+    scene = vm.Scene(toml.loads(SCENE))
+    again = vm.Scene(toml.loads(scene.dumps()))
+    assert again.medium.key() == scene.medium.key()
+    objects = vm.Scene({"volume": {"model": "sphere"}, "medium": scene.medium})
+    assert objects.medium.key() == scene.medium.key()
+    first, second, third = scene.medium.components()
+    assert first.color == (1.0, 1.0, 1.0)
+    assert first.describe()["where"] == "x > 0"
+    assert second.color == (0.5, 0.5, 0.5)
+    assert third.describe()["where"] == "0.5"
+
+
+def test_keys_tell_gates_and_colours_apart():
+    by = [vm.ColorBy("b", cmap, 0, 1) for cmap in ("viridis", "plasma")]
+    given = [
+        vm.Gaussian("a", 0, 1, color, 1, 1, where=where)
+        for color in by
+        for where in (None, "b", "c")
+    ]
+    assert len({medium.key() for medium in given}) == 6
+    assert given[1].names == ("a", "b")
+    assert given[2].names == ("a", "c", "b")
+
+
+def test_units_of_a_colour_range():
+    from astropy import units as u
+
+    volume = line()
+    volume["T"] = np.full(volume.grid.shape, 0.3) * u.kK
+    color = vm.ColorBy("T", "viridis", 0 * u.K, 1000 * u.K)
+    plain = vm.ColorBy("T", "viridis", 0, 1)
+    found = [seen(vm.Gaussian("a", 0.5, 0.1, c, 0.3, 0.2), volume) for c in (color, plain)]
+    np.testing.assert_allclose(*found, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "match"),
+    [
+        (lambda: vm.ColorBy("b", "virids", 0, 1), vm.UnknownNameError, "viridis"),
+        (lambda: vm.ColorBy("b", "viridis", 1, 0), vm.InputError, "vmin must be below vmax"),
+        (lambda: vm.ColorBy("b", "viridis", 0, 1, norm="log"), vm.InputError, "positive vmin"),
+        (lambda: vm.ColorBy("b", "viridis", 0, 1, brightness=[1, 2]), vm.InputError, "one number"),
+        (lambda: vm.Gaussian("a", 0, 1, 1, 1, 1, where="b >"), vm.ExpressionError, "b >"),
+        (
+            lambda: vm.Table("a", [0, 1], vm.ColorBy("b", "viridis", 0, 1), np.ones((2, 2)), 1),
+            vm.InputError,
+            "one column or 3",
+        ),
+        (lambda: seen(vm.Gaussian("a", 0, 1, 1, 1, 1, where="bb")), vm.UnknownNameError, "'b'"),
+    ],
+)
+def test_what_is_refused(make, error, match):
+    with pytest.raises(error, match=match):
+        make()

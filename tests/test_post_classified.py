@@ -1,0 +1,453 @@
+"""Post-classified: interpolated fields, exact shells, and an error that is told honestly."""
+
+from __future__ import annotations
+
+import functools
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+
+import real_data
+import voluminous as vm
+from contracts.bundle import Bundle, box_limits, on_a_sphere
+from post_classified_scenes import MEDIA, RAYS, Scene, make_rays, make_scene
+from twin import post_classified as twin
+from voluminous.models import PARSEC
+
+# What rounding leaves of a picture in single and double precision, relative to its maximum.
+ROUNDING = {"single": 1e-4, "double": 1e-9}
+WAYS = [("single", "front-to-back"), ("double", "back-to-front")]
+OTHER_WAYS = [("single", "back-to-front"), ("double", "front-to-back")]
+numbers = st.integers(0, 2**31)
+# Scenes are random numbers from a seed: a smaller seed is not a simpler scene.
+some = settings(max_examples=4, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+
+
+def wrong(scene, **options):
+    """Return true errors, claimed ones, and the brightest intensity."""
+    found, _, claimed = scene.render(**options)
+    exact = scene.exact()["intensity"]
+    return np.abs(found - exact).max(axis=1), claimed, exact.max(initial=1e-300)
+
+
+def sizes(least):
+    return st.tuples(*(st.integers(least, 6),) * 3)
+
+
+# ---- the twin itself
+
+
+@pytest.mark.parametrize("depth", [1e-8, 1.0, 1e4])
+@pytest.mark.parametrize("width", [1e-4, 0.03, 3.0])
+def test_twin_agrees_with_twenty_digits(width, depth):
+    """Two shells of a linear field: depths are error functions, emission one integral of them."""
+    edges = [np.array([0.0, 1.0, 2.0])] * 3
+    a = np.broadcast_to(np.array([0.0, 1.0])[:, None, None], (2, 2, 2))
+    peak = depth / (width * np.sqrt(2 * np.pi))
+    shells = [(0.3, width, peak), (0.32, 2.1 * width, 0.4 * peak)]
+    parts = [
+        twin.Shell(lambda f: f["a"], c, w, color, [p])
+        for (c, w, p), color in zip(shells, [(1.0, 0.3), (0.2, 2.0)], strict=True)
+    ]
+    found = twin.bundle(edges, {"a": a}, parts, np.array([[0.5, 0.6, 0.7]]), np.eye(3)[:1])
+    # Before and behind the centres the field is constant for half a cell.
+    np.testing.assert_allclose(found["intensity"][0], linear_shells(shells), rtol=3e-11)
+
+
+def linear_shells(shells):
+    """Return two channels seen along x from 0 to 2, where the field is x - 1/2, limited to 0, 1."""
+    with mpmath.workdps(25):
+        shells = [[mpmath.mpf(float(v)) for v in row] for row in shells]
+        colors = [(1.0, 0.3), (0.2, 2.0)]
+
+        def shape(x, c, w):
+            return mpmath.exp(-(((x - c) / w) ** 2) / 2)
+
+        def depth(x):  # from 0.5 to 0.5 + x
+            root = mpmath.sqrt(2)
+            return sum(
+                p
+                * w
+                * mpmath.sqrt(mpmath.pi / 2)
+                * (mpmath.erf((x - c) / (root * w)) + mpmath.erf(c / (root * w)))
+                for c, w, p in shells
+            )
+
+        margin = [sum(p * shape(x, c, w) for c, w, p in shells) / 2 for x in (0, 1)]
+
+        def flat(x, channel):  # half a cell of constant coefficients
+            j = sum(
+                color[channel] * shape(x, c, w)
+                for (c, w, _), color in zip(shells, colors, strict=True)
+            )
+            tau = margin[x]
+            return j / 2 * (-mpmath.expm1(-tau) / tau if tau > 0 else 1)
+
+        grades = [
+            0,
+            *(
+                c + s * k * w
+                for c, w, _ in shells
+                for k in (0, 0.5, 1, 2, 3, 4, 5, 6, 8)
+                for s in (-1, 1)
+            ),
+            1,
+        ]
+        ends = sorted({min(max(mpmath.mpf(g), 0), 1) for g in grades})
+        # Where it is thick, what is seen lies in the first optical depths.
+        ends = _at_depths(ends, depth)
+        result = []
+        for channel in (0, 1):
+
+            def seen(x, channel=channel):
+                j = sum(
+                    col[channel] * shape(x, c, w)
+                    for (c, w, _), col in zip(shells, colors, strict=True)
+                )
+                return j * mpmath.exp(-depth(x))
+
+            middle = mpmath.quad(seen, ends, maxdegree=7)
+            behind = mpmath.exp(-depth(1)) * flat(1, channel)
+            result.append(float(flat(0, channel) + mpmath.exp(-margin[0]) * (middle + behind)))
+        return result
+
+
+def _at_depths(ends, depth):
+    """Return ends of panels, and the places where the optical depth is 1, 3, 8, 20, 50."""
+    cuts = list(ends)
+    for wanted in (0.3, 1, 2, 4, 8, 14, 22, 35, 60):
+        low, high = ends[0], ends[-1]
+        if depth(high) <= wanted:
+            break
+        for _ in range(70):
+            middle = (low + high) / 2
+            low, high = (middle, high) if depth(middle) < wanted else (low, middle)
+        cuts.append(low)
+    last = max(cuts) if depth(ends[-1]) <= 60 else cuts[-1]
+    return sorted(c for c in set(cuts) if c <= last)
+
+
+# ---- random scenes
+
+
+@pytest.mark.parametrize("kind", sorted(MEDIA))
+@pytest.mark.parametrize(("precision", "order"), WAYS)
+@given(shape=sizes(1), seed=numbers)
+@some
+def test_uniform_grids(kind, precision, order, shape, seed):
+    check(make_scene(kind, shape, seed), precision, order)
+
+
+@pytest.mark.parametrize("kind", ["shells", "surfaces"])
+@pytest.mark.parametrize(("precision", "order"), OTHER_WAYS)
+@given(shape=sizes(2), seed=numbers)
+@some
+def test_rectilinear_grids(kind, precision, order, shape, seed):
+    check(make_scene(kind, shape, seed, even=False), precision, order)
+
+
+@given(shape=sizes(2), seed=numbers)
+@some
+def test_rays_that_start_inside(shape, seed):
+    check(make_scene("shells", shape, seed, start=True), "double", "front-to-back")
+
+
+def check(scene, precision, order):
+    """Assert that pixels are within what they claim, and none is far from the tolerance."""
+    tolerance = 1e-3 if precision == "single" else 1e-5
+    error, claimed, most = wrong(scene, precision=precision, order=order, tolerance=tolerance)
+    # Of 64 rays, of which some touch what no estimate sees: honest but for two.
+    assert np.count_nonzero(error > claimed + ROUNDING[precision] * most) <= 2
+    assert error.max() <= (10 * tolerance + ROUNDING[precision]) * most
+
+
+@functools.cache
+def pooled(kind, even, precision, tolerance):
+    """Return true and claimed errors of many scenes, relative to each one's brightest ray."""
+    errors, claims = [], []
+    for seed in range(10):
+        shape = np.random.default_rng(seed).integers(1 if even else 2, 7, 3)
+        scene = make_scene(kind, tuple(int(n) for n in shape), seed, even=even)
+        error, claimed, most = wrong(scene, precision=precision, tolerance=tolerance)
+        errors.append(error / most)
+        claims.append(claimed / most)
+    return np.concatenate(errors), np.concatenate(claims)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("kind", sorted(MEDIA))
+def test_claimed_errors_are_honest(kind, precision):
+    error, claimed = pooled(kind, precision == "single", precision, 1e-3)
+    assert np.mean(error <= claimed) >= 0.99
+
+
+@pytest.mark.parametrize("kind", sorted(MEDIA))
+def test_claimed_errors_are_not_far_too_large(kind):
+    """Most pixels keep to the tolerance; what rays that stop early leave out is a tenth of it."""
+    _, claimed = pooled(kind, False, "double", 1e-3)
+    assert np.mean(claimed <= 1.2e-3) >= 0.95
+
+
+@pytest.mark.parametrize("kind", sorted(MEDIA))
+def test_the_tolerance_is_kept(kind):
+    for tolerance in (1e-3, 1e-5):
+        error, _ = pooled(kind, False, "double", tolerance)
+        assert np.mean(error <= 1.2 * tolerance) >= 0.99
+
+
+# ---- shells, thin and wide, at all depths
+
+
+def one_field(values, edges=None):
+    edges = [np.arange(n + 1.0) for n in values.shape] if edges is None else edges
+    values = np.asarray(values, np.float32).astype(float)
+    return vm.Volume(vm.CartesianGrid(*edges), a=values), {"a": values}
+
+
+def shells_scene(volume, fields, width, depth, kind="gaussian", seed=3):
+    """Return a shell of a width and a depth (of what a cell is thick at the peak), many rays."""
+    color, make = (1.0, 0.4), {"gaussian": vm.Gaussian, "rectangle": vm.Rectangle}[kind]
+    gain = max(1.0, 1.0 / width)
+    medium = make("a", 0.437, width, [gain * c for c in color], gain * depth, 1.0)
+    shell = twin.Shell(
+        lambda f: f["a"], 0.437, width, [gain * c for c in color], [gain * depth], kind
+    )
+    rays = make_rays(volume.grid, seed)
+    return Scene(volume, medium, [shell], *rays, fields=fields)
+
+
+FIELDS = {
+    "linear": lambda x, y, z: 0.1 + 0.11 * x + 0.07 * y - 0.05 * z,
+    "quadratic": lambda x, y, z: 0.2 + 0.05 * x * y - 0.04 * y * z,
+    "random": lambda x, y, z: np.random.default_rng(5).uniform(0, 1, x.shape),
+}
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "rectangle"])
+@pytest.mark.parametrize("form", sorted(FIELDS))
+@pytest.mark.parametrize(("precision", "order"), WAYS)
+def test_shells_of_all_widths_and_depths(form, kind, precision, order):
+    values = FIELDS[form](*(np.indices((4, 3, 5)) + 0.5))
+    volume, fields = one_field(values)
+    tolerance = 1e-3 if precision == "single" else 1e-6
+    for width in (1e-5, 1e-4, 1e-2, 0.3, 10.0):
+        for depth in (1e-8, 1e-2, 1.0, 1e2, 1e4):
+            scene = shells_scene(volume, fields, width, depth, kind)
+            options = {"precision": precision, "order": order, "tolerance": tolerance}
+            found, tau, _ = scene.render(**options)
+            exact = scene.exact()
+            # Rounding of a field moves thin shells by 1e-7 of a cell (1e-16 in double): their
+            # edges within a thick one, and so how much of one stands before the other.
+            slack = 3 * tolerance + ROUNDING[precision]
+            close(found, exact["intensity"], slack)
+            lost = -np.expm1(-exact["optical_depth"])
+            close(-np.expm1(-tau), lost, slack)
+
+
+def close(found, exact, slack):
+    wrong = float(np.abs(found - exact).max())
+    assert wrong <= slack * float(np.abs(exact).max())
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("depth", [1e-8, 1e-3, 1.0, 30.0, 1e4])
+def test_a_thin_shell_in_a_linear_field_is_exact(precision, depth):
+    """Seen along the gradient: S (1 - exp(-τ)) with τ = √(2π) σ α / slope, whatever σ."""
+    values = np.broadcast_to((np.arange(8) * 0.125)[:, None, None], (8, 2, 2))
+    volume, _ = one_field(values)
+    for sigma in (1e-7, 1e-4, 1e-2):
+        peak = depth * 0.125 / (sigma * np.sqrt(2 * np.pi))
+        medium = vm.Gaussian("a", 0.44, sigma, [2 * peak], peak, 1.0)
+        camera = Bundle([[-1.0, 0.7, 1.2], [9.0, 1.4, 0.3]], [[1.0, 0, 0], [-1.0, 0, 0]])
+        tolerance = {"single": 1e-5, "double": 1e-9}[precision]
+        image = vm.render(volume, medium, camera, precision=precision, tolerance=tolerance)
+        # Beyond where the shell is a hundredth of the tolerance it is neglected.
+        slack = {"single": 1e-5, "double": 1e-11}[precision]
+        found = camera.flat(image.intensity)
+        # Rays that stop early leave out a tenth of the tolerance.
+        np.testing.assert_allclose(found, 2 * -np.expm1(-depth), rtol=slack + 0.1 * tolerance)
+        np.testing.assert_allclose(camera.flat(image.optical_depth), depth, rtol=slack)
+
+
+def test_a_shell_much_thinner_than_a_cell_is_unbroken():
+    """Where a fine quadrature sees a shell of 1e-4 dex, every pixel shows it, as bright."""
+    volume = vm.models.prestellar_core(32)
+    radius = 0.08
+    center, sigma = np.log10(28 / radius**2), 1e-4
+    medium = vm.Gaussian("log10(density)", center, sigma, [1.0], 0.0, 1e14)
+    part = twin.Shell(lambda f: np.log10(f["density"]), center, sigma, [1e-14], [0.0])
+    origins, directions = core_rays(np.linspace(0, 0.95 * radius, 64))
+    fields = {"density": np.asarray(volume["density"], float)}
+    scene = Scene(volume, medium, [part], origins, directions, fields=fields)
+    exact = scene.exact()["intensity"][:, 0]
+    assert (exact > 0).all()
+    for precision in ("single", "double"):
+        found, _, claimed = scene.render(precision=precision)
+        assert np.mean(np.abs(found[:, 0] - exact) <= claimed) >= 0.98
+        np.testing.assert_allclose(found[:, 0], exact, rtol=0.01)
+
+
+def core_rays(impact):
+    """Return rays at impact parameters (pc), in a direction that no plane of cells has."""
+    direction = np.array([0.36, 0.48, 0.8])
+    across = np.array([0.8, -0.6, 0.0])
+    return impact[:, None] * across * PARSEC, np.broadcast_to(direction, (len(impact), 3))
+
+
+# ---- the sphere model
+
+
+def test_an_isosurface_has_one_colour():
+    volume = vm.models.prestellar_core(100)
+    color, radius = np.array([1.0, 0.6, 0.1]), 0.08
+    medium = vm.Isosurface("log10(density)", np.log10(28 / radius**2), color, 0.3)
+    camera = vm.Orthographic(incl=37, phi=61, width=0.2 * PARSEC, resolution=150)
+    for precision in ("single", "double"):
+        image = vm.render(volume, medium, camera, precision=precision)
+        crossings = np.asarray(image.optical_depth)[..., 0] / -np.log(0.7)
+        y, x = np.meshgrid(image.y, image.x, indexing="ij")
+        impact = np.hypot(x, y) / PARSEC
+        np.testing.assert_allclose(crossings, np.round(crossings), atol=1e-4)
+        # A cell is 0.0025 pc wide: beside its edge the sphere is as round as its cells are small.
+        assert (np.round(crossings)[impact < radius - 0.0003] == 2).all()
+        assert (np.round(crossings)[impact > radius + 0.0003] == 0).all()
+        twice = image.intensity[np.round(crossings) == 2]
+        expected = color * (1 - 0.7**2)
+        assert np.ptp(twice, axis=0).max() <= 1e-3
+        np.testing.assert_allclose(twice.mean(axis=0), expected, rtol=1e-3)
+
+
+def test_a_gaussian_has_the_brighter_limb_of_its_closed_form():
+    """A thin transparent shell of width Δr is 2 Δr √(2π) / cos bright, cos² = 1 - (b/R)²."""
+    volume = vm.models.prestellar_core(100)
+    radius, sigma = 0.08, 1e-3
+    medium = vm.Gaussian("log10(density)", np.log10(28 / radius**2), sigma, [1.0], 0.0, PARSEC)
+    impact = np.linspace(0, 0.9, 32) * radius
+    scene = Scene(volume, medium, [], *core_rays(impact))
+    found, _, _ = scene.render()
+    width = sigma * np.log(10) / 2 * radius * np.sqrt(2 * np.pi)
+    expected = 2 * width / np.sqrt(1 - (impact / radius) ** 2)
+    # Slopes of interpolated densities: |h² n'' / n| is 6e-3 here, and |h n''/2n'| 5e-2.
+    np.testing.assert_allclose(found[:, 0], expected, rtol=0.05)
+    assert abs(np.mean(found[:, 0] / expected) - 1) < 0.005
+
+
+# ---- convergence
+
+
+@pytest.mark.parametrize("precision", ["double"])
+def test_second_order_in_the_width_of_cells(precision):
+    """Smooth media of a smooth field: errors fall fourfold with every halving of the cells."""
+
+    def smooth(x, y, z):
+        return np.sin(1.3 * x + 0.4) * np.cos(0.9 * y) + 0.3 * np.sin(2 * z)
+
+    rng = np.random.default_rng(2)
+    origins, directions = rng.uniform(-0.3, 0.3, (RAYS, 3)), on_a_sphere(RAYS, 4)
+    medium = vm.Gaussian("a", 0.3, 0.3, [1.0, 0.5], 0.7, 1.0)
+    bounds = np.array([[-1.0, 1.0]] * 3)
+    exact = analytic(smooth, bounds, origins, directions)
+    errors = []
+    for n in (8, 16, 32, 64):
+        grid = vm.CartesianGrid.uniform(n, (-1, 1))
+        centers = np.meshgrid(*grid.centers, indexing="ij")
+        scene = Scene(vm.Volume(grid, a=smooth(*centers)), medium, [], origins, directions)
+        found, _, _ = scene.render(precision=precision, tolerance=1e-7, cutoff=0.0)
+        errors.append(np.sqrt(np.mean((found[:, 0] - exact) ** 2)))
+    slopes = -np.diff(np.log2(errors))
+    # Half a cell at the faces, where fields are constant, is of first order in the value and of
+    # second in the integral.
+    assert slopes.mean() > 1.85
+
+
+def analytic(function, bounds, origins, directions, points=20001):
+    """Return the intensity of the medium above, by the midpoint rule."""
+    enter, leave = box_limits(bounds, origins, directions)
+    step = (leave - enter) / points
+    t = enter[:, None] + step[:, None] * (np.arange(points) + 0.5)
+    place = origins[:, :, None] + directions[:, :, None] * t[:, None]
+    shape = np.exp(-0.5 * ((function(*np.moveaxis(place, 1, 0)) - 0.3) / 0.3) ** 2)
+    tau = 0.7 * step[:, None] * (np.cumsum(shape, axis=1) - 0.5 * shape)
+    return (shape * np.exp(-tau)).sum(axis=1) * step
+
+
+# ---- symmetries
+
+
+def test_orders_and_backgrounds_agree():
+    scene = make_scene("shells", (5, 4, 6), 11)
+    background = 0.7
+    exact = scene.exact(background)["intensity"]
+    for precision, order in (*WAYS, *OTHER_WAYS):
+        found, _, _ = scene.render(precision=precision, order=order, background=background)
+        close(found, exact, 1e-2)
+
+
+def test_a_ray_and_its_reverse_lose_the_same_light():
+    for seed in (12, 13, 14):
+        scene = make_scene("shells", (5, 4, 6), seed)
+        _, there, _ = scene.render(precision="double", tolerance=1e-5)
+        scene.directions = -scene.directions
+        _, back, _ = scene.render(precision="double", tolerance=1e-5)
+        # Both are off by as much as the tolerance allows.
+        close(np.exp(-there), np.exp(-back), 3e-5)
+
+
+def test_one_cell_is_homogeneous():
+    volume = vm.models.uniform_slab(emissivity=2.0, extinction=0.7, thickness=1.5)
+    camera = vm.Orthographic(width=0.5, resolution=2)
+    image = vm.render(volume, vm.Coefficients("j", "a"), camera, precision="double")
+    np.testing.assert_allclose(image.intensity, 2 / 0.7 * -np.expm1(-0.7 * 1.5), rtol=1e-12)
+
+
+# ---- real data
+
+
+def shell_of(volume, width=0.02):
+    """Return a field of a volume, and a shell within its range as medium and as twin."""
+    name = next(iter(volume))
+    values = np.asarray(volume[name], float)
+    low, high = np.percentile(values, [50, 99.9])
+    center, sigma = 0.6 * low + 0.4 * high, max(width * (high - low), 1e-3 * abs(high))
+    cell = float(volume.grid.scale)
+    color, opacity = [1.0, 0.3], 0.2
+    medium = vm.Gaussian(name, center, sigma, color, opacity, cell)
+    peak = [c / cell for c in color]
+    part = twin.Shell(lambda f: f[name], center, sigma, peak, [opacity / cell])
+    return medium, part, {name: values}
+
+
+@functools.cache
+def loaded(name):
+    return real_data.load(name)
+
+
+@pytest.mark.parametrize("name", real_data.names())
+def test_claimed_errors_are_honest_on_real_data(name):
+    volume = loaded(name)
+    medium, part, fields = shell_of(volume)
+    low, high = volume.grid.bounds.T
+    middle, size = 0.5 * (low + high), high - low
+    rng = np.random.default_rng(3)
+    origins = middle + rng.uniform(-0.35, 0.35, (100, 3)) * size
+    scene = Scene(volume, medium, [part], origins, on_a_sphere(100, 2), fields=fields)
+    error, claimed, _ = wrong(scene)
+    assert np.mean(error <= claimed) >= 0.99
+
+
+@pytest.mark.parametrize("name", real_data.names())
+def test_leaping_over_what_is_empty_changes_nothing(name, monkeypatch):
+    volume = loaded(name)
+    medium, _, _ = shell_of(volume)
+    camera = vm.Orthographic(incl=50, phi=30, resolution=48)
+    leaping = vm.render(volume, medium, camera)
+    volume.tables.clear()
+    monkeypatch.setattr("voluminous.rendering.source.worthwhile_blocks", lambda *_: None)
+    walking = vm.render(volume, medium, camera)
+    volume.tables.clear()
+    # Also panels are cut anew behind what was leapt over: scalars are rounded afresh there.
+    close(leaping.intensity, walking.intensity, 1e-5)
+    close(leaping.optical_depth, walking.optical_depth, 1e-5)

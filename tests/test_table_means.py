@@ -1,0 +1,250 @@
+"""Tables along a ray: exact means where their scalar is linear, whatever their nodes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.backend.device import get_backend
+from voluminous.media.table_means import PiecewiseLinear
+from voluminous.media.table_structure import structures, visible_range
+
+PRECISIONS = ["single", "double"]
+
+
+def kernel_means(nodes, columns, first, last, precision):
+    """Return the means of a table's columns between places, shape (place, column)."""
+    real = get_backend("cpu", precision).Float
+    table = PiecewiseLinear(real, np.asarray(nodes, float), np.asarray(columns, float))
+    ends = [table.at(real(np.asarray(x, float))) for x in (first, last)]
+    return np.stack([np.asarray(v) for v in table.means(*ends)], axis=-1)
+
+
+def exact_mean(nodes, column, first, last):
+    """Return ∫ c dx / (x₁ - x₀): between any two neighbours among nodes and ends c is linear."""
+    low, high = min(first, last), max(first, last)
+    total = np.longdouble(0)
+    inner = [x for x in nodes if low < x < high]
+    places = [low, *inner, high]
+    for a, b in pairwise(places):
+        if a < b:
+            middle = np.longdouble(a) + (np.longdouble(b) - np.longdouble(a)) / 2
+            total += (np.longdouble(b) - a) * value_at(nodes, column, middle)
+    return float(total / (np.longdouble(high) - low))
+
+
+def value_at(nodes, column, x):
+    """Return the table at a place that is no node."""
+    k = int(np.searchsorted(nodes, float(x), "right"))
+    if k == 0 or k == len(nodes):
+        return np.longdouble(column[min(k, len(nodes) - 1)])
+    f = (x - nodes[k - 1]) / (np.longdouble(nodes[k]) - nodes[k - 1])
+    return column[k - 1] + f * (np.longdouble(column[k]) - column[k - 1])
+
+
+def tolerance(nodes, first, last, precision):
+    """Return what x, rounded, makes uncertain: a mean over a short way most of all."""
+    eps = np.finfo(np.float32 if precision == "single" else np.float64).eps
+    size = max(abs(first), abs(last), *np.abs(nodes))
+    steps = np.diff(nodes)
+    steep = 1.0 / min(abs(last - first), np.min(steps[steps > 0], initial=np.inf))
+    return float(8 * eps * (1 + size * steep))
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_means_are_integrals_over_the_way(precision, data):
+    # On a lattice of 1/64 nodes and ends are numbers of both precisions; equal nodes are jumps.
+    grid = st.integers(-256, 256)
+    nodes = np.sort(data.draw(st.lists(grid, min_size=2, max_size=12))) / 64
+    heights = st.floats(-1, 1, width=32)
+    column = np.array(data.draw(st.lists(heights, min_size=len(nodes), max_size=len(nodes))))
+    first, last = data.draw(st.tuples(grid, grid).filter(lambda p: p[0] != p[1]))
+    first, last = first / 64, last / 64
+    found = kernel_means(nodes, column[:, None], [first], [last], precision)[0, 0]
+    expected = exact_mean(nodes, column, first, last)
+    assert found == pytest.approx(expected, abs=tolerance(nodes, first, last, precision))
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("count", [2, 3, 256, 5000])
+@pytest.mark.parametrize("spacing", ["even", "geometric"])
+def test_many_nodes_lose_no_digits(precision, count, spacing):
+    # The cumulative table of 5000 entries is 4e3 times its steps: its plain differences in single
+    # precision would have lost 3 of 7 digits. What is left is the rounding of x over its way.
+    rng = np.random.default_rng(5)
+    nodes = np.linspace(1, 2, count) if spacing == "even" else np.geomspace(1, 2, count)
+    column = rng.uniform(0.5, 1, count)
+    first = rng.uniform(0.9, 2.1, 40)
+    last = first + rng.choice([-1, 1], 40) * 3.0 / count
+    if precision == "single":
+        first, last = (np.float32(x).astype(float) for x in (first, last))
+    found = kernel_means(nodes, column[:, None], first, last, precision)[:, 0]
+    expected = [exact_mean(nodes, column, a, b) for a, b in zip(first, last, strict=True)]
+    eps = np.finfo(np.float32 if precision == "single" else np.float64).eps
+    np.testing.assert_allclose(found, expected, rtol=0, atol=4 * eps * count)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("place", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("width", [1e-3, 1e-6])
+def test_a_thin_spike_keeps_its_area(precision, place, width):
+    # Its ends are the same number in single precision, or nearly; its area is not.
+    nodes = [-2.0, place - width, place, place + width, 5.0]
+    found = kernel_means(
+        nodes, [[0.0], [0.0], [1.0], [0.0], [0.0]], [-1.5, 2.5], [2.5, -1.5], precision
+    )
+    np.testing.assert_allclose(found[:, 0], width / 4, rtol=1e-6 if precision == "single" else 1e-9)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_neighbouring_numbers_on_both_sides_of_a_node(precision):
+    dtype = np.float32 if precision == "single" else np.float64
+    nodes, column = np.array([0.0, 0.7, 1.0]), np.array([[0.0], [1.0], [0.2]])
+    node = float(dtype(0.7))
+    first, last = (
+        float(np.nextafter(dtype(node), dtype(0))),
+        float(np.nextafter(dtype(node), dtype(1))),
+    )
+    found = kernel_means(nodes, column, [first, last, node], [last, first, node], precision)
+    np.testing.assert_allclose(found[:, 0], 1.0, rtol=8 * np.finfo(dtype).eps)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_infinite_ends_and_nan(precision):
+    nodes, column = [0.0, 1.0], [[0.25], [0.75]]
+    found = kernel_means(
+        nodes,
+        column,
+        [-np.inf, np.inf, -np.inf, np.nan, 0.5],
+        [-np.inf, 0.5, np.inf, 0.5, np.nan],
+        precision,
+    )[:, 0]
+    np.testing.assert_allclose(found[:3], [0.25, 0.75, 0.5], rtol=1e-6)
+    assert np.isnan(found[3:]).all()
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3, 4, 5, 7])
+def test_any_number_of_columns(columns):
+    rng = np.random.default_rng(columns)
+    nodes, table = np.sort(rng.uniform(size=9)), rng.uniform(size=(9, columns))
+    found = kernel_means(nodes, table, [0.1], [0.8], "double")[0]
+    expected = [exact_mean(nodes, column, 0.1, 0.8) for column in table.T]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_what_may_be_seen_of_a_table():
+    nodes = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
+    column = np.array([[0.0], [0.0], [1.0], [1e-9], [0.0]])
+    assert visible_range(nodes, column, 1e-8) == (1.0, 3.0)
+    assert visible_range(nodes, column[::-1] * 0 + 1, 1e-8) == (-np.inf, np.inf)
+    assert visible_range(nodes, 0 * column, 1e-8) == (np.inf, -np.inf)
+
+
+def test_structures_of_a_table():
+    # A triangle: half its width. A rectangle, from jump to jump: half its width. A ramp: all of it.
+    triangle = structures(np.array([0.0, 1.0, 2.0]), np.array([[0.0], [1.0], [0.0]]))
+    assert triangle == [(1.0, 0.0, 2.0)]
+    box = structures(np.array([0.0, 0.0, 3.0, 3.0]), np.array([[0.0], [1.0], [1.0], [0.0]]))
+    assert box == [(1.5, 0.0, 3.0)]
+    ramp = structures(np.linspace(0, 1, 11), np.linspace(0, 1, 11)[:, None])
+    assert ramp[0] == pytest.approx((1.0, 0.0, 1.0))
+
+
+# Pictures: a field that is linear in x up to the outermost cell centres, and constant beyond
+
+
+def line_of_sight(medium, precision, resolution=8, scheme="post-classified"):
+    """Return emission and transparency of a ray along x through a field equal to x."""
+    grid = vm.CartesianGrid.uniform((resolution, 2, 2), (0, 1))
+    volume = vm.Volume(grid, a="x")
+    camera = vm.Orthographic(incl=90, phi=90, width=0.5, resolution=1)
+    image = vm.render(volume, medium, camera, scheme=scheme, precision=precision)
+    return image.intensity[0, 0], float(image.transparency.ravel()[0])
+
+
+def column_integral(nodes, column, resolution=8):
+    """Return the integral of a table over the ray of `line_of_sight`."""
+    half = 0.5 / resolution
+    ends = half * (np.interp(half, nodes, column) + np.interp(1 - half, nodes, column))
+    return (1 - 2 * half) * exact_mean(nodes, column, half, 1 - half) + ends
+
+
+TABLES = {
+    "broad": ([0.13, 0.42, 0.9], [0.2, 1.0, 0.1]),
+    "spike": ([0.5 - 1e-6, 0.5 + 1e-6, 0.5 + 3e-6], [0.0, 1.0, 0.0]),
+    "long": (np.linspace(0, 1, 3001), 0.5 + 0.5 * np.sin(np.arange(3001.0))),
+}
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("name", sorted(TABLES))
+def test_depth_and_emission_of_a_linear_field(name, precision):
+    nodes, column = (np.asarray(v, float) for v in TABLES[name])
+    area = column_integral(nodes, column)
+    length = area  # then the optical depth is one
+    medium = vm.Table("a", nodes, np.stack([column, 0.5 * column], 1), 0 * column, length)
+    bright, _ = line_of_sight(medium, precision)
+    rtol = 3e-6 if precision == "single" else 1e-9
+    np.testing.assert_allclose(bright, [1.0, 0.5], rtol=rtol)
+    medium = vm.Table("a", nodes, column, column, length)
+    _, clear = line_of_sight(medium, precision)
+    assert clear == pytest.approx(np.exp(-1), rel=rtol)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_an_opaque_table_shows_its_source_function(precision):
+    # Emission over extinction is 2 everywhere: closed form 2 (1 - exp(-τ)).
+    nodes, column = TABLES["broad"]
+    medium = vm.Table("a", nodes, 2 * np.array(column), column, 0.1)
+    bright, clear = line_of_sight(medium, precision)
+    np.testing.assert_allclose(bright, 2 * (1 - clear), rtol=1e-6)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
+def test_other_schemes_converge_to_the_same(scheme):
+    nodes, column = TABLES["broad"]
+    medium = vm.Table("a", nodes, column, column, 0.5)
+    errors = []
+    for resolution in (32, 64, 128):
+        options = {"precision": "double", "resolution": resolution}
+        exact, _ = line_of_sight(medium, **options)
+        found, _ = line_of_sight(medium, scheme=scheme, **options)
+        errors.append(abs(found[0] - exact[0]))
+    assert errors[2] < 0.5 * errors[0]
+    assert errors[2] < 1e-3
+
+
+def test_a_rectangle_is_a_table_with_jumps():
+    rectangle = vm.Rectangle("a", 0.45, 0.002, (1.0,), 0.5, 0.004)
+    table = vm.Table("a", [0.448, 0.448, 0.452, 0.452], [0, 1, 1, 0], [0, 0.5, 0.5, 0], 0.004)
+    found = [line_of_sight(medium, "double") for medium in (table, rectangle)]
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-9)
+    assert found[0][1] == pytest.approx(found[1][1], rel=1e-9)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_a_spike_that_only_the_middle_of_a_cubic_reaches(precision):
+    # Along a diagonal of the saddle x y the field is 0.0025 - s², a hundred times flatter than the
+    # cell at its maximum, where the spike is: neither ends nor middle of the segment need show it.
+    grid = vm.CartesianGrid.uniform((2, 2, 2), (-1, 1))
+    volume = vm.Volume(grid, a="x*y")
+    camera = vm.Orthographic.looking(
+        [1, -1, 0], [0, 0, 1], center=(0.05, 0.05, 0), width=1e-3, resolution=1
+    )
+    nodes = [0.0023, 0.0024, 0.0025]
+    medium = vm.Table("a", nodes, [0, 1, 0], 0, 1e-2)
+    image = vm.render(volume, medium, camera, precision=precision, tolerance=1e-6)
+    s = np.linspace(-0.02, 0.02, 200001)
+    values = np.interp(0.0025 - s * s, nodes, [0, 1, 0])
+    expected = np.sqrt(2) * values.sum() * (s[1] - s[0]) / 1e-2
+    # In single precision x is known to 6e-8 · 0.25, a thousandth of the spike.
+    assert image.intensity.item() == pytest.approx(
+        expected, rel=3e-3 if precision == "single" else 1e-5
+    )

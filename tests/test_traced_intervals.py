@@ -1,0 +1,361 @@
+"""Intervals inside kernels: nothing lies outside them, and they are as tight as those of the host.
+
+What is true of intervals in general is tested with the host's in `test_bounds`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from expression_trees import expressions
+from test_bounds import MEDIA, MONOTONE, ONE, SPECIAL, TWO, assert_inside, points_in
+from voluminous.backend import dr, get_backend
+from voluminous.errors import UnknownNameError
+from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
+from voluminous.expressions.interval import Interval
+from voluminous.expressions.traced_interval import TracedInterval, traced
+from voluminous.expressions.traced_interval_ops import TracedIntervalOps
+from voluminous.media import Colormap, Context, Gaussian, Medium, Rectangle, Table
+from voluminous.media.contract import no_unit
+from voluminous.media.traced_bounds import TracedRangeContext, traced_ranges
+
+INF, NAN = math.inf, math.nan
+
+
+@pytest.fixture(params=["single", "double"], scope="module")
+def backend(request):
+    return get_backend("cpu", request.param)
+
+
+def random_boxes(names, seed, dtype, count=100):
+    """Return ends of many boxes: wide and narrow ones, points, and such with whole numbers."""
+    rng = np.random.default_rng(seed)
+
+    def ends():
+        lo = np.where(
+            rng.random(count) < 0.5, rng.uniform(-8, 40, count), rng.integers(-4, 5, count)
+        )
+        widths = [rng.uniform(0, 10, count), rng.uniform(0, 1e-3, count), rng.integers(0, 4, count)]
+        return tuple(end.astype(dtype) for end in (lo, lo + rng.choice(widths)))
+
+    return {name: ends() for name in names}
+
+
+def intervals(backend, box):
+    return {name: TracedInterval(*map(backend.Float, ends)) for name, ends in box.items()}
+
+
+def arrays(found, shape):
+    """Return, for each interval, both ends and where nothing is defined, as NumPy arrays."""
+    dr.eval([(i.lo, i.hi, i.nan) for i in found])  # one kernel for all
+
+    def parts(i):
+        lo, hi = (np.asarray(end.numpy(), np.float64) for end in (i.lo, i.hi))
+        return tuple(np.broadcast_to(part, shape) for part in (lo, hi, i.nan.numpy()))
+
+    return [parts(i) for i in found]
+
+
+def any_interval(backend):
+    # Not from NumPy: where its memory is aligned by chance, the kernel is another one.
+    lo, hi = (dr.opaque(backend.Float, end, shape=8) for end in (1, 2))
+    return {"x": TracedInterval(lo, hi)}
+
+
+def enclose(backend, text, box):
+    ops = TracedIntervalOps(backend.Float, constant=backend.opaque)
+    found = Expression(text).evaluate(ops, intervals(backend, box))
+    return arrays([found], len(next(iter(box.values()))[0]))[0]
+
+
+def points_of(backend, box, seed):
+    """Return points in boxes whose ends are numbers of this precision, as such numbers."""
+    points = points_in(box, np.random.default_rng(seed), count=20)
+    return {name: values.astype(backend.dtype) for name, values in points.items()}
+
+
+def on_device(backend, points):
+    return {name: backend.Float(values.ravel()) for name, values in points.items()}
+
+
+# --- expressions ----------------------------------------------------------------------------------
+
+
+@given(text=expressions(), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=40)
+def test_random_expressions_stay_inside(backend, text, seed):
+    expr = Expression(text)
+    box = random_boxes("xyz", seed, backend.dtype)
+    lo, hi, nan = enclose(backend, text, box)
+    points = points_of(backend, box, seed)
+    # Real numbers: double precision is as good, and of the host.
+    wide = {name: values.astype(np.float64) for name, values in points.items()}
+    shape = wide["x"].shape
+    exact = np.broadcast_to(expr.evaluate(NumpyOps(), wide), shape)
+    ops = DrjitOps(backend.Float, constant=backend.opaque)
+    device = expr.evaluate(ops, on_device(backend, points)).numpy()
+    device = device.reshape(shape) if device.size > 1 else np.broadcast_to(device, shape)
+    assert_inside(exact, lo, hi, nan)
+    # Where a value may not exist, a compiler may find another: 0 for 0 · inf.
+    assert_inside(np.where(nan, NAN, device), lo, hi, nan)
+
+
+@pytest.mark.parametrize("text", ONE + TWO)
+def test_special_values_stay_inside(backend, text):
+    # Every pair of special values as the ends of x and of y, and every special value in it.
+    with np.errstate(over="ignore"):
+        special = np.array(SPECIAL, backend.dtype)
+    ends = np.array([(a, b) for a in special for b in special if not a > b])
+    nx, ny = np.indices((len(ends), len(ends))).reshape(2, -1)
+    x, y = ends[nx].T, ends[ny].T
+    lo, hi, nan = enclose(backend, text, {"x": x, "y": y})
+    a, b = special.astype(np.float64)[np.indices((len(special),) * 2).reshape(2, -1, 1)]
+    values = Expression(text).evaluate(NumpyOps(), {"x": a, "y": b})
+    there = contains(x, a) & contains(y, b)
+    values = np.where(there, values, lo)
+    assert_inside(values, lo, hi, nan)
+
+
+def contains(ends, value):
+    lo, hi = ends
+    return np.isnan(lo) | np.isnan(hi) | ((lo <= value) & (value <= hi))
+
+
+@pytest.mark.parametrize("text", MONOTONE)
+def test_monotonic_expressions_are_as_tight_as_on_the_host(backend, text):
+    rng, eps = np.random.default_rng(1), np.finfo(backend.dtype).eps
+    ends = np.sort(rng.uniform(0.125, 60, (2, 200)).astype(backend.dtype), axis=0)
+    lo, hi, nan = enclose(backend, text, {"x": ends})
+    host = Expression(text).evaluate(IntervalOps(), {"x": Interval(*ends)})
+    # 16 ε for a function, 4 ε for an operation, twice: rounded and moved; and 2 ε for each of up to
+    # 35 doublings of a power. In double precision that is 4e-14.
+    np.testing.assert_allclose([lo, hi], [host.lo, host.hi], rtol=200 * eps, atol=100 * eps)
+    assert not nan.any()
+
+
+TIGHT = [  # text, box of x, ends, whether NaN is possible
+    ("x*x", (-1, 1), (0, 1), False),
+    ("x**2", (-1, 1), (0, 1), False),
+    ("x**3", (-1, 0), (-1, 0), False),
+    ("x**0", (-2, INF), (1, 1), False),
+    ("1/x", (-1, 2), (-INF, INF), False),
+    ("x/x", (-1, 2), (-INF, INF), True),
+    ("0*x", (-1, INF), (-INF, INF), True),
+    ("exp(x)", (-INF, 0), (0, 1), False),
+    ("log(x)", (0, 1), (-INF, 0), False),
+    ("log(x)", (-1, 1), (-INF, INF), True),
+    ("sqrt(1 - x)", (0, 1), (0, 1), False),
+    ("sqrt(x*x)", (0, INF), (0, INF), False),
+    ("tanh(x)", (-INF, INF), (-1, 1), False),
+    ("sin(x)", (0, 3), (0, 1), False),
+    ("cos(x)", (3, 7), (-1, 1), False),
+    ("tan(x)", (1, 2), (-INF, INF), False),
+    ("x // 1", (0.25, 0.75), (0, 0), False),
+    ("x % 3", (0.5, 2.5), (0.5, 2.5), False),
+    ("x % 3", (0.5, 3.5), (0, 3), False),
+    ("x % 0", (1, 2), (-INF, INF), True),
+    ("x**1.5", (-2, 3), (-INF, INF), True),
+    ("where(x > 0, 1, 2)", (1, 3), (1, 1), False),
+    ("where(x > 0, 1, 2)", (-1, 1), (1, 2), False),
+    ("where(x > 3, log(x), x)", (-1, 1), (-1, 1), False),
+    ("1 < x <= 2", (1, 2), (0, 1), False),
+    ("x == x", (1, 4), (1, 1), False),
+    ("x > 1 and x > 0", (2, 3), (1, 1), False),
+    ("not x", (1, 2), (0, 0), False),
+    ("clip(sqrt(x), 0, 1) <= 1", (-1, 1), (0, 1), False),  # NaN compares as false
+    ("x + 1", (NAN, 2), (-INF, INF), True),
+]
+
+
+@pytest.mark.parametrize(("text", "box", "ends", "undefined"), TIGHT)
+def test_ends_are_as_near_as_they_can_be(backend, text, box, ends, undefined):
+    lo, hi, nan = enclose(backend, text, {"x": tuple(np.array([end], float) for end in box)})
+    few = 20 * np.finfo(backend.dtype).eps  # 16 for a function
+    np.testing.assert_allclose([lo[0], hi[0]], ends, rtol=few, atol=few)
+    assert nan == undefined
+
+
+def test_products_of_what_is_not_negative_are_not(backend):
+    # Else a square root of them would be undefined.
+    tiny = np.finfo(backend.dtype).tiny
+    box = {"x": (np.array([0.0, tiny]), np.array([1.0, 2 * tiny]))}
+    for text in ("x*x", "x*(x + 1)", "x/(x + 1)", "0*x", "x + x", "exp(-1/(x + 1e-3))", "tanh(x)"):
+        assert (enclose(backend, text, box)[0] >= 0).all(), text
+
+
+def test_an_interval_of_the_host_keeps_all_its_numbers():
+    host = Interval([0.1, -0.1, 1e300, 0.0], [0.1, -0.1, 1e300, INF], [False, False, False, True])
+    found = traced(get_backend("cpu", "single").Float, host)
+    [(lo, hi, nan)] = arrays([found], 4)
+    assert (lo[:3] < host.lo[:3]).all()
+    assert (hi[:3] > host.hi[:3]).all()
+    assert nan.tolist() == [False, False, False, True]
+    assert traced(dr.llvm.Float, found) is found
+
+
+def test_constants_are_not_part_of_the_kernel(backend, kernels):
+    ops = TracedIntervalOps(backend.Float, constant=backend.opaque)
+    fields = any_interval(backend)
+
+    def run(number):
+        found = Expression(f"log10(x + {number}) * {number}").evaluate(ops, fields)
+        dr.eval(found.lo, found.hi)
+
+    assert kernels(run, 1.5) == kernels(run, 2.5)
+
+
+# --- media ----------------------------------------------------------------------------------------
+
+
+def ranges(backend, medium, box, unit=None, unit_of=no_unit):
+    context = TracedRangeContext(backend.Float, backend.opaque, unit, unit_of)
+    found = traced_ranges(medium, intervals(backend, box), context)
+    listed = arrays(found.emissivity + found.extinction, len(next(iter(box.values()))[0]))
+    return listed[: medium.channels], listed[medium.channels :]
+
+
+def solve(backend, medium, points, unit=None, unit_of=no_unit):
+    context = Context(backend.Float, backend.opaque, unit, unit_of)
+    found = medium.coefficients(on_device(backend, points), context)
+    dr.eval(found.emissivity, found.extinction)
+    shape = next(iter(points.values())).shape
+    return tuple(
+        [np.broadcast_to(v.numpy(), math.prod(shape)).reshape(shape) for v in values]
+        for values in (found.emissivity, found.extinction)
+    )
+
+
+def assert_bounded(backend, medium, box, seed, **units):
+    found = ranges(backend, medium, box, **units)
+    values = solve(backend, medium, points_of(backend, box, seed), **units)
+    for enclosures, those in zip(found, values, strict=True):
+        for (lo, hi, nan), inside in zip(enclosures, those, strict=True):
+            assert_inside(inside, lo, hi, nan)
+
+
+@given(medium=MEDIA, seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_random_media_stay_inside(backend, medium, seed):
+    assert_bounded(backend, medium, random_boxes("xy", seed, backend.dtype), seed)
+
+
+def test_colormaps_stay_inside(backend):
+    medium = Colormap("x", "viridis", 1, 100, lambda p: p**2, 3.0, norm="log")
+    lo = np.geomspace(0.1, 1000, 50).astype(backend.dtype)
+    assert_bounded(backend, medium, {"x": (lo, lo * np.linspace(1, 3, 50, dtype=lo.dtype))}, 0)
+
+
+def test_a_gaussian_is_as_tight_as_on_the_host(backend):
+    eps = np.finfo(backend.dtype).eps
+    lo = np.linspace(-20, 20, 81).astype(backend.dtype)
+    hi = lo + lo.dtype.type(1.25)
+    medium = Gaussian("x", 1.5, 5.0, 2.0, 3.0, 0.25)
+    host = medium.bounds({"x": lo}, {"x": hi})
+    [(j_lo, j_hi, _)], [(a_lo, a_hi, _)] = ranges(backend, medium, {"x": (lo, hi)})
+    # The exponent is at most 10: what is lost of it, 24 ε, becomes a factor.
+    for found, expected in (
+        (j_lo, host.j_lo),
+        (j_hi, host.j_hi),
+        (a_lo, host.a_lo),
+        (a_hi, host.a_hi),
+    ):
+        np.testing.assert_allclose(found, expected[0], rtol=300 * eps)
+
+
+@given(
+    numbers=st.lists(st.floats(-1, 1, width=32), min_size=3, max_size=40),
+    seed=st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=30)
+def test_tables_have_the_bounds_of_the_host(backend, numbers, seed):
+    rng, n = np.random.default_rng(seed), len(numbers)
+    nodes = np.sort(rng.integers(-5, 12, n)).astype(float)  # with jumps, also of several nodes
+    table = Table("x", nodes, numbers, np.abs(numbers), 1)
+    box = random_boxes("x", seed, backend.dtype)
+    host = table.bounds({"x": box["x"][0]}, {"x": box["x"][1]})
+    [(j_lo, j_hi, _)], [(a_lo, a_hi, _)] = ranges(backend, table, box)
+    # Twice 8 ε of the largest entry, once the host's.
+    near = {"rtol": 0, "atol": 20 * np.finfo(backend.dtype).eps}
+    np.testing.assert_allclose([j_lo, j_hi], [host.j_lo[0], host.j_hi[0]], **near)
+    np.testing.assert_allclose([a_lo, a_hi], [host.a_lo[0], host.a_hi[0]], **near)
+
+
+def test_rounding_in_a_table_goes_outward():
+    # In single precision, so that double precision tells the real numbers.
+    rng, backend = np.random.default_rng(4), get_backend("cpu", "single")
+    nodes, entries, x = (rng.uniform(1, 9, n).astype(np.float32) for n in (30, 30, 1000))
+    nodes = np.sort(nodes)
+    [(lo, hi, nan)], _ = ranges(backend, Table("x", nodes, entries, 1, 1), {"x": (x, x)})
+    assert_inside(np.interp(x.astype(np.float64), nodes, entries), lo, hi, nan)
+
+
+def test_a_table_is_exact_where_it_is_constant(backend):
+    medium = Table("x", [0, 1, 2, 3], [0, 0, 0.5, 0.5], [0, 0, 0.25, 0.25], 1)
+    lo, hi = np.array([-9, 0.25, 0, 2.25, 5]), np.array([-1, 0.75, 1.5, 2.75, 9])
+    [(_, j_hi, _)], [(a_lo, a_hi, _)] = ranges(backend, medium, {"x": (lo, hi)})
+    np.testing.assert_array_equal(j_hi[:2], 0)
+    np.testing.assert_array_equal(a_lo, [0, 0, 0, 0.25, 0.25])
+    np.testing.assert_array_equal(a_hi[[0, 1, 3, 4]], [0, 0, 0.25, 0.25])
+
+
+def test_the_size_of_a_table_is_part_of_the_kernel_only_as_a_power_of_two(backend, kernels):
+    context = TracedRangeContext(backend.Float, backend.opaque, None, no_unit)
+    fields = any_interval(backend)
+
+    def run(count):
+        numbers = np.arange(count)
+        found = traced_ranges(Table("x", numbers, numbers, numbers, 1), fields, context)
+        dr.eval([(i.lo, i.hi) for i in found.emissivity + found.extinction])
+
+    assert kernels(run, 20) == kernels(run, 30)
+
+
+def test_rectangles_are_all_or_nothing(backend):
+    medium = Rectangle("x", 3, 1, (0.5, 0.75), (2.0, 0.25), 2)
+    lo, hi = np.array([5, 2.5, 0, NAN]), np.array([6, 3.5, 3, 4])
+    j, a = ranges(backend, medium, {"x": (lo, hi)})
+    few = 20 * np.finfo(backend.dtype).eps  # two products, each moved by 4 ε
+    np.testing.assert_allclose(j[0][0], [0, 0.25, 0, -INF], rtol=few)
+    np.testing.assert_allclose(j[0][1], [0, 0.25, 0.25, INF], rtol=few)
+    np.testing.assert_allclose(a[1][0], [0, 0.125, 0, -INF], rtol=few)
+    assert a[0][1][0] == 0  # nothing, for certain
+    assert a[0][2].tolist() == [False, False, False, True]
+
+
+def test_nothing_is_known_of_a_function(backend):
+    function = Medium.from_function(lambda x: ([x, x], x), ["x"], 2)
+    coloured = Rectangle("x", 0, 1, (1, 2), 3, 1)
+    box = {"x": (np.array([0.0, 5]), np.array([0.5, 6]))}
+    for medium, least in (
+        (function, [0, 0]),
+        (function + coloured, [3, 0]),
+        (coloured + function, [3, 0]),
+    ):
+        j, [(a_lo, a_hi, _)] = ranges(backend, medium, box)
+        for j_lo, j_hi, _ in j:
+            np.testing.assert_array_equal(j_lo, -INF)
+            np.testing.assert_array_equal(j_hi, INF)
+        np.testing.assert_allclose(a_lo, least, rtol=20 * np.finfo(backend.dtype).eps, atol=1e-30)
+        np.testing.assert_array_equal(a_hi, INF)
+
+
+def test_units_are_those_of_the_coefficients(backend):
+    from astropy import units as u
+
+    media = [
+        Gaussian("x", 20 * u.K, 3 * u.K, 1, 2, 1 * u.pc),
+        Table("x", [0, 30] * u.K, [0, 1], [0, 2], 3e18 * u.cm),
+    ]
+    for medium in media:
+        box = random_boxes("x", 0, backend.dtype)
+        assert_bounded(backend, medium, box, 2, unit=u.pc, unit_of=lambda expression: u.K)
+
+
+def test_a_missing_field_is_named(backend):
+    with pytest.raises(UnknownNameError, match="unknown field 'density'"):
+        ranges(backend, Gaussian("density", 0, 1, 1, 1, 1), {"x": (np.zeros(1), np.ones(1))})
