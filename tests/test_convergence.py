@@ -119,7 +119,7 @@ def test_samples_are_the_mean_of_a_finer_picture():
     coarse, fine = (
         vm.Orthographic(50, 20, width=(2.0, 1.0), resolution=pixels) for pixels in ((4, 3), (12, 9))
     )
-    options = {"precision": "double", "cutoff": 0, "background": 2.0}
+    options = {"scheme": "second-order", "precision": "double", "cutoff": 0, "background": 2.0}
     once = vm.render(volume, medium, coarse, samples=3, **options)
     many = vm.render(volume, medium, fine, **options)
     for name in ("intensity", "transparency", "optical_depth"):

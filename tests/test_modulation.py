@@ -83,7 +83,8 @@ def test_a_gate_inside_a_cell_is_found_where_it_is(precision):
     for resolution in (3, 16):
         volume = line(resolution, b="x")
         found = seen(medium, volume, tolerance=1e-5, precision=precision)
-        assert found.item() == pytest.approx(0.14, rel=1e-3)
+        # In single precision panels are halved eight times at most.
+        assert found.item() == pytest.approx(0.14, rel=1e-3 if precision == "double" else 5e-3)
 
 
 def test_a_gate_narrower_than_a_cell_is_not_missed():

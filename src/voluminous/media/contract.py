@@ -90,6 +90,8 @@ class Context:
         return interpolate(self.real, x, nodes, columns)
 
 
+# What a structure wider than a panel counts, among those narrower.
+WIDE = 0.75
 # Places and weights on [0, 1].
 GAUSS_LEGENDRE_3 = (
     (0.5 - math.sqrt(0.15), 5 / 18),
@@ -184,9 +186,10 @@ class Medium:
         return zero, zero
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return how many structures narrower than a panel lie in each half of a stretch.
+        """Return how many structures lie in each half of a stretch, wide ones counting `WIDE`.
 
-        Where there are two, a panel mixes what is in front of each other.
+        Where one narrower than the half lies beside another, a panel mixes what is in front of each
+        other: more than one and a half. Two wide ones mix in truth.
         """
         zero = stretch.length * 0.0
         return [zero, zero]

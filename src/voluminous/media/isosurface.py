@@ -24,7 +24,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
 from .color_by import ColorBy
-from .contract import Coefficients, Context, Medium, channel_values, check_extinction
+from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Factors, Modulation, modulated
@@ -170,6 +170,11 @@ class Isosurface(Medium):
         for level in levels:
             for edge in (level - 0.5 * width, level + 0.5 * width) if self._thick else (level,):
                 possible, shown = _sign_changes(controls, edge), _sign_changes(nodes, edge)
+                if len(self.expr.names) > 1:  # control points do not bound it: look more closely
+                    closer = _sign_changes(
+                        [stretch.scalar(self.expr, s) for s in (0.0, 0.25, 0.5, 0.75, 1.0)], edge
+                    )
+                    possible = dr.select(closer > possible, closer, possible)
                 seen |= possible > 0
                 hidden |= possible > shown
             if self._thick:
@@ -186,7 +191,9 @@ class Isosurface(Medium):
             total = stretch.length * 0.0
             for level in levels:
                 near = (low <= level + 0.5 * width) & (high >= level - 0.5 * width)
-                total += dr.select(near & (high - low > width), 1.0, 0.0)
+                total += dr.select(
+                    near, dr.select(high - low > width, total * 0.0 + 1.0, WIDE), 0.0
+                )
             counts.append(total)
         return counts
 

@@ -15,7 +15,7 @@ from ..expressions import Expression, Ops
 from ..expressions.interval import Interval
 from ..units import is_quantity, plain
 from .bends import bend, slope_factor, thinness
-from .contract import Coefficients, Context, Medium, channel_values, check_extinction
+from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Middle, modulated
@@ -174,7 +174,7 @@ class Shaped(Medium):
         return self.modulation.visible(stretch, context, seen, over | under)
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return in which halves most of the shell is, if it is narrower than they are."""
+        """Return in which halves the shell is: one if it is narrower than they are, else less."""
         center, narrowness, _ = self._kept(context)
         nodes = [
             context.narrow(stretch.scalar(self.expr, s) - center) * narrowness
@@ -183,8 +183,9 @@ class Shaped(Medium):
         counts = []
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)
-            inside = (low < _CORE) & (high > -_CORE) & (high - low > 1.0)
-            counts.append(dr.select(inside, stretch.length * 0.0 + 1.0, 0.0))
+            there = (low < _CORE) & (high > -_CORE)
+            own = dr.select(high - low > 1.0, stretch.length * 0.0 + 1.0, WIDE)
+            counts.append(dr.select(there, own, 0.0))
         return counts
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:

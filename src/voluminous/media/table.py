@@ -152,6 +152,8 @@ class Table(Medium):
         real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
         found = context.keep((id(self), "structures"), lambda: self._kept_structures(context, real))
         first, last = context.keep((id(self), "range"), lambda: self._kept_range(context, real))
+        if not found:  # the same everywhere
+            return stretch.length * 0.0, stretch.length * 0.0
         least = functools.reduce(
             lambda a, b: dr.select(a < b, a, b), [doubt for doubt, *_ in found]
         )

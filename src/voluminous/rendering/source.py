@@ -34,8 +34,8 @@ _ADVICE = (
     "use precision='single', scheme='first-order' (which can do without a table), "
     "or a coarser or smaller volume"
 )
-# The least that single precision can tell of a peak.
-_FAINTEST = 1e-37
+# The least that a precision can tell of a peak.
+_FAINTEST = {"single": 1e-37, "double": 1e-300}
 # What may be neglected of tabulated coefficients, as a fraction of their peak: below rounding.
 _FAINT = {"single": 1e-9, "double": 1e-18}
 
@@ -98,7 +98,8 @@ def _interpolated(
     # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
     dense = classifier.numbers.densest(classifier.largest())
     faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * dense)
-    faint = _FAINTEST if faintest else max(faint, _FAINTEST)
+    least = _FAINTEST[backend.precision]
+    faint = least if faintest else max(faint, least)
     real = backend.Float if enough_in_single(classifier) else backend.Wide
     context = replace(
         classifier.context(real),

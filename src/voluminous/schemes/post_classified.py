@@ -21,8 +21,10 @@ from .path import Path, empty_path, most, over
 
 # Panels are not made narrower than this fraction of a segment.
 _NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
-# The least part of their difference that two approximations are taken to be off by.
-_SURE = 0.3
+# The part of their difference that two approximations are taken to be off by: at least, and where
+# structures are thinner than a panel. Chosen so that 99 % of rays through random fields are off by
+# less than is said.
+_SURE, _SHARP = 0.5, 1.5
 NODES = (0.0, 0.5, 1.0)
 
 
@@ -203,18 +205,18 @@ def _extrapolated(
 
     Halves are off by a third of what they differ from the whole; what remains after taking that
     off is of higher order, about the square of the relative difference. Where they differ much, or
-    structures are thinner than a half, there is no order: then the halves count, and all of the
-    difference. `bent` is a relative error that both may share.
+    structures are thinner than a half, there is no order: then the halves count, and more than
+    the difference. `bent` is a relative error that both may share.
     """
     values, errors = [], []
     for c, f in zip(coarse, fine, strict=True):
         off, size = dr.abs(f - c), dr.abs(f)
         near = off < 0.25 * size
         ratio = off / dr.select(near, size, 1.0)
-        smooth = dr.select(near, dr.select(2.0 * ratio > _SURE, 2.0 * ratio, _SURE), 0.5)
+        smooth = dr.select(near, dr.select(2.0 * ratio > _SURE, 2.0 * ratio, _SURE), 1.0)
         share = dr.select(near, (1.0 - thin) * (1 / 3), 0.0)
         values.append(dr.fma(f - c, share, f))
-        errors.append(off * dr.fma(thin, 1.0 - smooth, smooth) + bent * size)
+        errors.append(off * dr.fma(thin, _SHARP - smooth, smooth) + bent * size)
     return values, errors
 
 
