@@ -159,8 +159,8 @@ def check(scene, precision, order):
     """Assert that pixels are within what they claim, and none is far from the tolerance."""
     tolerance = 1e-3 if precision == "single" else 1e-5
     error, claimed, most = wrong(scene, precision=precision, order=order, tolerance=tolerance)
-    # White noise on a few cells is as rough as data can be, and Hypothesis looks for the worst: of 64
-    # rays some touch what no estimate sees.
+    # White noise on a few cells is as rough as data can be, and Hypothesis looks for the worst: of
+    # 64 rays some touch what no estimate sees.
     assert np.count_nonzero(error > claimed + ROUNDING[precision] * most) <= 8
     assert np.quantile(error, 0.9) <= (10 * tolerance + ROUNDING[precision]) * most
 
