@@ -63,8 +63,8 @@ class Isosurface(Medium):
     width : float or Quantity
         Extent of the shell in x. 0: a surface without thickness, its crossings counted exactly.
     density : {"crossing", "gradient"}
-        Extinction proportional to |∂x/∂s| along the ray, so that a crossing is equally dense at
-        every angle; or to |∇x|, a sheet of the same thickness everywhere, denser edge-on.
+        Extinction proportional to ``|∂x/∂s|`` along the ray, so that a crossing is equally dense
+        at every angle; or to ``|∇x|``, a sheet of the same thickness everywhere, denser edge-on.
     shading : float
         0: none, which is what radiative transfer gives. 1: emission proportional to the cosine
         between the ray and the normal (Lambert's law for a lamp at the camera); between them a mix.
