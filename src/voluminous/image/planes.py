@@ -87,6 +87,8 @@ def narrowed(values: Array, kind: type[np.floating[Any]], what: str) -> Array:
     InputError
         If the greatest value is beyond its range, or so small that few digits would be left.
     """
+    if values.dtype == kind:
+        return values  # nothing is lost, however small
     info = np.finfo(kind)
     top = np.abs(values, where=np.isfinite(values), out=np.zeros_like(values)).max()
     if top > info.max or 0 < top < info.tiny:
