@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..errors import InputError
 from ..grids.dual_walk import Chord
-from ..memory import fits
+from ..memory import check_memory, fits
 from .classify import device_array
-from .tables import SLAB
+from .tables import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
 # with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.
@@ -70,10 +71,30 @@ def quads_size(shape: Any) -> int:
     return 4 * (nx + 2) * (ny + 1) * (nz + 1)
 
 
+def _check_size(array: np.ndarray, backend: Any) -> None:
+    """Refuse a field that cannot be held beside the volume.
+
+    Raises
+    ------
+    InputError
+        If it has more values than an array can hold.
+    MemoryNeededError
+        If there is not enough memory for a copy.
+    """
+    count = int(np.prod([n + 2 for n in array.shape], dtype=object))
+    if count > LARGEST:
+        raise InputError(
+            f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "
+            "render the volume in parts, or with scheme='first-order'"
+        )
+    advice = "use scheme='first-order', which needs no copy, or a coarser or smaller volume"
+    check_memory(count * backend.dtype.itemsize, "a field between cell centres", advice)
+
+
 def field_unit(array: np.ndarray, backend: Any) -> float:
     """Return the number a field is divided by so that single precision can hold it, mostly 1."""
-    with np.errstate(invalid="ignore"):
-        most = float(max(abs(float(np.nanmin(array))), abs(float(np.nanmax(array)))))
+    ends = np.fmin.reduce(array, axis=None), np.fmax.reduce(array, axis=None)
+    most = max(abs(float(end)) for end in ends)
     if backend.precision == "double" or not 0.0 < most < np.inf or 1e-25 < most < 1e25:
         return 1.0
     return float(2.0 ** np.round(np.log2(most)))
@@ -145,6 +166,7 @@ def make_nodes(array: np.ndarray, backend: Any, unit: float) -> Nodes:
 
 def make_lattice(array: np.ndarray, backend: Any) -> Quads | Nodes:
     """Return a field as rays gather it, in the layout that pays."""
+    _check_size(array, backend)
     unit = field_unit(array, backend)
     size = quads_size(array.shape) * backend.dtype.itemsize
     small = size <= _LARGEST_QUADS and fits(4 * size)
