@@ -87,6 +87,15 @@ def test_a_gate_inside_a_cell_is_found_where_it_is(precision):
         assert found.item() == pytest.approx(0.14, rel=1e-3 if precision == "double" else 5e-3)
 
 
+def test_gates_and_colours_need_no_error_control():
+    by = vm.ColorBy("b", "viridis", 0, 1)
+    medium = vm.Gaussian("a", 0.5, 0.1, by, 0.3, 0.2, where="b > 0.2")
+    volume = line(32, b="x")
+    careless = seen(medium, volume, tolerance=None)
+    # One panel per cell is of second order: a cell is a third of σ.
+    np.testing.assert_allclose(careless, seen(medium, volume, tolerance=1e-5), rtol=0.01)
+
+
 def test_a_gate_narrower_than_a_cell_is_not_missed():
     medium = vm.Table("a", [-1, 2], [1.0, 1.0], 0, 1.0, where="abs(b - 0.51) < 1e-3")
     found = seen(medium, line(4, b="x"), tolerance=1e-5, precision="double")

@@ -42,7 +42,7 @@ class OnePanel:
         """Return the solution of one segment; see `schemes.contract.Scheme`."""
         chord = walk.chord(track, segment)
         corners = source.corners(chord, segment.active)
-        stretch = source.straight({}, segment.length)
+        stretch = _straight(source, chord, corners, segment.length)
         last = source.values(chord, corners, 1.0)
         for expr, before in zip(source.scalars, carried, strict=True):
             first = dr.if_stmt(
@@ -64,6 +64,12 @@ class OnePanel:
         return path, [ends[1] for ends in known]
 
 
+def _straight(source: Any, chord: Any, corners: Any, length: Any) -> Any:
+    """Return a segment's stretch, with the fields along it if the medium looks at them."""
+    inside = source.cubics(chord, corners) if source.looks_inside else {}
+    return source.straight(inside, length)
+
+
 def _fresh(source: Any, expr: Any, chord: Any, corners: Any, before: Any) -> Any:
     return source.context.evaluate(expr, source.values(chord, corners, 0.0))
 
@@ -78,8 +84,7 @@ def _invisible(source: Any, known: Any, length: Any) -> Path:
 
 def _visible(source: Any, chord: Any, corners: Any, known: Any, length: Any) -> Path:
     """Return a segment solved with its mean coefficients."""
-    inside = source.cubics(chord, corners) if source.looks_inside else {}
-    stretch = source.straight(inside, length)
+    stretch = _straight(source, chord, corners, length)
     for expr, ends in zip(source.scalars, known, strict=True):
         for s, value in zip((0.0, 1.0), ends, strict=True):
             stretch.set_scalar(expr, s, value)
