@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import precision_of
-from .stretch import Straight, extremes
+from .stretch import extremes
 
 if TYPE_CHECKING:
     from ..expressions import Expression
@@ -30,10 +30,7 @@ def slope_factor(panel: Panel, expr: Expression, place: Any, narrow: Any) -> Any
     place : array
         The centre of mass, as a fraction of the panel.
     """
-    stretch = panel.stretch
-    if isinstance(stretch, Straight):
-        return 1.0
-    first, middle, last = (stretch.scalar(expr, s) for s in (0.0, 0.5, 1.0))
+    first, middle, last = panel.stretch.nodes(expr)
     bow = narrow(2.0 * (first - 2.0 * middle + last))
     noise = narrow(_NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last)))
     bow = dr.select(dr.abs(bow) > noise, bow, 0.0)
@@ -66,7 +63,7 @@ def bend(
     """
     b0, b1, b2, b3 = (offset(x) for x in stretch.controls(expr))
     cubic = dr.abs(b3 - 3.0 * b2 + 3.0 * b1 - b0)
-    nodes = [offset(stretch.scalar(expr, s)) for s in (0.0, 0.5, 1.0)]
+    nodes = [offset(x) for x in stretch.nodes(expr)]
     total = cubic * 0.0
     for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])):
         least, largest = extremes([a, b])
@@ -83,7 +80,7 @@ def bend(
 
 def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -> Any:
     """Return how thin a shell is compared with the halves of a stretch: 0 (wide) to 1."""
-    nodes = [stretch.scalar(expr, s) for s in (0.0, 0.5, 1.0)]
+    nodes = stretch.nodes(expr)
     first, last = (dr.abs(narrow(b - a)) for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])))
     wide = dr.select(first > last, first, last) * narrowness
     thin = 0.25 * wide * wide

@@ -164,7 +164,7 @@ class Isosurface(Medium):
         """Return where a level may be crossed, and where more often than a panel's ends show."""
         levels, width, _, _ = self._kept(context)
         controls = stretch.controls(self.expr)
-        nodes = [stretch.scalar(self.expr, s) for s in (0.0, 0.5, 1.0)]
+        nodes = stretch.nodes(self.expr)
         seen = dr.isnan(nodes[1])  # where there is NaN, it must show
         hidden = stretch.length < 0.0
         for level in levels:
@@ -184,7 +184,7 @@ class Isosurface(Medium):
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return how many surfaces are crossed in each half."""
         levels, width, _, _ = self._kept(context)
-        nodes = [stretch.scalar(self.expr, s) for s in (0.0, 0.5, 1.0)]
+        nodes = stretch.nodes(self.expr)
         counts = []
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)

@@ -154,7 +154,7 @@ class Modulation:
         if self.where is None:
             return seen, hidden
         possible = self._possible(stretch, context)
-        nodes = [_defined_unit(stretch.scalar(self.where, s)) for s in (0.0, 0.5, 1.0)]
+        nodes = [_defined_unit(x) for x in stretch.nodes(self.where)]
         low, high = extremes(nodes)
         doubtful = (possible.hi > high + _DOUBT) | (possible.lo < low - _DOUBT)
         seen = seen & (possible.hi > 0.0)

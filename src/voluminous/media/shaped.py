@@ -164,7 +164,7 @@ class Shaped(Medium):
         """Return where the shape may be noticeable, and where a panel's ends may not show that."""
         center, narrowness, _ = self._kept(context)
         reach = context.keep((id(self), "reach"), lambda: self._reach(context))
-        nodes = extremes([stretch.scalar(self.expr, s) for s in (0.0, 0.5, 1.0)])
+        nodes = extremes(stretch.nodes(self.expr))
         below, above, low, high = (
             context.narrow(x - center) * narrowness for x in (*nodes, *stretch.hull(self.expr))
         )
@@ -176,10 +176,7 @@ class Shaped(Medium):
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return in which halves the shell is: one if it is narrower than they are, else less."""
         center, narrowness, _ = self._kept(context)
-        nodes = [
-            context.narrow(stretch.scalar(self.expr, s) - center) * narrowness
-            for s in (0.0, 0.5, 1.0)
-        ]
+        nodes = [context.narrow(x - center) * narrowness for x in stretch.nodes(self.expr)]
         counts = []
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)

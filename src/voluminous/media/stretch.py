@@ -16,6 +16,8 @@ from ..backend.functions import horner
 from ..expressions import Expression
 from .contract import Context
 
+# Where the scalars of a stretch are known: its panels lie between two of these.
+NODES = (0.0, 0.5, 1.0)
 Cubic = Sequence[Any]  # coefficients of 1, s, s², s³; or fewer
 
 
@@ -49,6 +51,10 @@ class Stretch:
             self._scalars[key] = self.context.evaluate(expr, self._fields_at_node(s))
         return self._scalars[key]
 
+    def nodes(self, expr: Expression) -> list[Any]:
+        """Return an expression at both ends and the middle, in order."""
+        return [self.scalar(expr, s) for s in NODES]
+
     def set_scalar(self, expr: Expression, s: float, value: Any) -> None:
         """Say which value an expression has at a place.
 
@@ -64,7 +70,7 @@ class Stretch:
     def set_known(self, expr: Expression, values: list[Any]) -> None:
         """Take what `known` returned for the same stretch in another scope of a kernel."""
         first, second, third, middle, last = values
-        for s, value in zip((0.0, 0.5, 1.0), (first, middle, last), strict=True):
+        for s, value in zip(NODES, (first, middle, last), strict=True):
             self._scalars[expr.text, s] = value
         self._controls[expr.text] = [first, second, third, last]
 

@@ -134,7 +134,7 @@ class Table(Medium):
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where an entry may be noticeable, and where a panel's ends may not show that."""
         low, high = (context.narrow(x) for x in stretch.hull(self.expr))
-        nodes = [context.narrow(stretch.scalar(self.expr, s)) for s in (0.0, 0.5, 1.0)]
+        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
         below, above = extremes(nodes)
         real = type(low)
         first, last = context.keep((id(self), "range"), lambda: self._kept_range(context, real))

@@ -82,13 +82,14 @@ class Interpolated:
 
     def stretch(self, cubics: dict[str, list[Any]], length: Any) -> Stretch:
         """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
-        own = {n: [self._value(n, v) for v in c] for n, c in cubics.items()}
-        return Stretch(own, self.context, length)
+        return Stretch(self._own(cubics), self.context, length)
 
     def straight(self, cubics: dict[str, list[Any]], length: Any) -> Straight:
         """Return the same with scalars taken as linear."""
-        own = {n: [self._value(n, v) for v in c] for n, c in cubics.items()}
-        return Straight(own, self.context, length)
+        return Straight(self._own(cubics), self.context, length)
+
+    def _own(self, cubics: dict[str, list[Any]]) -> dict[str, list[Any]]:
+        return {name: [self._value(name, v) for v in c] for name, c in cubics.items()}
 
     def _value(self, name: str, value: Any) -> Any:
         """Return a field's value in the type that expressions are evaluated in."""

@@ -15,6 +15,7 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import precision_of
+from ..media.stretch import NODES
 from .contract import Solution
 from .one_panel import solved
 from .path import Path, empty_path, most, over
@@ -25,7 +26,6 @@ _NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
 # structures are thinner than a panel. Chosen so that 99 % of rays through random fields are off by
 # less than is said.
 _SURE, _SHARP = 0.5, 1.5
-NODES = (0.0, 0.5, 1.0)
 
 
 @dataclass
