@@ -26,6 +26,7 @@ class Loads:
 
     def __init__(self, scheme: Any) -> None:
         self.name, self.order, self.place = f"loads of {scheme.name}", scheme.order, scheme.place
+        self.coarseness = getattr(scheme, "coarseness", 0.0)
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry nothing."""

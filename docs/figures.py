@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from convergence import CELLS, VIEWS, convergence
 from drawing import compressed, saved
+from figures_grids import GRID_FIGURES
 from figures_media import MEDIA_FIGURES, outflow_walls
 from figures_schemes import raw_or_derived, thin_shell
 from matplotlib.axes import Axes
@@ -175,6 +176,7 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     "thin_shell": thin_shell,
     "raw_or_derived": raw_or_derived,
     **MEDIA_FIGURES,
+    **GRID_FIGURES,
 }
 
 

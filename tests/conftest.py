@@ -9,8 +9,9 @@ from hypothesis import settings
 
 pytest.register_assert_rewrite("contracts")
 
-# The first example of a kind compiles a kernel: time per example says nothing. Examples are the same
-# each time, so that a run tells of the code alone; `--hypothesis-profile search` looks for new ones.
+# The first example of a kind compiles a kernel: time per example says nothing. Examples are the
+# same each time, so that a run tells of the code alone; `--hypothesis-profile search` looks for
+# new ones.
 settings.register_profile("voluminous", deadline=None, derandomize=True)
 settings.register_profile("search", deadline=None)
 settings.load_profile("voluminous")

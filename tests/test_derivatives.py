@@ -216,7 +216,7 @@ def test_the_name_of_a_derivative_tells_what_it_is_made_of(argument):
     (name,) = expression.names
     derived = derived_field(name)
     assert derived.name == name
-    assert derived.argument == Expression(argument)
+    assert derived.arguments == (Expression(argument),)
     assert Expression(name) == expression
 
 
@@ -263,7 +263,7 @@ REFUSED = [  # the text up to where the caret must be, the rest, and a part of t
     ("norm(", "a)", "a vector is needed"),
     ("", "grad(a, b)", "call grad(x)"),
     ("gradmag(", "b'a')", "without quotes"),
-    ("norm(", "'a')", "without quotes"),
+    ("norm(", "'a b')", "quotes hold the name of a vector"),
     ("2 * ", "gradmag", "gradmag is a function"),
 ]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,36 +13,48 @@ import voluminous as vm
 from contracts.bundle import on_a_sphere
 from contracts.grid import make_ray, walk_along
 from voluminous.backend import dr, get_backend
-from voluminous.grids.leap import BITS, block_shape, chebyshev_distance, leap, make_blocks
+from voluminous.grids.leap import BITS, block_shape, empty_ahead, leap, make_blocks
 
 RAYS = 64
 numbers = st.integers(0, 2**32 - 1)
 
 
-def brute_distance(filled, most):
-    """Return the distance to the nearest filled block, of all pairs."""
-    places = np.stack(np.indices(filled.shape), axis=-1).reshape(-1, 3)
-    there = places[filled.ravel()]
-    if not len(there):
-        return np.full(filled.shape, most)
-    apart = np.abs(places[:, None] - there).max(axis=2).min(axis=1)
-    return np.minimum(apart, most).reshape(filled.shape)
+SIZES = np.array([0, 1, 2, 3, 4, 6, 8, 12, 15])
 
 
-@given(
-    st.tuples(*(st.integers(1, 9),) * 3), st.floats(0, 1), st.sampled_from([1, 2, 3, 15]), numbers
-)
-def test_distance_to_the_nearest_filled_block(shape, share, most, seed):
+def brute_ahead(filled, down):
+    """Return how many blocks are empty along all axes from each on, of the sizes told apart."""
+    sense = [-1 if d else 1 for d in down]
+    turned = filled[tuple(slice(None, None, s) for s in sense)]
+    found = np.zeros(filled.shape, int)
+    for place in np.ndindex(*filled.shape):
+        for size in SIZES[1:]:
+            if turned[tuple(slice(i, i + size) for i in place)].any():
+                break
+            found[place] = size
+    return found[tuple(slice(None, None, s) for s in sense)]
+
+
+@given(st.tuples(*(st.integers(1, 9),) * 3), st.floats(0, 1), numbers)
+@settings(max_examples=40)
+def test_empty_cubes_ahead(shape, share, seed):
     filled = np.random.default_rng(seed).uniform(size=shape) < share**3
-    found = chebyshev_distance(filled, most)
-    np.testing.assert_array_equal(found, brute_distance(filled, most))
+    code = empty_ahead(filled)
+    for octant, down in enumerate(itertools.product((False, True), repeat=3)):
+        ahead = (code >> (4 * octant)) & 15
+        np.testing.assert_array_equal(ahead, brute_ahead(filled, down))
 
 
-def test_distances_do_not_go_beyond_what_is_counted():
-    filled = np.zeros((40, 1, 2), bool)
+def test_far_cubes_are_counted_up_to_fifteen():
+    filled = np.zeros((40, 20, 20), bool)
     filled[0, 0, 0] = True
-    expected = np.minimum(np.arange(40), 15)
-    np.testing.assert_array_equal(chebyshev_distance(filled)[:, 0, 1], np.maximum(expected, 1))
+    code = empty_ahead(filled)
+    assert (code[1:] & 15 == 15).all()  # upwards: nothing filled, nor beyond the faces
+    down = code >> 28  # along all axes
+    apart = np.indices(filled.shape).max(axis=0)  # blocks between, and its own
+    np.testing.assert_array_equal(
+        down, SIZES[np.searchsorted(SIZES, np.minimum(apart, 15), "right") - 1]
+    )
 
 
 def make_grid(shape, seed, even):

@@ -111,9 +111,9 @@ def test_a_unit_that_is_corrected_makes_another_table():
 
 def test_few_tables_are_kept():
     volume = core()
-    for k in range(20):
-        picture(volume, shell(center=0.1 * k))
-    assert len(volume.tables) <= 16
+    for k in range(40):
+        picture(volume, shell(center=0.05 * k))
+    assert len(volume.tables) <= 32
 
 
 TURNS = {

@@ -21,6 +21,7 @@ _PUBLIC = {
     "Coefficients": "media",
     "ColorBy": "media",
     "Colormap": "media",
+    "CylindricalGrid": "grids",
     "DeviceError": "errors",
     "Expression": "expressions",
     "ExpressionError": "errors",
@@ -32,10 +33,13 @@ _PUBLIC = {
     "Medium": "media",
     "MemoryNeededError": "errors",
     "MissingPackageError": "errors",
+    "OctreeGrid": "grids",
     "Orthographic": "cameras",
+    "PatchGrid": "grids",
     "Perspective": "cameras",
     "Rectangle": "media",
     "Scene": "scene",
+    "SphericalGrid": "grids",
     "Table": "media",
     "UnitsError": "errors",
     "UnknownNameError": "errors",
@@ -53,6 +57,7 @@ __all__ = [
     "Coefficients",
     "ColorBy",
     "Colormap",
+    "CylindricalGrid",
     "DeviceError",
     "Expression",
     "ExpressionError",
@@ -64,10 +69,13 @@ __all__ = [
     "Medium",
     "MemoryNeededError",
     "MissingPackageError",
+    "OctreeGrid",
     "Orthographic",
+    "PatchGrid",
     "Perspective",
     "Rectangle",
     "Scene",
+    "SphericalGrid",
     "Table",
     "UnitsError",
     "UnknownNameError",
@@ -99,7 +107,7 @@ if TYPE_CHECKING:
         VoluminousError,
     )
     from .expressions import Expression
-    from .grids import CartesianGrid
+    from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
     from .image import Image
     from .io import open
     from .media import (

@@ -4,23 +4,74 @@ from __future__ import annotations
 
 import keyword
 import unicodedata
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from .errors import InputError
 from .expressions import CONSTANTS, FUNCTIONS
+from .units import is_quantity, parse_unit, plain
 
+# Cells looked at at once.
+_CHUNK = 1 << 20
+# What every grid has.
 COORDINATES = ("x", "y", "z", "r")
 
 
-def coordinate(centers: Any, name: str, part: slice) -> np.ndarray:
-    """Return a coordinate of cell centres for layers of the first axis."""
-    x, y, z = centers[0][part, None, None], centers[1][None, :, None], centers[2][None, None, :]
+def coordinate_names(grid: Any) -> tuple[str, ...]:
+    """Return the coordinates that expressions know on a grid: x, y, z, r and the grid's own."""
+    return tuple(dict.fromkeys((*COORDINATES, *grid.coordinates)))
+
+
+def coordinates(grid: Any, names: Iterable[str], first: int, last: int) -> dict[str, np.ndarray]:
+    """Return coordinates of the centres of consecutive cells, each of shape (n,).
+
+    Lengths are in the grid's unit, angles in radians.
+    """
+    names = tuple(names)
+    found: dict[str, np.ndarray] = {}
+    own = [name for name in names if name not in COORDINATES]
+    if own:
+        native = grid.native_centers(first, last)
+        found = {name: native[grid.coordinates.index(name)] for name in own}
+    if len(own) < len(names):
+        x, y, z = grid.cell_centers(first, last)
+        found |= {"x": x, "y": y, "z": z}
+        if "r" in names:
+            found["r"] = np.sqrt(x * x + y * y + z * z)
+    return {name: found[name] for name in names}
+
+
+def coordinate_extremes(grid: Any, name: str) -> tuple[float, float]:
+    """Return numbers that a coordinate of cell centres is between."""
+    low, high = grid.bounds.T
     if name == "r":
-        return np.sqrt(x * x + y * y + z * z)
-    shape = (x.shape[0], y.shape[1], z.shape[2])
-    return np.broadcast_to({"x": x, "y": y, "z": z}[name], shape)
+        return 0.0, float(np.linalg.norm(np.maximum(abs(low), abs(high))))
+    if name in COORDINATES:
+        axis = COORDINATES.index(name)
+        return float(low[axis]), float(high[axis])
+    parts = [
+        coordinates(grid, [name], first, min(first + _CHUNK, grid.size))[name]
+        for first in range(0, grid.size, _CHUNK)
+    ]
+    return min(float(p.min()) for p in parts), max(float(p.max()) for p in parts)
+
+
+def is_angle(coordinate: str) -> bool:
+    """Return True for coordinates in radians, False for those in the grid's unit."""
+    return coordinate in ("theta", "phi")
+
+
+def split_unit(value: Any) -> tuple[Any, Any]:
+    """Return plain values and their unit, None if they have none; also of a list of Quantities."""
+    if is_quantity(value):
+        return value.value, parse_unit(value.unit)
+    if isinstance(value, (list, tuple)) and value and all(is_quantity(part) for part in value):
+        unit = value[0].unit
+        parts = [p.value if p.unit == unit else plain(p, unit, "part of a field") for p in value]
+        return parts, parse_unit(unit)
+    return value, None
 
 
 def unit_quantity(array: np.ndarray, unit: Any) -> Any:
@@ -30,8 +81,15 @@ def unit_quantity(array: np.ndarray, unit: Any) -> Any:
     return u.Quantity(array, unit, copy=False, subok=True)
 
 
-def checked_name(name: Any) -> str:
+def checked_name(name: Any, reserved: tuple[str, ...] = COORDINATES) -> str:
     """Return the name as expressions know it (Unicode-normalised, as in Python).
+
+    Parameters
+    ----------
+    name : str
+        Of a field.
+    reserved : tuple of str
+        The coordinates that there are.
 
     Raises
     ------
@@ -43,12 +101,12 @@ def checked_name(name: Any) -> str:
             f"a field's name must be an identifier (letters, digits, _), got {name!r}; "
             "expressions refer to fields by it"
         )
-    if name in FUNCTIONS or name in CONSTANTS or name in COORDINATES:
+    if name in FUNCTIONS or name in CONSTANTS or name in reserved:
         raise InputError(f"{name!r} is reserved for expressions; give the field another name")
     return unicodedata.normalize("NFKC", name)
 
 
-def checked_array(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
     """Return an array as volumes keep it: C-contiguous, and of a type that kernels know.
 
     Raises
@@ -61,10 +119,11 @@ def checked_array(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.nd
             f"field {name!r} must be real numbers, got dtype {array.dtype}"
             + ("; give its real and imaginary parts" if array.dtype.kind == "c" else "")
         )
-    if array.shape != shape:
+    if array.shape != grid.shape:
+        axes = ", ".join(f"i{axis}" for axis in grid.coordinates)
         raise InputError(
-            f"field {name!r} has shape {array.shape}, expected the grid's {shape}"
-            + ("; transpose it (index is [ix, iy, iz])" if array.T.shape == shape else "")
+            f"field {name!r} has shape {array.shape}, expected the grid's {grid.shape}"
+            + (f"; transpose it (index is [{axes}])" if array.T.shape == grid.shape else "")
         )
     if array.dtype == np.float16:
         array = array.astype(np.float32)

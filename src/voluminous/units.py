@@ -6,6 +6,7 @@ its import takes longer than a picture.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -26,8 +27,13 @@ def parse_unit(unit: Any) -> Any:
     UnitsError
         If the name is not a unit astropy knows.
     """
-    if unit is None or unit == "":
+    if unit is None or (isinstance(unit, str) and unit == ""):
         return None
+    return _known_unit(unit)
+
+
+@functools.lru_cache(maxsize=256)  # a picture asks for a few units, hundreds of times
+def _known_unit(unit: Any) -> Any:
     from astropy import units as u
 
     try:
@@ -41,6 +47,7 @@ def parse_unit(unit: Any) -> Any:
     return parsed
 
 
+@functools.lru_cache(maxsize=256)
 def unit_name(unit: Any) -> str:
     """Return the name of a unit; the empty string for dimensionless."""
     return "" if unit is None else str(unit)

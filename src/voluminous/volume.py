@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from .derivatives import Derivatives
+from .derivatives import Derivatives, Sight, component, component_of_cells, is_component
 from .errors import UnitsError, unknown_name
 from .expressions import (
+    DerivedField,
     Expression,
     NumpyOps,
     UnitOps,
@@ -18,14 +20,23 @@ from .expressions import (
     derived_field,
     required_names,
 )
-from .fields import COORDINATES, checked_array, checked_name, coordinate, unit_quantity
-from .units import is_quantity, parse_unit, unit_name
+from .fields import (
+    checked_array,
+    checked_name,
+    coordinate_names,
+    coordinates,
+    is_angle,
+    split_unit,
+    unit_quantity,
+)
+from .regrid import OnOtherCells
+from .units import parse_unit, unit_name
 
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
 
 
-class Volume:
+class Volume(OnOtherCells):
     """Fields on the cells of a grid.
 
     Parameters
@@ -35,8 +46,9 @@ class Volume:
     fields : mapping, optional
         Names and arrays, as an alternative to keywords (for names that are no identifiers).
     **named : array_like or Quantity
-        Cell-centred arrays of the grid's shape, index ``[ix, iy, iz]``: float32, float64, integer
-        or boolean, with or without a unit. A vector is three fields ``velocity_x``, ``velocity_y``,
+        Cell-centred arrays of the grid's shape (index ``[ix, iy, iz]`` of a Cartesian grid, one
+        value per leaf of a tree, one array per patch of patches): float32, float64, integer or
+        boolean, with or without a unit. A vector is three fields ``velocity_x``, ``velocity_y``,
         ``velocity_z``. Arrays are not copied if they are C-contiguous.
 
     Raises
@@ -59,6 +71,8 @@ class Volume:
         self._fields: dict[str, np.ndarray] = {}
         self._units: dict[str, Any] = {}
         self._derivatives = Derivatives()
+        # From where it is seen; see `seen_by`.
+        self.sight = Sight(grid)
         # Coefficients tabulated for this volume (see `render.tables`), newest last.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         for name, value in {**(fields or {}), **named}.items():
@@ -68,6 +82,11 @@ class Volume:
     def unit(self) -> Any:
         """Length unit (astropy), or None for dimensionless."""
         return self.grid.unit
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that expressions know: x, y, z, r and the grid's own."""
+        return coordinate_names(self.grid)
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -83,10 +102,12 @@ class Volume:
         """Return the astropy unit of a field, derivative or coordinate, or None."""
         if name in self._fields:
             return self._units[name]
-        derived = derived_field(name)
+        derived = self._derived(name)
         if derived is not None:
             return self._derivatives.unit(self, derived)
-        return self.unit if name in COORDINATES else self._units[name]
+        if name in self.coordinates:
+            return None if is_angle(name) else self.unit
+        return self._units[name]
 
     def array(self, name: str) -> np.ndarray:
         """Return a field as a plain, read-only view, in its own unit.
@@ -94,24 +115,45 @@ class Volume:
         Parameters
         ----------
         name : str
-            A field, or a derivative of fields such as ``gradmag(density)``. That is computed when
-            first asked for, and kept until a field it is made of is set, or `refresh` finds it
-            changed.
+            A field; a derivative of fields such as ``gradmag(density)``; or a component of a vector
+            that is given by others, such as ``velocity_x`` where there are ``velocity_r``,
+            ``velocity_theta`` and ``velocity_phi``. What is computed is kept until a field it is
+            made of is set, or `refresh` finds it changed.
 
         Raises
         ------
         UnknownNameError
             If there is no such field.
+        InputError
+            If it is a component along the line of sight, and no camera is known; see `seen_by`.
         """
-        derived = None if name in self._fields else derived_field(name)
+        derived = self._derived(name)
         if derived is None:
             self._check_field(name)
             view = self._fields[name].view()
         else:
-            self.check_names(derived.argument)
+            for argument in derived.arguments:
+                self.check_names(argument)
             view = self._derivatives.array(self, derived).view()
         view.setflags(write=False)
         return view
+
+    def _derived(self, name: str) -> DerivedField | None:
+        """Return what a name stands for that is no field but made of fields; None if nothing is."""
+        if name in self._fields:
+            return None
+        return derived_field(name) or component(name, self._fields, self.grid)
+
+    def given(self, names: Iterable[str]) -> set[str]:
+        """Return the fields among some names, and those that the others are made of."""
+        found: set[str] = set()
+        for name in names:
+            derived = self._derived(name)
+            if derived is None:
+                found |= {name} & self._fields.keys()
+            else:
+                found |= self.given(n for a in derived.arguments for n in required_names(a))
+        return found
 
     def _check_field(self, name: str) -> None:
         if name not in self._fields:
@@ -134,14 +176,14 @@ class Volume:
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
-        name = checked_name(name)
+        name = checked_name(name, self.coordinates)
         if isinstance(value, (str, Expression)):
             expression = Expression(value)
             array, unit = self.evaluate(expression), self.expression_unit(expression)
         else:
-            unit = parse_unit(value.unit) if is_quantity(value) else None
-            array = np.asarray(value.value if is_quantity(value) else value)
-        self._fields[name] = checked_array(name, array, self.grid.shape)
+            values, unit = split_unit(value)
+            array = self.grid.pack(values)
+        self._fields[name] = checked_array(name, array, self.grid)
         self._units[name] = unit
         self._forget(name)
 
@@ -162,11 +204,12 @@ class Volume:
         self.tables.clear()
 
     def __contains__(self, name: object) -> bool:
-        """Return True for fields, and for derivatives of fields and coordinates that exist."""
-        derived = derived_field(name) if isinstance(name, str) else None
+        """Return True for fields, and for what can be made of fields and coordinates."""
+        derived = self._derived(name) if isinstance(name, str) else None
         if derived is None:
             return name in self._fields
-        return all(n in self._fields or n in COORDINATES for n in required_names(derived.argument))
+        needed = {n for a in derived.arguments for n in required_names(a)}
+        return all(n in self.coordinates or n in self for n in needed)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._fields)
@@ -174,18 +217,30 @@ class Volume:
     def __len__(self) -> int:
         return len(self._fields)
 
-    def evaluate(self, expression: Any) -> np.ndarray:
+    def seen_by(self, camera: Any) -> Volume:
+        """Return the volume as a camera sees it: expressions know the line of sight, ``los(v)``.
+
+        Fields, and all that is kept of them, are this volume's own. `render` does it.
+        """
+        seen = copy.copy(self)
+        seen.sight = Sight(self.grid, camera)
+        return seen
+
+    def evaluate(self, expression: Any, *, camera: Any = None) -> np.ndarray:
         """Return an expression of fields and coordinates on all cells, as a plain array.
 
         Parameters
         ----------
         expression : str or Expression
             May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from
-            the origin, in the volume's unit.
+            the origin, in the volume's unit; and the grid's own, such as ``theta`` and ``phi``.
+        camera : camera, optional
+            From where it is seen, for components along the line of sight such as
+            ``los("velocity")``; positive away from the observer.
 
         Returns
         -------
-        array, shape (nx, ny, nz) or (3, nx, ny, nz)
+        array, of the grid's shape, or (3, …)
             Three components of a vector such as ``grad(density)``, which only text can be.
 
         Raises
@@ -193,6 +248,8 @@ class Volume:
         UnknownNameError
             If it names a field that does not exist.
         """
+        if camera is not None:
+            return self.seen_by(camera).evaluate(expression)
         parts = components(expression)
         for part in parts:
             self.check_names(part)
@@ -202,37 +259,40 @@ class Volume:
         return np.stack([self._evaluate_whole(part) for part in parts])
 
     def _evaluate_whole(self, expression: Expression) -> np.ndarray:
-        out: np.ndarray | None = None
-        # Whole layers of the first axis at a time.
-        step = max(1, _CHUNK // max(1, self.grid.size // self.grid.shape[0]))
-        for first in range(0, self.grid.shape[0], step):
-            part = slice(first, min(first + step, self.grid.shape[0]))
-            result = self.evaluate_layers(expression, part)
+        size, out = self.grid.size, None
+        for first in range(0, size, _CHUNK):
+            last = min(first + _CHUNK, size)
+            result = self.evaluate_cells(expression, first, last)
             if out is None:
                 kind = np.float32 if result.dtype == np.float32 else np.float64
-                out = np.empty(self.grid.shape, dtype=kind)
-            out[part] = result
+                out = np.empty(size, dtype=kind)
+            out[first:last] = result
         assert out is not None
-        return out
+        return out.reshape(self.grid.shape)
 
-    def evaluate_layers(self, expression: Expression, part: slice) -> np.ndarray:
-        """Return an expression on some layers of the first axis."""
-        values = {name: self._layers(name, part) for name in expression.names}
+    def evaluate_cells(self, expression: Expression, first: int, last: int) -> np.ndarray:
+        """Return an expression on the cells with flat numbers from `first` to `last`."""
+        others = [n for n in expression.names if n in self.coordinates and n not in self._fields]
+        values = coordinates(self.grid, others, first, last) if others else {}
+        for name in expression.names:
+            if name not in values:
+                values[name] = self._cells(name, first, last)
         result = np.asarray(expression.evaluate(NumpyOps(), values))
-        shape = (len(range(*part.indices(self.grid.shape[0]))), *self.grid.shape[1:])
-        return np.broadcast_to(result, shape)  # a constant has no axes
+        return np.broadcast_to(result, (last - first,))  # a constant has no axes
+
+    def _cells(self, name: str, first: int, last: int) -> np.ndarray:
+        """Return a field, or what is made of fields, in consecutive cells."""
+        derived = self._derived(name)
+        if derived is not None and is_component(derived):
+            return component_of_cells(self, derived, first, last)  # not kept: it is quickly made
+        return self.array(name).reshape(-1)[first:last]
 
     def check_names(self, expression: Expression) -> None:
         """Raise the error that names the nearest field if an expression uses an unknown one."""
-        known = (*self._fields, *COORDINATES)
+        known = (*self._fields, *self.coordinates)
         for name in required_names(expression):
-            if name not in known:
+            if name not in known and name not in self:
                 raise unknown_name("field", name, known)
-
-    def _layers(self, name: str, part: slice) -> np.ndarray:
-        if name in COORDINATES and name not in self._fields:
-            return coordinate(self.grid.centers, name, part)
-        return self.array(name)[part]
 
     def expression_unit(self, expression: Expression) -> Any:
         """Return the unit of an expression by evaluating it on units, None where it has none.

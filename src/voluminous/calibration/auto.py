@@ -76,7 +76,7 @@ def auto(
     Levels are where the mean gradient as a function of the value is greatest (Kindlmann & Durkin
     1998, "Semi-automatic generation of transfer functions for direct volume rendering"), one in
     each of n equal parts of the range of values whose isosurfaces are large enough to be seen. Of
-    more than 4 million cells, evenly spread layers are looked at.
+    more than 4 million cells, evenly spread parts are looked at.
 
     Examples
     --------

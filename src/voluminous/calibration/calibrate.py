@@ -39,8 +39,6 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     ------
     UnknownNameError
         If a medium looks at a field that does not exist.
-    InputError
-        If the volume's grid is not Cartesian.
 
     Notes
     -----

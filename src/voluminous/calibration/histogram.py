@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ..expressions import Expression
+from ..grids import CartesianGrid
 from ..volume import Volume
 from .samples import BUDGET, pieces
 
@@ -82,7 +84,14 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
         cells += np.histogram(x, _BINS, (low, high), weights=size)[0]
         steep += np.histogram(x, _BINS, (low, high), weights=piece.slope[inside] * size)[0]
     sides = np.ptp(volume.grid.bounds, axis=1) / volume.grid.scale
-    # Layers that were left out count like those that were looked at.
-    per_area = float(np.prod(sides)) / total / float(np.sum(sides**2))
+    # What was left out counts like what was looked at.
+    per_area = _domain(volume.grid) / total / float(np.sum(sides**2))
     edges = np.linspace(low, high, _BINS + 1)
     return Histogram(edges, cells / total, steep * per_area * _BINS / (high - low))
+
+
+def _domain(grid: Any) -> float:
+    """Return the volume of a grid, in units of its scale."""
+    if isinstance(grid, CartesianGrid):
+        return float(np.prod(np.ptp(grid.bounds, axis=1) / grid.scale))
+    return float(np.sum(grid.cell_volumes)) / grid.scale**3

@@ -32,11 +32,12 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
         return None
     found: set[float] = set()
     around: dict[float, int] = {}
-    for number, piece in enumerate(pieces(volume, expr, np.inf)):
+    for piece in pieces(volume, expr, np.inf):
         found.update(np.unique(piece.x[~np.isnan(piece.x)]).tolist())
         if not _may_be_labels(np.array(sorted(found))):
             return None
-        _count(around, _sides(piece.x, with_first=number == 0))
+        outermost = piece.outermost()
+        _count(around, outermost[~np.isnan(outermost)])
     background = max(around, key=lambda label: (around[label], -label), default=None)
     if len(found) < 2 or max(found) - min(found) >= _SPAN * len(found):
         return None
@@ -47,13 +48,6 @@ def _may_be_labels(values: np.ndarray) -> bool:
     """Return False if these sorted, distinct numbers, or more of them, cannot be labels."""
     whole = bool(np.all(values == np.round(values)))
     return whole and len(values) <= _MOST and bool(np.ptp(values) < _SPAN * _MOST)
-
-
-def _sides(x: np.ndarray, with_first: bool) -> np.ndarray:
-    """Return the outermost cells in y and z of a piece, and in x where the domain begins."""
-    faces = [x[:, 0], x[:, -1], x[:, :, 0], x[:, :, -1], *([x[0]] if with_first else [])]
-    outer = np.concatenate([face.ravel() for face in faces])
-    return outer[~np.isnan(outer)]
 
 
 def _count(counts: dict[float, int], values: np.ndarray) -> None:

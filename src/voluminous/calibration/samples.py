@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
 from ..expressions import Expression
 from ..grids import CartesianGrid
 from ..volume import Volume
+from .scattered import ScatteredPiece, scattered_pieces
 
 # Cells looked at: enough for any median or histogram, and a second of work at most.
 BUDGET = 1 << 22
@@ -34,26 +34,41 @@ class Piece:
         linear: ½ Σ |∂x/∂i| hᵢ.
     widths : list of three arrays
         Cell widths, each with three axes.
+    first : bool
+        Here the domain begins.
     """
 
     x: np.ndarray
     slope: np.ndarray
     reach: np.ndarray
     widths: list[np.ndarray]
+    first: bool = False
 
     @property
     def volume(self) -> np.ndarray:
         """Volumes of the cells, of a shape that broadcasts."""
         return self.widths[0] * self.widths[1] * self.widths[2]
 
+    def seen(self, mean: np.ndarray) -> list[np.ndarray]:
+        """Return the lengths that lines along y and z see of something."""
+        return [(mean * self.widths[axis]).sum(axis=axis).ravel() for axis in (1, 2)]
 
-def pieces(volume: Volume, expr: Expression, budget: float = BUDGET) -> Iterator[Piece]:
+    def outermost(self) -> np.ndarray:
+        """Return the scalar in the outermost cells in y and z, and in x where the domain begins."""
+        x = self.x
+        faces = [x[:, 0], x[:, -1], x[:, :, 0], x[:, :, -1], *([x[0]] if self.first else [])]
+        return np.concatenate([face.ravel() for face in faces])
+
+
+def pieces(
+    volume: Volume, expr: Expression, budget: float = BUDGET
+) -> Iterator[Piece | ScatteredPiece]:
     """Yield pieces of a volume: all of it, or every k-th where there are more cells than `budget`.
 
     Parameters
     ----------
     volume : Volume
-        On a `CartesianGrid`.
+        On any grid; pieces of a `CartesianGrid` are layers, of others cells in the order they are.
     expr : Expression
         The scalar x.
     budget : float
@@ -61,17 +76,13 @@ def pieces(volume: Volume, expr: Expression, budget: float = BUDGET) -> Iterator
 
     Raises
     ------
-    InputError
-        If the grid is of another kind.
     UnknownNameError
         If the expression names a field that does not exist.
     """
-    if not isinstance(volume.grid, CartesianGrid):
-        raise InputError(
-            f"thicknesses are measured on a CartesianGrid, got a {type(volume.grid).__name__}; "
-            "give path_length as a number"
-        )
     volume.check_names(expr)
+    if not isinstance(volume.grid, CartesianGrid):
+        yield from scattered_pieces(volume, expr, budget)
+        return
     for first, stop in _parts(volume.grid.shape, budget):
         yield _piece(volume, expr, first, stop)
 
@@ -101,14 +112,13 @@ def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> Piece:
         reach = reach + 0.5 * np.abs(slope) * widths[axis].astype(x.dtype)
     x[~np.isfinite(x)] = np.nan
     widths[0] = widths[0][own]
-    return Piece(x[own], np.sqrt(square)[own], reach[own], widths)
+    return Piece(x[own], np.sqrt(square)[own], reach[own], widths, first == 0)
 
 
 def _evaluate(volume: Volume, expr: Expression, low: int, high: int) -> np.ndarray:
-    edges = volume.grid.edges
-    grid = CartesianGrid(edges[0][low : high + 1], edges[1], edges[2])
-    fields = {name: volume.array(name)[low:high] for name in expr.names if name in volume}
-    return Volume(grid, fields).evaluate(expr)
+    _, ny, nz = volume.grid.shape
+    x = volume.evaluate_cells(expr, low * ny * nz, high * ny * nz).reshape(-1, ny, nz)
+    return np.array(x, dtype=np.float32 if x.dtype == np.float32 else np.float64)
 
 
 def _derivative(x: np.ndarray, edges: np.ndarray, axis: int, uniform: bool) -> np.ndarray:

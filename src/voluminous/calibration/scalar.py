@@ -13,7 +13,9 @@ from .histogram import sampled_values
 
 # What simulations call the first thing one looks at, in order of preference.
 _FIRST = ("density", "gas_density", "rho", "dens", "number_density", "n", "nh", "n_h")
-_COMPONENT = re.compile(r"[xyz]_.*|.*_[xyz]|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I)
+_COMPONENT = re.compile(
+    r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
+)
 # Data that spans more than this factor is looked at logarithmically …
 _DECADES = 2.0
 # … from this quantile of its positive values to that (compact cores are what one looks for).

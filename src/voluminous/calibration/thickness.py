@@ -8,9 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..expressions import Expression
+from ..grids import CartesianGrid
 from ..volume import Volume
 from .profile import Profile
 from .samples import BUDGET, Piece, pieces
+from .scattered import Lines, ScatteredPiece, lines
 
 # Cells that see less of the shell than this part of what they could see do not count.
 _NOTICEABLE = 0.01
@@ -27,8 +29,8 @@ class Thickness:
     length : float
         Median thickness, in the volume's unit.
     crossings : float
-        Mean number of thicknesses that a line along y or z sees, of those that see the shell; zero
-        if none does.
+        Mean number of thicknesses that a line along an axis sees (along y or z of Cartesian grids),
+        of those that see the shell; zero if none does.
     area : float
         Area of the shell in what was looked at, in an arbitrary unit.
     """
@@ -50,7 +52,7 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     Parameters
     ----------
     volume : Volume
-        Where x is looked at; of large ones, evenly spread layers.
+        Where x is looked at; of large ones, evenly spread parts.
     expr : Expression
         The scalar x.
     profiles : sequence of Profile
@@ -87,7 +89,13 @@ class _Shell:
     def area(self) -> float:
         return float(sum(areas.sum() for areas in self.areas))
 
-    def add(self, piece: Piece, profile: Profile, longest: float) -> None:
+    def see(self, found: Lines, profile: Profile) -> None:
+        """Look along lines."""
+        seen = found.seen(profile.mean(found.x, found.reach))
+        self.seen.append(seen[seen > 0])
+
+    def add(self, piece: Piece | ScatteredPiece, profile: Profile, longest: float) -> None:
+        """Look at cells."""
         mean = profile.mean(piece.x, piece.reach)
         # The most there can be, where a cell is steeper than the shell is wide.
         most = profile.width / np.maximum(profile.width, 2 * piece.reach)
@@ -98,9 +106,7 @@ class _Shell:
         volume = np.broadcast_to(piece.volume, mean.shape)[inside]
         self.lengths.append(length)
         self.areas.append(mean[inside] * volume / length)
-        for axis in (1, 2):
-            seen = (mean * piece.widths[axis]).sum(axis=axis).ravel()
-            self.seen.append(seen[seen > 0])
+        self.seen += [seen[seen > 0] for seen in piece.seen(mean)]
 
     def measured(self, longest: float, scale: float) -> Thickness:
         if not self.area:
@@ -128,6 +134,11 @@ def _measure(
         for shell, profile in zip(shells, profiles, strict=True):
             if profile.width > 0:
                 shell.add(piece, profile, longest)
+    if not isinstance(volume.grid, CartesianGrid):  # its pieces are lines already
+        found = lines(volume, expr)
+        for shell, profile in zip(shells, profiles, strict=True):
+            if profile.width > 0:
+                shell.see(found, profile)
     return shells
 
 

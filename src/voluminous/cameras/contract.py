@@ -72,6 +72,31 @@ class Camera:
         """
         raise NotImplementedError
 
+    def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
+        """Return unit vectors that point from the observer to points, and beyond.
+
+        Parameters
+        ----------
+        points : float64 array, shape (3, n)
+            In the grid's unit.
+        grid : grid
+            What is looked at.
+
+        Returns
+        -------
+        float64 array, shape (3, n)
+            Zero where the observer is.
+
+        Raises
+        ------
+        InputError
+            If the camera has no such method: expressions with ``los(...)`` need it.
+        """
+        raise InputError(
+            f"{type(self).__name__} does not tell its lines of sight, which los(...) needs; give "
+            "it a method lines_of_sight(points, grid)"
+        )
+
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values: what a scene file says of the camera."""
         raise NotImplementedError

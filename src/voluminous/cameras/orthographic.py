@@ -115,6 +115,11 @@ class Orthographic(Camera):
         start = [p + c - b for p, c, b in zip(turned, center, back, strict=True)]
         return Ray(origin, list(away), start=start)
 
+    def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
+        """Return the direction of view, the same at all points."""
+        away = -image_axes(self.incl, self.phi, self.posang)[2]
+        return np.broadcast_to(away[:, None], np.shape(points))
+
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values."""
         told = {"type": "orthographic", "incl": self.incl, "phi": self.phi, "posang": self.posang}

@@ -126,6 +126,12 @@ class Perspective(Camera):
         zero = type(u)(0)
         return Ray([zero + p for p in position], direction, first=zero)
 
+    def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
+        """Return unit vectors from the observer to points; zero where the observer is."""
+        away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
+        distance = np.linalg.norm(away, axis=0)
+        return np.asarray(away / np.where(distance > 0, distance, 1.0))
+
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values."""
         told: dict[str, Any] = {"type": "perspective", "projection": self.projection}

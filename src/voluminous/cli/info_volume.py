@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import VoluminousError
+from .info_grid import describe_grid
 from .statistics import Statistics, histogram, numbers, statistics
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def describe_volume(path: Path) -> Iterator[str]:
             continue
         found = statistics(volume.array(field.name))
         if number == 0:
-            yield from _grid(volume)
+            yield from describe_grid(volume.grid)
         yield from ("", _title(field), *_values(volume.array(field.name), found))
         if found.least < found.greatest:
             scenes.append((found.size - found.finite, _scene(path, field, volume, found)))
@@ -61,14 +62,6 @@ def _values(array: Any, found: Statistics) -> Iterator[str]:
 
 def _is_wide(found: Statistics) -> bool:
     return found.least > 0 and found.greatest > _WIDE * found.least
-
-
-def _grid(volume: Volume) -> Iterator[str]:
-    grid = volume.grid.describe()
-    kind = "uniform" if grid.get("uniform") else "not uniform"
-    yield f"grid: {grid['type']}, {' x '.join(map(str, grid['shape']))} cells, {kind}"
-    for axis, (low, high) in zip("xyz", grid["bounds"], strict=False):
-        yield f"  {axis}  {low:g} … {high:g} {grid['unit']}".rstrip()
 
 
 def _title(field: FieldInfo) -> str:

@@ -1,5 +1,8 @@
-"""Derivatives of fields: what ``gradmag``, ``laplacian`` and ``grad`` in expressions stand for."""
+"""Fields made of fields: what ``gradmag``, ``grad``, ``los`` … in expressions stand for."""
 
 from .fields import Derivatives
+from .neighbours import Cells
+from .sight import Sight
+from .vectors import component, component_of_cells, is_component
 
-__all__ = ["Derivatives"]
+__all__ = ["Cells", "Derivatives", "Sight", "component", "component_of_cells", "is_component"]

@@ -1,4 +1,4 @@
-"""The derivatives of one volume: computed when first asked for, and kept."""
+"""The derived fields of one volume: computed when first asked for, and kept."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from ..expressions import DerivedField, required_names
 from ..memory import fits
 from ..units import parse_unit
-from .layers import whole
+from .differentiated import differentiated
+from .vectors import common_unit, component_everywhere, is_component
 
 # Bytes per cell that keeping derivatives must leave to other things.
 _SPARE = 16
@@ -19,10 +20,12 @@ class _Kept(NamedTuple):
     array: np.ndarray
     # The fields it was made of, and a hash of each.
     source: dict[str, bytes]
+    # From where it was seen, if that matters.
+    view: bytes | None
 
 
 class Derivatives:
-    """What was computed of a volume's derivatives.
+    """What was computed of a volume's derivatives, and of components of its vectors.
 
     Each method is given the volume: one that it referred to itself would stay in memory until
     Python's garbage collector comes by.
@@ -33,20 +36,25 @@ class Derivatives:
 
     def array(self, volume: Any, derived: DerivedField) -> np.ndarray:
         """Return the values, float32 or float64, in `unit`."""
-        if derived.name not in self._kept:
-            with np.errstate(all="ignore"):  # NaN and infinity say enough
-                array = whole(
-                    derived.operation,
-                    lambda part: volume.evaluate_layers(derived.argument, part),
-                    volume.grid.centers,
-                )
-            names = [name for name in required_names(derived.argument) if name in volume]
-            self._kept[derived.name] = _Kept(array, {name: _hash(volume, name) for name in names})
-        return self._kept[derived.name].array
+        view = volume.sight.key() if depends_on_view(derived) else None
+        kept = self._kept.get(derived.name)
+        if kept is None or kept.view != view:
+            kept = self._kept[derived.name] = _Kept(
+                _computed(volume, derived), _sources(volume, derived), view
+            )
+        return kept.array
 
     def unit(self, volume: Any, derived: DerivedField) -> Any:
-        """Return the unit: that of the argument, per length or per length squared."""
-        unit = volume.expression_unit(derived.argument)
+        """Return the unit: that of the argument, per length or per length squared.
+
+        Raises
+        ------
+        UnitsError
+            If the components of a vector have units of different kinds.
+        """
+        if is_component(derived):
+            return common_unit(volume, derived)[0]
+        unit = volume.expression_unit(derived.arguments[0])
         if unit is None and volume.unit is None:
             return None
         from astropy import units as u
@@ -74,6 +82,25 @@ class Derivatives:
         now = {name: _hash(volume, name) for name in used}
         for name in [n for n, kept in self._kept.items() if not kept.source.items() <= now.items()]:
             del self._kept[name]
+
+
+def depends_on_view(derived: DerivedField) -> bool:
+    """Return True if there is a component along the line of sight in it."""
+    return "los(" in derived.name
+
+
+def _computed(volume: Any, derived: DerivedField) -> np.ndarray:
+    with np.errstate(all="ignore"):  # NaN and infinity say enough
+        if is_component(derived):
+            return component_everywhere(volume, derived)
+        return differentiated(volume, derived.operation, derived.arguments[0])
+
+
+def _sources(volume: Any, derived: DerivedField) -> dict[str, bytes]:
+    """Return the fields that something is made of, and a hash of each."""
+    names = {n for a in derived.arguments for n in required_names(a)}
+    given = volume.given(names)
+    return {name: _hash(volume, name) for name in given}
 
 
 def _hash(volume: Any, name: str) -> bytes:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..memory import check_memory
-from .differences import differentiate
+
+Rule = Callable[[str, np.ndarray, Sequence[np.ndarray], slice], np.ndarray]
 
 # Layers that an end of the domain needs beside its own; elsewhere one would do.
 _HALO = 2
@@ -18,7 +19,10 @@ _SMALLEST, _LARGEST = 1e-19, float(np.finfo(np.float32).max)
 
 
 def whole(
-    operation: str, layers: Callable[[slice], np.ndarray], centers: Sequence[np.ndarray]
+    operation: str,
+    layers: Callable[[slice], np.ndarray],
+    centers: Sequence[np.ndarray],
+    rule: Rule,
 ) -> np.ndarray:
     """Return a derivative on all cells.
 
@@ -29,7 +33,9 @@ def whole(
     layers : callable
         Returns what is differentiated, for layers of the first axis.
     centers : three arrays
-        The cell centres.
+        The cell centres along each axis.
+    rule : callable
+        The differences, called as `differences.differentiate`.
 
     Returns
     -------
@@ -38,11 +44,11 @@ def whole(
         large for it (as of 1e-20 g/cm³ over a parsec in cm), else float64.
     """
     if layers(slice(0, 1)).dtype == np.float32:
-        found, largest = _filled(np.dtype(np.float32), operation, layers, centers)
-        if largest == 0 or _SMALLEST <= largest <= _LARGEST:
+        found, largest = _filled(np.dtype(np.float32), operation, layers, centers, rule)
+        if _fits_single(largest):
             return found
         del found
-    return _filled(np.dtype(np.float64), operation, layers, centers)[0]
+    return _filled(np.dtype(np.float64), operation, layers, centers, rule)[0]
 
 
 def _filled(
@@ -50,6 +56,7 @@ def _filled(
     operation: str,
     layers: Callable[[slice], np.ndarray],
     centers: Sequence[np.ndarray],
+    rule: Rule,
 ) -> tuple[np.ndarray, float]:
     """Return the derivative, and its largest magnitude."""
     shape = tuple(len(c) for c in centers)
@@ -63,7 +70,7 @@ def _filled(
     step = max(1, _CHUNK // (ny * nz))
     for first in range(0, nx, step):
         last = min(first + step, nx)
-        part = _part(operation, layers, centers, first, last)
+        part = _part(operation, layers, centers, (first, last), rule)
         largest = max(largest, _largest(part))
         out[first:last] = part
     return out, largest
@@ -73,15 +80,25 @@ def _part(
     operation: str,
     layers: Callable[[slice], np.ndarray],
     centers: Sequence[np.ndarray],
-    first: int,
-    last: int,
+    kept: tuple[int, int],
+    rule: Rule,
 ) -> np.ndarray:
     """Return the derivative on some layers."""
+    first, last = kept
     low, high = max(0, first - _HALO), min(last + _HALO, len(centers[0]))
     # Differences lose digits, and squares of cgs units leave the range of float32.
     values = layers(slice(low, high)).astype(np.float64)
     near = (centers[0][low:high], *centers[1:])
-    return differentiate(operation, values, near, slice(first - low, last - low))
+    return rule(operation, values, near, slice(first - low, last - low))
+
+
+def in_single(values: np.ndarray) -> bool:
+    """Return True if float32 is enough for values, neither too small nor too large."""
+    return _fits_single(_largest(values))
+
+
+def _fits_single(largest: float) -> bool:
+    return largest == 0 or _SMALLEST <= largest <= _LARGEST
 
 
 def _largest(values: np.ndarray) -> float:

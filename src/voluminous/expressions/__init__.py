@@ -13,6 +13,7 @@ from .derived import DerivedField, derived_field, required_names
 from .drjit_ops import DrjitOps
 from .expression import Expression, check_names, components
 from .interval_ops import IntervalOps
+from .jumps import Margin
 from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
 from .unit_ops import UnitOps
@@ -24,6 +25,7 @@ __all__ = [
     "DrjitOps",
     "Expression",
     "IntervalOps",
+    "Margin",
     "NumpyOps",
     "Ops",
     "UnitOps",

@@ -1,4 +1,4 @@
-"""What a derivative that an expression names is made of."""
+"""What a derivative or another field is made of that an expression names by a text."""
 
 from __future__ import annotations
 
@@ -11,29 +11,32 @@ from .parser import parse
 from .source import one_line
 from .text import text
 from .tree import Derivative
+from .vectors import Vector
 
 
 class DerivedField(NamedTuple):
-    """A derivative of an expression.
+    """A field that is computed from others, with more than their values in the same cell.
 
     Attributes
     ----------
     name : str
         Its name in `Expression.names`.
     operation : str
-        ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``.
-    argument : Expression
-        What is differentiated.
+        ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``los``, the component
+        away from the observer; or ``along.x`` and the like, the component of a vector that is given
+        by others.
+    arguments : tuple of Expression
+        What is differentiated; or the three components of a vector.
     """
 
     name: str
     operation: str
-    argument: Expression
+    arguments: tuple[Expression, ...]
 
 
 @functools.lru_cache(maxsize=1024)
 def derived_field(name: str) -> DerivedField | None:
-    """Return the derivative that a name stands for, however it is written; None if it is none."""
+    """Return what a name such as ``gradmag(a)`` stands for, however it is written; or None."""
     if "(" not in name:  # most names are identifiers
         return None
     try:
@@ -42,7 +45,9 @@ def derived_field(name: str) -> DerivedField | None:
         return None
     if not isinstance(tree, Derivative):
         return None
-    return DerivedField(tree.name, tree.operation, Expression(text(tree.argument)))
+    argument = tree.argument
+    parts = argument.components if isinstance(argument, Vector) else (argument,)
+    return DerivedField(tree.name, tree.operation, tuple(Expression(text(p)) for p in parts))
 
 
 def required_names(expression: Expression) -> tuple[str, ...]:
@@ -50,5 +55,9 @@ def required_names(expression: Expression) -> tuple[str, ...]:
     found: dict[str, None] = {}
     for name in expression.names:
         derived = derived_field(name)
-        found |= dict.fromkeys((name,) if derived is None else required_names(derived.argument))
+        if derived is None:
+            found[name] = None
+            continue
+        for argument in derived.arguments:
+            found |= dict.fromkeys(required_names(argument))
     return tuple(found)

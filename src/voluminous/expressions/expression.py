@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
+from .jumps import Margin, margins
 from .ops import Ops
 from .parser import parse
 from .source import one_line
@@ -47,7 +48,9 @@ class Expression:
     sin cos tan tanh atan2 clip``; constants are numbers, ``pi``, ``e``, ``true`` and ``false``.
     Derivatives are ``gradmag``,
     ``laplacian`` and the vector ``grad``, with components ``grad(a).x``; vectors, also
-    ``vector(a, b, c)``, become numbers by ``norm`` and ``dot``.
+    ``vector(a, b, c)``, become numbers by ``norm`` and ``dot``, and by ``los``: the component along
+    the line of sight, away from the observer. ``"velocity"`` in quotes is the vector of the fields
+    ``velocity_x``, ``velocity_y`` and ``velocity_z``.
     ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
 
     Two expressions are equal if they mean the same tree: ``a+b`` equals ``(a + b)``.
@@ -79,6 +82,10 @@ class Expression:
         for attribute, value in (("text", shown), ("names", names), ("_tree", tree)):
             object.__setattr__(self, attribute, value)
         return self
+
+    def margins(self) -> tuple[Margin, ...]:
+        """Return the differences of what it compares: where one changes its sign, it may jump."""
+        return margins(self._tree, self.text)
 
     def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
         """Return the value of the expression.

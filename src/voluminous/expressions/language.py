@@ -29,6 +29,7 @@ FUNCTIONS = {
     "vector": Function("vector(a, b, c)", 3, 3),
     "norm": Function("norm(v)", 1, 1),
     "dot": Function("dot(v, w)", 2, 2),
+    "los": Function("los(v)", 1, 1),
     **{
         name: Function(f"{name}(x)", 1, 1)
         for name in ("abs", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")

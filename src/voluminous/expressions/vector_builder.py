@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import unicodedata
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, NoReturn, cast
@@ -10,11 +11,20 @@ from typing import Any, NoReturn, cast
 from .language import FOREIGN
 from .source import MAX_LENGTH, fail, one_line, python_tree
 from .tree import Derivative, Node
-from .vectors import AXES, Vector, derivative, dot, gradient, vector
+from .vectors import (
+    AXES,
+    Vector,
+    derivative,
+    dot,
+    gradient,
+    line_of_sight,
+    named_vector,
+    vector,
+)
 
 # Levels of sums and products that stand for a product of vectors.
 _LEVELS_OF_VECTORS = 3
-_A_VECTOR = "grad(density) or vector(a, b, c)"
+_A_VECTOR = "grad(density), vector(a, b, c), or in quotes the name of one, as in norm('velocity')"
 
 
 class VectorBuilder(ABC):
@@ -97,9 +107,24 @@ class VectorBuilder(ABC):
             self._use(component, node)
         return dot(left, right)
 
+    def _line_of_sight(self, node: ast.Call) -> Node:
+        # The fields that the component is made of are not fields of the expression.
+        (argument,) = type(self)(self._text, self._depth)._vectors(node)
+        return self._use(line_of_sight(argument), node)
+
+    def _vector_argument(self, node: ast.expr) -> Node:
+        """Return the node of an argument that may be the name of a vector in quotes."""
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+            return self.build_any(node)
+        name = unicodedata.normalize("NFKC", node.value)
+        if not name.isidentifier():
+            self._fail(node, "quotes hold the name of a vector, as in norm('velocity')")
+        self.names |= dict.fromkeys(f"{name}_{axis}" for axis in AXES)
+        return named_vector(name)
+
     def _vectors(self, node: ast.Call) -> list[Vector]:
         self._depth += _LEVELS_OF_VECTORS
-        built = [self.build_any(argument) for argument in node.args]
+        built = [self._vector_argument(argument) for argument in node.args]
         self._depth -= _LEVELS_OF_VECTORS
         for argument, whole in zip(node.args, built, strict=True):
             if not isinstance(whole, Vector):
@@ -113,5 +138,6 @@ VECTOR_CALLS: dict[str, Callable[[VectorBuilder, Any], Node]] = {
     "grad": VectorBuilder._gradient,
     "vector": VectorBuilder._vector,
     "norm": VectorBuilder._norm,
+    "los": VectorBuilder._line_of_sight,
     "dot": VectorBuilder._dot,
 }

@@ -12,17 +12,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from .text import text
-from .tree import Call, Derivative, IntegerPower, Node
+from .tree import Call, Derivative, Field, IntegerPower, Node
 
 AXES = "xyz"
 
 
 @dataclass(frozen=True, slots=True)
 class Vector(Node):
-    """Three components, and the magnitude."""
+    """Three components and the magnitude; `shown` is the text that is parsed into it."""
 
     components: tuple[Node, ...]
     magnitude: Node
+    shown: str
 
 
 def derivative(operation: str, argument: Node) -> Derivative:
@@ -34,13 +35,28 @@ def derivative(operation: str, argument: Node) -> Derivative:
 def gradient(argument: Node) -> Vector:
     """Return the vector of first derivatives."""
     components = tuple(derivative(f"grad.{axis}", argument) for axis in AXES)
-    return Vector(components, derivative("gradmag", argument))
+    return Vector(components, derivative("gradmag", argument), f"grad({text(argument)})")
 
 
 def vector(components: tuple[Node, ...]) -> Vector:
     """Return the vector of three numbers."""
-    squares = (IntegerPower(component, 2) for component in components)
-    return Vector(components, Call("sqrt", (_sum(squares),)))
+    shown = f"vector({', '.join(text(component) for component in components)})"
+    return Vector(components, _length(components), shown)
+
+
+def named_vector(name: str) -> Vector:
+    """Return the vector of the fields ``name_x``, ``name_y`` and ``name_z``."""
+    components = tuple(Field(f"{name}_{axis}") for axis in AXES)
+    return Vector(components, _length(components), f'"{name}"')
+
+
+def line_of_sight(whole: Vector) -> Derivative:
+    """Return the node of ``los``: a vector's component away from the observer."""
+    return Derivative(f"los({whole.shown})", "los", whole)
+
+
+def _length(components: tuple[Node, ...]) -> Node:
+    return Call("sqrt", (_sum(IntegerPower(component, 2) for component in components),))
 
 
 def dot(left: Vector, right: Vector) -> Node:

@@ -10,13 +10,14 @@ import numpy as np
 
 from ..errors import InputError
 from ..units import is_quantity, parse_unit, plain, unit_name, unit_of
+from .cartesian_cells import CartesianCells
 
 AXES = "xyz"
 # Single precision must tell this many points apart across the smallest cell.
 _POINTS_PER_CELL = 256
 
 
-class CartesianGrid:
+class CartesianGrid(CartesianCells):
     """Cells between planes of constant x, y and z.
 
     Parameters
@@ -47,6 +48,9 @@ class CartesianGrid:
     >>> CartesianGrid([0, 1, 2], [0, 1], [0, 0.5, 2]).shape
     (2, 1, 2)
     """
+
+    walk_kinds = ("cells", "reckoned", "dual", "coarse")
+    has_blocks = True
 
     def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
         self.unit = _common_unit((x, y, z), unit)
@@ -87,25 +91,9 @@ class CartesianGrid:
         return cls(*edges, unit=own if own is not None else unit)
 
     @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of cells per axis."""
-        nx, ny, nz = (len(e) - 1 for e in self.edges)
-        return nx, ny, nz
-
-    @property
-    def size(self) -> int:
-        """Number of cells."""
-        return int(np.prod([len(e) - 1 for e in self.edges], dtype=object))
-
-    @property
     def bounds(self) -> np.ndarray:
         """Corners of the domain, shape (3, 2), in the grid's unit."""
         return np.array([[e[0], e[-1]] for e in self.edges])
-
-    @property
-    def centers(self) -> tuple[np.ndarray, ...]:
-        """Cell centres per axis."""
-        return tuple(0.5 * (e[1:] + e[:-1]) for e in self.edges)
 
     @functools.cached_property
     def scale(self) -> float:
@@ -122,8 +110,12 @@ class CartesianGrid:
 
     def needs_double(self) -> bool:
         """Return True where single precision cannot tell the cells of an axis apart."""
-        finest = np.finfo(np.float32).eps * _POINTS_PER_CELL
-        return any(np.diff(e).min() < finest * (e[-1] - e[0]) for e in self.edges)
+        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
+
+    @property
+    def resolution(self) -> float:
+        """Width of the thinnest cell as a fraction of the domain's."""
+        return min(float(np.diff(e).min() / np.ptp(e)) for e in self.edges)
 
     def first_cell_width(self) -> float:
         """Width in x of the first cell: what flux conservation compares a pixel with."""
@@ -136,15 +128,21 @@ class CartesianGrid:
         ----------
         backend : Backend
             Device and precision.
-        kind : {"cells", "reckoned", "dual"}
-            Through the cells; through the cells, rounding as RADMC-3D does; or through the dual
-            cells, whose corners are the centres of the cells.
+        kind : {"cells", "reckoned", "dual", "coarse"}
+            Through the cells; through the cells, rounding as RADMC-3D does; through the dual
+            cells, whose corners are the centres of the cells; or through cubes of those.
         """
         from .cartesian_walk import CartesianWalk
+        from .coarse_walk import CoarseWalk
         from .dual_walk import DualWalk
         from .reckoned_walk import ReckonedWalk
 
-        kinds = {"cells": CartesianWalk, "reckoned": ReckonedWalk, "dual": DualWalk}
+        kinds = {
+            "cells": CartesianWalk,
+            "reckoned": ReckonedWalk,
+            "dual": DualWalk,
+            "coarse": CoarseWalk,
+        }
         key = (backend.device, backend.precision, kind)
         if key not in self._walks:
             self._walks[key] = kinds[kind](self.edges, self.scale, backend)

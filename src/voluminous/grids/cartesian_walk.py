@@ -10,8 +10,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-from .axes import NEVER, AxisTrack, Side, make_axis
-from .contract import Corners, Ray, Segment
+from .axes import AxisTrack, Side, make_axis
+from .box_walk import BoxWalk
+from .contract import Corners, Segment
+from .wall_corners import bilinear, pick, trilinear
+
+# Cells along each axis of the blocks that rays leap over (`grids.leap`).
+BLOCK = 4
 
 
 @dataclass
@@ -49,7 +54,7 @@ class Exit:
     next_vertex: Any
 
 
-class CartesianWalk:
+class CartesianWalk(BoxWalk):
     """Rays through a `CartesianGrid`; see `grids.contract.Walk`."""
 
     leaps = True  # rays may cross empty blocks in one step (`grids.leap`)
@@ -61,33 +66,15 @@ class CartesianWalk:
         self.counts = [len(e) - 1 for e in edges]
         self.cell_strides = self._strides(self.counts)
         self.vertex_strides = self._strides([n + 1 for n in self.counts])
+        # What the last block lacks.
+        self.lacking = [dr.opaque(backend.Float, -n % BLOCK) for n in self.counts]
 
     def _strides(self, counts: Any) -> list[Any]:
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
 
-    def enter(self, ray: Ray) -> tuple[Track, Cursor]:
-        """Return the track and the cursor at the point where each ray enters the domain."""
-        Wide = self.backend.Wide
-        sides = [
-            axis.side(o, d) for axis, o, d in zip(self.axes, ray.origin, ray.direction, strict=True)
-        ]
-        arrive = dr.maximum(dr.maximum(sides[0].arrive, sides[1].arrive), sides[2].arrive)
-        leave = dr.minimum(dr.minimum(sides[0].leave, sides[1].leave), sides[2].leave)
-        first = None if ray.first is None else ray.first * self.to_scale
-        last = None if ray.last is None else ray.last * self.to_scale
-        start = arrive if first is None else dr.maximum(arrive, first)
-        inside = start < (leave if last is None else dr.minimum(leave, last))
-        if ray.active is not None:
-            inside &= ray.active
-        # A ray that misses starts somewhere finite, so that no lane computes with infinities.
-        arrive = dr.select(inside, arrive, Wide(0))
-        begin = dr.select(inside, start, Wide(0)) - arrive
-        bound = None if last is None else self.backend.Float(dr.minimum(last - arrive, NEVER))
-        return self._start(sides, arrive, begin, inside, bound)
-
     def _start(
         self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
-    ) -> tuple[Track, Cursor]:
+    ) -> tuple[Track, Any]:
         """Return track and cursor of rays that reach the domain, and start `begin` later."""
         Float, Int = self.backend.Float, self.backend.Int
         tracks, index, cell, vertex = [], [], Int(0), Int(0)
@@ -125,12 +112,12 @@ class CartesianWalk:
             axis.crossing(track, i) for axis, track, i in zip(self.axes, tracks, index, strict=True)
         ]
 
-    def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
+    def next(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
         """Return the segment through the present cell, and the cursor in the next one."""
         ahead = self._crossings(track.axes, cursor.index)
         wall = least(ahead)
         through = nearest(ahead)
-        end = _lesser(wall, track.leave) if track.bounded else wall
+        end = lesser(wall, track.leave) if track.bounded else wall
         index = [
             dr.select(crossed, i + 1.0, i) for crossed, i in zip(through, cursor.index, strict=True)
         ]
@@ -142,7 +129,7 @@ class CartesianWalk:
         # `leave` is a crossing itself, computed alike: a ray never steps beyond the last cell.
         return segment, Cursor(index, onward, vertex, end, end < track.leave)
 
-    def at(self, track: Track, index: list[Any], t: Any) -> Cursor:
+    def at(self, track: Any, index: list[Any], t: Any) -> Any:
         """Return the cursor in the cell with mirrored indices, at a distance."""
         Int = self.backend.Int
         cell, vertex = Int(0), Int(0)
@@ -154,31 +141,24 @@ class CartesianWalk:
             vertex += dr.select(down, own + 1, own) * self.vertex_strides[a]
         return Cursor(list(index), cell, vertex, t, t < track.leave)
 
+    def precise(self, track: Any, cursor: Any) -> Any:
+        """Return the cursor in the cell it is in: this walk never takes wider steps."""
+        return cursor
+
+    def settle(self, cursor: Any, width: Any) -> Any:
+        """Return the cursor as it is: this walk never takes wider steps."""
+        return cursor
+
     def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
-        return self._trilinear(track, cursor.vertex, self._entry_fractions(track, cursor))
+        return trilinear(cursor.vertex, self._entry_fractions(track, cursor), track.vertex_stride)
 
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
         leaving, f = segment.exit, self._exit_fractions(track, segment)
         if track.bounded:  # it may end inside the cell
-            return self._trilinear(track, leaving.vertex, f)
-        s = track.vertex_stride
-        through = leaving.through
-        u, v = pick(through, [f[1], f[2], f[0]]), pick(through, [f[2], f[0], f[1]])
-        du, dv = pick(through, [s[1], s[2], s[0]]), pick(through, [s[2], s[0], s[1]])
-        base = leaving.next_vertex
-        # Four products instead of six: the last three weights are differences.
-        both = u * v
-        vertex = [base, base + du, base + dv, base + du + dv]
-        return Corners(vertex, [1.0 - u - v + both, u - both, v - both, both])
-
-    def _trilinear(self, track: Track, vertex: Any, fractions: list[Any]) -> Corners:
-        vertices, weights = [vertex], [self.backend.Float(1)]
-        for f, stride in zip(fractions, track.vertex_stride, strict=True):
-            vertices += [v + stride for v in vertices]
-            weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
-        return Corners(vertices, weights)
+            return trilinear(leaving.vertex, f, track.vertex_stride)
+        return bilinear(leaving.next_vertex, leaving.through, f, track.vertex_stride)
 
     def _entry_fractions(self, track: Track, cursor: Cursor) -> list[Any]:
         return self.fractions(track, cursor.index, cursor.t)
@@ -193,14 +173,14 @@ class CartesianWalk:
         ]
 
 
-def _lesser(a: Any, b: Any) -> Any:
+def lesser(a: Any, b: Any) -> Any:
     """Return the smaller of two numbers that are no NaN: one instruction, dr.minimum takes four."""
     return dr.select(a < b, a, b)
 
 
 def least(values: list[Any]) -> Any:
     """Return the smallest of three."""
-    return _lesser(_lesser(values[0], values[1]), values[2])
+    return lesser(lesser(values[0], values[1]), values[2])
 
 
 def nearest(ways: list[Any]) -> list[Any]:
@@ -212,8 +192,3 @@ def nearest(ways: list[Any]) -> list[Any]:
 
 def _signed(stride: Any, down: Any) -> Any:
     return dr.select(down, -stride, stride)
-
-
-def pick(through: list[Any], values: list[Any]) -> Any:
-    """Return the value that belongs to the axis of the wall crossed."""
-    return dr.select(through[0], values[0], dr.select(through[1], values[1], values[2]))

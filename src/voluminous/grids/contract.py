@@ -94,11 +94,39 @@ class Walk(Protocol):
 
 
 class Grid(Protocol):
-    """What schemes, media and cameras may ask of a grid on the host."""
+    """What fields, schemes, media and cameras may ask of a grid on the host.
+
+    Cells have flat numbers: C order of `shape` where a grid has three axes (the last one is
+    fastest), the order of its leaves where it is refined. All lengths are plain floats in `unit`.
+
+    Attributes
+    ----------
+    unit : astropy unit or None
+        Length unit; None is dimensionless.
+    shape : tuple of int
+        The shape of a field: ``(n1, n2, n3)``, or ``(leaves,)`` where the grid is refined.
+    scale : float
+        Typical cell width (the smallest useful one): lengths in kernels are in this unit.
+    coordinates : tuple of three str
+        Names of the grid's own coordinates, such as ``("r", "theta", "phi")``, angles in radians.
+    edges : tuple of three arrays
+        Walls along the own coordinates; of grids with three axes.
+    mirror : bool
+        What is above the midplane is also below (spherical grids).
+    walk_kinds : tuple of str
+        Which walks it has: always ``"cells"``; see `walk`.
+    has_blocks : bool
+        Rays may leap over blocks of its cells (`grids.leap`).
+    """
 
     unit: Any
     shape: tuple[int, ...]
     scale: float
+    coordinates: tuple[str, ...]
+    edges: tuple[np.ndarray, ...]
+    mirror: bool
+    walk_kinds: tuple[str, ...]
+    has_blocks: bool
 
     @property
     def size(self) -> int:
@@ -106,7 +134,69 @@ class Grid(Protocol):
 
     @property
     def bounds(self) -> np.ndarray:
-        """Corners of the domain, shape (3, 2)."""
+        """Corners of the Cartesian box around the domain, shape (3, 2)."""
+
+    def pack(self, value: Any) -> np.ndarray:
+        """Return what a user gives as a field, as an array; its shape is checked elsewhere.
+
+        Where fields come in parts (one array per patch) they are put into the order of cells, and
+        what finer cells hide is left out.
+        """
+
+    def unpack(self, flat: np.ndarray) -> Any:
+        """Return a field the way `pack` takes it; hidden cells are NaN, or zero for integers."""
+
+    def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return x, y and z of the centres of the cells from `first` to `last`, shape (3, n).
+
+        Of curvilinear cells it is where each own coordinate is in its middle.
+        """
+
+    def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return the centres in the grid's own coordinates, shape (3, n)."""
+
+    def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return unit vectors along the own coordinates at the centres, shape (3, 3, n).
+
+        ``[k, :, i]`` are the Cartesian components of the direction in which coordinate k of cell i
+        increases.
+        """
+
+    def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return the cells' widths along their own coordinates, as lengths, shape (3, n).
+
+        Of curvilinear cells they are measured through the centre: Δr, r Δθ, r sin θ Δφ.
+        """
+
+    @property
+    def cell_volumes(self) -> np.ndarray:
+        """Volumes of the cells, exact, of the grid's shape; a mirrored cell counts twice."""
+
+    @property
+    def levels(self) -> np.ndarray:
+        """How often each cell's base cell was refined: uint8 of the grid's shape."""
+
+    def locate(self, points: np.ndarray) -> np.ndarray:
+        """Return the flat number of the cell that each point is in, -1 outside.
+
+        Parameters
+        ----------
+        points : array, shape (n, 3)
+            Cartesian coordinates. A point on a wall is in one of the cells around.
+        """
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices, for schemes with coefficients there; needs `vertex_cells`."""
+
+    def vertex_cells(self, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
+        """Return the eight cells around vertices, each with where it exists (traced).
+
+        Coefficients at a vertex are plain means over those that exist; one that is named twice
+        counts twice. With three axes, vertices are numbered in C order of ``(n1 + 1, n2 + 1,
+        n3 + 1)``, and those of layer i of the first axis touch only cells of its layers i - 1
+        and i.
+        """
 
     def walk(self, backend: Any, kind: str = "cells") -> Walk:
         """Return the walk for a backend.
@@ -119,4 +209,14 @@ class Grid(Protocol):
         """Return True where single precision cannot tell cells apart."""
 
     def describe(self) -> dict[str, Any]:
-        """Return what ``voluminous info`` and an image's provenance tell of the grid."""
+        """Return what ``voluminous info`` and an image's provenance tell of the grid.
+
+        Plain values: type, shape, bounds, unit; ``cells_per_level`` where it is refined.
+        """
+
+
+def cells_across(grid: Any) -> float:
+    """Return about how many cells a ray crosses at most."""
+    if len(grid.shape) == 3:
+        return float(sum(grid.shape))
+    return 3.0 * float(grid.size) ** (1 / 3)

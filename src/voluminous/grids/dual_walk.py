@@ -16,6 +16,7 @@ from ..backend import dr
 from .axes import NEVER, Side
 from .cartesian_walk import CartesianWalk, Cursor, Track
 from .contract import Ray, Segment
+from .straight_chord import StraightChord
 
 # Slower than this along an axis, a ray runs parallel to its walls.
 PARALLEL = 1e-150
@@ -42,59 +43,13 @@ class DualTrack(Track):
     direction: list[Any]
 
 
-class Chord:
-    """A segment as a straight line through a dual cell.
-
-    What is asked for is computed where it is asked for, each time: what only a branch needs is
-    computed in the branch.
-
-    Parameters
-    ----------
-    walk, track, segment
-        The segment, and how it was found.
-    """
-
-    def __init__(self, walk: DualWalk, track: DualTrack, segment: Segment) -> None:
-        self.walk, self.track, self.segment = walk, track, segment
-
-    @property
-    def cell(self) -> Any:
-        """Flat number of the dual cell."""
-        return self.segment.cell
+class Chord(StraightChord):
+    """A segment through a dual cell."""
 
     @property
     def corner(self) -> Any:
-        """Flat number of its lower corner, among the padded centres."""
+        """Flat number of the cell's lower corner, among the padded centres."""
         return self.walk.backend.UInt(self.segment.exit.vertex + self.track.first_corner)
-
-    @property
-    def start(self) -> list[Any]:
-        """Where it enters, as fractions of the cell along each axis."""
-        return self._fractions(self.segment.begin)
-
-    @property
-    def end(self) -> list[Any]:
-        """Where it leaves, as fractions of the cell along each axis."""
-        return self._fractions(self.segment.end)
-
-    @property
-    def way(self) -> list[Any]:
-        """How far it goes, as fractions of the cell along each axis."""
-        return [b - a for a, b in zip(self.start, self.end, strict=True)]
-
-    @property
-    def position(self) -> list[Any]:
-        """Where it enters, in the volume's coordinates."""
-        track = self.track
-        return [
-            dr.fma(self.segment.begin, d, o)
-            for o, d in zip(track.origin, track.direction, strict=True)
-        ]
-
-    @property
-    def step(self) -> list[Any]:
-        """How far it goes, in the volume's coordinates."""
-        return [self.segment.length * d for d in self.track.direction]
 
     def _fractions(self, t: Any) -> list[Any]:
         """Return where a ray is in its dual cell, counted upwards along each axis."""
@@ -103,18 +58,22 @@ class Chord:
         return [dr.fma(f, s, o) for f, s, o in zip(mirrored, track.sign, track.offset, strict=True)]
 
 
-def dual_edges(edges: np.ndarray) -> np.ndarray:
-    """Return the centres of cells, and one more on either side, mirrored at the outermost faces."""
+def dual_edges(edges: np.ndarray, multiple: int = 1) -> np.ndarray:
+    """Return the centres of cells, and one more on either side, mirrored at the outermost faces.
+
+    More follow at equal distances, until there is a multiple of so many dual cells.
+    """
     centers = 0.5 * (edges[1:] + edges[:-1])
     below, above = 2.0 * edges[0] - centers[0], 2.0 * edges[-1] - centers[-1]
-    return np.concatenate([[below], centers, [above]])
+    more = np.arange(1, -len(edges) % multiple + 1) * (edges[-1] - edges[-2])
+    return np.concatenate([[below], centers, [above], above + more])
 
 
 class DualWalk(CartesianWalk):
     """Rays through the dual of a `CartesianGrid`."""
 
-    def __init__(self, edges: Any, scale: float, backend: Any) -> None:
-        super().__init__([dual_edges(e) for e in edges], scale, backend)
+    def __init__(self, edges: Any, scale: float, backend: Any, multiple: int = 1) -> None:
+        super().__init__([dual_edges(e, multiple) for e in edges], scale, backend)
         self.faces = [(backend.wide(e[0]), backend.wide(e[-1])) for e in edges]
 
     def enter(self, ray: Ray) -> tuple[Track, Cursor]:
@@ -145,7 +104,7 @@ class DualWalk(CartesianWalk):
 
     def _start(
         self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
-    ) -> tuple[DualTrack, Cursor]:
+    ) -> tuple[DualTrack, Any]:
         track, cursor = super()._start(sides, arrive, begin, inside, bound)
         Float = self.backend.Float
         down = [side.down for side in sides]

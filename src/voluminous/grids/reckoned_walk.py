@@ -14,8 +14,9 @@ from typing import Any
 
 from ..backend import dr
 from .axes import unit_interval
-from .cartesian_walk import CartesianWalk, Cursor, Exit, Track, nearest, pick
+from .cartesian_walk import CartesianWalk, Cursor, Exit, Track, nearest
 from .contract import Ray, Segment
+from .wall_corners import pick
 
 
 @dataclass

@@ -108,7 +108,7 @@ def field_name(place: str) -> str:
     ('x_velocity', 'e_')
     """
     from ..expressions import CONSTANTS, FUNCTIONS
-    from ..volume import COORDINATES
+    from ..fields import COORDINATES
 
     # Expressions read names in this normal form.
     last = unicodedata.normalize("NFKC", place.rsplit("/", 1)[-1])

@@ -16,6 +16,7 @@ from .contract import Context, Medium
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
+    from .stretch import Stretch
 
 
 class Coefficients(Medium):
@@ -47,6 +48,8 @@ class Coefficients(Medium):
                 f"got {len(self.extinction)}"
             )
         self.grey = len(self.extinction) == 1
+        every = (*self.emissivity, *self.extinction)
+        self._margins = tuple(margin for e in every for margin in e.margins())
         used = (name for e in self.emissivity + self.extinction for name in e.names)
         self.names = tuple(dict.fromkeys(used))
 
@@ -63,6 +66,17 @@ class Coefficients(Medium):
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
         """Return the expressions of all coefficients; no difference of values is too small."""
         return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return everywhere, and where an expression may jump: panels must be narrow there.
+
+        Samples on either side of a jump tell nothing of where it is.
+        """
+        seen, hidden = super().visible(stretch, context)
+        for margin in self._margins:
+            low, high = stretch.hull(margin)
+            hidden = hidden | ((low <= 0.0) & (high >= 0.0))
+        return seen, hidden
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
         """Return intervals that hold j and α: the formulas are the same."""

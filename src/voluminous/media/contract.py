@@ -11,7 +11,7 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError
-from ..expressions import DrjitOps, Expression, Ops
+from ..expressions import DrjitOps, Expression, Margin, Ops
 from ..expressions.interval import Interval
 from ..units import is_quantity
 from .interpolation import interpolate
@@ -57,6 +57,8 @@ class Context:
         by rounding, or logarithms of fields with zeros have no value.
     faint : float
         Coefficients below this fraction of their peak may be neglected.
+    coordinates : dict of str to callable
+        How a grid's own coordinates follow from fields that hold x, y and z.
     """
 
     real: Any
@@ -68,6 +70,7 @@ class Context:
     radiance: float = 1.0
     limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
     faint: float = 1e-8
+    coordinates: dict[str, Callable[[dict[str, Any]], Any]] = field(default_factory=dict)
     _kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -81,7 +84,7 @@ class Context:
             self._kept[key] = make()
         return self._kept[key]
 
-    def evaluate(self, expression: Expression, fields: dict[str, Any]) -> Any:
+    def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
         """Return the value of an expression of the fields."""
         return self.real(expression.evaluate(self.ops, fields))
 

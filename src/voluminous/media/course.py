@@ -118,7 +118,7 @@ class CourseContext(TracedRangeContext):
         """Return a number for kernels, which is put there once."""
         return self.keep(("number", value), lambda: self._opaque(value))
 
-    def evaluate(self, expression: Expression, fields: dict[str, Any]) -> Any:
+    def evaluate(self, expression: Any, fields: dict[str, Any]) -> Any:
         """Return the interval of an expression on the present panel."""
         assert self.courses is not None
         return self.courses.course(expression).values

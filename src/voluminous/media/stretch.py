@@ -13,7 +13,7 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import horner
-from ..expressions import Expression
+from ..expressions import Expression, Margin
 from .contract import Context
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
@@ -44,7 +44,7 @@ class Stretch:
         s = self.context.real(s)
         return self._complete({name: horner(s, c) for name, c in self.cubics.items()})
 
-    def scalar(self, expr: Expression, s: float) -> Any:
+    def scalar(self, expr: Expression | Margin, s: float) -> Any:
         """Return an expression at 0, ½ or 1; computed once."""
         key = (expr.text, s)
         if key not in self._scalars:
@@ -74,7 +74,7 @@ class Stretch:
             self._scalars[expr.text, s] = value
         self._controls[expr.text] = [first, second, third, last]
 
-    def hull(self, expr: Expression) -> tuple[Any, Any]:
+    def hull(self, expr: Expression | Margin) -> tuple[Any, Any]:
         """Return the least and largest value of an expression at the Bézier control points.
 
         A cubic stays within its control points (Farin 2002, section 5.1), and so does a monotonic
@@ -82,7 +82,7 @@ class Stretch:
         """
         return extremes(self.controls(expr))
 
-    def controls(self, expr: Expression) -> list[Any]:
+    def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at the four Bézier control points of the fields."""
         if expr.text not in self._controls:
             inner = [self.context.evaluate(expr, self._control(i)) for i in (1, 2)]
@@ -107,7 +107,7 @@ class Stretch:
         return self.fields(s)
 
     def _complete(self, fields: dict[str, Any]) -> dict[str, Any]:
-        return with_radius(within_limits(fields, self.context))
+        return with_coordinates(within_limits(fields, self.context), self.context)
 
     def _control(self, number: int) -> dict[str, Any]:
         """Return the second or third of the fields' four Bézier control points."""
@@ -117,13 +117,13 @@ class Stretch:
 class Straight(Stretch):
     """A stretch on which scalars are taken as linear, whatever the fields do between its ends."""
 
-    def scalar(self, expr: Expression, s: float) -> Any:
+    def scalar(self, expr: Expression | Margin, s: float) -> Any:
         """Return an expression at 0, ½ or 1."""
         if s == 0.5:
             return 0.5 * (self.scalar(expr, 0.0) + self.scalar(expr, 1.0))
         return super().scalar(expr, s)
 
-    def controls(self, expr: Expression) -> list[Any]:
+    def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at both ends: nothing between them counts."""
         return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
 
@@ -172,10 +172,12 @@ def within_limits(fields: dict[str, Any], context: Context) -> dict[str, Any]:
     return fields
 
 
-def with_radius(fields: dict[str, Any]) -> dict[str, Any]:
-    """Return fields with the distance from the origin, if the coordinates are among them."""
+def with_coordinates(fields: dict[str, Any], context: Context) -> dict[str, Any]:
+    """Return fields with what follows from x, y and z, if these are among them."""
     if all(axis in fields for axis in "xyz"):
         fields["r"] = dr.sqrt(sum(fields[axis] * fields[axis] for axis in "xyz"))
+        for name, computed in context.coordinates.items():
+            fields[name] = computed(fields)
     return fields
 
 

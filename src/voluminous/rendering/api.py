@@ -18,7 +18,15 @@ from ..units import unit_name
 from ..volume import Volume
 from .bounds import bracket, check_bounds
 from .job import Job, Planes
-from .options import background_array, check_cutoff, check_order, check_tolerance, sample_count
+from .options import (
+    background_array,
+    check_cutoff,
+    check_order,
+    check_tolerance,
+    check_walk,
+    is_recursive,
+    sample_count,
+)
 
 
 def render(
@@ -91,6 +99,9 @@ def render(
         If it does not fit into memory, before any is taken.
     """
     _check_types(volume, medium, camera)
+    solver = get_scheme(scheme, controlled=tolerance is not None)
+    check_walk(solver, volume.grid)
+    volume = volume.seen_by(camera)
     medium = calibrate(medium, volume)
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
@@ -99,7 +110,7 @@ def render(
         medium=medium,
         camera=camera,
         frame=camera.frame(volume.grid),
-        scheme=get_scheme(scheme, controlled=tolerance is not None),
+        scheme=solver,
         backend=get_backend(device, precision),
         backward=check_order(order),
         cutoff=check_cutoff(cutoff),
@@ -107,6 +118,7 @@ def render(
         progress=progress or silent,
     )
     job.adaptive = isinstance(samples, str) and samples == "adaptive"
+    job.recursive = is_recursive(samples, volume.grid)
     job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
     behind = background_array(background, job.frame.pixels, medium.channels)
     budget = check_bounds(bounds, job)

@@ -17,7 +17,6 @@ from ..media.course import CourseContext, Courses, Piece
 from ..media.stretch import control_point, shifted
 from .classify import Classifier
 from .empty import DUAL
-from .interpolated import trilinear_cubic
 from .neglected import empty_blocks
 from .numbers import Direct
 from .source import get_lattices, get_ranges
@@ -79,7 +78,7 @@ class Bracketed:
         opaque = backend.opaque
         self.context = CourseContext(backend.Float, opaque, volume.unit, volume.expression_unit)
         self.scale = opaque(grid.scale)
-        cells = max(float(np.ptp(e) / np.diff(e).min()) for e in grid.edges)
+        cells = 1.0 / grid.resolution
         self._place = opaque(_LOSS_OF_PLACE * _EPS * cells)
         names = medium.names
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or "r" in names]
@@ -105,7 +104,7 @@ class Bracketed:
         return found
 
     def _enclosed(self, corners: Any, chord: Chord) -> Enclosed:
-        cubic = trilinear_cubic(corners, chord.start, chord.way)
+        cubic = chord.cubic(corners)
         low, high = extremes([v for face in corners for edge in face for v in edge])
         size = sum((dr.abs(c) for c in cubic[1:]), dr.abs(cubic[0]))
         unknown = dr.isnan(size)

@@ -10,9 +10,10 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions.interval import Interval
+from ..fields import coordinate_extremes
 from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
-from ..volume import COORDINATES
+from .centers import Centers
 
 
 class Classifier:
@@ -22,18 +23,22 @@ class Classifier:
     ----------
     numbers : Direct or Shapes
         What is computed per cell.
+    centers : Centers
+        The coordinates that the medium looks at.
     """
 
     def __init__(
         self, volume: Any, medium: Medium, numbers: Any, backend: Any, extremes: Any = None
     ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
+        self._largest: list[float] | None = None
         self.backend, self.grid = backend, volume.grid
         self.extremes = extremes if extremes is not None else functools.partial(extremes_of, volume)
         for part in medium.components():
             for name in part.names:
-                if name not in COORDINATES and name not in volume:
+                if name not in volume.coordinates and name not in volume:
                     volume.array(name)  # raises the error that names the nearest field
+        self.centers = Centers(volume, medium.names, backend)
 
     def context(self, real: Any) -> Context:
         """Return how the medium is evaluated with numbers of a type."""
@@ -46,7 +51,10 @@ class Classifier:
 
     def classify(self, first: int, count: int) -> list[Any]:
         """Return the numbers times the grid's scale for consecutive cells (traced)."""
-        fields = {name: self._values(name, first, count) for name in self.medium.names}
+        fields = self.centers.part(first, count)
+        for name in self.medium.names:
+            if name not in fields:
+                fields[name] = self._values(name, first, count)
         spread = dr.zeros(self.backend.Wide, count)
         return [spread + v for v in self.evaluate(fields)]
 
@@ -57,21 +65,30 @@ class Classifier:
 
     def largest(self) -> list[float]:
         """Return bounds of the numbers' magnitudes, from the ranges of the fields alone."""
-        fields = {name: self._range(name) for name in self.medium.names}
+        if self._largest is None:
+            self._largest = self._find_largest()
+        return list(self._largest)
+
+    def expect(self, largest: list[float]) -> None:
+        """Say what `largest` found for the same medium and fields before."""
+        self._largest = list(largest)
+
+    def _find_largest(self) -> list[float]:
+        fields = {name: self.range_of(name) for name in self.medium.names}
+        return [float(end.max()) for end in self.most_in(fields)]
+
+    def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
+        """Return bounds of the numbers' magnitudes while the fields stay in ranges."""
         context = RangeContext(self.volume.unit, self.volume.expression_unit)
         with np.errstate(all="ignore"):
             found = self.numbers.ranges(fields, context)
-        ends = [np.maximum(np.abs(value.lo), np.abs(value.hi)) for value in found]
-        return [float(end.max()) * self.grid.scale for end in ends]
+        return [np.maximum(np.abs(v.lo), np.abs(v.hi)) * self.grid.scale for v in found]
 
-    def _range(self, name: str) -> Interval:
+    def range_of(self, name: str) -> Interval:
+        """Return the values of a field, or of a coordinate, in the whole volume."""
         if name in self.volume:
             return Interval(*(np.asarray(value) for value in self.extremes(name)))
-        low, high = self.grid.bounds.T
-        if name == "r":
-            return Interval(np.asarray(0.0), np.linalg.norm(np.maximum(abs(low), abs(high))))
-        axis = "xyz".index(name)
-        return Interval(np.asarray(low[axis]), np.asarray(high[axis]))
+        return Interval(*(np.asarray(end) for end in coordinate_extremes(self.grid, name)))
 
     def unusable(self, values: list[Any]) -> Any:
         """Return where numbers are not finite, or an extinction is negative (traced)."""
@@ -83,17 +100,8 @@ class Classifier:
         return bad
 
     def _values(self, name: str, first: int, count: int) -> Any:
-        Wide = self.backend.Wide
-        if name in self.volume:
-            flat = self.volume.array(name).reshape(-1)[first : first + count]
-            return Wide(device_array(flat, self.backend))
-        return self.coordinates(first, count)[name]
-
-    def coordinates(self, first: int, count: int) -> dict[str, Any]:
-        """Return the coordinates of consecutive cells' centres."""
-        UInt = self.backend.UInt
-        lane = dr.arange(UInt, count) + dr.opaque(UInt, first)
-        return cell_coordinates(self.grid, lane, self.backend)
+        flat = self.volume.array(name).reshape(-1)[first : first + count]
+        return self.backend.Wide(device_array(flat, self.backend))
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
         """Raise the error that names the first cell with unusable coefficients.
@@ -140,18 +148,3 @@ def device_array(flat: np.ndarray, backend: Any) -> Any:
         flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
     kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
     return kind(flat)
-
-
-def cell_coordinates(grid: Any, cell: Any, backend: Any) -> dict[str, Any]:
-    """Return the coordinates of cell centres, from flat cell numbers (traced)."""
-    UInt, Wide = backend.UInt, backend.Wide
-    ny, nz = (dr.opaque(UInt, n) for n in grid.shape[1:])
-    row = backend.quotient(cell, nz)
-    i = backend.quotient(row, ny)
-    index = (i, row - i * ny, cell - row * nz)
-    values = {
-        name: dr.gather(Wide, Wide(np.ascontiguousarray(centers)), k)
-        for name, centers, k in zip("xyz", grid.centers, index, strict=True)
-    }
-    values["r"] = dr.sqrt(sum(values[name] * values[name] for name in "xyz"))
-    return values

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 
 from ..expressions import Expression, NumpyOps
+from ..fields import coordinates
 from .classify import Classifier
 
 # Cells looked at.
 _SAMPLE = 4096
+_RUN = 64
 # What may be lost, of the range of an expression's values, and of the width of a shape.
 _LOST, _LOST_OF_WIDTH = 1e-5, 0.01
 
@@ -32,14 +34,17 @@ def enough_in_single(classifier: Classifier) -> bool:
 def _sample(classifier: Classifier) -> dict[str, np.ndarray]:
     """Return all fields at cells spread over the volume, in double precision."""
     volume, names = classifier.volume, classifier.medium.names
-    chosen = np.linspace(0, volume.grid.size - 1, min(_SAMPLE, volume.grid.size)).astype(np.int64)
-    place = np.unravel_index(chosen, volume.grid.shape)
-    axes = {a: c[i] for a, c, i in zip("xyz", volume.grid.centers, place, strict=True)}
-    axes["r"] = np.sqrt(axes["x"] ** 2 + axes["y"] ** 2 + axes["z"] ** 2)
-    return {
-        name: volume.array(name)[place].astype(np.float64) if name in volume else axes[name]
-        for name in names
-    }
+    size = volume.grid.size
+    # Coordinates are computed for runs of cells.
+    run = 1 if all(name in volume for name in names) else min(_RUN, size)
+    starts = np.linspace(0, size - run, min(_SAMPLE, size) // run).astype(np.int64)
+    chosen = (starts[:, None] + np.arange(run)).ravel()
+    found = {n: volume.array(n).reshape(-1)[chosen].astype(float) for n in names if n in volume}
+    others = [name for name in names if name not in found]
+    if others:
+        parts = [coordinates(volume.grid, others, first, first + run) for first in starts.tolist()]
+        found |= {name: np.concatenate([part[name] for part in parts]) for name in others}
+    return found
 
 
 def _same(expr: Expression, least: float, sample: dict[str, np.ndarray]) -> bool:

@@ -50,6 +50,11 @@ DUAL = Window(before=1, after=0, extra=1, worthwhile=0.7)
 CELLS = Window(before=1, after=1, extra=0, worthwhile=0.25)
 
 
+def has_blocks(grid: Any) -> bool:
+    """Return whether rays may leap over blocks of a grid's cells."""
+    return bool(getattr(grid, "has_blocks", False))
+
+
 def field_ranges(array: np.ndarray, window: Window) -> Interval:
     """Return the values that a field has in and around each block; all where there is NaN."""
     low, high = (np.empty(window.shape(array.shape), np.float64) for _ in range(2))
@@ -105,8 +110,10 @@ def visible_blocks(
     return np.broadcast_to(seen, window.shape(volume.grid.shape))
 
 
-def worthwhile_blocks(visible: np.ndarray, backend: Any, window: Window) -> Blocks | None:
-    """Return blocks for rays to leap over, or None if there are few empty ones."""
-    if np.count_nonzero(visible) > window.worthwhile * visible.size:
+def worthwhile_blocks(
+    visible: np.ndarray, backend: Any, window: Window, steps: np.ndarray | None = None
+) -> Blocks | None:
+    """Return blocks for rays to leap over, or None if few are empty and steps are never wide."""
+    if steps is None and np.count_nonzero(visible) > window.worthwhile * visible.size:
         return None
-    return make_blocks(visible, backend)
+    return make_blocks(visible, backend, steps=steps)

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import horner
 from ..expressions import Expression
 from ..grids.dual_walk import Chord
+from ..grids.trilinear import trilinear
 from ..media.contract import Context
-from ..media.stretch import Panel, Straight, Stretch, with_radius, within_limits
+from ..media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
 from .classify import Classifier
 from .lattice import Corners
 
@@ -36,10 +36,13 @@ class Interpolated:
         self.classifier, self.lattices, self.context = classifier, lattices, context
         self.numbers, self.backend = classifier.numbers, classifier.backend
         self.blocks = blocks
+        self.walk: Any = None  # through less than the whole grid
+        self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
         self.tolerance: tuple[Any, Any] = ()  # type: ignore[assignment]
         # A ray that never comes nearer to a shell than where it is neglected may pass along it
         # for some ten path lengths.
-        self.neglected = 10.0 * context.faint * self.numbers.one_path()
+        neglected = 10.0 * context.faint * self.numbers.one_path()
+        self.neglected = min(neglected, 1e-3 * float(np.finfo(self.backend.dtype).max))
         self.largest = classifier.largest()
         self.looks_inside = classifier.medium.looks_inside
         self.scalars: tuple[Expression, ...] = classifier.medium.scalars()
@@ -49,7 +52,8 @@ class Interpolated:
             if lattice.unit != 1.0
         }
         names = classifier.medium.names
-        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or "r" in names]
+        every = "r" in names or bool(context.coordinates)
+        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
 
     def allow(self, emission: float, transparency: float) -> None:
         """Set the errors allowed per segment."""
@@ -68,14 +72,11 @@ class Interpolated:
         for a in self.coordinates:
             here = chord.position[a] + chord.step[a] if s else chord.position[a]
             found["xyz"[a]] = self.context.real(here)
-        return with_radius(within_limits(found, self.context))
+        return with_coordinates(within_limits(found, self.context), self.context)
 
     def cubics(self, chord: Chord, corners: dict[str, Corners]) -> dict[str, list[Any]]:
         """Return every field along a segment, as a polynomial of s from 0 to 1."""
-        found = {
-            name: trilinear_cubic(values, chord.start, chord.way)
-            for name, values in corners.items()
-        }
+        found = {name: chord.cubic(values) for name, values in corners.items()}
         for a in self.coordinates:
             found["xyz"[a]] = [chord.position[a], chord.step[a]]
         return found
@@ -113,45 +114,3 @@ class Interpolated:
     def visible(self, stretch: Stretch) -> tuple[Any, Any]:
         """Return where the medium may be noticeable, and where panels may not show that."""
         return self.classifier.medium.visible(stretch, self.context)
-
-
-def trilinear(corners: Corners, place: list[Any]) -> Any:
-    """Return a trilinear function at a place in the unit cube."""
-    edges = [
-        [horner(place[0], [corners[0][b][c], corners[1][b][c] - corners[0][b][c]]) for c in (0, 1)]
-        for b in (0, 1)
-    ]
-    faces = [horner(place[1], [edges[0][c], edges[1][c] - edges[0][c]]) for c in (0, 1)]
-    return horner(place[2], [faces[0], faces[1] - faces[0]])
-
-
-def trilinear_cubic(corners: Corners, start: list[Any], way: list[Any]) -> list[Any]:
-    """Return a trilinear function along a straight line, as a cubic (power basis).
-
-    Parameters
-    ----------
-    corners : nested lists [x][y][z]
-        Values at the corners of the unit cube.
-    start, way : three arrays each
-        The line is ``start + s way``.
-    """
-    edges = [
-        [_line(corners[0][b][c], corners[1][b][c], start[0], way[0]) for c in (0, 1)]
-        for b in (0, 1)
-    ]
-    faces = [_blend(edges[0][c], edges[1][c], start[1], way[1]) for c in (0, 1)]
-    return _blend(faces[0], faces[1], start[2], way[2])
-
-
-def _line(low: Any, high: Any, start: Any, way: Any) -> list[Any]:
-    rise = high - low
-    return [horner(start, [low, rise]), rise * way]
-
-
-def _blend(low: list[Any], high: list[Any], start: Any, way: Any) -> list[Any]:
-    """Return low + (start + s way) (high - low), one degree higher."""
-    rise = [b - a for a, b in zip(low, high, strict=True)]
-    here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
-    onward = [r * way for r in rise]
-    inner = [a + b for a, b in zip(here[1:], onward[:-1], strict=True)]
-    return [here[0], *inner, onward[-1]]

@@ -9,11 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..grids.contract import cells_across
 from ..volume import Volume
 from .adaptive import refine
 from .control import controlled, total_error
 from .drawing import Drawing, Paths
-from .options import DEFAULT_ERROR
+from .empty import has_blocks
+from .flux_conserving import FluxConserving
+from .options import DEFAULT_ERROR, walk_kinds
 from .source import get_source
 
 
@@ -50,6 +53,7 @@ class Job:
     progress: Callable[[int, int], None]
     samples: int = 1
     adaptive: bool = False
+    recursive: bool = False
     done: int = 0
 
     def __post_init__(self) -> None:
@@ -58,9 +62,16 @@ class Job:
 
     @property
     def reckoned(self) -> bool:
-        """True if the last bits of positions matter, and there are bits to spare."""
+        """True if steps are to be RADMC-3D's.
+
+        On curvilinear grids these are shorter. On others only the last bits of positions differ:
+        they matter where there are bits to spare.
+        """
+        grid = self.volume.grid
+        if not self.scheme.reckoned or "reckoned" not in walk_kinds(grid):
+            return False
         double = self.backend.precision == "double"
-        return bool(self.scheme.reckoned and double and self.camera.parallel)
+        return not has_blocks(grid) or bool(double and self.camera.parallel)
 
     @property
     def walk_kind(self) -> str:
@@ -77,7 +88,7 @@ class Job:
     def run(self, brightest_background: float) -> Planes:
         """Render all pixels."""
         nx, ny = self.frame.pixels
-        steps = float(nx * ny) * self.samples**2 * float(sum(self.volume.grid.shape))
+        steps = float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
         drawing = self._drawing(steps, brightest_background)
         if self.scheme.controlled:
             paths, enough = controlled(drawing, self.tolerance, brightest_background)
@@ -104,7 +115,8 @@ class Job:
             self.tolerance,
             faintest,
         )
-        return Drawing(self, source, brightest_background)
+        kind = FluxConserving if self.recursive else Drawing
+        return kind(self, source, brightest_background)
 
     def advance(self, rays: int, lanes: int) -> None:
         """Wait for rays and report them; an interrupt is heard here."""

@@ -14,9 +14,11 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError
+from ..grids.curvilinear_dual import dual_values
 from ..grids.dual_walk import Chord
 from ..memory import check_memory, fits
 from .classify import device_array
+from .empty import has_blocks
 from .tables import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
@@ -38,11 +40,7 @@ class Quads:
 
     def corners(self, chord: Chord, active: Any) -> Corners:
         """Return the eight values around a dual cell."""
-        faces = [
-            list(dr.gather(self.packet, self.data, index, active))
-            for index in (chord.cell, chord.cell + self.stride)
-        ]
-        return [[f[0:2], f[2:4]] for f in faces]
+        return faces(self.packet, self.data, chord.cell, self.stride, active)
 
 
 @dataclass
@@ -65,14 +63,33 @@ class Nodes:
         return dr.gather(type(self.data), self.data, index, active)
 
 
+@dataclass
+class Octets:
+    """The eight values of every cell of a tree side by side (`corner_values`)."""
+
+    data: Any
+    unit: float
+    packet: Any
+
+    def corners(self, chord: Any, active: Any) -> Corners:
+        """Return the eight values at the corners of a cell."""
+        return faces(self.packet, self.data, 2 * chord.cell, 1, active)
+
+
+def faces(packet: Any, data: Any, index: Any, stride: Any, active: Any) -> Corners:
+    """Return the eight values around a dual cell, from the quads of its two faces."""
+    found = [list(dr.gather(packet, data, k, active)) for k in (index, index + stride)]
+    return [[f[0:2], f[2:4]] for f in found]
+
+
 def quads_size(shape: Any) -> int:
     """Return how many numbers `Quads` holds for a volume of this shape."""
     nx, ny, nz = (int(n) for n in shape)
     return 4 * (nx + 2) * (ny + 1) * (nz + 1)
 
 
-def _check_size(array: np.ndarray, backend: Any) -> None:
-    """Refuse a field that cannot be held beside the volume.
+def _check_size(count: int, backend: Any) -> None:
+    """Refuse a field that cannot be held beside the volume, as so many numbers.
 
     Raises
     ------
@@ -81,7 +98,6 @@ def _check_size(array: np.ndarray, backend: Any) -> None:
     MemoryNeededError
         If there is not enough memory for a copy.
     """
-    count = int(np.prod([n + 2 for n in array.shape], dtype=object))
     if count > LARGEST:
         raise InputError(
             f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "
@@ -152,9 +168,8 @@ def _fill(
     dr.eval(data)
 
 
-def make_nodes(array: np.ndarray, backend: Any, unit: float) -> Nodes:
-    """Return the values of a field, divided by a unit, with one more layer all around."""
-    padded = np.pad(array, 1, mode="edge")
+def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> Nodes:
+    """Return values at the vertices of a dual grid, divided by a unit."""
     if unit != 1.0 or padded.dtype != backend.dtype:
         padded = (
             (padded / unit).astype(backend.dtype) if unit != 1.0 else padded.astype(backend.dtype)
@@ -164,10 +179,25 @@ def make_nodes(array: np.ndarray, backend: Any, unit: float) -> Nodes:
     return Nodes(data, unit, (dr.opaque(backend.UInt, ny * nz), dr.opaque(backend.UInt, nz)))
 
 
-def make_lattice(array: np.ndarray, backend: Any) -> Quads | Nodes:
+def make_octets(grid: Any, array: np.ndarray, backend: Any, unit: float) -> Octets:
+    """Return the values of a field at the corners of a tree's cells, divided by a unit."""
+    from .corner_values import CornerValues
+
+    data = CornerValues(grid, array / unit, backend).compute()
+    return Octets(data, unit, backend.packet(4))
+
+
+def make_lattice(grid: Any, array: np.ndarray, backend: Any) -> Quads | Nodes | Octets:
     """Return a field as rays gather it, in the layout that pays."""
-    _check_size(array, backend)
     unit = field_unit(array, backend)
+    if len(grid.shape) == 1:
+        _check_size(8 * array.size, backend)
+        return make_octets(grid, array, backend, unit)
+    _check_size(int(np.prod([n + 2 for n in array.shape], dtype=object)), backend)
+    if not has_blocks(grid):
+        return make_nodes(dual_values(array, grid), backend, unit)
     size = quads_size(array.shape) * backend.dtype.itemsize
     small = size <= _LARGEST_QUADS and fits(4 * size)
-    return (make_quads if small else make_nodes)(array, backend, unit)
+    if small:
+        return make_quads(array, backend, unit)
+    return make_nodes(np.pad(array, 1, mode="edge"), backend, unit)

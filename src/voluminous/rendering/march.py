@@ -86,6 +86,11 @@ def march(
             return going_on(state) & (state.cursor.t < found.leave)
 
         entered = State(found.cursor, carried, state.path, state.over)
+        if source.blocks.coarse:
+            # One step crosses most blocks: a loop over them takes longer than looking again where
+            # it does not (core, 100³: 20 ms with it, 17 ms without).
+            (left,) = step(entered)
+            return (dr.select(going_on(entered), left, entered),)
         (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} block")
         return (left,)
 

@@ -12,7 +12,7 @@ from ..media import Isosurface
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from .classify import Classifier
-from .empty import DUAL, worthwhile_blocks
+from .empty import DUAL, has_blocks, worthwhile_blocks
 
 # Coefficients below this part of what matters count as none; a bound of them is added in the end.
 _FAINT = 1e-6
@@ -41,6 +41,8 @@ def empty_blocks(
         How wide brackets may be, as a fraction of the brightest pixel.
     """
     volume, grid = classifier.volume, classifier.grid
+    if not has_blocks(grid):
+        return None, Neglected(np.zeros(classifier.medium.channels), 0.0)
     shape = DUAL.shape(grid.shape)
     context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)
     with np.errstate(all="ignore"):

@@ -9,6 +9,7 @@ memory and 0.86 of the time, and turning a colour or an opacity classifies nothi
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,10 +100,10 @@ class Direct:
         small = 2.0**-90 < self.unit < 2.0**90  # else single precision cannot hold the picture
         return stacked * (stacked.dtype.type(self.unit) if small else np.float64(self.unit))
 
-    def densest(self, largest: list[float]) -> float:
+    def densest(self, largest: list[Any]) -> Any:
         """Return a bound of the extinction, from the largest values; 0 if there is none."""
-        most_of_all = max(largest[self.emissions :])
-        return most_of_all if np.isfinite(most_of_all) else 0.0
+        most_of_all = functools.reduce(np.maximum, largest[self.emissions :])
+        return np.where(np.isfinite(most_of_all), most_of_all, 0.0)
 
     def one_path(self) -> float:
         """Return how bright one path length of the brightest part is; zero where that has none."""
@@ -192,9 +193,9 @@ class Shapes:
         stacked = np.stack(emission, axis=-1)
         return stacked @ self.color.T.astype(stacked.dtype)
 
-    def densest(self, largest: list[float]) -> float:
+    def densest(self, largest: list[Any]) -> Any:
         """Return a bound of the extinction, from the largest values."""
-        return float(sum(p.opacity[0] * v for p, v in zip(self.parts, largest, strict=True)))
+        return sum(p.opacity[0] * v for p, v in zip(self.parts, largest, strict=True))
 
     def one_path(self) -> float:
         """Return how bright one path length of the brightest part is."""

@@ -10,7 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import flush_subnormal
 from ..memory import check_memory
-from .classify import Classifier, cell_coordinates, device_array
+from .classify import Classifier, device_array
 
 
 class OnRay:
@@ -24,24 +24,23 @@ class OnRay:
     def __init__(self, classifier: Classifier, backend: Any) -> None:
         self.classifier, self.backend = classifier, backend
         self.numbers = classifier.numbers
-        self.names = classifier.medium.names
         volume = classifier.volume
         self.fields = {
-            name: _whole_field(volume.array(name), backend) for name in self.names if name in volume
+            name: _whole_field(volume.array(name), backend)
+            for name in classifier.medium.names
+            if name in volume
         }
+        classifier.centers.whole()  # made before rays are traced
         self.largest = classifier.largest()
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
         """Return j and α of a cell."""
         Wide = self.backend.Wide
-        grid = self.classifier.grid
         values = {
             name: Wide(dr.gather(type(data), data, cell, active))
             for name, data in self.fields.items()
         }
-        if len(values) < len(self.names):
-            values = {**cell_coordinates(grid, cell, self.backend), **values}
-        found = self.classifier.evaluate(values)
+        found = self.classifier.evaluate({**self.classifier.centers.at(cell, active), **values})
         for k in range(self.numbers.emissions, len(found)):
             found[k] = dr.select(found[k] >= 0, found[k], math.nan)
         return self.numbers.split([self._narrow(v) for v in found])

@@ -65,8 +65,9 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
     """Return n for n × n rays per pixel.
 
     ``"flux-conserving"`` is RADMC-3D's recursion: a pixel is quartered while its longer side
-    exceeds the first cell's width. On a grid without refinement every ray decides alike, so it is
-    a regular division into 2^k × 2^k.
+    exceeds the width of the narrowest cell that its ray meets. Where all count as wide as the first
+    one, every ray decides alike: it is a regular division into 2^k × 2^k. Otherwise n is 1, and
+    `flux_conserving` does the rest.
 
     Raises
     ------
@@ -74,6 +75,8 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
         If `samples` is neither that nor a positive whole number.
     """
     if samples == "flux-conserving":
+        if is_recursive(samples, grid):
+            return 1
         ratio = max(frame.pixel) / grid.first_cell_width()
         count = 2 ** max(0, math.ceil(math.log2(ratio))) if ratio > 1 else 1
         if count > _MOST_SAMPLES:
@@ -91,6 +94,34 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
             f"'flux-conserving', got {samples!r}"
         )
     return int(samples)
+
+
+def is_recursive(samples: Any, grid: Any) -> bool:
+    """Return True where pixels are divided as their rays ask for, each by itself."""
+    uniform = len(grid.shape) == 3 and tuple(grid.coordinates) == ("x", "y", "z")
+    return bool(samples == "flux-conserving" and not uniform)
+
+
+def check_walk(scheme: Any, grid: Any) -> None:
+    """Refuse a scheme that a grid has no walk for.
+
+    Raises
+    ------
+    InputError
+        Names a scheme that every grid has.
+    """
+    missing = scheme.place == "field" and "dual" not in walk_kinds(grid)
+    missing |= scheme.place == "vertex" and not hasattr(grid, "vertex_count")
+    if missing:
+        raise InputError(
+            f"scheme {scheme.name!r} cannot be used on a {type(grid).__name__}; "
+            "use scheme='first-order'"
+        )
+
+
+def walk_kinds(grid: Any) -> tuple[str, ...]:
+    """Return the kinds of walk through a grid."""
+    return getattr(grid, "walk_kinds", ("cells",))
 
 
 def background_array(background: Any, pixels: tuple[int, int], channels: int) -> np.ndarray:

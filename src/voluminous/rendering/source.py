@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from ..backend import dr
 from ..expressions.interval import Interval
 from ..memory import check_memory, fits
 from .classify import Classifier
+from .coarse import allowed_differences, wide_steps
 from .digits import enough_in_single
 from .empty import (
     CELLS,
@@ -20,6 +18,7 @@ from .empty import (
     Window,
     coordinate_ranges,
     field_ranges,
+    has_blocks,
     visible_blocks,
     worthwhile_blocks,
 )
@@ -27,6 +26,9 @@ from .interpolated import Interpolated
 from .lattice import make_lattice
 from .numbers import plan_numbers
 from .on_ray import OnRay
+from .own_coordinates import ray_coordinates
+from .pruned import can_be_pruned, interpolated, pruned_walk, tabled
+from .pyramid import make_pyramid
 from .store import SLABS, Store
 from .tables import cell_table, vertex_table
 
@@ -69,7 +71,7 @@ def get_source(
     extremes = store.extremes if scheme.place == "field" else None
     classifier = Classifier(volume, medium, numbers, backend, extremes)
     if scheme.place == "field":
-        return _interpolated(classifier, store, tolerance, faintest)
+        return _interpolated(classifier, store, tolerance, faintest, scheme.coarseness)
     needed = table_bytes(classifier, scheme, backend)
     crowded = scheme.place == "cell" and _crowded(numbers, needed, volume.grid.size / steps)
     if crowded and not volume.tables:  # not even hashed: that takes a while for 1024³
@@ -84,23 +86,26 @@ def get_source(
     numbers.normalise(classifier.largest())
     make = cell_table if scheme.place == "cell" else vertex_table
     table = make(classifier, backend, report)
-    table.blocks = _blocks(classifier, store, _FAINT[backend.precision], CELLS)
+    faint = _FAINT[backend.precision]
+    table.blocks = _blocks(classifier, store, faint, CELLS)
+    if scheme.place == "cell" and hasattr(volume.grid, "pruned"):
+        table.walk = pruned_walk(volume.grid, tabled(table, faint), backend, "cells")
     return table if key is None else store.keep(key, table)
 
 
 def _interpolated(
-    classifier: Classifier, store: Store, tolerance: float, faintest: bool
+    classifier: Classifier, store: Store, tolerance: float, faintest: bool, coarseness: float
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are kept with the volume."""
     volume, backend = classifier.volume, classifier.backend
+    single = _remember(classifier, store)
     classifier.numbers.normalise(classifier.largest())
-    lattices = get_lattices(classifier, store)
     # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
-    dense = classifier.numbers.densest(classifier.largest())
+    dense = float(classifier.numbers.densest(classifier.largest()))
     faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * dense)
     least = _FAINTEST[backend.precision]
     faint = least if faintest else max(faint, least)
-    real = backend.Float if enough_in_single(classifier) else backend.Wide
+    real = backend.Float if single else backend.Wide
     context = replace(
         classifier.context(real),
         narrow=backend.Float,
@@ -108,8 +113,46 @@ def _interpolated(
         radiance=classifier.numbers.unit,
         limits=_limits(classifier, real),
         faint=faint,
+        coordinates=ray_coordinates(volume, classifier.medium.names),
     )
-    return Interpolated(classifier, lattices, context, _blocks(classifier, store, faint, DUAL))
+    blocks = _blocks(classifier, store, faint, DUAL, coarseness)
+    lattices = get_lattices(classifier, store, blocks)
+    source = Interpolated(classifier, lattices, context, blocks)
+    source.walk = _pruned(classifier, store, lattices, faint)
+    return source
+
+
+def _pruned(classifier: Classifier, store: Store, lattices: dict[str, Any], faint: float) -> Any:
+    """Return the walk through the leaves that may show something, or None; kept."""
+    medium, backend = classifier.medium, classifier.backend
+    if not can_be_pruned(classifier):
+        return None
+
+    def make() -> Any:
+        visible = interpolated(classifier, lattices, faint)
+        return pruned_walk(classifier.grid, visible, backend, "dual")
+
+    own = medium.visible_key()
+    if own is None:
+        return make()
+    return store.kept(("pruned", own, faint, store.digests(medium.names), backend), make)
+
+
+def _remember(classifier: Classifier, store: Store) -> bool:
+    """Have what was found for the same medium before, and return if single precision is enough."""
+    own = classifier.medium.key()
+
+    def make() -> tuple[list[float], bool]:
+        return classifier.largest(), enough_in_single(classifier)
+
+    if own is None:
+        return make()[1]
+    # Shapes have other numbers than what is made of all their colours.
+    kind = type(classifier.numbers).__name__
+    key = ("numbers", kind, own, store.digests(classifier.medium.names))
+    largest, single = store.kept(key, make)
+    classifier.expect(largest)
+    return bool(single)
 
 
 def _limits(classifier: Classifier, real: Any) -> dict[str, tuple[Any, Any]]:
@@ -122,37 +165,54 @@ def _limits(classifier: Classifier, real: Any) -> dict[str, tuple[Any, Any]]:
     }
 
 
-def get_lattices(classifier: Classifier, store: Store) -> dict[str, Any]:
+def get_lattices(classifier: Classifier, store: Store, blocks: Any = None) -> dict[str, Any]:
     """Return all fields as rays gather them; kept with the volume."""
     volume, backend = classifier.volume, classifier.backend
-    return {
-        name: store.kept(
-            ("lattice", name, backend.device, backend.precision, store.digest(name)),
-            functools.partial(make_lattice, volume.array(name), backend),
+    steps = blocks.steps if blocks is not None else ()
+
+    def make(name: str) -> Any:
+        key = ("lattice", name, backend.device, backend.precision, store.digest(name))
+        fine = store.kept(key, lambda: make_lattice(volume.grid, volume.array(name), backend))
+        if not steps:
+            return fine
+        return store.kept(
+            (*key, steps), lambda: make_pyramid(volume.array(name), fine, steps, backend)
         )
-        for name in classifier.medium.names
-        if name in volume
-    }
+
+    return {name: make(name) for name in classifier.medium.names if name in volume}
 
 
-def _blocks(classifier: Classifier, store: Store, faint: float, window: Window) -> Any:
+def _blocks(
+    classifier: Classifier, store: Store, faint: float, window: Window, coarseness: float = 0.0
+) -> Any:
     """Return the blocks that rays may leap over, or None; kept with the volume."""
     medium, backend = classifier.medium, classifier.backend
+    if not has_blocks(classifier.grid):
+        return None
+    allowed = allowed_differences(classifier, coarseness)
 
     def make() -> Any:
         ranges = get_ranges(classifier, store, window)
         visible = visible_blocks(classifier, ranges, faint, window)
-        return worthwhile_blocks(visible, backend, window)
+        steps = None if allowed is None else wide_steps(classifier, visible, ranges, allowed)
+        return worthwhile_blocks(visible, backend, window, steps)
 
     own = medium.visible_key()
     if own is None:
         return make()
-    return store.kept(("blocks", own, faint, window, store.digests(medium.names), backend), make)
+    differences = allowed and tuple((expr.text, most) for expr, most in allowed)
+    key = ("blocks", own, faint, window, differences, store.digests(medium.names), backend)
+    return store.kept(key, make)
 
 
 def get_ranges(classifier: Classifier, store: Store, window: Window) -> dict[str, Interval]:
-    """Return the values of all fields in and around every block; kept with the volume."""
+    """Return the values of all fields in and around every block; kept with the volume.
+
+    Where there are no blocks, of the whole volume.
+    """
     names = classifier.medium.names
+    if not has_blocks(classifier.grid):
+        return {name: classifier.range_of(name) for name in names}
     return {name: _ranges(classifier.volume, store, name, window) for name in names}
 
 
@@ -184,8 +244,8 @@ def _on_ray(classifier: Classifier, backend: Any) -> OnRay:
 
 def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
     """Return the memory of a scheme's table."""
-    extra = 1 if scheme.place == "vertex" else 0
-    places = int(np.prod([n + extra for n in classifier.grid.shape], dtype=object))
+    grid = classifier.grid
+    places = grid.vertex_count if scheme.place == "vertex" else grid.size
     return places * classifier.numbers.count * backend.dtype.itemsize
 
 

@@ -10,7 +10,7 @@ from .classify import extremes_of
 
 # Things kept per volume: turning only the camera, or going back and forth between two schemes or
 # media, makes nothing again.
-_KEPT = 16
+_KEPT = 32
 # Memory that is left alone: temporary numbers while making the next thing.
 SLABS = 96 << 20
 

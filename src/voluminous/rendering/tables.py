@@ -9,6 +9,7 @@ gathers take 130.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +45,8 @@ class Table:
         What the numbers are.
     largest : list of float
         Largest magnitude of each number, times the grid's scale.
+    blocks, walk : optional
+        Blocks for rays to leap over; or a walk through less than the whole grid.
     """
 
     packets: list[Any]
@@ -52,6 +55,7 @@ class Table:
     largest: list[float]
     backend: Any
     blocks: Any = None
+    walk: Any = None
 
     def gather(self, index: Any, active: Any) -> list[Any]:
         """Return all numbers at a flat index."""
@@ -87,57 +91,70 @@ def cell_table(classifier: Any, backend: Any, report: Any) -> Table:
     report : callable
         Called as ``report(done, total)``; may raise to interrupt.
     """
-    size = classifier.grid.size
-    table = _empty_table(classifier, backend, size)
-    for first in range(0, size, SLAB):
-        count = min(SLAB, size - first)
-        _classify_into(table, classifier, first, count, first)
-        report(first + count, size)
+    return _cells(classifier, backend, 0, classifier.grid.size, report)
+
+
+def _cells(classifier: Any, backend: Any, low: int, high: int, report: Any) -> Table:
+    """Return the coefficients of consecutive cells."""
+    table = _empty_table(classifier, backend, high - low)
+    for first in range(low, high, SLAB):
+        last = min(first + SLAB, high)
+        _classify_into(table, classifier, first, last - first, first - low)
+        report(last - low, high - low)
     return table
 
 
 def vertex_table(classifier: Any, backend: Any, report: Any) -> Table:
     """Return the coefficients at all vertices: plain means over the cells that touch them.
 
-    RADMC-3D's rule: cells outside the domain are left out, not counted as zero. Layers of the
-    first axis are classified once each, a few at a time.
+    RADMC-3D's rule: cells outside the domain are left out, not counted as zero. Each cell is
+    classified once or twice.
     """
-    nx, ny, nz = classifier.grid.shape
-    plane = (ny + 1) * (nz + 1)
-    table = _empty_table(classifier, backend, (nx + 1) * plane)
-    step = max(1, SLAB // (ny * nz))
-    for first in range(0, nx + 1, step):
-        last = min(first + step, nx + 1)
-        low, high = max(first - 1, 0), min(last, nx)
-        cells = _empty_table(classifier, backend, (high - low) * ny * nz)
-        _classify_into(cells, classifier, low * ny * nz, (high - low) * ny * nz, 0)
-        values = _means(cells, backend, (nx, ny, nz), (first, last), low)
-        _store(table, values, first * plane)
-        report(last, nx + 1)
+    grid = classifier.grid
+    table = _empty_table(classifier, backend, grid.vertex_count)
+    cells, held = None, (0, 0)
+    for (first, last), around in _vertex_pieces(grid):
+        if around != held or cells is None:
+            cells, held = _cells(classifier, backend, *around, _unheard), around
+        _store(table, _means(cells, grid, (first, last), around[0]), first)
+        report(last, grid.vertex_count)
     return table
 
 
-def _means(
-    cells: Table, backend: Any, shape: tuple[int, int, int], layers: tuple[int, int], low: int
-) -> list[Any]:
-    """Return the means at the vertices of some layers, from a table of the cells around them."""
-    nx, ny, nz = shape
-    first, last = layers
-    Int, Float = backend.Int, backend.Float
-    lane = dr.arange(backend.UInt, (last - first) * (ny + 1) * (nz + 1))
-    row = backend.quotient(lane, dr.opaque(backend.UInt, nz + 1))
-    k = Int(lane) - Int(row) * dr.opaque(Int, nz + 1)
-    i = Int(backend.quotient(row, dr.opaque(backend.UInt, ny + 1)))
-    j = Int(row) - i * dr.opaque(Int, ny + 1)
-    i += dr.opaque(Int, first)
-    nx, ny, nz, low = (dr.opaque(Int, n) for n in (nx, ny, nz, low))
+def _vertex_pieces(grid: Any) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Yield ranges of vertices, and of the cells around them.
+
+    Layers of the first axis touch two layers of cells; the leaves of a tree are anywhere.
+    """
+    if len(grid.shape) != 3:
+        for first in range(0, grid.vertex_count, SLAB):
+            yield (first, min(first + SLAB, grid.vertex_count)), (0, grid.size)
+        return
+    n, plane = grid.shape[0], grid.size // grid.shape[0]
+    vertices = grid.vertex_count // (n + 1)
+    step = max(1, SLAB // plane)
+    for first in range(0, n + 1, step):
+        last = min(first + step, n + 1)
+        low, high = max(first - 1, 0), min(last, n)
+        yield (first * vertices, last * vertices), (low * plane, high * plane)
+
+
+def _unheard(done: int, total: int) -> None:
+    """Report nothing."""
+
+
+def _means(cells: Table, grid: Any, vertices: tuple[int, int], low: int) -> list[Any]:
+    """Return the means at consecutive vertices, from a table of cells that begins with `low`."""
+    backend = cells.backend
+    UInt, Float = backend.UInt, backend.Float
+    first, last = vertices
+    vertex = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
+    begin = dr.opaque(UInt, low)
     total = [Float(0)] * cells.numbers.count
     number = Float(0)
-    for corner in range(8):
-        a, b, c = i - (corner >> 2 & 1), j - (corner >> 1 & 1), k - (corner & 1)
-        there = (a >= 0) & (a < nx) & (b >= 0) & (b < ny) & (c >= 0) & (c < nz)
-        index = ((a - low) * ny + b) * nz + c
-        total = [t + v for t, v in zip(total, cells.gather(index, there), strict=True)]
+    for cell, there in grid.vertex_cells(vertex, backend):
+        values = cells.gather(UInt(cell) - begin, there)
+        total = [t + v for t, v in zip(total, values, strict=True)]
         number += dr.select(there, 1.0, 0.0)
     return [t / number for t in total]
 

@@ -50,6 +50,7 @@ class Bracket:
     linear = False
     controlled = False
     reckoned = False
+    coarseness = 0.0
 
     def __init__(self, budget: int, signed: bool) -> None:
         self.budget, self.signed = budget, signed

@@ -23,6 +23,9 @@ class Scheme(Protocol):
     place: str  # "cell", "vertex": where coefficients are tabulated; "field": fields, interpolated
     linear: bool  # the emission is linear in the emissivity, whatever the extinction
     controlled: bool  # it keeps to a tolerance, and tells the error (`Path.error`)
+    coarseness: (
+        float  # "field": scalars may be off by that part of a structure's width; 0: by nothing
+    )
     reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:

@@ -47,6 +47,7 @@ class PostClassified:
     linear = True
     controlled = True
     reckoned = False
+    coarseness = 0.0
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry the scalars where the ray is (not known yet: NaN), and its transparency."""

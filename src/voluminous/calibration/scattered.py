@@ -1,0 +1,141 @@
+"""Values and gradients of a scalar on the cells of any grid, wherever they are."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..derivatives import Cells
+from ..expressions import Expression
+from ..volume import Volume
+
+# Cells of a piece: the cells of trees that follow each other are neighbours, so of large ones many
+# small pieces are looked at.
+_PIECE = 1 << 12
+# What a cell costs, neighbours and all, beside one in an array: so fewer are looked at.
+_DEAR = 16
+# Lines through the domain along each axis, and points on each.
+_LINES, _POINTS = 32, 256
+
+
+class ScatteredPiece:
+    """Some cells. Lengths are in units of the grid's scale; see `samples.Piece`.
+
+    Neighbours are looked for only where slopes are asked for: that takes most of the time.
+
+    Attributes
+    ----------
+    x, slope, reach, volume : arrays, shape (n,)
+        As of a `Piece`; the reach is measured along the cell's own coordinates.
+    """
+
+    def __init__(self, cells: Cells, volumes: np.ndarray, first: int, last: int) -> None:
+        self._cells, self._first, self._last = cells, first, last
+        self.volume = volumes[first:last]
+        x = cells.values[first:last]
+        self.x = np.where(np.isfinite(x), x, np.nan)
+
+    @functools.cached_property
+    def _looked_at(self) -> tuple[np.ndarray, np.ndarray]:
+        """The gradients, per length of the grid's unit, and which cells are at the surface."""
+        with np.errstate(all="ignore"):
+            gradient, surface = self._cells.gradient(self._first, self._last)
+        return np.where(np.isfinite(gradient), gradient, 0.0), surface
+
+    @property
+    def slope(self) -> np.ndarray:
+        """|∇x|."""
+        gradient, _ = self._looked_at
+        return np.asarray(np.sqrt(np.sum(gradient**2, axis=0)) * self._cells.grid.scale)
+
+    @functools.cached_property
+    def reach(self) -> np.ndarray:
+        """How far x goes from its value at the centre, up and down."""
+        grid, (gradient, _) = self._cells.grid, self._looked_at
+        along = np.einsum("kan,an->kn", grid.basis(self._first, self._last), gradient)
+        sizes = grid.cell_sizes(self._first, self._last)
+        return np.asarray(0.5 * np.sum(np.abs(along) * sizes, axis=0))
+
+    def seen(self, mean: np.ndarray) -> list[np.ndarray]:
+        """Return nothing: lines go through cells that are elsewhere; see `lines`."""
+        return []
+
+    def outermost(self) -> np.ndarray:
+        """Return the scalar in the cells with nothing beyond one of their faces."""
+        return np.asarray(self.x[self._looked_at[1]])
+
+
+def scattered_pieces(volume: Volume, expr: Expression, budget: float) -> Iterator[ScatteredPiece]:
+    """Yield all cells in pieces, or every k-th piece where there are more cells than `budget`."""
+    grid = volume.grid
+    cells = Cells(grid, lambda first, last: volume.evaluate_cells(expr, first, last))
+    volumes = np.reshape(grid.cell_volumes, -1) / grid.scale**3
+    count = -(-grid.size // _PIECE)
+    step = min(count, max(1, int(np.ceil(_DEAR * grid.size / budget))))
+    for k in range((step - 1) // 2, count, step):
+        yield ScatteredPiece(cells, volumes, k * _PIECE, min((k + 1) * _PIECE, grid.size))
+
+
+@dataclass
+class Lines:
+    """A scalar along lines through the domain: pieces between one cell's middle and the next.
+
+    Attributes
+    ----------
+    x, reach : arrays, shape (n,)
+        Mean and half difference of the scalar at the ends of a piece.
+    length : array, shape (n,)
+        In units of the grid's scale.
+    line : int array, shape (n,)
+        Which line a piece is of.
+    """
+
+    x: np.ndarray
+    reach: np.ndarray
+    length: np.ndarray
+    line: np.ndarray
+
+    def seen(self, mean: np.ndarray) -> np.ndarray:
+        """Return the lengths that lines see of something."""
+        return np.bincount(self.line, mean * self.length)
+
+
+def lines(volume: Volume, expr: Expression) -> Lines:
+    """Return a scalar along lines through the domain, parallel to x, y and z."""
+    grid = volume.grid
+    values = volume.evaluate(expr).reshape(-1).astype(np.float64)
+    found = []
+    for axis in range(3):
+        points, step = _points_on_lines(grid.bounds, axis)
+        cell = grid.locate(points).reshape(_LINES**2, _POINTS)
+        found.append(_along(cell, values, step / grid.scale, axis * _LINES**2))
+    return Lines(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _points_on_lines(bounds: np.ndarray, axis: int) -> tuple[np.ndarray, float]:
+    """Return points (lines * points, 3) on a regular set of lines, and their distance."""
+    counts = [_POINTS if a == axis else _LINES for a in range(3)]
+    places = [
+        low + (np.arange(n) + 0.5) / n * (high - low)
+        for (low, high), n in zip(bounds, counts, strict=True)
+    ]
+    mesh = np.stack(np.meshgrid(*places, indexing="ij"), axis=-1)
+    points = np.moveaxis(mesh, axis, 2).reshape(-1, 3)
+    return points, float(np.ptp(bounds[axis])) / _POINTS
+
+
+def _along(cell: np.ndarray, values: np.ndarray, step: float, first: int) -> tuple[np.ndarray, ...]:
+    """Return `Lines` of the cells (lines, points) that points on lines are in."""
+    changes = np.diff(cell, axis=1, prepend=-2) != 0
+    starts = np.flatnonzero(changes)
+    ends = np.append(starts[1:], cell.size)
+    middle, line, own = 0.5 * (starts + ends), starts // cell.shape[1], cell.reshape(-1)[starts]
+    x = np.where(own >= 0, values[own], np.nan)
+    x[~np.isfinite(x)] = np.nan
+    good = (line[1:] == line[:-1]) & np.isfinite(x[1:]) & np.isfinite(x[:-1])
+    before, behind = x[:-1][good], x[1:][good]
+    length = step * (middle[1:] - middle[:-1])[good]
+    return 0.5 * (before + behind), 0.5 * np.abs(behind - before), length, first + line[:-1][good]

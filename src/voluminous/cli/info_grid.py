@@ -1,0 +1,59 @@
+"""What `voluminous info` tells of a grid, of any kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..fields import is_angle
+
+
+def describe_grid(grid: Any) -> Iterator[str]:
+    """Yield lines about a grid: kind, cells, levels, extent, effective resolution."""
+    told = grid.describe()
+    refined = len(grid.shape) == 1
+    yield f"grid: {told['type']}, {_times(grid.shape)} cells{_kind(told)}"
+    yield from _extent(grid, told["unit"])
+    if refined:
+        yield from _levels(grid, told)
+
+
+def _kind(told: dict[str, Any]) -> str:
+    kind = {True: ", uniform", False: ", not uniform"}.get(told.get("uniform", ""), "")
+    base = f", base {_times(told['base'])}" if "base" in told else ""
+    return kind + base + (", mirrored at the midplane" if told.get("mirror") else "")
+
+
+def _extent(grid: Any, unit: str) -> Iterator[str]:
+    own = tuple(grid.coordinates)
+    if own != ("x", "y", "z") and hasattr(grid, "edges"):
+        for name, edges in zip(own, grid.edges, strict=True):
+            own_unit = "rad" if is_angle(name) else unit
+            yield f"  {name}  {edges[0]:g} … {edges[-1]:g} {own_unit}".rstrip()
+    for axis, (low, high) in zip("xyz", grid.bounds, strict=True):
+        if own == ("x", "y", "z") or axis not in own:
+            yield f"  {axis}  {low:g} … {high:g} {unit}".rstrip()
+
+
+def _levels(grid: Any, told: dict[str, Any]) -> Iterator[str]:
+    """Yield the number of cells of each level, their widths, and what they amount to."""
+    levels = np.reshape(grid.levels, -1)
+    for level, count in enumerate(np.bincount(levels).tolist()):
+        if count:
+            widths = _widths(grid, levels, level)
+            size = " x ".join(f"{w:.4g}" for w in widths)
+            yield f"  level {level}: {count} cells of {size} {told['unit']}".rstrip()
+    finest = np.ptp(grid.bounds, axis=1) / _widths(grid, levels, int(levels.max()))
+    yield f"  effective resolution: {_times(np.round(finest).astype(int))}"
+
+
+def _widths(grid: Any, levels: np.ndarray, level: int) -> np.ndarray:
+    """Return the widths of the first cell of a level."""
+    first = int(np.argmax(levels == level))
+    return np.asarray(grid.cell_sizes(first, first + 1)[:, 0])
+
+
+def _times(counts: Any) -> str:
+    return " x ".join(str(n) for n in counts)

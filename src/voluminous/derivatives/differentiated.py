@@ -1,0 +1,58 @@
+"""Which differences a grid takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..expressions import Expression
+from ..geometry import CARTESIAN
+from .curvilinear import Curvilinear
+from .differences import differentiate
+from .layers import in_single, whole
+from .neighbours import by_neighbours
+
+
+def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndarray:
+    """Return a derivative of an expression in all cells, in units of the grid's length.
+
+    Parameters
+    ----------
+    volume : Volume
+        On any grid: parabolas along its axes where it has three, else differences of neighbours.
+    operation : str
+        ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``: Cartesian components on
+        all grids.
+    argument : Expression
+        What is differentiated.
+
+    Returns
+    -------
+    array
+        Of the grid's shape; float32 if the argument is, and its range allows.
+    """
+    if len(volume.grid.shape) == 3:
+        return _along_axes(volume, operation, argument)
+
+    def cells(first: int, last: int) -> np.ndarray:
+        return np.asarray(volume.evaluate_cells(argument, first, last))
+
+    found = by_neighbours(volume.grid, cells, operation)
+    single = cells(0, 1).dtype == np.float32 and in_single(found)
+    return found.astype(np.float32) if single else found
+
+
+def _along_axes(volume: Any, operation: str, argument: Expression) -> np.ndarray:
+    grid = volume.grid
+    _, n2, n3 = grid.shape
+
+    def layers(part: slice) -> np.ndarray:
+        values = volume.evaluate_cells(argument, part.start * n2 * n3, part.stop * n2 * n3)
+        return np.asarray(values.reshape(-1, n2, n3))
+
+    system = tuple(grid.coordinates)
+    if system == CARTESIAN:
+        return whole(operation, layers, grid.centers, differentiate)
+    centers = [0.5 * (edges[1:] + edges[:-1]) for edges in grid.edges]
+    return whole(operation, layers, centers, Curvilinear(system, grid.edges, grid.mirror))

@@ -1,0 +1,131 @@
+"""Components of vectors that are given by others: along x, y, z, r, θ, φ, R, or the line of sight.
+
+A vector is three fields: ``name_x, name_y, name_z``, or ``name_r, name_theta, name_phi``, or
+``name_R, name_phi, name_z``. All that is needed to turn one into another is in the cell itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import UnitsError
+from ..expressions import DerivedField, Expression
+from ..units import unit_name
+
+_CARTESIAN = ("x", "y", "z")
+_SYSTEMS = (_CARTESIAN, ("r", "theta", "phi"), ("R", "phi", "z"))
+_CHUNK = 1 << 20
+
+
+def component(name: str, fields: Container[str], grid: Any) -> DerivedField | None:
+    """Return what a component such as ``velocity_x`` is made of, None if that is not there.
+
+    Parameters
+    ----------
+    name : str
+        No field itself.
+    fields : container of str
+        The fields.
+    grid : grid
+        Its own coordinates are looked for first.
+    """
+    stem, _, axis = name.rpartition("_")
+    if not stem or not any(axis in system for system in _SYSTEMS):
+        return None
+    for system in (grid.coordinates, *_SYSTEMS):
+        parts = [f"{stem}_{own}" for own in system]
+        if all(part in fields for part in parts):
+            return DerivedField(name, f"along.{axis}", tuple(Expression(p) for p in parts))
+    return None
+
+
+def is_component(derived: DerivedField) -> bool:
+    """Return True for components of vectors, False for derivatives."""
+    return derived.operation == "los" or derived.operation.startswith("along.")
+
+
+def component_everywhere(volume: Any, derived: DerivedField) -> np.ndarray:
+    """Return a component in all cells: float32 if the vector is, else float64."""
+    size = volume.grid.size
+    parts = [
+        component_of_cells(volume, derived, first, min(first + _CHUNK, size))
+        for first in range(0, size, _CHUNK)
+    ]
+    return np.concatenate(parts).reshape(volume.grid.shape)
+
+
+def component_of_cells(volume: Any, derived: DerivedField, first: int, last: int) -> np.ndarray:
+    """Return a component in consecutive cells."""
+    _, factors = common_unit(volume, derived)
+    given = [volume.evaluate_cells(argument, first, last) for argument in derived.arguments]
+    onto = _directions(volume, derived, first, last)
+    found = sum(f * v * d for f, v, d in zip(factors, given, onto, strict=True))
+    single = all(values.dtype == np.float32 for values in given)
+    return np.asarray(found, np.float32 if single else np.float64)
+
+
+def _directions(volume: Any, derived: DerivedField, first: int, last: int) -> Sequence[np.ndarray]:
+    """Return the cosines between a vector's components and the one that is asked for, (3, n)."""
+    grid = volume.grid
+    if derived.operation == "los":
+        return list(volume.sight.directions(first, last))
+    system = [argument.text.rpartition("_")[2] for argument in derived.arguments]
+    onto = _unit_vector(grid, derived.operation.partition(".")[2], first, last)
+    return [np.sum(_unit_vector(grid, own, first, last) * onto, axis=0) for own in system]
+
+
+def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
+    """Return the unit of a vector, None if it has none, and what its components are times.
+
+    A component without a unit, such as 0, is taken as it is, but then the whole has none.
+
+    Raises
+    ------
+    UnitsError
+        If those of the components cannot be converted into each other.
+    """
+    units = [volume.expression_unit(argument) for argument in derived.arguments]
+    own = next((unit for unit in units if unit is not None), None)
+    from astropy import units as u
+
+    try:
+        factors = [1.0 if unit in (None, own) else float(unit.to(own)) for unit in units]
+    except u.UnitConversionError as error:
+        told = ", ".join(
+            f"{argument.text} in {unit_name(unit) or 'no unit'}"
+            for argument, unit in zip(derived.arguments, units, strict=True)
+        )
+        raise UnitsError(
+            f"the components of a vector must have units of one kind, got {told}; "
+            "use volume.set_unit(...), or multiply angular velocities by their radius"
+        ) from error
+    return None if None in units else own, factors
+
+
+def _unit_vector(grid: Any, axis: str, first: int, last: int) -> np.ndarray:
+    """Return the direction in which a coordinate increases, at cell centres, shape (3, n).
+
+    Zero where it has none: along r in the origin, along R, θ and φ on the axis.
+    """
+    if axis in _CARTESIAN:
+        return np.broadcast_to(np.eye(3)[_CARTESIAN.index(axis)][:, None], (3, last - first))
+    if axis in grid.coordinates:
+        return np.asarray(grid.basis(first, last)[grid.coordinates.index(axis)])
+    x, y, z = grid.cell_centers(first, last)
+    zero = np.zeros_like(x)
+    match axis:
+        case "r":
+            return _normalised(np.array([x, y, z]))
+        case "R":
+            return _normalised(np.array([x, y, zero]))
+        case "phi":
+            return _normalised(np.array([-y, x, zero]))
+    return _normalised(np.array([x * z, y * z, -(x * x + y * y)]))  # θ
+
+
+def _normalised(vectors: np.ndarray) -> np.ndarray:
+    length = np.sqrt(np.sum(vectors * vectors, axis=0))
+    return np.asarray(vectors / np.where(length > 0, length, 1.0))

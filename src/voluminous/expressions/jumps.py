@@ -1,0 +1,53 @@
+"""Where expressions jump: at the places where two sides of a comparison are equal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from .ops import Ops
+from .tree import Comparison, Field, Node
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The difference of two sides of a comparison, evaluated like an `Expression`."""
+
+    text: str
+    names: tuple[str, ...]
+    left: Node
+    right: Node
+
+    def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
+        """Return the difference; it is zero where the comparison changes."""
+        fitted, fields = ops.prepare({name: values[name] for name in self.names})
+        return fitted.subtract(self.left.number(fitted, fields), self.right.number(fitted, fields))
+
+
+def margins(tree: Node, text: str) -> tuple[Margin, ...]:
+    """Return the margins of all comparisons in an expression."""
+    found: list[Margin] = []
+    for node in nodes(tree):
+        if isinstance(node, Comparison):
+            for left, right in pairwise(node.operands):
+                own = (
+                    n.name for side in (left, right) for n in nodes(side) if isinstance(n, Field)
+                )
+                names = tuple(dict.fromkeys(own))
+                found.append(Margin(f"{text}: margin {len(found)}", names, left, right))
+    return tuple(found)
+
+
+def nodes(tree: Node) -> Iterator[Node]:
+    """Yield a node and all below it; what a derivative is made of is a field of its own."""
+    yield tree
+    if isinstance(tree, Field):
+        return
+    for part in dataclasses.fields(tree):  # type: ignore[arg-type]
+        value = getattr(tree, part.name)
+        for below in value if isinstance(value, tuple) else (value,):
+            if isinstance(below, Node):
+                yield from nodes(below)

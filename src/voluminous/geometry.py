@@ -1,0 +1,37 @@
+"""Coordinate systems on the host: from a grid's own coordinates to Cartesian ones.
+
+Spherical coordinates are (r, θ, φ) with θ from the z axis, cylindrical ones (R, φ, z); φ runs from
+the x axis towards y, and angles are radians.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+CARTESIAN, SPHERICAL, CYLINDRICAL = ("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z")
+
+
+def position(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
+    """Return x, y and z, shape (3, n), of points in a grid's own coordinates, shape (3, n).
+
+    Coordinates beyond the ends of their range go on through the axis or the centre: r < 0 is the
+    point opposite.
+    """
+    if system == SPHERICAL:
+        r, theta, phi = own
+        radius = r * np.sin(theta)
+        return np.array([radius * np.cos(phi), radius * np.sin(phi), r * np.cos(theta)])
+    if system == CYLINDRICAL:
+        radius, phi, z = own
+        return np.array([radius * np.cos(phi), radius * np.sin(phi), z])
+    return own
+
+
+def metric(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
+    """Return the length per unit of each coordinate, shape (3, n): (1, r, r sin θ) or (1, R, 1)."""
+    one = np.ones_like(own[0])
+    if system == SPHERICAL:
+        return np.array([one, own[0], own[0] * np.sin(own[1])])
+    if system == CYLINDRICAL:
+        return np.array([one, own[0], one])
+    return np.ones_like(own)

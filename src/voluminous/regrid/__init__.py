@@ -1,0 +1,6 @@
+"""Fields on other cells: onto another grid, onto a plane, into a table."""
+
+from .methods import OnOtherCells
+from .plane import Plane, Slice
+
+__all__ = ["OnOtherCells", "Plane", "Slice"]

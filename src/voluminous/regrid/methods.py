@@ -1,0 +1,163 @@
+"""What volumes can do with other cells: `Volume` inherits it, and has the fields."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression
+from .plane import Slice, cells_on, make_plane, make_slice
+from .resample import resampled
+from .table import cell_columns, table
+
+
+class OnOtherCells:
+    """Resampling, slices and tables of a volume."""
+
+    def resample(
+        self: Any,
+        grid: Any,
+        fields: Iterable[str] | None = None,
+        *,
+        fill: float = 0.0,
+        samples: int = 4,
+    ) -> Any:
+        """Return a volume with the same fields on another grid: means over its cells.
+
+        Parameters
+        ----------
+        grid : grid
+            Any, in the volume's length unit.
+        fields : iterable of str, optional
+            Which fields; all by default.
+        fill : float
+            The value outside this volume. With 0 the integral of a field over the volume is kept
+            (as far as it is inside the new grid), so densities keep their mass.
+        samples : int
+            Points per axis and cell where cells are no boxes.
+
+        Returns
+        -------
+        Volume
+            Fields are float32 where they were, else float64.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such field.
+        UnitsError
+            If the new grid has another length unit.
+        MemoryNeededError
+            If the result does not fit.
+
+        Notes
+        -----
+        Between grids whose cells are boxes (Cartesian, octrees, patches) the volumes that cells
+        share are computed exactly: Σ f V is kept to rounding. To and from spherical and cylindrical
+        grids they are estimated with ``samples``³ points in each of the smaller cells; a constant
+        stays constant, and Σ f V is kept to the error of that estimate.
+        """
+        names = _named(self, fields)
+        found = resampled(
+            {name: self.array(name) for name in names}, self.grid, grid, float(fill), samples
+        )
+        single = {name for name in names if self.array(name).dtype == np.float32}
+        other = type(self)(grid)
+        for name in names:
+            other[name] = found[name].astype(np.float32) if name in single else found[name]
+            other.set_unit(name, self.field_unit(name))
+        return other
+
+    def slice(
+        self: Any,
+        expression: Any,
+        normal: Any = "z",
+        position: Any = None,
+        *,
+        width: Any = None,
+        center: Any = None,
+        up: Any = None,
+        resolution: Any = 400,
+        camera: Any = None,
+    ) -> Slice:
+        """Return values on a plane through the volume, cell by cell.
+
+        Parameters
+        ----------
+        expression : str or Expression
+            A field or what is computed of fields; a vector gives three pictures.
+        normal : {"x", "y", "z"} or three floats
+            The axis that the plane is across, or its normal; it need not be of length one.
+        position : float or Quantity, optional
+            Where the plane meets the normal through the origin. By default through `center`.
+        width : float, Quantity or pair of them, optional
+            Width and height; all of the volume by default.
+        center : three floats or Quantity, optional
+            What is in the middle, moved onto the plane; by default the volume's centre.
+        up : three floats, optional
+            What points upwards. By default z; across an axis, the axes follow in turn: y to the
+            right and z up across x, z and x across y, x and y across z.
+        resolution : int or (int, int)
+            Pixels along the longer side, or (nx, ny).
+        camera : camera, optional
+            For expressions with ``los(...)``.
+
+        Returns
+        -------
+        Slice
+            ``values`` (ny, nx) with row 0 at the bottom, NaN outside, and their ``extent``.
+
+        Examples
+        --------
+        >>> import voluminous as vm
+        >>> core = vm.models.prestellar_core(32)
+        >>> cut = core.slice("log10(density)", "x", resolution=64)
+        >>> cut.values.shape
+        (64, 64)
+        """
+        plane = make_plane(self.grid, normal, position, width, center, up, resolution)
+        values = self.evaluate(expression, camera=camera)
+        is_vector = values.ndim > len(self.grid.shape)
+        unit = None if is_vector else self.expression_unit(Expression(expression))
+        return make_slice(self.grid, plane, cells_on(self.grid, plane), values, unit)
+
+    def cells(
+        self: Any, fields: Iterable[str] | None = None, *, where: Any = None, kind: str = "dict"
+    ) -> Any:
+        """Return a table of cells: where they are, how large, and the values of fields.
+
+        Parameters
+        ----------
+        fields : iterable of str, optional
+            Fields or expressions; all fields by default.
+        where : str or Expression, optional
+            Only cells where this is true.
+        kind : {"dict", "numpy", "astropy", "pandas"}
+            A dict of arrays and Quantities, a structured array, a `QTable` or a `DataFrame`; the
+            second and the last know no units.
+
+        Returns
+        -------
+        table
+            Columns ``cell`` (flat number), ``x, y, z`` and the grid's own coordinates of the
+            centre, ``size_x`` … (widths along the own coordinates, as lengths), ``volume``,
+            ``level``, and the fields; a field with one of these names gets a ``_`` behind it.
+        """
+        columns = cell_columns(self.grid)
+        for name in _named(self, fields):
+            unit = self.expression_unit(Expression(name))
+            values = self.array(name) if name in self.fields else self.evaluate(name)
+            columns[f"{name}_" if name in columns else name] = (values.reshape(-1), unit)
+        if where is not None:
+            chosen = self.evaluate(where).reshape(-1) != 0
+            columns = {name: (values[chosen], unit) for name, (values, unit) in columns.items()}
+        return table(columns, kind)
+
+
+def _named(volume: Any, fields: Iterable[str] | None) -> tuple[str, ...]:
+    if isinstance(fields, str):
+        raise InputError(f"fields must be a list of names, got {fields!r}; write [{fields!r}]")
+    return tuple(volume.fields if fields is None else fields)

@@ -1,0 +1,164 @@
+"""A plane through a grid: which cell is where on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, unknown_name
+from ..units import plain, unit_name
+
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+# What is to the right and up in a slice across an axis: the next axes in turn.
+_FRAMES = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A rectangle in space, with pixels.
+
+    Attributes
+    ----------
+    center, right, up : arrays, shape (3,)
+        Its middle, and unit vectors along its sides.
+    width : (float, float)
+    pixels : (int, int)
+    """
+
+    center: np.ndarray
+    right: np.ndarray
+    up: np.ndarray
+    width: tuple[float, float]
+    pixels: tuple[int, int]
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Coordinates of the sides along `right` and `up`: left, right, bottom, top."""
+        u, v = float(self.center @ self.right), float(self.center @ self.up)
+        w, h = self.width
+        return u - 0.5 * w, u + 0.5 * w, v - 0.5 * h, v + 0.5 * h
+
+    def points(self) -> np.ndarray:
+        """Return the middles of the pixels, shape (ny * nx, 3), row 0 at the bottom."""
+        steps = [
+            ((np.arange(n) + 0.5) / n - 0.5) * w
+            for n, w in zip(self.pixels, self.width, strict=True)
+        ]
+        v, u = np.meshgrid(steps[1], steps[0], indexing="ij")
+        return np.asarray(self.center + u.reshape(-1, 1) * self.right + v.reshape(-1, 1) * self.up)
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Values on a plane.
+
+    Attributes
+    ----------
+    values : array, shape (ny, nx) or (3, ny, nx)
+        Row 0 at the bottom; NaN outside the grid.
+    extent : (float, float, float, float)
+        left, right, bottom, top: for ``imshow(values, extent=extent, origin="lower")``.
+    unit : str
+        Of the values, empty if they have none.
+    length_unit : str
+        Of the extent.
+    plane : Plane
+        Where it is.
+    """
+
+    values: np.ndarray
+    extent: tuple[float, float, float, float]
+    unit: str
+    length_unit: str
+    plane: Plane
+
+
+def make_plane(
+    grid: Any, normal: Any, position: Any, width: Any, center: Any, up: Any, resolution: Any
+) -> Plane:
+    """Return a plane through a grid; see `Volume.slice`."""
+    towards, right, upwards = _frame(normal, up)
+    middle = grid.bounds.mean(axis=1) if center is None else _three(center, grid.unit, "center")
+    distance = plain(position, grid.unit, "position") if position is not None else middle @ towards
+    middle = middle + (float(distance) - middle @ towards) * towards
+    size = _size(grid, width, middle, right, upwards)
+    return Plane(middle, right, upwards, size, _pixels(resolution, size))
+
+
+def cells_on(grid: Any, plane: Plane) -> np.ndarray:
+    """Return the flat numbers of the cells at a plane's pixels, shape (ny, nx); -1 outside."""
+    nx, ny = plane.pixels
+    return np.asarray(grid.locate(plane.points())).reshape(ny, nx)
+
+
+def make_slice(grid: Any, plane: Plane, cells: np.ndarray, values: Any, unit: Any) -> Slice:
+    """Return values of all cells, or of three components of a vector, on a plane."""
+    flat = np.asarray(values).reshape(-1, grid.size)
+    shown = np.where(cells >= 0, flat[:, cells], np.nan)
+    if np.asarray(values).shape == tuple(grid.shape):
+        shown = shown[0]
+    return Slice(shown, plane.extent, unit_name(unit), unit_name(grid.unit), plane)
+
+
+def _frame(normal: Any, up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return unit vectors: normal to the plane, to the right, and up."""
+    if isinstance(normal, str):
+        if normal not in AXES:
+            raise unknown_name("axis", normal, AXES)
+        if up is None:
+            return _along(normal), _along(_FRAMES[normal][0]), _along(_FRAMES[normal][1])
+        normal = AXES[normal]
+    towards = _unit(normal, "normal")
+    if up is None:
+        up = AXES["z"] if abs(towards[2]) < 1 - 1e-9 else AXES["y"]
+    sideways = np.cross(_unit(up, "up"), towards)
+    if np.linalg.norm(sideways) < 1e-9:
+        raise InputError(f"up must not be parallel to the normal, got {up!r}")
+    sideways /= np.linalg.norm(sideways)
+    return towards, sideways, np.cross(towards, sideways)
+
+
+def _along(axis: str) -> np.ndarray:
+    return np.array(AXES[axis])
+
+
+def _size(
+    grid: Any, width: Any, middle: np.ndarray, right: np.ndarray, up: np.ndarray
+) -> tuple[float, float]:
+    if width is None:
+        corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1).T - middle
+        return 2 * float(np.abs(corners @ right).max()), 2 * float(np.abs(corners @ up).max())
+    size = np.broadcast_to(plain(width, grid.unit, "width"), (2,)).astype(float)
+    if not np.all(np.isfinite(size)) or size.min() <= 0:
+        raise InputError(f"width must be a positive number or a pair of them, got {width!r}")
+    return float(size[0]), float(size[1])
+
+
+def _pixels(resolution: Any, size: tuple[float, float]) -> tuple[int, int]:
+    """Return (nx, ny): a pair as it is, a number for the longer side, with square pixels."""
+    pair = np.atleast_1d(np.asarray(resolution))
+    if pair.shape not in ((1,), (2,)) or np.any(pair != np.round(pair)) or pair.min() < 1:
+        raise InputError(
+            f"resolution must be a positive whole number or a pair, got {resolution!r}"
+        )
+    if len(pair) == 2:
+        return int(pair[0]), int(pair[1])
+    longest = max(size)
+    nx, ny = (max(1, round(int(pair[0]) * w / longest)) for w in size)
+    return nx, ny
+
+
+def _three(value: Any, unit: Any, what: str) -> np.ndarray:
+    array = np.asarray(plain(value, unit, what), dtype=np.float64)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise InputError(f"{what} must be three finite numbers, got {value!r}")
+    return array
+
+
+def _unit(value: Any, what: str) -> np.ndarray:
+    vector = _three(value, None, what)
+    if not np.any(vector):
+        raise InputError(f"{what} must not be zero")
+    return vector / np.linalg.norm(vector)

@@ -1,0 +1,92 @@
+"""Cells as rows of a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import MissingPackageError, unknown_name
+
+KINDS = ("dict", "numpy", "astropy", "pandas")
+
+
+def cell_columns(grid: Any) -> dict[str, tuple[np.ndarray, Any]]:
+    """Return what a grid tells of its cells: columns and their units.
+
+    Number, centre (x, y, z, and the grid's own coordinates), widths along these, volume, level.
+    """
+    system, unit = tuple(grid.coordinates), grid.unit
+    columns = {"cell": (np.arange(grid.size), None)}
+    for name, values in zip("xyz", grid.cell_centers(0, grid.size), strict=True):
+        columns[name] = (values, unit)
+    for name, values in zip(system, grid.native_centers(0, grid.size), strict=True):
+        columns[name] = (values, _radian() if name in ("theta", "phi") else unit)
+    for name, values in zip(system, grid.cell_sizes(0, grid.size), strict=True):
+        columns[f"size_{name}"] = (values, unit)
+    columns["volume"] = (np.reshape(grid.cell_volumes, -1), None if unit is None else unit**3)
+    columns["level"] = (np.reshape(grid.levels, -1), None)
+    return columns
+
+
+def table(columns: Mapping[str, tuple[np.ndarray, Any]], kind: str) -> Any:
+    """Return columns with units as a table.
+
+    Parameters
+    ----------
+    columns : mapping of str to (array, unit or None)
+        All of one length.
+    kind : {"dict", "numpy", "astropy", "pandas"}
+        Arrays and Quantities by name; a structured array; a `QTable`; a `DataFrame`. Structured
+        arrays and data frames know no units.
+
+    Raises
+    ------
+    UnknownNameError
+        For another kind.
+    MissingPackageError
+        If there is no pandas for a `DataFrame`.
+    """
+    if kind not in KINDS:
+        raise unknown_name("kind of table", str(kind), KINDS)
+    if kind == "pandas":
+        pd = _pandas()
+        return pd.DataFrame({name: values for name, (values, _) in columns.items()})
+    if kind == "numpy":
+        first = next(iter(columns.values()))[0]
+        types = [(name, values.dtype) for name, (values, _) in columns.items()]
+        filled = np.empty(len(first), types)
+        for name, (values, _) in columns.items():
+            filled[name] = values
+        return filled
+    united = {name: _united(values, unit) for name, (values, unit) in columns.items()}
+    if kind == "dict":
+        return united
+    from astropy.table import QTable
+
+    return QTable(united)
+
+
+def _united(values: np.ndarray, unit: Any) -> Any:
+    if unit is None:
+        return values
+    from astropy import units as u
+
+    return u.Quantity(values, unit, copy=False)
+
+
+def _pandas() -> Any:
+    try:
+        import pandas
+    except ImportError as error:
+        raise MissingPackageError(
+            "kind='pandas' needs pandas: pip install pandas, or take another kind"
+        ) from error
+    return pandas
+
+
+def _radian() -> Any:
+    from astropy import units as u
+
+    return u.rad

@@ -1,0 +1,130 @@
+"""Path lengths and first media on any grid: those of the Cartesian grid that shows the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from toy_grids import ShuffledGrid
+from voluminous.calibration.calibrate import extent_of
+from voluminous.calibration.profile import profile_of
+from voluminous.calibration.thickness import thicknesses
+from voluminous.cli.info_grid import describe_grid
+from voluminous.expressions import Expression
+
+EDGES = np.linspace(-1, 1, 9)
+
+
+def octree(levels=3):
+    def near(x, y, z, size):
+        return np.abs(np.sqrt(x * x + y * y + z * z) - 0.6) < size
+
+    return vm.OctreeGrid.from_function(EDGES, EDGES, EDGES, near, levels)
+
+
+GRIDS = {
+    "shuffled": lambda: ShuffledGrid(vm.CartesianGrid.uniform(32, (-1, 1))),
+    "octree": octree,
+    "spherical": lambda: vm.SphericalGrid(
+        np.linspace(0.05, 1, 33), np.linspace(0, np.pi, 17), np.linspace(0, 2 * np.pi, 25)
+    ),
+    "cylindrical": lambda: vm.CylindricalGrid(
+        np.linspace(0, 1, 25), np.linspace(0, 2 * np.pi, 25), np.linspace(-1, 1, 33)
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", GRIDS)
+def test_a_shell_is_as_thick_as_it_is(kind):
+    volume = vm.Volume(GRIDS[kind]())
+    volume["f"] = "r**2"
+    medium = vm.Gaussian("f", 0.36, 0.05, 1.0, 1.0, path_length="auto")
+    # Effective width over gradient where the shell is: sqrt(2 pi) 0.05 / (2 · 0.6).
+    expected = np.sqrt(2 * np.pi) * 0.05 / 1.2
+    assert vm.calibrate(medium, volume).path_length == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", GRIDS)
+def test_lines_cross_a_closed_shell_twice(kind):
+    volume = vm.Volume(GRIDS[kind]())
+    volume["f"] = "r**2"
+    medium = vm.Gaussian("f", 0.36, 0.05, 1.0, 1.0, path_length=1.0)
+    expr = Expression("f")
+    (found,) = thicknesses(volume, expr, [profile_of(medium, None, (0.0, 0.0))])
+    # Oblique crossings are longer: 2 / <cos> of lines that are spread evenly over the disc is 4.
+    assert 2.0 < found.crossings < 4.5
+
+
+@pytest.mark.parametrize("kind", GRIDS)
+def test_a_first_medium_is_nearly_that_of_a_fine_cartesian_grid(kind):
+    volumes = [vm.Volume(GRIDS[kind]()), vm.Volume(vm.CartesianGrid.uniform(48, (-1, 1)))]
+    shells = []
+    for volume in volumes:
+        volume["f"] = "tanh((0.6 - r) / 0.1)"
+        shells.append(vm.auto(volume, "f", n=1))
+    # Both find the edge of the ball, where f is steepest.
+    assert shells[0].center == pytest.approx(shells[1].center, abs=0.3)
+    assert shells[0].path_length == pytest.approx(shells[1].path_length, rel=0.5)
+
+
+def test_the_order_of_cells_does_not_matter():
+    original = vm.CartesianGrid.uniform(16, (-1, 1))
+    flat = ShuffledGrid(original)
+    volumes = []
+    for seed in (0, 1):
+        volume = vm.Volume(ShuffledGrid(original, seed))
+        volume["f"] = "x + 0.5*y*y"
+        volumes.append(volume)
+    mediums = [
+        vm.calibrate(vm.Gaussian("f", 0.2, 0.1, 1, 1, path_length="auto"), v) for v in volumes
+    ]
+    assert mediums[0].path_length == pytest.approx(mediums[1].path_length, rel=1e-12)
+    volume = vm.Volume(flat)
+    volume["f"] = "x"
+    assert extent_of(volume, Expression("f")) == (-0.9375, 0.9375)
+
+
+def test_labels_have_their_background_at_the_surface():
+    volume = vm.Volume(octree())
+    volume["f"] = "where(r < 0.5, 2, where(r < 0.7, 5, 3))"
+    medium = vm.auto(volume, "f")
+    assert sorted(part.center for part in medium.components()) == [2.0, 5.0]
+
+
+def test_a_path_length_of_a_derivative():
+    volume = vm.Volume(vm.CartesianGrid.uniform(12, (-1, 1)))
+    volume["f"] = "r**3"
+    medium = vm.Gaussian("gradmag(f)", 1.0, 0.2, 1.0, 1.0, path_length="auto")
+    # gradmag is 3 r², its slope 6 r.
+    expected = np.sqrt(2 * np.pi) * 0.2 / (6 / np.sqrt(3))
+    assert vm.calibrate(medium, volume).path_length == pytest.approx(expected, rel=0.1)
+
+
+def test_components_of_spherical_vectors_are_not_looked_at_first():
+    rng = np.random.default_rng(0)
+    grid = vm.SphericalGrid(np.linspace(1, 2, 9), np.linspace(0, 3, 5), np.linspace(0, 6, 5))
+    fields = {n: rng.normal(size=grid.shape) for n in ("v_r", "v_theta", "v_phi")}
+    volume = vm.Volume(grid, {**fields, "stuff": np.linspace(0, 1, grid.size).reshape(grid.shape)})
+    (first, *_) = vm.auto(volume).components()
+    assert "stuff" in first.expr.text
+
+
+def test_info_tells_levels_and_resolution():
+    told = "\n".join(describe_grid(octree(2)))
+    levels = np.bincount(octree(2).levels)
+    assert f"grid: octree, {levels.sum()} cells, base 8 x 8 x 8" in told
+    assert f"level 2: {levels[2]} cells of 0.0625 x 0.0625 x 0.0625" in told
+    assert "effective resolution: 32 x 32 x 32" in told
+    assert "x  -1 … 1" in told
+
+
+def test_info_of_curvilinear_grids():
+    grid = vm.SphericalGrid([1.0, 2.0, 4.0], [0.5, np.pi / 2], mirror=True, unit="pc")
+    told = "\n".join(describe_grid(grid))
+    assert "grid: spherical, 2 x 1 x 1 cells, mirrored at the midplane" in told
+    assert "r  1 … 4 pc" in told
+    assert "theta  0.5 … 1.5708 rad" in told
+    assert "x  -4 … 4 pc" in told
+    told = "\n".join(describe_grid(vm.CylindricalGrid([0.0, 1.0], [0.0, 1.0], [2.0, 3.0])))
+    assert told.count("z  2 … 3") == 1

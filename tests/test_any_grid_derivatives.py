@@ -1,0 +1,179 @@
+"""Derivatives on grids that are not Cartesian: linear fields, closed forms, and orders."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from toy_grids import ShuffledGrid
+
+EDGES = ([0.0, 1.0, 3.0, 3.5, 4.0], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
+OPERATORS = ["gradmag(f)", "laplacian(f)", "grad(f).x", "grad(f).y", "grad(f).z"]
+
+
+def random_fields(grid, *shapes):
+    return np.random.default_rng(3).normal(size=grid.shape)
+
+
+@pytest.mark.parametrize("operation", OPERATORS)
+def test_flat_cells_in_a_row_have_the_derivatives_of_a_cartesian_grid(operation):
+    original = vm.CartesianGrid(*EDGES)
+    flat = ShuffledGrid(original)
+    values = random_fields(original)
+    expected = vm.Volume(original, f=values).evaluate(operation)
+    found = vm.Volume(flat, f=flat.shuffled(values)).evaluate(operation)
+    inside = np.zeros(original.shape, bool)
+    inside[1:-1, 1:-1, 1:-1] = True
+    inside = flat.shuffled(inside)
+    # Ends are of first order here, of second on a Cartesian grid.
+    np.testing.assert_allclose(found[inside], flat.shuffled(expected)[inside], rtol=1e-10)
+
+
+def test_linear_fields_are_exact_up_to_the_surface():
+    flat = ShuffledGrid(vm.CartesianGrid(*EDGES))
+    volume = vm.Volume(flat)
+    volume["f"] = "1 + 2*x - 3*y + 0.5*z"
+    gradient = volume.evaluate("grad(f)")
+    np.testing.assert_allclose(
+        gradient, np.array([[2.0], [-3.0], [0.5]]) + 0 * gradient, rtol=1e-12
+    )
+    np.testing.assert_allclose(volume.evaluate("laplacian(f)"), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 4, 5), (3, 1, 1), (1, 1, 1)])
+def test_an_axis_of_one_cell_has_no_slope(shape):
+    flat = ShuffledGrid(vm.CartesianGrid.uniform(shape, (0, 1)))
+    volume = vm.Volume(flat)
+    volume["f"] = "1 + 2*x - 3*y + 0.5*z"
+    expected = np.where(np.array(shape) > 1, [2.0, -3.0, 0.5], 0.0)[:, None]
+    found = volume.evaluate("grad(f)")
+    np.testing.assert_allclose(found, expected + 0 * found, atol=1e-12)
+
+
+def test_single_precision_stays_single():
+    flat = ShuffledGrid(vm.CartesianGrid(*EDGES))
+    volume = vm.Volume(flat, f=np.ones(flat.shape, np.float32))
+    assert volume.array("gradmag(f)").dtype == np.float32
+    assert not np.any(volume.array("gradmag(f)"))
+
+
+def spherical(n, **options):
+    return vm.SphericalGrid(
+        np.geomspace(1, 3, n + 1),
+        np.linspace(0.2, 2.8, n + 1),
+        np.linspace(0, 2 * np.pi, 2 * n + 1),
+        **options,
+    )
+
+
+def cylindrical(n):
+    return vm.CylindricalGrid(
+        np.geomspace(1, 3, n + 1), np.linspace(0, 2 * np.pi, 2 * n + 1), np.linspace(-1, 2, n + 1)
+    )
+
+
+EXACT = {  # of f = exp(x) sin(y) z³
+    "grad(f).x": "exp(x)*sin(y)*z**3",
+    "grad(f).y": "exp(x)*cos(y)*z**3",
+    "grad(f).z": "3*exp(x)*sin(y)*z**2",
+    "laplacian(f)": "6*exp(x)*sin(y)*z",
+    "gradmag(f)": "exp(x)*sqrt(z**6 + 9*sin(y)**2*z**4)",
+}
+
+
+@pytest.mark.parametrize("make", [spherical, cylindrical])
+@pytest.mark.parametrize("operation", EXACT)
+def test_curvilinear_derivatives_converge_with_second_order(make, operation):
+    errors = []
+    for n in (12, 24, 48):
+        volume = vm.Volume(make(n))
+        volume["f"] = "exp(x)*sin(y)*z**3"
+        wrong = volume.evaluate(f"{operation} - ({EXACT[operation]})")
+        # Second derivatives are of first order in surface layers: the same part of each is left.
+        inside = (slice(n // 6, -n // 6),) * 3
+        errors.append(np.sqrt(np.mean(wrong[inside] ** 2)))
+    assert np.log2(errors[1] / errors[2]) > 1.8
+
+
+def test_the_azimuth_goes_round():
+    volume = vm.Volume(cylindrical(8))
+    volume["f"] = "cos(phi)"
+    whole = volume.evaluate("grad(f)")
+    turned = vm.Volume(volume.grid, f=np.roll(volume["f"], 3, axis=1)).evaluate("gradmag(f)")
+    np.testing.assert_allclose(turned, np.roll(np.sqrt(np.sum(whole**2, 0)), 3, axis=1), atol=1e-13)
+
+
+def test_a_mirrored_grid_has_the_slopes_of_the_whole():
+    r, phi = np.linspace(1, 2, 5), np.linspace(0, 2 * np.pi, 9)
+    theta = np.linspace(0.3, np.pi / 2, 7)
+    half = vm.Volume(vm.SphericalGrid(r, theta, phi, mirror=True))
+    both = vm.Volume(vm.SphericalGrid(r, np.append(theta, np.pi - theta[-2::-1]), phi))
+    for volume in (half, both):
+        volume["f"] = "x + cos(3*z)"
+    for operation in OPERATORS:
+        expected = both.evaluate(operation)[:, :6]
+        np.testing.assert_allclose(half.evaluate(operation), expected, rtol=1e-11, atol=1e-11)
+
+
+def random_octree(seed, levels=4):
+    rng = np.random.default_rng(seed)
+    edges = [np.array([0.0, 1.0, 2.5, 3.0]), np.array([-1.0, 0.0, 1.0]), np.array([0.0, 2.0, 3.0])]
+    grid = vm.OctreeGrid(*edges)
+    for _ in range(levels):
+        grid = grid.refine(rng.random(grid.size) < 0.2)
+    return grid
+
+
+def patches():
+    """Return a grid with ratios 2 and 3, overlap, and a hole."""
+    lower = [[0, 0, 0], [3, 0, 0], [1, 1, 1], [2, 1, 1]]
+    upper = [[2, 4, 4], [4, 4, 4], [2, 2, 3], [2.5, 2, 2]]
+    shapes = [[2, 4, 4], [2, 4, 4], [2, 2, 4], [3, 6, 6]]
+    return vm.PatchGrid(lower, upper, shapes)
+
+
+UNEVEN = {
+    "octree": lambda: random_octree(0),
+    "another": lambda: random_octree(1),
+    "deep": lambda: vm.OctreeGrid.from_function(
+        [-1.0, 0.0, 1.0],
+        [-1.0, 0.0, 1.0],
+        [-1.0, 0.0, 1.0],
+        lambda x, y, z, s: x + y + z < 3 * s - 3 + 1e-9,
+        12,
+    ),
+    "patches": patches,
+}
+
+
+@pytest.mark.parametrize("kind", UNEVEN)
+def test_linear_fields_are_exact_across_jumps_of_level(kind):
+    volume = vm.Volume(UNEVEN[kind]())
+    volume["f"] = "1 + 2*x - 3*y + 0.5*z"
+    gradient = volume.evaluate("grad(f)")
+    # Differences between the smallest cells lose digits.
+    rounding = 1e-14 * 10 / volume.grid.cell_sizes().min()
+    expected = np.array([[2.0], [-3.0], [0.5]]) + 0 * gradient
+    np.testing.assert_allclose(gradient, expected, atol=max(1e-12, rounding))
+
+
+def test_laplacians_of_linear_fields_vanish_across_jumps_of_level():
+    volume = vm.Volume(random_octree(2))
+    volume["f"] = "1 + 2*x - 3*y + 0.5*z"
+    np.testing.assert_allclose(volume.evaluate("laplacian(f)"), 0, atol=1e-10)
+
+
+def test_gradients_on_a_tree_converge():
+    errors = []
+    for n in (4, 8, 16):
+        edges = np.linspace(-1, 1, n + 1)
+        grid = vm.OctreeGrid.from_function(
+            edges, edges, edges, lambda x, y, z, s: np.abs(x + 0.3 * y) < 0.4, 1
+        )
+        volume = vm.Volume(grid)
+        volume["f"] = "sin(x)*exp(y)*cos(z)"
+        wrong = volume.evaluate("grad(f).x - cos(x)*exp(y)*cos(z)")
+        errors.append(np.sqrt(np.average(wrong**2, weights=grid.cell_volumes)))
+    # Of second order inside a level; of first at jumps and at the surface, which are a thin layer.
+    assert np.log2(errors[1] / errors[2]) > 1.3

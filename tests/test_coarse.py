@@ -1,0 +1,146 @@
+"""Steps wider than a cell, where the fields are as smooth as the medium's structures are wide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from contracts.bundle import box_limits, on_a_sphere
+from contracts.grid import make_ray
+from voluminous.backend import dr, get_backend
+from voluminous.grids.coarse_walk import WIDEST
+from voluminous.grids.leap import BITS, leap, make_blocks
+from voluminous.rendering.empty import DUAL
+from voluminous.schemes.one_panel import OnePanel
+
+CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)
+numbers = st.integers(0, 2**32 - 1)
+
+
+def random_steps(shape, seed):
+    """Return steps of blocks: whole cubes of the widest, and any others."""
+    rng = np.random.default_rng(seed)
+    ratio = 1 << (WIDEST - BITS)
+    wide = rng.uniform(size=[-(-n // ratio) for n in shape]) < 0.4
+    for axis in range(3):
+        wide = np.repeat(wide, ratio, axis=axis)
+    steps = rng.integers(0, BITS + 1, shape).astype(np.uint8)
+    steps[wide[tuple(slice(n) for n in shape)]] = WIDEST
+    return steps
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@given(cells=st.tuples(*(st.integers(1, 23),) * 3), share=st.sampled_from([0.3, 1.0]), seed=numbers)
+@settings(max_examples=10)
+def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, share, seed):
+    backend, rng = get_backend("cpu", precision), np.random.default_rng(seed)
+    grid = vm.CartesianGrid.uniform(cells, [(0, n) for n in cells])
+    filled = rng.uniform(size=DUAL.shape(cells)) < share
+    steps = random_steps(filled.shape, seed)
+    blocks = make_blocks(filled, backend, steps)
+    aims, directions = rng.uniform(0, cells, (48, 3)), on_a_sphere(48, seed)
+    directions[:6] = np.vstack([np.eye(3), -np.eye(3)])
+    origins = aims - 60 * directions
+    walk = grid.walk(backend, "coarse")
+    track, cursor = walk.enter(make_ray(backend, origins, directions))
+    enter, leave = box_limits(grid.bounds, origins, directions)
+    rounding = 200 * np.finfo(backend.dtype).eps
+    total = np.zeros(48)
+    while dr.any(cursor.inside):
+        found = leap(walk, track, cursor, blocks)
+        cursor = found.cursor
+        dr.eval(found)
+        segment, following = walk.next(track, cursor)
+        chord = walk.chord(track, segment)
+        here = np.asarray(cursor.inside)
+        base = np.stack([np.asarray(b) for b in chord.base], axis=-1)
+        width = np.asarray(chord.width)
+        middle = [p + 0.5 * d for p, d in zip(chord.position, chord.step, strict=True)]
+        place = np.stack([np.asarray(p) for p in middle], axis=-1) + 0.5  # in dual cells
+        off = np.maximum(base - place, place - base - width[:, None])[here]
+        assert off.max(initial=0) <= 100 * rounding
+        block = tuple(np.clip(base[here] >> BITS, 0, np.array(filled.shape) - 1).T)
+        expected = np.where(width[here] > 1 << BITS, WIDEST, steps[block])
+        np.testing.assert_array_equal(np.log2(width[here]), expected)
+        total += np.where(here, np.asarray(segment.length), 0) * grid.scale
+        cursor = dr.select(cursor.inside, following, cursor)
+        dr.eval(cursor)
+    if filled.all():
+        chord = np.maximum(leave - enter, 0)
+        np.testing.assert_allclose(total, chord, rtol=0, atol=rounding * 60)
+    else:
+        assert (total <= np.maximum(leave - enter, 0) + rounding * 60).all()
+
+
+def shells(field):
+    """Return a volume with a field of the coordinates, in 45 x 40 x 37 cells, and two shells."""
+    grid = vm.CartesianGrid.uniform((45, 40, 37), (-1, 1))
+    volume = vm.Volume(grid)
+    volume["f"] = field
+    medium = vm.Gaussian("f", 0.3, 0.1, [1, 0.2, 0.1], 0.5, 0.1)
+    return volume, medium + vm.Gaussian("f", 0.7, 0.2, [0, 0.3, 1], 0.3, 0.1)
+
+
+def drawn(scene, coarseness, **options):
+    """Return a picture of one panel per segment."""
+    return vm.render(*scene, CAMERA, scheme=OnePanel(coarseness), **options).intensity
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("order", ["front-to-back", "back-to-front"])
+def test_a_linear_field_is_crossed_in_wide_steps_without_error(precision, order):
+    # Between the outermost centres of cells: beyond, it is constant, and bends.
+    volume, medium = shells("0.5*x + 0.3*y - 0.4*z + 0.5")
+    inner = vm.Orthographic(50, 20, width=1.0, resolution=30)
+    options = {"precision": precision, "order": order, "cutoff": 0}
+    wide = vm.render(volume, medium, inner, scheme=OnePanel(0.01), **options)
+    fine = vm.render(volume, medium, inner, scheme=OnePanel(0), **options)
+    exact = vm.render(volume, medium, inner, precision="double", tolerance=1e-7, cutoff=0)
+    most = exact.intensity.max()
+    # A panel has a mean of j and of α, front and back mixed: what is dense is not crossed in wide
+    # steps, not even where fields are linear.
+    assert np.abs(fine.intensity - exact.intensity).max() < 0.02 * most
+    assert np.abs(wide.intensity - exact.intensity).max() < 0.02 * most
+    thin = vm.Gaussian("f", 0.3, 0.1, 1.0, 0.0, 0.1)
+    pair = [
+        vm.render(volume, thin, inner, scheme=OnePanel(c), **options).intensity for c in (0.01, 0)
+    ]
+    # Of a tail that is left out where blocks are empty, a wide step sees more than narrow ones.
+    np.testing.assert_allclose(pair[0], pair[1], rtol=0, atol=1e-5 * pair[1].max())
+
+
+def test_errors_follow_the_coarseness():
+    scene = shells("x*x + y*y + 0.8*z*z")
+    exact = vm.render(*scene, CAMERA, precision="double", tolerance=1e-6).intensity
+    off = [
+        np.sqrt(np.mean((drawn(scene, c) - exact) ** 2)) / exact.max() for c in (0, 0.02, 0.1, 0.5)
+    ]
+    assert off[0] < 1e-3
+    assert off[1] < 3e-3
+    assert off[2] < 1e-2
+    assert off[0] <= off[1] < off[2] < off[3]
+
+
+def test_a_rough_field_is_never_crossed_in_wide_steps():
+    volume, medium = shells("x")
+    volume["f"] = np.random.default_rng(0).uniform(size=volume.grid.shape)
+    rough = drawn((volume, medium), 0.1)
+    np.testing.assert_array_equal(rough, drawn((volume, medium), 0))
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        vm.Gaussian("f + x", 0.3, 0.1, 1.0, 0.5, 0.1),
+        vm.Gaussian("f", 0.3, 0.1, 1.0, 0.5, 0.1, where="f > 0.3"),
+        vm.Isosurface("f", 0.3, 1.0, 0.5),
+        vm.Coefficients("f", "f"),
+    ],
+)
+def test_media_that_look_at_more_than_wide_shells_take_steps_of_one_cell(medium):
+    volume, _ = shells("abs(0.5*x + 0.3*y - 0.4*z + 0.5)")
+    pair = [vm.render(volume, medium, CAMERA, scheme=OnePanel(c)).intensity for c in (0.1, 0)]
+    np.testing.assert_array_equal(*pair)

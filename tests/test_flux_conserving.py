@@ -1,0 +1,94 @@
+"""Flux conservation where cells differ in size: pixels are divided as their rays ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from curvilinear_reference import load_spherical, why_absent
+from scenes import camera_of, medium_of
+from test_octree import random_octree
+
+INSIDE = vm.Perspective((0.31, -0.2, 0.13), (1.2, 0.4, 0.3), width=1.4, resolution=4)
+WIDE = vm.Gaussian("a", 0.6, 0.3, [1.0, 0.5], 2.0, 1.0)
+
+
+def noise():
+    """Return a volume of a random field, rough from cell to cell."""
+    grid = random_octree(1, 3, 0.3, [np.linspace(-1, 1, 5)] * 3)
+    return vm.Volume(grid, a=10 ** np.random.default_rng(3).uniform(-0.5, 0.5, grid.size))
+
+
+def test_pixels_are_divided_where_cells_are_small():
+    """Three pixels: beside the grid, over two base cells of which one is refined, and beside it."""
+    grid = vm.OctreeGrid([0, 1, 2], [0, 1], [0, 1], [0, 1, *8 * [0]])
+    volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.size))
+    camera = vm.Orthographic(width=(6, 2), resolution=(3, 1), center=(1, 0.5, 0.5))
+    options = {"scheme": "first-order", "precision": "double"}
+    medium = vm.Coefficients("a", "a")
+    image = vm.render(volume, medium, camera, samples="flux-conserving", **options)
+    # Two wide, it is quartered for cells one wide, and again where a quarter's ray meets halves.
+    assert image.intensity[0, 0] == image.intensity[0, 2] == 0
+    fine, coarse = (
+        vm.Orthographic(width=(2, 2), resolution=n, center=(1, 0.5, 0.5)) for n in (4, 2)
+    )
+    fine, coarse = (
+        vm.render(volume, medium, c, **options).intensity[..., 0] for c in (fine, coarse)
+    )
+    expected = 0.5 * coarse[:, 0].mean() + 0.5 * fine[:, 2:].mean()
+    np.testing.assert_allclose(image.intensity[0, 1, 0], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_flux_conservation_is_the_mean_over_pixels(scheme):
+    volume, medium = noise(), WIDE
+    coarse, fine = (
+        vm.Orthographic(57, 33, 20, width=3.2, resolution=n, center=(0, 0, 0)) for n in (6, 192)
+    )
+    options = {"scheme": scheme, "precision": "double"}
+    image = vm.render(volume, medium, coarse, samples="flux-conserving", background=0.3, **options)
+    exact = vm.render(volume, medium, fine, background=0.3, **options)
+    for name in ("intensity", "transparency", "optical_depth"):
+        mean = getattr(exact, name).reshape(6, 32, 6, 32, -1).mean(axis=(1, 3))
+        assert np.abs(getattr(image, name) - mean).max() <= 0.05 * mean.max()
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_progress_is_told_by_the_area_that_is_done(scheme):
+    camera, reports = vm.Orthographic(57, 33, width=3.2, resolution=6, center=(0, 0, 0)), []
+    options = {"scheme": scheme, "samples": "flux-conserving"}
+    vm.render(noise(), WIDE, camera, progress=lambda *told: reports.append(told), **options)
+    fractions = [done / total for done, total in reports]
+    assert fractions == sorted(fractions)
+    assert reports[-1] == (36, 36)
+
+
+def test_flux_conservation_needs_parallel_rays_and_pixels_that_are_not_huge():
+    volume, medium = noise(), WIDE
+    with pytest.raises(vm.InputError, match="parallel rays"):
+        vm.render(volume, medium, INSIDE, samples="flux-conserving")
+    huge = vm.Orthographic(width=1e5, resolution=1, center=(0, 0, 0))
+    with pytest.raises(vm.InputError, match="needs more than 4096 x 4096 rays for a pixel"):
+        vm.render(volume, medium, huge, samples="flux-conserving", scheme="first-order")
+
+
+@pytest.mark.parametrize("case_id", ["first_fluxcons", "second_fluxcons"])
+@pytest.mark.parametrize("name", ["spher3d", "spher2d"])
+def test_flux_conservation_on_spherical_grids_is_radmc3d(name, case_id):
+    if reason := why_absent():
+        pytest.skip(reason)
+    model = load_spherical(name)
+    case = model.cases[case_id]
+    image = vm.render(
+        vm.Volume(model.grid, n=model.model.fields["n"]),
+        medium_of(model.model),
+        camera_of(case),
+        scheme={1: "first-order", 2: "olson-kunasz"}[case.order],
+        precision="double",
+        cutoff=0,
+        samples="flux-conserving",
+    )
+    # For τ <= 1e-4 RADMC-3D takes 1 - exp(-τ) = τ in first order.
+    off = np.abs(image.intensity - case.image).max() / case.image.max()
+    assert off <= {1: 2e-5, 2: 2e-9}[case.order]

@@ -1,0 +1,282 @@
+"""Fields on refined curvilinear grids between leaves: continuous, linear where they are."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts.bundle import Bundle, on_a_sphere
+from curvilinear_rays import adversarial_rays
+from test_spherical_refined import CIRCLE, GRIDS, RADII, random_flags
+from voluminous.backend import get_backend
+from voluminous.rendering.corner_values import CornerValues
+
+PI = np.pi
+BITS = np.indices((2, 2, 2)).reshape(3, 8)
+UNEVEN = np.array([0, 0.9, 1.6, 3.1, 4.0, 5.5, 2 * PI])
+MORE = {
+    **GRIDS,
+    "logarithmic": vm.SphericalGrid(
+        np.geomspace(1e-3, 10, 5), np.linspace(0.2, 2.9, 4), UNEVEN, refined=random_flags(72, 8)
+    ),
+    "round cylinder": vm.CylindricalGrid(
+        [0, 4, 10], [0, 2 * PI], [-5, 0, 5], refined=random_flags(4, 4)
+    ),
+}
+
+
+def corner_values(grid, field, precision="double"):
+    """Return the values at the corners of all leaves, (n, 8)."""
+    backend = get_backend("cpu", precision)
+    return np.array(CornerValues(grid, field, backend).compute()).reshape(-1, 8)
+
+
+def corner_points(grid):
+    """Return the own coordinates of the corners of all leaves, (3, n, 8)."""
+    low, high = grid.spans()
+    return np.where(BITS[:, None] == 1, high[..., None], low[..., None])
+
+
+def between(grid, values, cell, native):
+    """Return what is multilinear in leaves, at own coordinates (3, m)."""
+    low, high = (side[:, cell] for side in grid.spans())
+    turn = 2 * PI * (np.array(grid.coordinates) == "phi")[:, None]
+    near = native + turn * np.round((0.5 * (low + high) - native) / (2 * PI))
+    f = np.clip((near - low) / (high - low), 0, 1)
+    weight = np.where(BITS[:, :, None] == 1, f[:, None], 1 - f[:, None]).prod(axis=0)
+    return np.einsum("km,mk->m", weight, values[cell])
+
+
+def pairs_across_faces(grid, count=20_000):
+    """Return own coordinates of points on faces, and the leaves on both sides of them."""
+    rng = np.random.default_rng(6)
+    low, high = (side.T for side in grid.spans())
+    cell = rng.integers(0, grid.size, count)
+    points = rng.uniform(low[cell], high[cell])
+    lane, axis, up = np.arange(count), rng.integers(0, 3, count), rng.integers(0, 2, count)
+    points[lane, axis] = np.where(up, high[cell, axis], low[cell, axis])
+    beyond = points.copy()
+    beyond[lane, axis] += (2 * up - 1) * 1e-3 * (high - low)[cell, axis]
+    # Beyond a pole, or the axis, is another azimuth: not a face.
+    name = np.array(grid.coordinates)[axis]
+    inside = np.where(name == "theta", (beyond[lane, axis] > 0) & (beyond[lane, axis] < PI), True)
+    inside &= np.where(axis == 0, beyond[:, 0] > 0, True)
+    other = grid.locate(grid.position(beyond.T).T)
+    there = (other >= 0) & inside
+    return points[there].T, cell[there], other[there]
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", MORE)
+def test_fields_are_continuous(name, precision):
+    """Whatever the field: leaves of any sizes agree on the wall they share, where φ closes too."""
+    grid = MORE[name]
+    field = np.random.default_rng(3).random(grid.size)
+    values = corner_values(grid, field, precision)
+    points, cell, other = pairs_across_faces(grid)
+    one, two = (between(grid, values, c, points) for c in (cell, other))
+    assert np.mean(cell != other) > 0.3
+    assert np.abs(one - two).max() <= 1e-6
+    # Nothing is beyond what leaves say.
+    assert values.min() >= field.min() - 1e-7
+    assert values.max() <= field.max() + 1e-7
+
+
+def is_inner(grid):
+    """Return which leaves are a base cell away from the surface, and two from where φ jumps."""
+    corner, size = grid.boxes()
+    least = np.ones(3, int)
+    least[grid.coordinates.index("phi")] += grid.is_periodic
+    margin = (least * grid.divisions)[:, None]
+    last = (grid.divisions * grid.base_shape)[:, None]
+    return ((corner >= margin) & (corner + size <= last - margin)).all(axis=0)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize(
+    ("name", "slopes"),
+    [
+        ("full", (1, 2, -0.5)),
+        ("open cones", (1, 2, -0.5)),
+        ("wedge", (0.3, -1, 1)),
+        ("logarithmic", (1, 2, -0.5)),
+        ("cylinder", (2, 1, 0.5)),
+    ],
+)
+def test_what_is_linear_in_own_coordinates_is_exact_inside(name, slopes, precision):
+    grid = MORE[name]
+    values = corner_values(grid, np.array(slopes) @ grid.native_centers(), precision)
+    expected, inner = np.tensordot(slopes, corner_points(grid), 1), is_inner(grid)
+    assert inner.sum() > 8
+    # Gradients come from sums of squares over a mixture of widths: some digits go.
+    slack = {"single": 1e-6, "double": 1e-11}[precision]
+    assert np.abs(values - expected)[inner].max() <= slack * np.abs(expected).max()
+
+
+def split(kind, edges, chosen, **options):
+    """Return a grid with chosen base cells (bool, of the base's shape) split once."""
+    flags = [flag for one in chosen.ravel(order="F") for flag in ([1] + [0] * 8 if one else [0])]
+    return kind(*edges, refined=flags, **options)
+
+
+def test_azimuth_goes_round():
+    """Turning tree and field by base cells turns the corners' values: there is no seam."""
+    rng, theta = np.random.default_rng(1), np.linspace(0.3, PI, 4)
+    chosen, fine = rng.random((3, 3, 6)) < 0.4, rng.random((6, 6, 12))
+    found = []
+    for turn in (0, 2):
+        grid = split(vm.SphericalGrid, (RADII, theta, CIRCLE), np.roll(chosen, turn, 2))
+        corner, _ = grid.boxes()
+        field = np.roll(fine, 2 * turn, 2)[tuple(corner)]
+        order = np.lexsort([corner[0], corner[1], (corner[2] - 2 * turn) % 12])
+        found.append(corner_values(grid, field)[order])
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-12)
+
+
+def test_a_mirrored_grid_is_the_upper_half_of_the_whole():
+    rng, theta = np.random.default_rng(4), np.linspace(0.3, PI / 2, 4)
+    chosen = rng.random((3, 3, 6)) < 0.4
+    half = split(vm.SphericalGrid, (RADII, theta, CIRCLE), chosen, mirror=True)
+    both = np.append(theta, PI - theta[-2::-1])
+    chosen = np.concatenate([chosen, chosen[:, ::-1]], 1)
+    whole = split(vm.SphericalGrid, (RADII, both, CIRCLE), chosen)
+    field = rng.random(half.size)
+    r, angle, phi = whole.native_centers()
+    upper = half.locate(half.position(np.array([r, np.minimum(angle, PI - angle), phi])).T)
+    values = corner_values(half, field), corner_values(whole, field[upper])
+    above = angle < PI / 2
+    np.testing.assert_allclose(values[0][upper[above]], values[1][above], rtol=0, atol=1e-12)
+    camera = vm.Orthographic(57, 33, width=21, resolution=12, center=(0, 0, 0))
+    medium = vm.Gaussian("f", 0.5, 0.1, [1.0], 0.2, 0.3)
+    options = {"precision": "double", "cutoff": 0, "tolerance": 1e-5}
+    pair = [
+        vm.render(vm.Volume(g, f=f), medium, camera, **options)
+        for g, f in ((half, field), (whole, field[upper]))
+    ]
+    slack = 2e-5 * pair[0].intensity.max()
+    np.testing.assert_allclose(pair[0].intensity, pair[1].intensity, rtol=0, atol=slack)
+
+
+def some_rays():
+    """Return rays from outside, inside and the cavity, and some in special directions."""
+    origins = np.random.default_rng(5).uniform(-4, 4, (24, 3))
+    directions = on_a_sphere(24, 4)
+    origins[:6] -= 20 * directions[:6]
+    origins[6:9] *= 0.1
+    special = [((2, 0.4, -14), (0, 0, 1)), ((0, 0, 14), (0, 0, -1)), ((-14, 1, 0), (1, 0, 0))]
+    through = [
+        ((14, 0, 1e-3), (-1, 0, 0)),
+        ((3, 4, 0), (-0.6, -0.8, 0)),
+        ((0, 0, 0), (0.6, 0, 0.8)),
+    ]
+    more = np.array(special + through, float)
+    return np.concatenate([origins, more[:, 0]]), np.concatenate([directions, more[:, 1]])
+
+
+def columns(grid, field, scheme="post-classified", camera=None, **options):
+    """Return the columns of a field, along these rays by default."""
+    camera, medium = camera or Bundle(*some_rays(), start=True), vm.Coefficients("f", "0*f")
+    options = {"precision": "double", "cutoff": 0, **options}
+    volume = vm.Volume(grid, f=field)
+    return camera.flat(vm.render(volume, medium, camera, scheme=scheme, **options).intensity)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", MORE)
+def test_a_constant_field_is_what_the_rays_cross(name, precision):
+    """Columns of one are chords: first order finds the same, by another walk.
+
+    Through vertices, along walls and the axis, and through the centre too: no step is lost, none
+    hangs. In single precision, a ray enters and leaves where some roundings tell.
+    """
+    grid, ones = MORE[name], np.ones(MORE[name].size)
+    rays = zip(some_rays(), adversarial_rays(grid, 3 * grid.edges[0][-1]), strict=True)
+    camera = Bundle(*[np.concatenate(each) for each in rays], start=True)
+    found, expected = (
+        columns(grid, ones, scheme, camera, precision=precision)
+        for scheme in ("post-classified", "first-order")
+    )
+    slack = {"single": 1e-5, "double": 1e-9}[precision]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=slack * expected.max())
+
+
+def summed(grid, values, reach=40.0, points=8000):
+    """Return integrals of an interpolated field along the rays, by the midpoint rule."""
+    origins, directions = some_rays()
+    step = reach / points
+    t = step * (np.arange(points) + 0.5)
+    place = (origins[:, None] + t[:, None] * directions[:, None]).reshape(-1, 3)
+    cell = grid.locate(place)
+    seen = between(grid, values, np.maximum(cell, 0), grid.native(place))
+    return np.where(cell < 0, 0, seen).reshape(len(origins), -1).sum(axis=1) * step
+
+
+@pytest.mark.parametrize("name", MORE)
+def test_rays_see_what_is_between_corners(name):
+    """Columns of random fields, against plain sums over points looked up one by one."""
+    grid = MORE[name]
+    field = np.random.default_rng(3).random(grid.size)
+    expected = summed(grid, corner_values(grid, field))
+    # A ray along walls, and the axis, sees one side or the other.
+    plain = np.arange(len(expected)) < 25
+    for precision, slack in (("double", 1.0), ("single", 1.1)):
+        off = np.abs(columns(grid, field, precision=precision) - expected)[plain]
+        # Where rays enter and leave, the sums are off by up to half a step; and a cubic stands for
+        # square roots and angles of the distance.
+        assert np.sqrt(np.mean(off**2)) <= 4e-4 * slack * expected.max()
+        assert off.max() <= 2e-3 * slack * expected.max()
+
+
+def smooth(x, y, z):
+    return np.exp(-((x - 0.5) ** 2) - y**2 / 2 - (z - 0.2) ** 2)
+
+
+@functools.cache
+def near_a_shell(kind, n):
+    """Return a grid of which the same part is refined, whatever the base."""
+    radii, circle = np.linspace(0.7, 3.0, 8 * n + 1), np.linspace(0, 2 * PI, 12 * n + 1)
+    other = np.linspace(0, PI, 8 * n + 1) if kind is vm.SphericalGrid else circle
+    third = circle if kind is vm.SphericalGrid else np.linspace(-2.5, 2.5, 10 * n + 1)
+    edges = (radii, other, third)
+    r, b, c = np.meshgrid(*[0.5 * (e[1:] + e[:-1]) for e in edges], indexing="ij")
+    return split(kind, edges, (np.abs(r - 1.5) < 0.4) & (np.sin(b) * np.cos(c) > -0.5))
+
+
+def picture(grid, text, **options):
+    """Return a picture of a shell of the smooth field f, or of an expression."""
+    camera = vm.Orthographic(57, 33, width=6.4, resolution=24, center=(0, 0, 0))
+    volume = vm.Volume(grid, f=smooth(*grid.cell_centers()).reshape(grid.shape))
+    medium = vm.Gaussian(text, 0.5, 0.2, [1.0], 0.4, 0.5)
+    options = {"precision": "double", "cutoff": 0, "tolerance": 1e-4, **options}
+    return vm.render(volume, medium, camera, **options).intensity
+
+
+@pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
+def test_second_order_in_the_width_of_leaves(kind):
+    text = "exp(-(x-0.5)**2 - y**2/2 - (z-0.2)**2)"
+    exact = picture(near_a_shell(kind, 1), text, tolerance=1e-5)
+    off = [picture(near_a_shell(kind, n), "f", tolerance=1e-5) - exact for n in (1, 2)]
+    errors = [np.sqrt(np.mean(o * o)) for o in off]
+    assert np.log2(errors[0] / errors[1]) >= 1.75  # 2 in the limit; the surface is less smooth
+
+
+@pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
+def test_a_grid_refined_everywhere_is_nearly_the_finer_one(kind):
+    """Which is linear between centres of cells: both are off by the square of their width."""
+    every = near_a_shell(kind, 1)
+    grid = split(kind, every.edges, np.ones(every.base_shape, bool))
+    pair = [picture(g, "f") for g in (grid, kind(*grid.fine_edges))]
+    off = np.abs(pair[0] - pair[1]) / pair[1].max()
+    assert off.max() < 0.05
+    assert np.sqrt(np.mean(off**2)) < 0.01
+
+
+@pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
+def test_single_precision_is_near_double(kind):
+    pair = [picture(near_a_shell(kind, 1), "f", precision=p) for p in ("single", "double")]
+    off = np.abs(pair[0] - pair[1])
+    assert off.max() <= 1e-3 * pair[1].max()
+    assert np.median(off) <= 1e-5 * pair[1].max()

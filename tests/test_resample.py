@@ -1,0 +1,172 @@
+"""Fields on other grids: means over cells, and what is kept of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from toy_grids import ShuffledGrid
+from voluminous.errors import InputError, UnitsError, UnknownNameError
+
+KINDS = [lambda grid: grid, ShuffledGrid]
+
+
+def random_grid(counts, seed, bounds=(-1.0, 2.0)):
+    rng = np.random.default_rng(seed)
+    low, high = bounds
+    return vm.CartesianGrid(
+        *[np.concatenate([[low], np.sort(rng.uniform(low, high, n - 1)), [high]]) for n in counts]
+    )
+
+
+def on(grid, field):
+    return grid.shuffled(field) if isinstance(grid, ShuffledGrid) else field
+
+
+def integral(volume, name):
+    return np.sum(volume.array(name) * volume.grid.cell_volumes)
+
+
+def twin(values, source, target):
+    """Return means over target cells, by all pairs of intervals along each axis."""
+    for axis, (old, new) in enumerate(zip(source.edges, target.edges, strict=True)):
+        low = np.maximum(old[:-1], new[:-1, None])
+        part = np.clip(np.minimum(old[1:], new[1:, None]) - low, 0, None) / np.diff(new)[:, None]
+        values = np.moveaxis(np.tensordot(part, values, (1, axis)), 0, axis)
+    return values
+
+
+@pytest.mark.parametrize("new", KINDS, ids=["axes", "flat"])
+@pytest.mark.parametrize("old", KINDS, ids=["axes", "flat"])
+@given(data=st.data())
+@settings(max_examples=25)
+def test_boxes_share_exactly_what_they_overlap(old, new, data):
+    counts = st.tuples(*[st.integers(1, 6)] * 3)
+    first = random_grid(data.draw(counts), data.draw(st.integers(0, 99)))
+    limits = data.draw(st.sampled_from([(-1.0, 2.0), (-3.0, 3.0), (0.0, 1.0), (1.5, 4.0)]))
+    second = random_grid(data.draw(counts), data.draw(st.integers(0, 99)), limits)
+    values = np.random.default_rng(1).normal(size=first.shape)
+    source, target = old(first), new(second)
+    found = vm.Volume(source, f=on(source, values)).resample(target)
+    expected = on(target, twin(values, first, second))
+    # Rounding of walls and sums: of values of order one.
+    np.testing.assert_allclose(found.array("f"), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("new", KINDS, ids=["axes", "flat"])
+@pytest.mark.parametrize("old", KINDS, ids=["axes", "flat"])
+def test_the_integral_is_kept(old, new):
+    source, target = old(random_grid((9, 5, 7), 1)), new(random_grid((4, 13, 6), 2))
+    volume = vm.Volume(source, f=np.random.default_rng(0).random(source.shape))
+    kept = integral(volume.resample(target), "f")
+    assert kept == pytest.approx(integral(volume, "f"), rel=1e-12)
+
+
+@pytest.mark.parametrize("new", KINDS, ids=["axes", "flat"])
+def test_outside_is_what_is_asked_for(new):
+    grid = vm.CartesianGrid.uniform(4, (0, 1))
+    volume = vm.Volume(grid, f=np.full(grid.shape, 3.0))
+    target = new(vm.CartesianGrid.uniform((2, 1, 1), ((-1, 3), (0, 1), (0, 1))))
+    found = volume.resample(target, fill=7.0)
+    # From -1 to 1 half is inside; from 1 to 3 nothing is.
+    np.testing.assert_allclose(np.sort(found["f"].ravel()), [5.0, 7.0], rtol=1e-14)
+
+
+def test_an_octree_to_a_grid_of_planes_and_back():
+    octree = pytest.importorskip("voluminous.grids.octree").OctreeGrid
+    edges = np.linspace(-1, 1, 5)
+
+    def near(x, y, z, size):
+        return np.abs(np.sqrt(x * x + y * y + z * z) - 0.6) < size
+
+    tree = octree.from_function(edges, edges, edges, near, 4)
+    finest = vm.CartesianGrid.uniform(4 * 2**4, (-1, 1))
+    volume = vm.Volume(tree, f=np.random.default_rng(0).random(tree.shape))
+    fine = volume.resample(finest)
+    # Every fine cell is inside one leaf.
+    own = tree.locate(finest.cell_centers().T)
+    np.testing.assert_allclose(fine["f"].ravel(), volume["f"][own], rtol=1e-13)
+    np.testing.assert_allclose(fine.resample(tree)["f"], volume["f"], rtol=1e-12)
+    coarse = random_grid((5, 6, 7), 3, (-1.0, 1.0))
+    assert integral(volume.resample(coarse), "f") == pytest.approx(integral(volume, "f"), rel=1e-12)
+
+
+def test_types_units_and_names():
+    grid = vm.CartesianGrid.uniform(4, (0, 1), unit="pc")
+    other = vm.CartesianGrid.uniform(2, (0, 1), unit="pc")
+    counted = np.arange(64).reshape(grid.shape)
+    volume = vm.Volume(grid, a=counted.astype("f4") * u.K, b=counted, c=counted > 31)
+    found = volume.resample(other, ["a", "b"])
+    assert found.fields == ("a", "b")
+    assert found.units == {"a": "K", "b": ""}
+    assert [found.array(n).dtype for n in "ab"] == [np.float32, np.float64]
+    np.testing.assert_allclose(volume.resample(other)["c"][:, 0, 0], [0, 1])
+    with pytest.raises(UnknownNameError, match="unknown field 'd'"):
+        volume.resample(other, ["d"])
+    with pytest.raises(InputError, match="write \\['a'\\]"):
+        volume.resample(other, "a")
+    with pytest.raises(UnitsError, match="in km, the volume's in pc"):
+        volume.resample(vm.CartesianGrid.uniform(2, (0, 1), unit="km"))
+    with pytest.raises(InputError, match="samples must be a positive"):
+        volume.resample(other, samples=0)
+    with pytest.raises(InputError, match="needs a grid"):
+        volume.resample(7)
+
+
+CURVED = {
+    "spherical": lambda: vm.SphericalGrid(
+        np.geomspace(0.02, 1, 20), np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 13)
+    ),
+    "mirrored": lambda: vm.SphericalGrid(
+        np.geomspace(0.02, 1, 20),
+        np.linspace(0.3, np.pi / 2, 5),
+        np.linspace(0, 2 * np.pi, 13),
+        mirror=True,
+    ),
+    "cylindrical": lambda: vm.CylindricalGrid(
+        np.linspace(0.1, 1, 8), np.linspace(0, 2 * np.pi, 13), np.linspace(-1, 1, 9)
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CURVED)
+def test_curvilinear_grids_keep_constants_and_nearly_the_integral(kind):
+    grid = CURVED[kind]()
+    volume = vm.Volume(grid, one=np.ones(grid.shape))
+    volume["f"] = "exp(-3*r)"
+    box = vm.CartesianGrid.uniform(24, (-1.05, 1.05))
+    found = volume.resample(box)
+    middle = found["one"] > 0.999
+    assert middle.sum() > 1000
+    np.testing.assert_allclose(found["one"][middle], 1, atol=1e-12)
+    # Of the cells at the surface, of a fifth of the volume, 64 points tell the part that is inside.
+    for name in ("one", "f"):
+        assert integral(found, name) == pytest.approx(integral(volume, name), rel=1e-2)
+
+
+@pytest.mark.parametrize("kind", CURVED)
+def test_onto_a_curvilinear_grid(kind):
+    box = vm.Volume(vm.CartesianGrid.uniform(64, (-1, 1)))
+    box["one"], box["f"] = "1", "exp(-3*r)"
+    grid = CURVED[kind]()
+    found, exact = box.resample(grid, samples=3), vm.Volume(grid)
+    exact["f"] = "exp(-3*r)"
+    np.testing.assert_allclose(found["one"], 1, atol=1e-12)
+    # Means over cells differ from values at their centres, and the box's cells are 0.03 wide.
+    assert integral(found, "f") == pytest.approx(integral(exact, "f"), rel=3e-2)
+
+
+def test_more_samples_keep_the_integral_better():
+    volume = vm.Volume(CURVED["spherical"]())
+    volume["f"] = "exp(-3*r)"
+    box = vm.CartesianGrid.uniform(16, (-1.05, 1.05))
+    wrong = [
+        abs(integral(volume.resample(box, samples=n), "f") / integral(volume, "f") - 1)
+        for n in (1, 8)
+    ]
+    assert wrong[1] < 0.2 * wrong[0]
+    assert wrong[1] < 1e-3

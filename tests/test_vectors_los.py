@@ -1,0 +1,215 @@
+"""Vectors by name: components in any coordinates, and along the line of sight."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+
+import voluminous as vm
+from contracts import Bundle
+from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
+from voluminous.expressions import Expression, derived_field
+
+EDGES = ([-2.0, -1.0, 0.5, 2.0], [-1.0, 0.3, 1.5], [-2.0, 0.1, 1.0, 3.0])
+CARTESIAN = vm.CartesianGrid(*EDGES)
+SPHERICAL = vm.SphericalGrid(
+    [0.5, 1.0, 2.0], np.linspace(0.1, 3.0, 6), np.linspace(0, 2 * np.pi, 9)
+)
+CYLINDRICAL = vm.CylindricalGrid([0.5, 1.0, 2.0], np.linspace(0, 2 * np.pi, 9), [-1.0, 0.0, 2.0])
+GRIDS = [CARTESIAN, SPHERICAL, CYLINDRICAL]
+ORTHOGRAPHIC = vm.Orthographic(50, 20, 10, resolution=32)
+PERSPECTIVE = vm.Perspective((5.0, 3.0, 1.0), (0.0, 0.0, 0.0), resolution=32)
+
+
+def random_vector(grid, names, seed=0):
+    rng = np.random.default_rng(seed)
+    return {f"v_{name}": rng.normal(size=grid.shape) for name in names}
+
+
+def centers(grid):
+    return grid.cell_centers().reshape(3, *grid.shape)
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=lambda g: type(g).__name__)
+@pytest.mark.parametrize("system", [("r", "theta", "phi"), ("R", "phi", "z"), ("x", "y", "z")])
+def test_components_in_all_systems_are_the_same_vector(grid, system):
+    volume = vm.Volume(grid, random_vector(grid, system))
+    x, y, z = (volume.evaluate(f"v_{axis}") for axis in "xyz")
+    px, py, pz = centers(grid)
+    distance, axial = np.sqrt(px**2 + py**2 + pz**2), np.hypot(px, py)
+    close = {"rtol": 1e-12, "atol": 1e-13}
+    expected = {
+        "r": (x * px + y * py + z * pz) / distance,
+        "R": (x * px + y * py) / axial,
+        "phi": (y * px - x * py) / axial,
+        "theta": ((x * px + y * py) * pz / axial - z * axial) / distance,
+    }
+    for name, values in expected.items():
+        np.testing.assert_allclose(volume.evaluate(f"v_{name}"), values, **close)
+    given = np.sqrt(sum(volume[f"v_{name}"] ** 2 for name in system))
+    np.testing.assert_allclose(volume.evaluate("norm('v')"), given, **close)
+
+
+def test_a_field_goes_before_what_could_be_computed():
+    fields = random_vector(SPHERICAL, ("r", "theta", "phi"))
+    volume = vm.Volume(SPHERICAL, {**fields, "v_x": np.full(SPHERICAL.shape, 7.0)})
+    assert np.all(volume.evaluate("v_x") == 7)
+    assert np.all(vm.Volume(SPHERICAL, fields).array("v_x") != 7)
+
+
+def test_rigid_rotation_has_no_radial_part():
+    volume = vm.Volume(CARTESIAN)
+    volume["v_x"], volume["v_y"], volume["v_z"] = "-2*y", "2*x", "0"
+    np.testing.assert_allclose(volume.evaluate("v_r"), 0, atol=1e-15)
+    np.testing.assert_allclose(volume.evaluate("v_phi"), volume.evaluate("2*sqrt(x**2+y**2)"))
+
+
+def test_dot_of_named_vectors_and_gradients():
+    volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"))
+    volume["f"] = "x + 2*y - z"
+    expected = volume["v_x"] + 2 * volume["v_y"] - volume["v_z"]
+    found = volume.evaluate("dot('v', grad(f))")
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("grid", GRIDS, ids=lambda g: type(g).__name__)
+@pytest.mark.parametrize("camera", [ORTHOGRAPHIC, PERSPECTIVE], ids=["parallel", "eye"])
+def test_the_line_of_sight_points_away_from_the_observer(grid, camera):
+    volume = vm.Volume(grid, random_vector(grid, "xyz"))
+    points = centers(grid)
+    if camera is PERSPECTIVE:
+        away = points - np.array([5.0, 3.0, 1.0]).reshape(3, 1, 1, 1)
+        away /= np.sqrt(np.sum(away**2, axis=0))
+    else:
+        vectors = camera.frame(grid).vectors
+        away = vectors[3].reshape(3, 1, 1, 1)  # the direction of its rays, which run away
+    v = np.stack([volume[f"v_{axis}"] for axis in "xyz"])
+    found = volume.evaluate("los('v')", camera=camera)
+    np.testing.assert_allclose(found, np.sum(v * away, axis=0), rtol=1e-12, atol=1e-13)
+
+
+def test_expansion_comes_nearer_in_front_and_recedes_behind():
+    volume = vm.Volume(
+        SPHERICAL, v_r=np.ones(SPHERICAL.shape), v_theta=0 * np.ones(SPHERICAL.shape)
+    )
+    volume["v_phi"] = "0"
+    seen = volume.evaluate("los('v')", camera=vm.Orthographic())  # from above
+    np.testing.assert_allclose(seen, volume.evaluate("-cos(theta)"), atol=1e-14)
+
+
+def test_any_vector_has_a_line_of_sight():
+    volume = vm.Volume(CARTESIAN)
+    volume["f"] = "x + 2*y - z"
+    above = vm.Orthographic()
+    np.testing.assert_allclose(volume.evaluate("los(grad(f))", camera=above), 1, rtol=1e-12)
+    found = volume.evaluate("los(vector(f, 0, 2*f)) + 1", camera=above)
+    np.testing.assert_allclose(found, volume.evaluate("1 - 2*f"), atol=1e-12)
+    slope = volume.evaluate("grad(los(vector(0, 0, f))).y", camera=above)
+    np.testing.assert_allclose(slope, -2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+def test_pictures_know_their_camera(scheme):
+    rng = np.random.default_rng(1)
+    grid = vm.CartesianGrid.uniform(6, (-1, 1))
+    volume = vm.Volume(grid, {f"v_{a}": rng.normal(size=grid.shape) for a in "xyz"})
+    seen = vm.Gaussian("los('v')", 0.5, 0.5, [1.0, 0.5], 0.3, path_length=1.0)
+    for camera in (
+        vm.Orthographic(30, 40, resolution=16),
+        vm.Perspective((3, 0, 1), (0, 0, 0), resolution=16),
+        vm.Orthographic(30, 40, resolution=16),
+    ):
+        explicit = vm.Volume(grid, w=volume.evaluate("los('v')", camera=camera))
+        medium = vm.Gaussian("w", 0.5, 0.5, [1.0, 0.5], 0.3, path_length=1.0)
+        expected = vm.render(explicit, medium, camera, scheme=scheme)
+        found = vm.render(volume, seen, camera, scheme=scheme)
+        np.testing.assert_array_equal(found.intensity, expected.intensity)
+        assert np.ptp(found.intensity) > 0
+
+
+def test_the_path_length_may_be_measured_along_the_line_of_sight():
+    volume = vm.Volume(CARTESIAN)
+    volume["v_x"], volume["v_y"], volume["v_z"] = "x", "y", "z"
+    medium = vm.Gaussian("los('v')", 0.1, 0.2, 1.0, 0.3, path_length="auto")
+    image = vm.render(volume, medium, ORTHOGRAPHIC)
+    assert np.ptp(image.intensity) > 0
+
+
+def test_what_is_kept_is_that_of_the_camera_and_of_the_fields():
+    volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"))
+    above, below = vm.Orthographic(), vm.Orthographic(180)
+    seen = [volume.evaluate("los('v')", camera=c) for c in (above, below, above)]
+    np.testing.assert_allclose(seen[0], -volume["v_z"], rtol=1e-12)
+    np.testing.assert_allclose(seen[1], volume["v_z"], rtol=1e-12)
+    np.testing.assert_array_equal(seen[0], seen[2])
+    own = np.ones(CARTESIAN.shape)
+    volume["v_z"] = own
+    view = volume.seen_by(above)
+    np.testing.assert_allclose(view.array('los("v")'), -1)
+    own *= 3
+    view.refresh()
+    np.testing.assert_allclose(view.array('los("v")'), -3)
+
+
+def test_units_of_components():
+    plain = np.ones(SPHERICAL.shape)
+    fields = {
+        "v_r": plain * u.km / u.s,
+        "v_theta": plain * u.m / u.s,
+        "v_phi": 0 * plain * u.km / u.s,
+    }
+    volume = vm.Volume(SPHERICAL, fields)
+    assert volume.field_unit("v_x") == u.km / u.s
+    speed = volume.evaluate("norm('v')")
+    np.testing.assert_allclose(speed, np.sqrt(1 + 1e-6), rtol=1e-12)
+    assert volume.seen_by(ORTHOGRAPHIC).expression_unit(Expression("los('v')")) == u.km / u.s
+    volume["v_phi"] = plain * u.rad / u.s
+    with pytest.raises(UnitsError, match="units of one kind, got v_r in km / s, v_theta"):
+        volume.evaluate("v_x")
+
+
+def test_float32_vectors_have_float32_components():
+    fields = {n: f.astype("f4") for n, f in random_vector(SPHERICAL, ("r", "theta", "phi")).items()}
+    volume = vm.Volume(SPHERICAL, fields)
+    assert volume.array("v_x").dtype == np.float32
+    assert volume.seen_by(ORTHOGRAPHIC).array("los('v')").dtype == np.float32
+
+
+def test_own_coordinates_are_known_in_expressions():
+    volume = vm.Volume(SPHERICAL)
+    _, y, z = centers(SPHERICAL)
+    close = {"rtol": 1e-13, "atol": 1e-13}
+    np.testing.assert_allclose(volume.evaluate("r*cos(theta)"), z, **close)
+    np.testing.assert_allclose(volume.evaluate("r*sin(theta)*sin(phi)"), y, **close)
+    flat = vm.Volume(CYLINDRICAL)
+    np.testing.assert_allclose(flat.evaluate("R*cos(phi)"), centers(CYLINDRICAL)[0], **close)
+    assert volume.coordinates == ("x", "y", "z", "r", "theta", "phi")
+    with pytest.raises(UnknownNameError, match="theta"):
+        vm.Volume(CARTESIAN).evaluate("theta")
+    with pytest.raises(InputError, match="'phi' is reserved"):
+        vm.Volume(SPHERICAL, phi=np.ones(SPHERICAL.shape))
+
+
+def test_names_of_vectors_in_expressions():
+    assert Expression("norm('v')").names == ("v_x", "v_y", "v_z")
+    assert Expression("los('v') + 1").names == ('los("v")',)
+    assert derived_field("los( 'v' )").name == 'los("v")'
+    assert Expression('los("v")') == Expression("los('v')")
+    for text in ("los(v)", "los('v') + 'v'", "los('a b')", "los()", "norm('los(v)')"):
+        with pytest.raises(ExpressionError):
+            Expression(text)
+
+
+def test_what_is_missing_is_named():
+    volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"))
+    with pytest.raises(InputError, match=r"give a camera: volume\.evaluate"):
+        volume.evaluate("los('v')")
+    with pytest.raises(UnknownNameError, match="unknown field 'w_x'"):
+        volume.evaluate("los('w')", camera=ORTHOGRAPHIC)
+    with pytest.raises(InputError, match="Bundle does not tell its lines of sight"):
+        vm.render(volume, vm.Coefficients("los('v')", "1"), Bundle([[0, 0, -9.0]], [[0, 0, 1.0]]))
+    half = vm.SphericalGrid([1.0, 2.0], [0.5, np.pi / 2], mirror=True)
+    mirrored = vm.Volume(half, random_vector(half, "xyz"))
+    with pytest.raises(InputError, match="mirror image"):
+        mirrored.evaluate("los('v')", camera=ORTHOGRAPHIC)

@@ -1,0 +1,92 @@
+"""A grid of nobody's own: the cells of a Cartesian grid in any order, flat as the leaves of a tree.
+
+What is right on it is right on any grid that keeps `grids.contract`, and known from the original.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from voluminous.backend import dr
+
+
+class ShuffledWalk:
+    """The original's walk; it tells the flat grid's cell numbers."""
+
+    leaps = False
+
+    def __init__(self, walk, number, backend):
+        self.walk, self.backend = walk, backend
+        self.number = backend.UInt(number.astype(np.uint32))
+
+    def __getattr__(self, name):
+        return getattr(self.walk, name)
+
+    def next(self, track, cursor):
+        segment, cursor = self.walk.next(track, cursor)
+        cell = dr.gather(self.backend.UInt, self.number, segment.cell, segment.active)
+        return replace(segment, cell=cell), cursor
+
+
+class ShuffledGrid:
+    """The cells of `original` in another order: cell k is the original's cell `order[k]`."""
+
+    coordinates = ("x", "y", "z")
+    walk_kinds = ("cells",)
+
+    def __init__(self, original, seed=0):
+        self.original, self.size = original, original.size
+        self.order = np.random.default_rng(seed).permutation(self.size)
+        self.number = np.argsort(self.order)
+        self.shape, self.unit, self.scale = (self.size,), original.unit, original.scale
+        self.bounds, self.vertex_count = original.bounds, original.vertex_count
+        self.needs_double = original.needs_double
+        self.first_cell_width = original.first_cell_width
+        self.cell_volumes = original.cell_volumes.ravel()[self.order]
+        self.levels = np.zeros(self.size, np.uint8)
+        self._walks = {}
+
+    def pack(self, value):
+        return np.asarray(value)
+
+    def shuffled(self, field):
+        """Return a field of the original on this grid."""
+        return np.asarray(field).ravel()[self.order]
+
+    def cell_centers(self, first=0, last=None):
+        return self.original.cell_centers()[:, self.order[first:last]]
+
+    native_centers = cell_centers
+
+    def cell_sizes(self, first=0, last=None):
+        return self.original.cell_sizes()[:, self.order[first:last]]
+
+    def basis(self, first=0, last=None):
+        count = (self.size if last is None else last) - first
+        return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
+
+    def locate(self, points):
+        found = self.original.locate(points)
+        return np.where(found >= 0, self.number[found], -1)
+
+    def vertex_cells(self, vertex, backend):
+        number = backend.UInt(self.number.astype(np.uint32))
+        return [
+            (dr.gather(backend.UInt, number, backend.UInt(cell), there), there)
+            for cell, there in self.original.vertex_cells(vertex, backend)
+        ]
+
+    def walk(self, backend, kind="cells"):
+        key = (backend.device, backend.precision, kind)
+        if key not in self._walks:
+            walk = self.original.walk(backend, kind)
+            self._walks[key] = ShuffledWalk(walk, self.number, backend)
+        return self._walks[key]
+
+    def describe(self):
+        return {**self.original.describe(), "type": "shuffled", "shape": [self.size]}
+
+    def __repr__(self):
+        return f"<ShuffledGrid of {self.size} cells>"
