@@ -11,8 +11,8 @@ import voluminous as vm
 from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
-from voluminous.grids.coarse_walk import WIDEST
-from voluminous.grids.leap import BITS, leap, make_blocks
+from voluminous.grids.cartesian.coarse_walk import WIDEST
+from voluminous.grids.cartesian.leap import BITS, leap, make_blocks
 from voluminous.rendering.empty import DUAL
 from voluminous.schemes.one_panel import OnePanel
 

@@ -13,7 +13,7 @@ import voluminous as vm
 from contracts.bundle import on_a_sphere
 from contracts.grid import make_ray, walk_along
 from voluminous.backend import dr, get_backend
-from voluminous.grids.leap import BITS, block_shape, empty_ahead, leap, make_blocks
+from voluminous.grids.cartesian.leap import BITS, block_shape, empty_ahead, leap, make_blocks
 
 RAYS = 64
 numbers = st.integers(0, 2**32 - 1)

@@ -11,11 +11,11 @@ import voluminous as vm
 from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import get_backend
-from voluminous.grids.octree_order import flags_from_levels, levels_from_flags, split_levels
-from voluminous.grids.octree_places import Places
-from voluminous.grids.octree_tree import octree_tree
-from voluminous.grids.tree import NONE
-from voluminous.grids.tree_lookup import TreeLookup
+from voluminous.grids.trees.lookup import TreeLookup
+from voluminous.grids.trees.octree_order import flags_from_levels, levels_from_flags, split_levels
+from voluminous.grids.trees.octree_places import Places
+from voluminous.grids.trees.octree_tree import octree_tree
+from voluminous.grids.trees.tree import NONE
 
 BASE = (3, 2, 4)
 AXES = [a for n in (1, 2, 3) for a in itertools.combinations(range(3), n)]

@@ -1,9 +1,9 @@
-"""How a ray walks: one file per grid, one contract (`grids.contract`)."""
+"""How a ray walks: one folder per family of grids, one contract (`grids.contract`)."""
 
-from .cartesian import CartesianGrid
-from .cylindrical import CylindricalGrid
-from .octree import OctreeGrid
-from .patches import PatchGrid
-from .spherical import SphericalGrid
+from .cartesian.grid import CartesianGrid
+from .curvilinear.cylindrical import CylindricalGrid
+from .curvilinear.spherical import SphericalGrid
+from .trees.octree import OctreeGrid
+from .trees.patches import PatchGrid
 
 __all__ = ["CartesianGrid", "CylindricalGrid", "OctreeGrid", "PatchGrid", "SphericalGrid"]

@@ -78,7 +78,7 @@ class Walk(Protocol):
     loop's state) where it is now; ``cursor.inside`` tells the lanes that still have a way to go.
     """
 
-    leaps: bool  # rays may cross empty blocks in one step (`grids.leap`)
+    leaps: bool  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
         """Return the track and the cursor at the point where each ray enters."""
@@ -116,7 +116,7 @@ class Grid(Protocol):
     walk_kinds : tuple of str
         Which walks it has: always ``"cells"``; see `walk`.
     has_blocks : bool
-        Rays may leap over blocks of its cells (`grids.leap`).
+        Rays may leap over blocks of its cells (`grids.cartesian.leap`).
     """
 
     unit: Any

@@ -10,7 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import extremes
-from ..grids.dual_walk import Chord
+from ..grids.cartesian.dual_walk import Chord
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from ..media.course import CourseContext, Courses, Piece

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..backend import dr
 from ..expressions.interval import Interval
-from ..grids.coarse_walk import WIDEST
-from ..grids.leap import BITS
+from ..grids.cartesian.coarse_walk import WIDEST
+from ..grids.cartesian.leap import BITS
 from ..media.shaped import Shaped
 from .classify import Classifier, device_array
 

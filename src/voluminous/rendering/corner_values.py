@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr, get_backend
-from ..grids.tree_lookup import Cell
-from ..grids.tree_vertices import OCTANTS, Boxes, Surroundings, boxes_between
+from ..grids.trees.lookup import Cell
+from ..grids.trees.vertices import OCTANTS, Boxes, Surroundings, boxes_between
 from ..memory import check_memory
 from .cell_slopes import CellSlopes
 from .meeting import Meeting, is_corner

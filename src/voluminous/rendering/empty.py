@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..expressions.interval import Interval
-from ..grids.leap import BITS, Blocks, block_shape, make_blocks
+from ..grids.cartesian.leap import BITS, Blocks, block_shape, make_blocks
 from ..media.bounds import RangeContext
 from .classify import Classifier
 

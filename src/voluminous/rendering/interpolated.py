@@ -9,7 +9,7 @@ import numpy as np
 
 from ..backend import dr
 from ..expressions import Expression
-from ..grids.dual_walk import Chord
+from ..grids.cartesian.dual_walk import Chord
 from ..grids.trilinear import trilinear
 from ..media.contract import Context
 from ..media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits

@@ -14,8 +14,8 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError
-from ..grids.curvilinear_dual import dual_values
-from ..grids.dual_walk import Chord
+from ..grids.cartesian.dual_walk import Chord
+from ..grids.curvilinear.field_walk import dual_values
 from ..memory import check_memory, fits
 from .classify import device_array
 from .empty import has_blocks

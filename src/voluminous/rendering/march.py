@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
+from ..grids.cartesian.leap import leap
 from ..grids.contract import Ray
-from ..grids.leap import leap
 from ..schemes.path import Path, most, over
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..grids.coarse_walk import CoarseChord, padded_count
+from ..grids.cartesian.coarse_walk import CoarseChord, padded_count
 from .lattice import Corners, Nodes, Quads, faces
 
 

@@ -7,8 +7,8 @@ optically thin trapezoid. This is not the exact solution for coefficients linear
 
 RADMC-3D computes ``τ - (1 - e^-τ)`` by subtraction: for τ just above 1e-6 the last bit of a path
 length is 1e-9 of the image maximum. In double precision, for parallel rays, positions are therefore
-rounded as RADMC-3D rounds them (`grids.reckoned_walk`). Its rays run towards the camera: the order
-asked for does not matter then, and no ray stops early.
+rounded as RADMC-3D rounds them (`grids.cartesian.reckoned_walk`). Its rays run towards the camera:
+the order asked for does not matter then, and no ray stops early.
 """
 
 from __future__ import annotations

@@ -1,0 +1,213 @@
+"""Rectilinear Cartesian grids: any strictly increasing edges per axis."""
+
+from __future__ import annotations
+
+import functools
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...units import is_quantity, parse_unit, plain, unit_name, unit_of
+from .cells import CartesianCells
+
+AXES = "xyz"
+# Single precision must tell this many points apart across the smallest cell.
+_POINTS_PER_CELL = 256
+
+
+class CartesianGrid(CartesianCells):
+    """Cells between planes of constant x, y and z.
+
+    Parameters
+    ----------
+    x, y, z : array_like or Quantity, shape (n + 1,)
+        Strictly increasing cell edges. Uniform spacing is detected, and is faster.
+    unit : str or unit, optional
+        Length unit of plain edges. Quantities bring their own; the x axis' is kept.
+
+    Attributes
+    ----------
+    edges : tuple of three float64 arrays
+        The cell edges in `unit`.
+    shape : tuple of three int
+        Number of cells per axis.
+    unit : astropy unit or None
+        Length unit; None is dimensionless.
+
+    Raises
+    ------
+    InputError
+        If edges are not one-dimensional, fewer than two, not finite or not increasing.
+    UnitsError
+        If the axes' units cannot be converted into each other.
+
+    Examples
+    --------
+    >>> CartesianGrid([0, 1, 2], [0, 1], [0, 0.5, 2]).shape
+    (2, 1, 2)
+    """
+
+    walk_kinds = ("cells", "reckoned", "dual", "coarse")
+    has_blocks = True
+
+    def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
+        self.unit = _common_unit((x, y, z), unit)
+        self.edges = tuple(
+            _edges(values, self.unit, name) for values, name in zip((x, y, z), AXES, strict=True)
+        )
+        self._walks: dict[Any, Any] = {}
+
+    @classmethod
+    def uniform(cls, shape: Any, bounds: Any, *, unit: Any = None) -> CartesianGrid:
+        """Return a grid of equal cells.
+
+        Parameters
+        ----------
+        shape : int or three int
+            Number of cells per axis.
+        bounds : array_like or Quantity
+            ``((x0, x1), (y0, y1), (z0, z1))``, or ``(low, high)`` for a cube.
+        unit : str or unit, optional
+            Length unit of plain bounds.
+        """
+        counts = _counts(shape)
+        own = unit_of(bounds)
+        if isinstance(bounds, (list, tuple)) and own is None and len(bounds) == 3:
+            own = unit_of(bounds[0])
+            bounds = [plain(b, own, "bounds") if own is not None else b for b in bounds]
+        elif own is not None:
+            bounds = plain(bounds, own, "bounds")
+        limits = np.asarray(bounds, dtype=np.float64)
+        if limits.shape == (2,):
+            limits = np.broadcast_to(limits, (3, 2))
+        if limits.shape != (3, 2):
+            raise InputError(
+                "bounds must be (low, high) or ((x0, x1), (y0, y1), (z0, z1)), "
+                f"got an array of shape {limits.shape}"
+            )
+        edges = [np.linspace(a, b, n + 1) for (a, b), n in zip(limits, counts, strict=True)]
+        return cls(*edges, unit=own if own is not None else unit)
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Corners of the domain, shape (3, 2), in the grid's unit."""
+        return np.array([[e[0], e[-1]] for e in self.edges])
+
+    @functools.cached_property
+    def scale(self) -> float:
+        """Typical cell width, in which kernels measure lengths."""
+        widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.edges]
+        return float(np.exp(np.mean(np.log(widths))))
+
+    @functools.cached_property
+    def is_uniform(self) -> bool:
+        """True if the cells of each axis are equally wide."""
+        from ..axes import is_uniform
+
+        return all(is_uniform(e) for e in self.edges)
+
+    def needs_double(self) -> bool:
+        """Return True where single precision cannot tell the cells of an axis apart."""
+        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
+
+    @property
+    def resolution(self) -> float:
+        """Width of the thinnest cell as a fraction of the domain's."""
+        return min(float(np.diff(e).min() / np.ptp(e)) for e in self.edges)
+
+    def first_cell_width(self) -> float:
+        """Width in x of the first cell: what flux conservation compares a pixel with."""
+        return float(self.edges[0][1] - self.edges[0][0])
+
+    def walk(self, backend: Any, kind: str = "cells") -> Any:
+        """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
+
+        Parameters
+        ----------
+        backend : Backend
+            Device and precision.
+        kind : {"cells", "reckoned", "dual", "coarse"}
+            Through the cells; through the cells, rounding as RADMC-3D does; through the dual
+            cells, whose corners are the centres of the cells; or through cubes of those.
+        """
+        from .coarse_walk import CoarseWalk
+        from .dual_walk import DualWalk
+        from .reckoned_walk import ReckonedWalk
+        from .walk import CartesianWalk
+
+        kinds = {
+            "cells": CartesianWalk,
+            "reckoned": ReckonedWalk,
+            "dual": DualWalk,
+            "coarse": CoarseWalk,
+        }
+        key = (backend.device, backend.precision, kind)
+        if key not in self._walks:
+            self._walks[key] = kinds[kind](self.edges, self.scale, backend)
+        return self._walks[key]
+
+    def describe(self) -> dict[str, Any]:
+        """Return type, shape, bounds and unit as plain values."""
+        return {
+            "type": "cartesian",
+            "shape": list(self.shape),
+            "bounds": self.bounds.tolist(),
+            "unit": unit_name(self.unit),
+            "uniform": self.is_uniform,
+        }
+
+    def __repr__(self) -> str:
+        limits = ", ".join(
+            f"{a}: {lo:g} … {hi:g}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
+        )
+        kind = "uniform" if self.is_uniform else "rectilinear"
+        nx, ny, nz = self.shape
+        where = f"{limits} {unit_name(self.unit)}".strip()
+        return f"<CartesianGrid {nx}x{ny}x{nz} cells, {kind}, {where}>"
+
+
+def _common_unit(axes: Any, unit: Any) -> Any:
+    for values in axes:
+        if (own := unit_of(values)) is not None:
+            return own
+    return parse_unit(unit)
+
+
+def _edges(values: Any, unit: Any, axis: str) -> np.ndarray:
+    if unit_of(values) is None and not is_quantity(values):
+        edges = _plain_edges(values, axis)
+    else:
+        edges = np.asarray(plain(values, unit, f"{axis} edges"), dtype=np.float64)
+    if edges.ndim != 1 or len(edges) < 2:
+        raise InputError(
+            f"{axis} edges must be a 1-D array of at least two cell edges, got shape {edges.shape}"
+        )
+    if not np.all(np.isfinite(edges)):
+        bad = int(np.flatnonzero(~np.isfinite(edges))[0])
+        raise InputError(f"{axis} edges must be finite; edge {bad} is {edges[bad]}")
+    if np.any(np.diff(edges) <= 0):
+        bad = int(np.flatnonzero(np.diff(edges) <= 0)[0])
+        raise InputError(
+            f"{axis} edges must increase strictly; edge {bad} is {edges[bad]:g} and edge {bad + 1} "
+            f"is {edges[bad + 1]:g}. Flip the axis (and the fields) if they decrease"
+        )
+    edges.setflags(write=False)
+    return edges
+
+
+def _plain_edges(values: Any, axis: str) -> np.ndarray:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{axis} edges must be numbers, got {values!r}") from error
+
+
+def _counts(shape: Any) -> tuple[int, ...]:
+    counts = (shape,) * 3 if np.ndim(shape) == 0 else tuple(shape)
+    if len(counts) != 3 or not all(
+        isinstance(n, Real) and float(n) >= 1 and float(n).is_integer() for n in counts
+    ):
+        raise InputError(f"shape must be three positive whole numbers (nx, ny, nz), got {shape!r}")
+    return tuple(int(n) for n in counts)

@@ -1,0 +1,288 @@
+"""How rays cross empty space: from block to block of cells, or over many empty blocks at once.
+
+A block is a cube of `BLOCK` cells along each axis. For every empty block, and for rays into each of
+the eight octants, it is known how many blocks ahead along all three axes are empty: that cube is
+crossed in one step. (Distances that are the same in all directions, as of Cohen & Sheffer 1994,
+count what is behind a ray too: it leaves a surface in small steps.) Of blocks with something in
+them it is known how wide steps may be there (`grids.cartesian.coarse_walk`).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from .walk import BLOCK, least, lesser, nearest
+
+# A block is 2^BITS cells wide.
+BITS = BLOCK.bit_length() - 1
+# Bits of a block's code that tell how far it is empty ahead, and what is told apart in them.
+_DISTANCE_BITS = 4
+_SIZES = (1, 2, 3, 4, 6, 8, 12, 15)
+_FARTHEST = (1 << _DISTANCE_BITS) - 1
+
+
+@dataclass
+class Blocks:
+    """Blocks of a grid on the device.
+
+    Attributes
+    ----------
+    code : array of UInt
+        Per block, z fastest: for an empty one how many are empty ahead, four bits for each octant;
+        else, below 16, the log2 of how many cells wide a step may be.
+    shape : tuple of arrays of UInt
+        Number of blocks along y and z.
+    filled : float
+        The part of all blocks that is not empty.
+    steps : tuple of int
+        log2 of how wide the steps are that are wider than a cell.
+    share : float
+        The mean part of a step that a cell is.
+    """
+
+    code: Any
+    shape: tuple[Any, Any]
+    filled: float
+    steps: tuple[int, ...] = ()
+    share: float = 1.0
+
+    @property
+    def coarse(self) -> bool:
+        """Whether some steps may be wider than a cell."""
+        return bool(self.steps)
+
+
+@dataclass
+class Leap:
+    """Where rays are once they have looked for the next block with something in it.
+
+    Attributes
+    ----------
+    leave : array or None
+        The distance where they leave that block; where steps may be wide, one is taken at a time.
+    moved : array of Bool
+        Lanes that crossed empty space.
+    """
+
+    cursor: Any
+    leave: Any
+    moved: Any
+
+
+@dataclass
+class Search:
+    """Where rays are while they look.
+
+    Attributes
+    ----------
+    block : list of arrays
+        The block they are in: mirrored numbers.
+    t : array
+        The distance where they enter it.
+    leave : array, or None
+        Where they leave it.
+    step : array of Int, or None
+        Where that is wanted instead: log2 of how wide steps may be there.
+    found : array of Bool
+        Lanes that need not go on: they are in a block with something in it, or outside.
+    """
+
+    block: list[Any]
+    t: Any
+    leave: Any
+    step: Any
+    moved: Any
+    found: Any
+
+
+def block_shape(cells: Any) -> tuple[int, ...]:
+    """Return how many blocks there are along each axis."""
+    return tuple((int(n) + BLOCK - 1) >> BITS for n in cells)
+
+
+def make_blocks(filled: np.ndarray, backend: Any, steps: np.ndarray | None = None) -> Blocks:
+    """Return blocks.
+
+    Parameters
+    ----------
+    filled : bool array, shape (nx, ny, nz) in blocks
+        Those that are not empty.
+    steps : uint8 array of the same shape, optional
+        log2 of how many cells wide a step may be in them.
+    """
+    code = empty_ahead(filled)
+    wide = np.zeros(1, np.uint8) if steps is None else steps[filled]
+    if steps is not None:
+        code[filled] = wide
+    _, ny, nz = filled.shape
+    return Blocks(
+        backend.UInt(code.reshape(-1)),
+        (dr.opaque(backend.UInt, ny), dr.opaque(backend.UInt, nz)),
+        float(filled.mean()),
+        tuple(int(k) for k in np.unique(wide) if k),
+        float(np.mean(0.5**wide)) if wide.size else 1.0,
+    )
+
+
+def empty_ahead(filled: np.ndarray) -> np.ndarray:
+    """Return how many blocks are empty along all axes, for rays into each octant.
+
+    Four bits for each octant, numbered by the axes that rays run down, x first; zero in blocks that
+    are filled. Only some distances are told apart, those of `_SIZES`: each takes a pass over all
+    blocks. Beyond the volume's faces nothing is filled.
+    """
+    code = np.zeros(filled.shape, np.uint32)
+    for octant, down in enumerate(itertools.product((False, True), repeat=3)):
+        sense = tuple(slice(None, None, -1 if d else 1) for d in down)
+        ahead = _cube_ahead(np.ascontiguousarray(~filled[sense]))
+        code |= ahead[sense].astype(np.uint32) << np.uint32(_DISTANCE_BITS * octant)
+    return code
+
+
+def _cube_ahead(empty: np.ndarray) -> np.ndarray:
+    """Return the largest cube of empty blocks that begins in each, for rays that run upwards."""
+    size = empty.astype(np.uint8)
+    for smaller, larger in pairwise(_SIZES):
+        for axis in range(3):
+            empty = _both(empty, larger - smaller, axis)
+        size += np.uint8(larger - smaller) * empty
+    return size
+
+
+def _both(empty: np.ndarray, distance: int, axis: int) -> np.ndarray:
+    """Return where a place is empty, and the one so far ahead along an axis (or outside)."""
+    result = empty.copy()
+    near, far = (np.moveaxis(a, axis, 0) for a in (result, empty))
+    near[:-distance] &= far[distance:]
+    return result
+
+
+def leap(walk: Any, track: Any, cursor: Any, blocks: Blocks) -> Leap:
+    """Move rays to where they enter the next block that is not empty; those in one stay."""
+    cursor = walk.precise(track, cursor)
+    way = _Way(walk, track, blocks)
+
+    def searching(state: Search) -> Any:
+        return ~state.found
+
+    def cross(state: Search) -> tuple[Search]:
+        return (way.cross(state),)
+
+    start = Search(
+        [way.block(axis, i) for axis, i in enumerate(cursor.index)],
+        cursor.t,
+        None if blocks.coarse else cursor.t,
+        walk.backend.Int(0) if blocks.coarse else None,
+        cursor.inside & False,
+        ~cursor.inside,
+    )
+    (end,) = dr.while_loop((start,), searching, cross, label="leap")
+    index = [
+        dr.select(end.moved, way.cell(axis, b, end.t), i)
+        for axis, (b, i) in enumerate(zip(end.block, cursor.index, strict=True))
+    ]
+    there = walk.at(track, index, end.t)
+    if blocks.coarse:
+        there = walk.settle(there, walk.backend.Float(1 << end.step))
+    return Leap(dr.select(end.found & ~cursor.inside, cursor, there), end.leave, end.moved)
+
+
+class _Way:
+    """Rays among blocks, which are counted along each axis in the sense of the ray, like cells.
+
+    Blocks begin with the first cell of the volume. So for a ray that runs down an axis the first
+    one it meets may lack some cells: those before the first that it counts.
+    """
+
+    def __init__(self, walk: Any, track: Any, blocks: Blocks) -> None:
+        self.walk, self.track, self.blocks = walk, track, blocks
+        self.backend = walk.backend
+        self.side = float(BLOCK)
+        down = [stride < 0 for stride in track.cell_stride]
+        self.lacking = [dr.select(d, n, 0.0) for d, n in zip(down, walk.lacking, strict=True)]
+        ny, nz = (self.backend.Int(n) for n in blocks.shape)
+        strides = [ny * nz, nz, self.backend.Int(1)]
+        self.strides = [dr.select(d, -s, s) for d, s in zip(down, strides, strict=True)]
+        self.lasts = [self.backend.Float(axis.last_cell) for axis in walk.axes]
+        counts = [axis.last_cell >> BITS for axis in walk.axes]
+        lasts = [dr.select(d, s * n, 0) for d, s, n in zip(down, strides, counts, strict=True)]
+        self.first = lasts[0] + lasts[1] + lasts[2]
+        octant = sum(dr.select(d, self.backend.UInt(4 >> axis), 0) for axis, d in enumerate(down))
+        self.shift = octant * _DISTANCE_BITS
+
+    def block(self, axis: int, index: Any) -> Any:
+        """Return the block of a cell."""
+        return dr.floor((index + self.lacking[axis]) * (1.0 / self.side))
+
+    def wall(self, axis: int, block: Any) -> Any:
+        """Return the cell that a block begins with."""
+        return dr.fma(block, self.side, -self.lacking[axis])
+
+    def cell(self, axis: int, block: Any, t: Any) -> Any:
+        """Return the cell in a block where the ray is at distance `t`."""
+        low = self.wall(axis, block)
+        low, high = dr.select(low > 0.0, low, 0.0), low + (self.side - 1.0)
+        high = lesser(high, self.lasts[axis])
+        return cell_ahead(self.walk.axes[axis], self.track.axes[axis], t, low, high)
+
+    def cross(self, state: Search) -> Search:
+        """Return rays at the far side of what is empty around them, or told where they leave."""
+        code = self._code(state)
+        real, axes = self.backend.Float, list(enumerate(self.walk.axes))
+        empty = code > _FARTHEST
+        reach = dr.select(empty, real((code >> self.shift) & _FARTHEST), 1.0)
+        ahead = [b + reach for b in state.block]
+        before = [lesser(self.wall(a, b) - 1.0, self.lasts[a]) for a, b in enumerate(ahead)]
+        ways = [axis.crossing(self.track.axes[a], before[a]) for a, axis in axes]
+        t, through = least(ways), nearest(ways)
+        empty &= ~state.found
+        block = [
+            dr.select(through[a], ahead[a], self._block_at(a, t, state, reach)) for a, _ in axes
+        ]
+        found = Search(
+            [dr.select(empty, new, old) for new, old in zip(block, state.block, strict=True)],
+            dr.select(empty, t, state.t),
+            None,
+            None,
+            state.moved | empty,
+            ~empty | ~(t < self.track.leave),
+        )
+        if self.blocks.coarse:
+            found.step = self.backend.Int(code)
+        else:
+            # A block is always entered, even if rounding puts its far wall where the ray is.
+            leave = dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
+            found.leave = dr.select(empty, state.leave, leave)
+        return found
+
+    def _code(self, state: Search) -> Any:
+        """Return the codes of the blocks that rays are in."""
+        flat = self.first
+        for b, stride in zip(state.block, self.strides, strict=True):
+            flat += self.backend.Int(b) * stride
+        return dr.gather(self.backend.UInt, self.blocks.code, self.backend.UInt(flat), ~state.found)
+
+    def _block_at(self, axis: int, t: Any, state: Search, reach: Any) -> Any:
+        """Return the block where a ray is at distance `t`, not before where it was."""
+        old = state.block[axis]
+        index = self.walk.axes[axis].cell_at(self.track.axes[axis], t)
+        block = self.block(axis, lesser(index, self.lasts[axis]))
+        return lesser(dr.select(block > old, block, old), old + (reach - 1.0))
+
+
+def cell_ahead(axis: Any, track: Any, t: Any, low: Any, high: Any) -> Any:
+    """Return the mirrored cell a ray is in at distance `t`, between two others.
+
+    If rounding puts a wall of it behind the ray, that wall has been crossed.
+    """
+    index = axis.cell_at(track, t)
+    index = dr.select(index > low, index, low)
+    index = dr.select(index < high, index, high)
+    passed = (axis.crossing(track, index) <= t) & (index < high)
+    return dr.select(passed, index + 1.0, index)

@@ -1,0 +1,1 @@
+"""Cells between spheres, cones, cylinders and half planes."""

@@ -1,0 +1,146 @@
+"""Where a straight ray comes nearest to a centre or an axis: distances are counted from there.
+
+A crossing with a sphere, a cone or a cylinder is the difference of two numbers of the size of the
+distance to the point that distances are counted from. Near the centre cells are small; counted from
+the closest approach, distances there are small too, and nothing cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...backend import dr
+from ..axes import NEVER
+
+# Slower than this (per unit of distance), a ray runs parallel to an axis or a plane.
+PARALLEL = 1e-15
+
+
+@dataclass
+class Approach:
+    """Rays in `Wide`, in units of the grid's scale, as ``point + t direction``.
+
+    Attributes
+    ----------
+    point, direction : list of three arrays
+        Where the distance t is zero, and the unit direction.
+    way : array
+        Distance of that point from the ray's origin.
+    arrive, leave : array
+        The t at which rays enter and leave the surface around everything.
+    hits : array of Bool
+        Lanes that do.
+    """
+
+    point: list[Any]
+    direction: list[Any]
+    way: Any
+    arrive: Any
+    leave: Any
+    hits: Any
+
+
+@dataclass
+class CentreApproach(Approach):
+    """Also the distance from the centre and the unit vector to the point, normal to the ray."""
+
+    radius: Any
+    normal: list[Any]
+
+
+@dataclass
+class AxisApproach(Approach):
+    """Also `side`: 0 if the point is the closest approach of the whole line.
+
+    It is 1 if the chord begins there, beyond the closest approach, and -1 if it ends there, before.
+    """
+
+    side: Any
+
+
+def approach_centre(origin: list[Any], direction: list[Any], outer: Any) -> CentreApproach:
+    """Return rays counted from where they come nearest to the origin; all lengths scaled.
+
+    Parameters
+    ----------
+    outer : array
+        Radius of the sphere around everything.
+    """
+    first_way = -dot(origin, direction)
+    near = along(origin, direction, first_way)
+    # The first point is off along the ray by the rounding of a far origin: once more.
+    more = -dot(near, direction)
+    point = along(near, direction, more)
+    square = dot(point, point)
+    radius = dr.sqrt(square)
+    # What is left of a point that was rounding along the ray has no direction.
+    central = (square <= 1e-4 * dot(near, near)) | (radius < 1e-30)
+    radius = dr.select(central, 0.0, radius)
+    inverse = 1.0 / dr.select(central, 1.0, radius)
+    across = _horizontal_normal(direction)
+    normal = [dr.select(central, a, p * inverse) for a, p in zip(across, point, strict=True)]
+    point = [dr.select(central, 0.0, p) for p in point]
+    half = dr.sqrt(dr.maximum((outer - radius) * (outer + radius), 0.0))
+    return CentreApproach(point, direction, first_way + more, -half, half, half > 0, radius, normal)
+
+
+def _horizontal_normal(direction: list[Any]) -> list[Any]:
+    """Return a unit vector normal to the direction with z = 0."""
+    x, y, z = direction
+    across = dr.sqrt(x * x + y * y)
+    polar = across < PARALLEL
+    inverse = 1.0 / dr.select(polar, 1.0, across)
+    return [dr.select(polar, 1.0, y * inverse), dr.select(polar, 0.0, -x * inverse), 0.0 * z]
+
+
+def approach_axis(
+    origin: list[Any], direction: list[Any], outer: Any, low: Any, high: Any
+) -> AxisApproach:
+    """Return rays counted from the point of their chord that is nearest to the z axis.
+
+    The chord, in the cylinder of radius `outer` between `low` and `high`, has ends of its own: a
+    ray that is nearly parallel to the axis may come nearest to it far beyond them.
+    """
+    (x, y, z), (dx, dy, dz) = origin, direction
+    Wide = type(z)
+    square = dx * dx + dy * dy
+    parallel = square < PARALLEL**2
+    inverse = 1.0 / dr.select(parallel, 1.0, square)
+    nearest = dr.select(parallel, 0.0, -dr.fma(x, dx, y * dy) * inverse)
+    nx, ny = dr.fma(nearest, dx, x), dr.fma(nearest, dy, y)
+    inner = outer * outer - dr.fma(nx, nx, ny * ny)
+    half = dr.sqrt(dr.maximum(inner, 0.0) * inverse)
+    half = dr.select(parallel, dr.select(inner > 0, Wide(NEVER), -NEVER), half)
+    arrive, leave = _between(z, dz, low, high)
+    arrive, leave = dr.maximum(arrive, nearest - half), dr.minimum(leave, nearest + half)
+    hits = arrive < leave
+    way = dr.select(hits, dr.clip(nearest, arrive, leave), 0.0)
+    way = dr.select(parallel & hits, 0.5 * (arrive + leave), way)
+    still = [dr.select(parallel, 0.0, dx), dr.select(parallel, 0.0, dy), dz]
+    side = dr.select(way == nearest, 0.0, dr.select(way > nearest, Wide(1), -1))
+    side = dr.select(parallel, 0.0, side)
+    return AxisApproach(
+        along(origin, still, way), still, way, arrive - way, leave - way, hits, side
+    )
+
+
+def _between(z: Any, dz: Any, low: Any, high: Any) -> tuple[Any, Any]:
+    """Return the distances at which rays are between two planes; the wrong way if never."""
+    Wide = type(z)
+    parallel = dr.abs(dz) < PARALLEL
+    pace = 1.0 / dr.select(parallel, 1.0, dz)
+    a, b = (low - z) * pace, (high - z) * pace
+    within = dr.select((z >= low) & (z <= high), Wide(-NEVER), NEVER)
+    arrive = dr.select(parallel, within, dr.minimum(a, b))
+    return arrive, dr.select(parallel, Wide(NEVER), dr.maximum(a, b))
+
+
+def dot(a: list[Any], b: list[Any]) -> Any:
+    """Return the scalar product of two vectors."""
+    return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
+
+
+def along(origin: list[Any], direction: list[Any], way: Any) -> list[Any]:
+    """Return the point at a distance."""
+    return [dr.fma(way, d, o) for o, d in zip(origin, direction, strict=True)]

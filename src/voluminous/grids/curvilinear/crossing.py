@@ -1,0 +1,123 @@
+"""When a straight ray meets a wall: one formula for all kinds of walls.
+
+A wall is two numbers (c, v). The distance at which a ray meets it is a quotient of linear forms,
+
+    t = (n0 + n1 c + n2 s)/(d0 + d1 c + d2 s),
+
+where s is v itself for planes, and ``∓ sqrt(v - offset)`` for surfaces that a ray meets twice,
+before and after its turning point. The coefficients belong to a ray and a family of walls. So a
+walk computes ONE crossing per step, that of the family which was crossed: with three it would fetch
+three walls from memory, which takes longer than all the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ...backend import dr
+from ..axes import NEVER
+
+# A coefficient that is zero for all rays is None.
+Form = Sequence[Any]
+
+
+@dataclass
+class Lines:
+    """The coefficients for one family of walls.
+
+    Attributes
+    ----------
+    top, bottom : three arrays, numbers or None
+        n0, n1, n2 and d0, d1, d2.
+    offset : two arrays, or None
+        What is subtracted from a positive v, and from another; None where s is v.
+    least : array or float
+        Where the denominator is not above it the wall is not met: it lies before the ray's
+        beginning, if met before the turning point, or beyond its end.
+    straight : array of Bool or None
+        Lanes where s is v although there are offsets, for a choice among families.
+    """
+
+    top: Form
+    bottom: Form
+    offset: Form | None = None
+    least: Any = 0.0
+    straight: Any = None
+
+
+def meet(lines: Lines, wall: Sequence[Any], inward: Any) -> Any:
+    """Return the distance at which rays meet a wall, before their turning point or after it."""
+    c, v = wall
+    s = v if lines.offset is None else _root(lines, v, inward)
+    bottom = _linear(lines.bottom, c, s)
+    met = bottom > lines.least
+    t = _linear(lines.top, c, s) / dr.select(met, bottom, 1.0)
+    return dr.select(met, t, dr.select(inward, -NEVER, type(v)(NEVER)))
+
+
+def _root(lines: Lines, v: Any, inward: Any) -> Any:
+    positive, other = lines.offset or ()
+    square = v - (positive if other is positive else dr.select(v > 0.0, positive, other))
+    root = dr.sqrt(dr.select(square > 0.0, square, 0.0))
+    root = dr.select(inward, -root, root)
+    return root if lines.straight is None else dr.select(lines.straight, v, root)
+
+
+def _linear(form: Form, c: Any, s: Any) -> Any:
+    constant, by_c, by_s = form
+    total = constant
+    for coefficient, value in ((by_c, c), (by_s, s)):
+        if coefficient is not None:
+            total = value * coefficient if total is None else dr.fma(value, coefficient, total)
+    return total
+
+
+def choose(through: list[Any], families: list[Lines], zero: Any) -> Lines:
+    """Return the coefficients of the family that each lane is going through.
+
+    Parameters
+    ----------
+    through : list of arrays of Bool
+        For each family; one of them holds.
+    zero : array
+        What None stands for in a mixture.
+    """
+    if len(families) == 1:
+        return families[0]
+    bent = [lines.offset is not None for lines in families]
+    offset = straight = None
+    if any(bent):
+        offsets = [lines.offset or (zero, zero) for lines in families]
+        offset = tuple(pick(through, [o[k] for o in offsets], zero) for k in range(2))
+        straight = (
+            None if all(bent) else _any([m for m, b in zip(through, bent, strict=True) if not b])
+        )
+    return Lines(
+        [pick(through, [lines.top[k] for lines in families], zero) for k in range(3)],
+        [pick(through, [lines.bottom[k] for lines in families], zero) for k in range(3)],
+        offset,
+        pick(through, [lines.least for lines in families], zero),
+        straight,
+    )
+
+
+def pick(through: list[Any], values: list[Any], zero: Any) -> Any:
+    """Return for each lane the value of the family it goes through; None if all are."""
+    if all(value is None for value in values):
+        return None
+    filled = [zero if value is None else value for value in values]
+    if all(isinstance(value, float) and value == filled[0] for value in filled):
+        return filled[0]
+    chosen = zero + filled[-1]
+    for mask, value in zip(through[-2::-1], filled[-2::-1], strict=True):
+        chosen = dr.select(mask, value, chosen)
+    return chosen
+
+
+def _any(masks: list[Any]) -> Any:
+    found = masks[0]
+    for mask in masks[1:]:
+        found = found | mask
+    return found

@@ -1,0 +1,93 @@
+"""Rays through space between surfaces that belongs to no cell: crossed in one step."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from ...backend import dr
+from ..axes import NEVER
+from .order import either, later, lesser, nearest
+
+# Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
+Step = tuple[list[Any], list[Any], Any, Any]
+
+Jump = tuple[list[Any], Any, Any]
+
+
+class GapCrossing:
+    """What a walk does in a cavity, in open cones at the poles, in an empty wedge.
+
+    A ray leaves a gap through that wall of its family which is next. Where it is then among the
+    walls of the others is looked up, as where it enters the domain: how many there are in the gap
+    does not matter.
+    """
+
+    backend: Any
+    families: list[Any]
+    has_gaps: bool
+
+    def _number(self, through: list[Any]) -> Any:
+        """Return the number of the family that is crossed."""
+        number = self.backend.Int(0)
+        for k, crossed in enumerate(through[1:]):
+            number = dr.select(crossed, k + 1, number)
+        return number
+
+    def _times(self, track: Any, count: list[Any]) -> list[Any]:
+        """Return the distances of the next wall of each family."""
+        return [f.time(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]
+
+    def _gaps(self, track: Any, count: list[Any]) -> list[Any]:
+        """Return for each family the lanes between walls of it that hold no cell."""
+        return [
+            family.in_gap(a, k) if family.has_gaps else self.backend.Bool(False)
+            for family, a, k in zip(self.families, track.axes, count, strict=True)
+        ]
+
+    def _in_gap(self, track: Any, count: list[Any]) -> Any:
+        """Return the lanes that are in no cell."""
+        return functools.reduce(either, self._gaps(track, count))
+
+    def _beyond_gap(
+        self, track: Any, count: list[Any], ahead: list[Any], t: Any, family: Any, gap: Any
+    ) -> Step:
+        """Return where lanes that are in a gap are in a cell again, or out of the domain."""
+
+        def leave(count: list[Any], ahead: list[Any], t: Any, family: Any) -> Step:
+            count, t, family = self._cross_gap(track, count, t, family, gap)
+            return count, self._times(track, count), t, family
+
+        def stay(count: list[Any], ahead: list[Any], t: Any, family: Any) -> Step:
+            return count, ahead, t, family
+
+        return dr.if_stmt((count, ahead, t, family), gap, leave, stay)
+
+    def _cross_gap(self, track: Any, count: list[Any], t: Any, family: Any, lanes: Any) -> Jump:
+        """Move those lanes that are in a gap to the first cell beyond, or out of the domain."""
+
+        def in_gap(count: list[Any], t: Any, family: Any) -> Any:
+            return lanes & (t < track.leave) & self._in_gap(track, count)
+
+        def cross(count: list[Any], t: Any, family: Any) -> Jump:
+            return self._jump(track, count, t)
+
+        return dr.while_loop((count, t, family), in_gap, cross, label="gap")
+
+    def _jump(self, track: Any, count: list[Any], t: Any) -> Jump:
+        """Return where rays leave that gap of those they are in that ends last."""
+        gaps, ahead = self._gaps(track, count), self._times(track, count)
+        ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
+        through = nearest(ends)
+        end = lesser(later(-functools.reduce(lesser, ends), t), track.leave)
+        # All walls of the other families on the way have been crossed.
+        count = [
+            dr.select(own, k, dr.maximum(k, family.enter(a, end)))
+            for own, k, family, a in zip(through, count, self.families, track.axes, strict=True)
+        ]
+        return beyond(count, through), end, self._number(through)
+
+
+def beyond(count: list[Any], through: list[Any]) -> list[Any]:
+    """Return the counts beyond a wall."""
+    return [dr.select(own, k + 1, k) for own, k in zip(through, count, strict=True)]

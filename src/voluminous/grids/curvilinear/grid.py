@@ -1,0 +1,215 @@
+"""What spherical and cylindrical grids share on the host."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...units import unit_name
+from .edges import FULL_CIRCLE, is_closed
+from .vertices import cells_around
+
+# Single precision must tell this many points apart across the thinnest cell.
+_POINTS_PER_CELL = 256
+
+
+class CurvilinearGrid:
+    """Cells between surfaces of constant coordinates; see `SphericalGrid`, `CylindricalGrid`.
+
+    Attributes
+    ----------
+    edges : tuple of three float64 arrays
+        The cell walls: lengths in `unit`, angles in radian.
+    coordinates : tuple of str
+        Names of the grid's own coordinates.
+    unit : astropy unit or None
+        Length unit; None is dimensionless.
+    """
+
+    coordinates: tuple[str, str, str]
+    type_name: str
+    walk_kinds: tuple[str, ...] = ("cells", "reckoned", "dual")
+    mirror = False
+    has_blocks = False
+    edges: tuple[np.ndarray, np.ndarray, np.ndarray]
+    unit: Any
+
+    def __new__(cls, *arguments: Any, refined: Any = None, **options: Any) -> CurvilinearGrid:
+        """Return a grid that is refined, if split flags are given."""
+        return super().__new__(cls if refined is None else cls._refined_class())
+
+    def __init__(self) -> None:
+        self._walks: dict[Any, Any] = {}
+
+    @classmethod
+    def _refined_class(cls) -> type[CurvilinearGrid]:
+        """Return the class of grids of this kind that are refined."""
+        raise NotImplementedError
+
+    def _refine(self, refined: Any) -> None:
+        """Take split flags; of grids that are refined."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of cells per axis."""
+        a, b, c = (len(e) - 1 for e in self.edges)
+        return a, b, c
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return int(np.prod(self.shape, dtype=object))
+
+    @functools.cached_property
+    def levels(self) -> np.ndarray:
+        """Level of refinement of the cells: zeros."""
+        return np.zeros(self.shape, np.uint8)
+
+    @property
+    def scale(self) -> float:
+        """Typical cell width, in which kernels measure lengths."""
+        radii = self.edges[0]
+        return float(radii[-1] - radii[0]) / (len(radii) - 1)
+
+    def needs_double(self) -> bool:
+        """Return True where single precision cannot tell the cells of an axis apart.
+
+        Distances count from the closest approach to the centre or the axis: what counts is a
+        cell's width compared with its distance from there, so radii may span many decades.
+        """
+        return bool(self._thinnest() < np.finfo(np.float32).eps * _POINTS_PER_CELL)
+
+    def _thinnest(self) -> float:
+        """Return the smallest width of a cell compared with the numbers it is computed from."""
+        raise NotImplementedError
+
+    def pack(self, value: Any) -> np.ndarray:
+        """Return the values of a field as an array."""
+        return np.asarray(value)
+
+    def unpack(self, flat: Any) -> np.ndarray:
+        """Return the values of consecutive cells as a field."""
+        return np.asarray(flat).reshape(self.shape)
+
+    def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return the grid's own coordinates of the middles of consecutive cells, shape (3, n)."""
+        low, high = self.spans(first, last)
+        return 0.5 * (low + high)
+
+    def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return where consecutive cells begin and end along their own coordinates, (3, n) each."""
+        cells = np.arange(first, self.size if last is None else last)
+        index = np.unravel_index(cells, self.shape)
+        low = np.stack([e[i] for e, i in zip(self.edges, index, strict=True)])
+        return low, np.stack([e[i + 1] for e, i in zip(self.edges, index, strict=True)])
+
+    @functools.cached_property
+    def cell_volumes(self) -> np.ndarray:
+        """Volumes of the cells, exact; a mirrored cell counts its image."""
+        return self._volumes(*self.spans()).reshape(self.shape)
+
+    def _volumes(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Return the volumes (n,) of cells between own coordinates (3, n)."""
+        raise NotImplementedError
+
+    def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """Return x, y and z of the middles of consecutive cells, shape (3, n)."""
+        return self.position(self.native_centers(first, last))
+
+    def position(self, native: np.ndarray) -> np.ndarray:
+        """Return x, y and z (3, n) of points given by the grid's own coordinates."""
+        raise NotImplementedError
+
+    def native(self, points: Any) -> np.ndarray:
+        """Return the grid's own coordinates (3, n) of points (n, 3)."""
+        raise NotImplementedError
+
+    def locate(self, points: Any) -> np.ndarray:
+        """Return the flat number of the cell of each point (n, 3); -1 outside."""
+        native = self.native(points)
+        index, inside = [], np.ones(native.shape[1], bool)
+        for edges, value in zip(self.edges, native, strict=True):
+            found = np.searchsorted(edges, value, side="right") - 1
+            found = np.where(value == edges[-1], len(edges) - 2, found)
+            inside &= (value >= edges[0]) & (value <= edges[-1])
+            index.append(np.clip(found, 0, len(edges) - 2))
+        return np.where(inside, np.ravel_multi_index(index, self.shape), -1)
+
+    def _azimuth(self, x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> np.ndarray:
+        """Return azimuths, above the first edge by less than a full circle."""
+        angle = np.mod(np.arctan2(y, x) - edges[0], FULL_CIRCLE)
+        return edges[0] + np.where(angle >= FULL_CIRCLE, 0.0, angle)
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices: one more than cells along each axis."""
+        return int(np.prod([n + 1 for n in self.shape], dtype=object))
+
+    @property
+    def is_periodic(self) -> bool:
+        """True if azimuth spans a full circle."""
+        return is_closed(self.edges[self.coordinates.index("phi")])
+
+    def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
+        """Return the cells around vertices, and whether they exist; see `cells_around`."""
+        return cells_around(self, lane, backend)
+
+    def walk(self, backend: Any, kind: str = "cells") -> Any:
+        """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
+
+        Parameters
+        ----------
+        backend : Backend
+            Device and precision.
+        kind : {"cells", "reckoned", "dual"}
+            Through the cells; through the cells in the sub-steps that RADMC-3D takes; or through
+            the dual cells between their centres.
+
+        Raises
+        ------
+        InputError
+            For any other kind.
+        """
+        from .walks import make_walk
+
+        if kind not in self.walk_kinds:
+            raise InputError(
+                f"a {self.type_name} grid has no walk of the kind {kind!r}, only "
+                f"{', '.join(map(repr, self.walk_kinds))}; use scheme='first-order'"
+            )
+        key = (backend.device, backend.precision, kind)
+        if key not in self._walks:
+            self._walks[key] = make_walk(self, backend, kind)
+        return self._walks[key]
+
+    def describe(self) -> dict[str, Any]:
+        """Return type, shape, bounds, edges' ends and unit as plain values."""
+        return {
+            "type": self.type_name,
+            "shape": list(self.shape),
+            "bounds": self.bounds.tolist(),
+            "unit": unit_name(self.unit),
+            "extent": {
+                name: [float(e[0]), float(e[-1])]
+                for name, e in zip(self.coordinates, self.edges, strict=True)
+            },
+            "mirror": self.mirror,
+        }
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """Box around the domain, shape (3, 2), in the grid's unit."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        counts = "x".join(map(str, self.shape))
+        limits = ", ".join(
+            f"{name}: {e[0]:g} … {e[-1]:g}"
+            for name, e in zip(self.coordinates, self.edges, strict=True)
+        )
+        mirrored = ", mirrored" if self.mirror else ""
+        where = f"{limits}{mirrored} {unit_name(self.unit)}".strip()
+        return f"<{type(self).__name__} {counts} cells, {where}>"

@@ -1,0 +1,201 @@
+"""Spherical and cylindrical grids whose cells are split, again and again: octrees in r, θ and φ.
+
+The tree is that of Cartesian octrees (`octree_tree`): it knows whole numbers of finest units only.
+Walls between cells of any level are walls of the evenly refined grid, which is never made: only its
+edges along each axis are.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from ...backend import get_backend
+from ...errors import InputError
+from ..trees.octree_leaves import checked_flags
+from ..trees.octree_order import levels_from_flags
+from ..trees.octree_places import Places
+from ..trees.octree_tree import octree_tree
+from ..trees.tree import Tree
+from .cylindrical import CylindricalGrid
+from .edges import FULL_CIRCLE
+from .grid import CurvilinearGrid
+from .refined_surroundings import RefinedSurroundings
+from .refined_vertices import cells_around
+from .spherical import SphericalGrid
+
+# Finest cells along one axis: kernels hold a table of their walls.
+_MOST_WALLS = 1 << 24
+
+
+class RefinedCells(CurvilinearGrid):
+    """What refinement changes in a curvilinear grid: fields are flat, in the order of the leaves.
+
+    Attributes
+    ----------
+    levels : array of uint8, shape (leaves,)
+        How often each leaf's base cell was split.
+    fine_edges : tuple of three float64 arrays
+        The walls of the evenly refined grid.
+    """
+
+    walk_kinds: tuple[str, ...] = ("cells", "dual")
+    fine_edges: tuple[np.ndarray, ...]
+
+    @classmethod
+    def _refined_class(cls) -> type[CurvilinearGrid]:
+        return cls
+
+    def _refine(self, refined: Any) -> None:
+        base = int(np.prod(self.base_shape, dtype=object))
+        axes = tuple(a for a in range(3) if not self._closes(a))
+        levels = levels_from_flags(checked_flags(refined), base, 1 << len(axes))
+        levels.setflags(write=False)
+        self.places = Places(levels, axes)
+        self.__dict__["levels"] = levels
+        self.divisions = np.ones(3, np.int64)
+        self.divisions[list(axes)] <<= self.places.deepest
+        self._check_walls()
+        self.fine_edges = tuple(
+            _divided(e, int(parts)) for e, parts in zip(self.edges, self.divisions, strict=True)
+        )
+
+    def _closes(self, axis: int) -> bool:
+        """Return True for an axis with one cell from pole to pole, or all around."""
+        edges, name = self.edges[axis], self.coordinates[axis]
+        whole = {"theta": 0.5 * FULL_CIRCLE, "phi": FULL_CIRCLE}.get(name, np.inf)
+        return len(edges) == 2 and bool(edges[1] - edges[0] > whole - 1e-9)
+
+    def _check_walls(self) -> None:
+        most = max(self.divisions * self.base_shape)
+        if most > _MOST_WALLS:
+            raise InputError(
+                f"refined must not divide an axis into more than {_MOST_WALLS} cells; "
+                f"{self.places.deepest} levels make {most}"
+            )
+        phi = self.edges[self.coordinates.index("phi")]
+        if np.diff(phi).max() > 0.5 * FULL_CIRCLE and not self.is_periodic:
+            raise InputError("phi cells must be at most half a circle wide where a grid is refined")
+
+    @property
+    def base_shape(self) -> tuple[int, int, int]:
+        """Number of base cells per axis."""
+        a, b, c = (len(e) - 1 for e in self.edges)
+        return a, b, c
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of a field: one value per leaf."""
+        return (len(self.levels),)
+
+    @functools.cached_property
+    def cells_per_level(self) -> tuple[int, ...]:
+        """Number of cells of each level."""
+        return tuple(int(n) for n in np.bincount(self.levels))
+
+    @functools.cached_property
+    def tree(self) -> Tree:
+        """From whole numbers of finest units to leaves."""
+        return octree_tree(self.base_shape, self.places)
+
+    def boxes(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
+        last = self.size if last is None else last
+        base, corner = self.places.corners(first, last)
+        n1, n2, _ = self.base_shape
+        finer = 1 << (self.places.deepest - self.levels[first:last].astype(np.int64))
+        size = np.ones_like(corner)
+        for axis, index in enumerate((base % n1, base // n1 % n2, base // (n1 * n2))):
+            corner[axis] += index * self.divisions[axis]
+            if axis in self.places.axes:
+                size[axis] = finer
+        return corner, size
+
+    def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return where consecutive cells begin and end along their own coordinates, (3, n) each."""
+        corner, size = self.boxes(first, last)
+        low, high = (
+            np.stack([e[i] for e, i in zip(self.fine_edges, index, strict=True)])
+            for index in (corner, corner + size)
+        )
+        return low, high
+
+    def locate(self, points: Any) -> np.ndarray:
+        """Return the number of the leaf of each point (n, 3); -1 outside."""
+        native = self.native(points)
+        place, inside = np.empty(native.shape, np.int64), np.ones(native.shape[1], bool)
+        for axis, (edges, value) in enumerate(zip(self.fine_edges, native, strict=True)):
+            found = np.searchsorted(edges, value, side="right") - 1
+            place[axis] = np.clip(found, 0, len(edges) - 2)
+            inside &= (value >= edges[0]) & (value <= edges[-1])
+        return np.where(inside, self.tree.find(place).number, -1)
+
+    def _thinnest(self) -> float:
+        return super()._thinnest() / float(self.divisions.max())
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices: each leaf has eight of its own."""
+        return 8 * self.size
+
+    def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
+        """Return the cells around consecutive vertices, and whether they exist."""
+        return cells_around(self, lane, backend)
+
+    def surroundings(self, backend: Any) -> RefinedSurroundings:
+        """Return what finds the leaves around vertices in kernels, in double precision."""
+        return RefinedSurroundings(self, get_backend(backend.device, "double"))
+
+    def walk(self, backend: Any, kind: str = "cells") -> Any:
+        """Return the walk of rays through this grid, for a backend (made once).
+
+        Parameters
+        ----------
+        backend : Backend
+            Device and precision.
+        kind : {"cells", "reckoned", "dual"}
+            Through the leaves; the same in RADMC-3D's sub-steps; or the same where fields are
+            known between the corners of each.
+        """
+        from .refined_dual import RefinedFieldWalk
+
+        if kind != "dual":
+            return super().walk(backend, kind)
+        key = (backend.device, backend.precision, kind)
+        if key not in self._walks:
+            self._walks[key] = RefinedFieldWalk(self, super().walk(backend), backend)
+        return self._walks[key]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the base grid's description, and the number of cells of each level."""
+        return {
+            **super().describe(),
+            "base": list(self.base_shape),
+            "levels": len(self.cells_per_level),
+            "cells_per_level": list(self.cells_per_level),
+        }
+
+    def __repr__(self) -> str:
+        base, levels = "x".join(map(str, self.base_shape)), "/".join(map(str, self.cells_per_level))
+        _, _, limits = super().__repr__().partition(" cells, ")
+        name = type(self).__name__
+        return f"<{name} {self.size} cells, base {base}, per level {levels}, {limits}"
+
+
+class RefinedSphericalGrid(RefinedCells, SphericalGrid):
+    """A spherical grid with cells that are split; made by ``SphericalGrid(..., refined=...)``."""
+
+    walk_kinds = ("cells", "reckoned", "dual")
+
+
+class RefinedCylindricalGrid(RefinedCells, CylindricalGrid):
+    """A cylindrical grid with cells that are split; ``CylindricalGrid(..., refined=...)``."""
+
+
+def _divided(edges: np.ndarray, parts: int) -> np.ndarray:
+    """Return edges with every cell divided into equal parts."""
+    steps = np.arange(parts) / parts
+    inner = edges[:-1, None] + np.diff(edges)[:, None] * steps
+    return np.append(inner.ravel(), edges[-1])

@@ -1,0 +1,207 @@
+"""The walk of rays through the leaves of a refined curvilinear grid.
+
+A ray's place among the surfaces of the evenly refined grid is known by integers, as in a grid that
+is not refined; but it goes from one wall of a leaf to the next, over all the walls of finer cells
+that are not there.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+from ...backend import dr
+from ..contract import Corners, Ray, Segment
+from ..trees.lookup import TreeLookup
+from ..trees.tree import Tree
+from .approach import dot
+from .gaps import Jump
+from .order import either, later, lesser, nearest
+from .steps import cut
+from .surfaces import Turning
+from .walk import Cursor, CurvilinearWalk, Exit, Track
+
+
+@dataclass
+class Leaf:
+    """A leaf, one per lane: its number, and corners and sizes in finest units, per family."""
+
+    number: Any
+    low: list[Any]
+    size: list[Any]
+
+
+@dataclass
+class RefinedCursor(Cursor):
+    """Also the leaf that the ray is in; `ahead` is empty."""
+
+    leaf: Leaf
+
+
+@dataclass
+class RefinedExit(Exit):
+    """Also the leaf that is left, and the one that is entered (`onward`: there is one)."""
+
+    left: Leaf
+    entered: Leaf
+    onward: Any
+
+
+class RefinedWalk(CurvilinearWalk):
+    """Rays through a refined spherical or cylindrical grid.
+
+    Parameters
+    ----------
+    axes : list of int
+        Which axis of the tree each family is.
+    tree : Tree
+    stepped : bool
+        Segments end inside leaves where RADMC-3D's sub-steps do (`curvilinear.steps`).
+    """
+
+    def __init__(
+        self,
+        families: list[Any],
+        approach: Any,
+        scale: float,
+        backend: Any,
+        *,
+        axes: list[int],
+        tree: Tree,
+        stepped: bool,
+    ) -> None:
+        none = [0] * len(families)  # leaves have numbers of their own
+        super().__init__(families, none, none, approach, scale, backend)
+        self.stepped = stepped
+        self.axes, self.lookup = axes, TreeLookup(tree, self.backend)
+        self.unit = [self.backend.opaque(float(u)) for u in _three(self.lookup.per_finest)]
+
+    def enter(self, ray: Ray) -> tuple[Track, RefinedCursor]:
+        """Return the track and the cursor at the point where each ray enters the first leaf."""
+        track, cursor = super().enter(ray)
+        return track, self._in_leaf(track, cursor)
+
+    def _in_leaf(self, track: Track, cursor: Cursor) -> RefinedCursor:
+        leaf = self._leaf(track, cursor.count, cursor.inside)
+        return RefinedCursor(cursor.count, [], cursor.t, cursor.inside, leaf)
+
+    def _leaf(self, track: Track, count: list[Any], active: Any) -> Leaf:
+        """Return the leaves around cells of the evenly refined grid."""
+        Float, Int = self.backend.Float, self.backend.Int
+        place = [0.5 * unit for unit in self.unit]
+        for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
+            place[axis] = (Float(index) + 0.5) * self.unit[axis]
+        cell = self.lookup.find(place, self.lookup.orient(), active)
+        sizes = self.lookup.sizes(cell)
+        low = [Int(dr.round(cell.low[axis] / self.unit[axis])) for axis in self.axes]
+        size = [Int(dr.round(sizes[axis] / self.unit[axis])) for axis in self.axes]
+        return Leaf(cell.number, low, size)
+
+    def next(self, track: Track, cursor: Any) -> tuple[Segment, RefinedCursor]:
+        """Return the segment through the present leaf, and the cursor in the next one."""
+        count, t, family = self._leave(track, cursor)
+        length, active = t - cursor.t, cursor.inside
+        gap = self.backend.Bool(False)
+        if self.has_gaps:
+            gap = active & self._in_gap(track, cursor.count)
+            start = dr.select(gap, cursor.count, count), dr.select(gap, cursor.t, t)
+            count, t, family = self._cross_gap(track, *start, family, gap)
+            length = dr.select(gap, 0.0, length)
+            active &= ~gap | (t < track.leave)
+        inside = cursor.inside & (t < track.leave)
+        onward = inside if not self.has_gaps else inside & ~self._in_gap(track, count)
+        leaf = self._leaf(track, count, inside)
+        before = [dr.select(family == n, k - 1, k) for n, k in enumerate(count)]
+        left = dr.select(gap, leaf, cursor.leaf)
+        leaving = RefinedExit(family, before, t, left, leaf, onward)
+        begin, end = cursor.t - track.arrive, t - track.arrive
+        segment = Segment(left.number, length, begin, end, active, leaving)
+        return segment, RefinedCursor(count, [], t, inside, leaf)
+
+    def _leave(self, track: Track, cursor: RefinedCursor) -> Jump:
+        """Return counts and distance where rays leave their leaf, and through which family."""
+        last = self._last_counts(track, cursor)
+        ahead = self._times(track, last)
+        through = nearest(ahead)
+        # Rounding may put a wall behind the ray: it has been crossed.
+        t = lesser(later(functools.reduce(lesser, ahead), cursor.t), track.leave)
+        crossed = self._number(through)
+        if self.stepped:
+            t, short = self._cut(track, cursor, t)
+            through = [own & ~short for own in through]
+            crossed = dr.select(short, -1, crossed)
+        count = [
+            dr.select(own, end + 1, self._between(family, axis, k, end, t))
+            for own, family, axis, k, end in zip(
+                through, self.families, track.axes, cursor.count, last, strict=True
+            )
+        ]
+        return count, t, crossed
+
+    def _cut(self, track: Track, cursor: RefinedCursor, t: Any) -> tuple[Any, Any]:
+        """Return where segments end that may not turn far, and which end before their wall."""
+        closest, radius = (dr.sqrt(dot(p, p)) for p in (track.point, self.point(track, cursor.t)))
+        part, short = cut(closest, radius, cursor.t, t - cursor.t)
+        return dr.select(short, part, t), short
+
+    def _last_counts(self, track: Track, cursor: RefinedCursor) -> list[Any]:
+        """Return for each family the count with which rays come to the wall of their leaf."""
+        found = []
+        index = self.cells_near(track, cursor.count)
+        for n, (family, axis, k) in enumerate(
+            zip(self.families, track.axes, cursor.count, strict=True)
+        ):
+            below = index[n] - cursor.leaf.low[n]
+            above = cursor.leaf.size[n] - 1 - below
+            rises = family.rises(axis, k)
+            onward, back = dr.select(rises, above, below), dr.select(rises, below, above)
+            if isinstance(family, Turning):
+                # Down to the leaf's lower wall, unless it turns round before.
+                far = dr.abs(k)
+                found.append(dr.select((k < 0) & (far > back), k + back, far + onward))
+            else:
+                found.append(k + onward)
+        return found
+
+    def _between(self, family: Any, axis: Any, first: Any, last: Any, t: Any) -> Any:
+        """Return the count at a distance, between two others."""
+        count = later(family.enter(axis, t), first)
+        return lesser(count, last)
+
+    def entry_corners(self, track: Track, cursor: Any) -> Corners:
+        """Return the vertices of the leaf and multilinear weights at the cursor."""
+        standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
+        return leaf_corners(self, track, standing, cursor.leaf)
+
+    def exit_corners(self, track: Track, segment: Segment) -> Corners:
+        """Return the vertices around the end of a segment: of the finer of the two leaves there."""
+        leaving = segment.exit
+        finer = functools.reduce(
+            either,
+            [n < o for n, o in zip(leaving.entered.size, leaving.left.size, strict=True)],
+        )
+        leaf = dr.select(leaving.onward & finer, leaving.entered, leaving.left)
+        return leaf_corners(self, track, leaving, leaf)
+
+
+def leaf_corners(walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf) -> Corners:
+    """Return the eight vertices of a leaf, and multilinear weights where a ray is."""
+    Float, Int = walk.backend.Float, walk.backend.Int
+    index = walk.cells_near(track, leaving.count)
+    point = walk.point(track, leaving.t)
+    vertices, weights = [8 * Int(leaf.number)], [Float(1)]
+    for n, family in enumerate(walk.families):
+        inner = Float(index[n] - leaf.low[n]) + family.fraction(index[n], point)
+        # Where a ray is on a wall, its coordinate is the wall's; the last one may be the first.
+        wall = family.vertex(track.axes[n], leaving.count[n]) - leaf.low[n]
+        wall = dr.select(wall < 0, wall + family.last_cell + 1, wall)
+        f = dr.select(leaving.family == n, Float(wall), inner) / Float(leaf.size[n])
+        f = dr.clip(f, 0.0, 1.0)
+        vertices += [v + (4 >> walk.axes[n]) for v in vertices]
+        weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
+    return Corners(vertices, weights)
+
+
+def _three(value: Any) -> list[float]:
+    return [float(v) for v in value] if hasattr(value, "__len__") else [float(value)] * 3

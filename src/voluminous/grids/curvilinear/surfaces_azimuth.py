@@ -1,0 +1,164 @@
+"""Half planes of constant azimuth, which end at the axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from ...backend.functions import first_true
+from ..axes import unit_interval
+from .approach import PARALLEL, Approach
+from .crossing import Lines
+from .edges import FULL_CIRCLE, is_closed
+from .surfaces import Running, RunningTrack
+
+# Half planes nearer than this (in roundings) to a ray's direction are met at either end of it.
+_PARALLEL = 64
+
+
+@dataclass
+class HalfPlaneTrack:
+    """Point and direction of a ray across the axis, mirrored so that azimuth increases.
+
+    Half planes that it nears more slowly than `slowest` (per distance from the axis) are parallel.
+    """
+
+    x: Any
+    y: Any
+    dx: Any
+    dy: Any
+    slowest: Any
+
+
+class HalfPlanes(Running):
+    """Half planes of constant azimuth; the last cell, or an empty wedge, joins up with the first.
+
+    With w the unit vector in a half plane and n normal to it, ``t = -n·P/n·d``; in the sense in
+    which azimuth increases a ray meets the half plane, not its other half, if ``n·d > 0``.
+
+    Parameters
+    ----------
+    edges : array
+        Azimuths of the cells' walls.
+    """
+
+    def __init__(self, edges: np.ndarray, backend: Any) -> None:
+        self.has_gaps = not is_closed(edges)
+        self.angles = edges if self.has_gaps else edges[:-1]
+        if edges[-1] - edges[0] < np.pi + 1e-6:
+            # A ray may meet every wall of a narrow wedge, and would come to the first one again: a
+            # half plane through the empty space stands in between.
+            self.angles = np.append(edges, 0.5 * (edges[0] + edges[-1]) + np.pi)
+        walls = len(self.angles)
+        once = _directions(self.angles)
+        mirrored = once[::-1] * [1.0, -1.0]
+        table = np.concatenate([once, once, once[:1], mirrored, mirrored, mirrored[:1]])
+        super().__init__(table, walls, len(edges) - 1, backend)
+        self.mirrored_start = dr.opaque(backend.Int, 2 * walls + 1)
+        self.first_angle = backend.wide(self.angles[0])
+        # Azimuths of walls from the first one on, for either sense.
+        up = self.angles - self.angles[0]
+        down = self.angles[-1] - self.angles[::-1]
+        self.order = backend.Float(np.concatenate([up, down]).astype(backend.dtype))
+        self.extent = backend.wide(self.angles[-1] - self.angles[0])
+        kind = backend.dtype
+        self.lower = backend.Float(_directions(edges[:-1]).astype(kind).reshape(-1))
+        self.inverse_width = backend.Float((1.0 / np.diff(edges)).astype(kind))
+        self.rounding = _PARALLEL * float(np.finfo(kind).eps)
+
+    def track(self, approach: Approach) -> RunningTrack:
+        """Return how rays see this family; the first wall is the first after where they come from.
+
+        From there to where it goes to, a ray meets all half planes of half a circle.
+        """
+        Float, Int = self.backend.Float, self.backend.Int
+        (x, y, _), (dx, dy, _) = approach.point, approach.direction
+        # A ray parallel to the axis stays where it is.
+        parallel = dr.fma(dx, dx, dy * dy) < PARALLEL**2
+        dx, dy = dr.select(parallel, 0.0, dx), dr.select(parallel, 0.0, dy)
+        down = dr.fma(x, dy, -y * dx) < 0
+        angle = Float(
+            self._angle_after_first_wall(
+                dr.select(parallel, x, -dx), dr.select(parallel, y, -dy), down
+            )
+        )
+        table = dr.select(down, self.wall_count, 0)
+        first = first_true(
+            self.walls,
+            self.backend.UInt,
+            lambda k: dr.gather(type(angle), self.order, self.backend.UInt(table) + k) > angle,
+        )
+        sign = dr.select(down, Float(-1), 1)
+        slowest = Float(self.rounding * dr.sqrt(dr.fma(dx, dx, dy * dy)))
+        surface = HalfPlaneTrack(Float(x), Float(y) * sign, Float(dx), Float(dy) * sign, slowest)
+        start = self.first + dr.select(down, self.mirrored_start, 0)
+        slot = self._around(Int(first))
+        c, s = self.wall_at(start + slot)
+        # Rounding may put a wall ahead that the ray comes from: half a circle would be lost.
+        pace = dr.fma(c, surface.dy, -s * surface.dx)
+        away = dr.fma(c, surface.dx, s * surface.dy)
+        behind = (dr.abs(pace) <= slowest) & (away < 0.0)
+        slot = self._around(dr.select(behind, slot + 1, slot))
+        return RunningTrack(surface, self.lines(surface), start, start + slot, down)
+
+    def _angle_after_first_wall(self, x: Any, y: Any, down: Any) -> Any:
+        """Return the azimuth from the first wall (of either sense) on, below a full circle."""
+        angle = dr.atan2(y, x) - self.first_angle
+        angle = dr.select(down, self.extent - angle, angle)
+        return angle - FULL_CIRCLE * dr.floor(angle * (1.0 / FULL_CIRCLE))
+
+    def place(self, surface: HalfPlaneTrack, t: Any) -> tuple[Any, Any]:
+        """Return where rays are across the axis."""
+        return dr.fma(t, surface.dx, surface.x), dr.fma(t, surface.dy, surface.y)
+
+    def is_ahead(self, surface: HalfPlaneTrack, wall: list[Any], here: Any) -> Any:
+        """Return True for half planes that a ray has not met."""
+        (c, s), (x, y) = wall, here
+        met = dr.fma(c, surface.dy, -s * surface.dx) > surface.slowest
+        return ~met | (dr.fma(c, y, -s * x) < 0.0)
+
+    def lines(self, surface: HalfPlaneTrack) -> Lines:
+        """Return when rays meet the half planes."""
+        top = (None, -surface.y, surface.x)
+        return Lines(top, (None, surface.dy, -surface.dx), least=surface.slowest)
+
+    def cell(self, track: RunningTrack, count: Any) -> Any:
+        """Return the number of the cell along this axis; the one after the last for the gap."""
+        slot = self._slot(track, count)
+        down = self.wall_count - 1 - slot
+        up = dr.select(slot == 0, self.wall_count, slot) - 1
+        return dr.select(track.down, down, up)
+
+    def _slot(self, track: RunningTrack, count: Any) -> Any:
+        """Return the number of the wall ahead, in the sense the ray runs."""
+        return self._around(track.slot - track.start + count)
+
+    def _around(self, slot: Any) -> Any:
+        return dr.select(slot >= self.wall_count, slot - self.wall_count, slot)
+
+    def in_gap(self, track: RunningTrack, count: Any) -> Any:
+        """Return the lanes in the wedge without cells."""
+        return self.cell(track, count) > self.last_cell
+
+    def vertex(self, track: RunningTrack, count: Any) -> Any:
+        """Return the number of the vertices on the wall that is met next."""
+        slot = self._slot(track, count)
+        return dr.select(track.down, self.wall_count - 1 - slot, slot)
+
+    def fraction(self, cell: Any, point: list[Any]) -> Any:
+        """Return where between its two half planes a point is."""
+        (x, y, _), cell = point, self.backend.UInt(cell)
+        c, s = dr.gather(self.backend.packet(2), self.lower, cell)
+        angle = dr.atan2(dr.fma(y, c, -x * s), dr.fma(x, c, y * s))
+        # Cells may be wider than half a circle; rounding puts points a hair below their wall.
+        angle = dr.select(angle < -1e-3, angle + FULL_CIRCLE, angle)
+        return unit_interval(angle * dr.gather(self.backend.Float, self.inverse_width, cell))
+
+
+def _directions(angles: np.ndarray) -> np.ndarray:
+    """Return cosines and sines, shape (n, 2); exactly zero on the axes."""
+    pair = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.where(np.abs(pair) < 1e-15, 0.0, pair)

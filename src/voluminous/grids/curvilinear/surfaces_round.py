@@ -1,0 +1,188 @@
+"""Spheres around the centre, and cylinders around the axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from ..axes import NEVER, unit_interval
+from .approach import PARALLEL, AxisApproach, CentreApproach
+from .crossing import Lines
+from .surfaces import Turning, TurningTrack
+
+
+class Round(Turning):
+    """Surfaces of constant radius.
+
+    Inside the innermost one, unless that has no radius at all, is a cavity: no cell.
+
+    Parameters
+    ----------
+    edges : array
+        Radii of the cells' walls, in units of the grid's scale.
+    """
+
+    encloses = True
+
+    def __init__(self, edges: np.ndarray, backend: Any) -> None:
+        self.has_gaps = bool(edges[0] > 0)
+        radii = edges if self.has_gaps else edges[1:]
+        # Beyond the last wall one more, so that rays that have left read something finite.
+        square = np.append(radii, 2 * radii[-1]) ** 2
+        table = np.stack([self.first_number(square), square], axis=1)
+        super().__init__(table, len(radii), len(edges) - 1, backend)
+        self.skipped = int(self.has_gaps)
+        kind = backend.dtype
+        self.lower = backend.Float(edges[:-1].astype(kind))
+        self.inverse_width = backend.Float((1.0 / np.diff(edges)).astype(kind))
+
+    def first_number(self, square: np.ndarray) -> np.ndarray:
+        """Return c of walls of given squared radius."""
+        raise NotImplementedError
+
+    def is_met(self, surface: Any, wall: list[Any]) -> Any:
+        """Return True for surfaces that are wider than the closest approach."""
+        return wall[1] > surface.nearest
+
+    def is_above(self, wall: list[Any], here: Any) -> Any:
+        """Return True for surfaces of which a point at the square of a distance is inside."""
+        return wall[1] > here
+
+    def enter(self, track: TurningTrack, t: Any) -> Any:
+        """Return the count at a distance: rays are always within the outermost surface."""
+        most = track.reach - 1
+        return dr.clip(super().enter(track, t), -most, most)
+
+    def leave(self, track: TurningTrack) -> Any:
+        """Return the distance at which rays leave the outermost surface."""
+        last = track.reach - 1
+        return dr.select(last < 0, -NEVER, self.time(track, dr.maximum(last, 0)))
+
+    def cell(self, track: TurningTrack, count: Any) -> Any:
+        """Return the number of the cell along this axis."""
+        return self.number(track, count) - self.skipped
+
+    def rises(self, track: TurningTrack, count: Any) -> Any:
+        """Return where the number of the cell grows with that of the walls below the ray."""
+        return self.backend.Bool(True)
+
+    def in_gap(self, track: TurningTrack, count: Any) -> Any:
+        """Return the lanes in the cavity."""
+        return (track.turn | count) == 0
+
+    def vertex(self, track: TurningTrack, count: Any) -> Any:
+        """Return the number of the vertices on the wall that is met next."""
+        return self.wall(track, count) + (1 - self.skipped)
+
+    def _fraction(self, cell: Any, radius: Any) -> Any:
+        lower = dr.gather(self.backend.Float, self.lower, self.backend.UInt(cell))
+        inverse = dr.gather(self.backend.Float, self.inverse_width, self.backend.UInt(cell))
+        return unit_interval((radius - lower) * inverse)
+
+
+@dataclass
+class ShellTrack:
+    """Square of the distance at which a ray passes the centre."""
+
+    nearest: Any
+
+
+class Shells(Round):
+    """Spheres; distances count from the closest approach b to the centre: t² = r² - b²."""
+
+    def surface(self, approach: CentreApproach) -> tuple[ShellTrack, None, None]:
+        """Return how rays run past them."""
+        return ShellTrack(self.backend.Float(approach.radius * approach.radius)), None, None
+
+    def place(self, surface: ShellTrack, t: Any) -> tuple[Any, Any]:
+        """Return the square of the radius, and where it still falls."""
+        return dr.fma(t, t, surface.nearest), t < 0.0
+
+    def lines(self, surface: ShellTrack) -> Lines:
+        """Return when rays meet the spheres: t = ∓ sqrt(r² - b²)."""
+        return Lines((None, None, 1.0), (None, 1.0, None), (surface.nearest, surface.nearest))
+
+    def first_number(self, square: np.ndarray) -> np.ndarray:
+        """Return ones: the denominator."""
+        return np.ones_like(square)
+
+    def fraction(self, cell: Any, point: list[Any]) -> Any:
+        """Return where between its two spheres a point is."""
+        x, y, z = point
+        return self._fraction(cell, dr.sqrt(dr.fma(x, x, dr.fma(y, y, z * z))))
+
+
+@dataclass
+class TubeTrack:
+    """How a ray runs past the axis.
+
+    Attributes
+    ----------
+    nearest : array
+        Square of the distance from the axis at t = 0, the nearest point of the chord.
+    passing : array
+        Square of the distance at which the whole line passes the axis.
+    bias : array
+        Size of the part of the first that is along the line; zero unless the chord ends there.
+    side : array
+        1 if the chord begins beyond the closest approach, -1 if it ends before, 0 if it has it.
+    pace : array
+        Distance along the ray per distance across the axis.
+    """
+
+    nearest: Any
+    passing: Any
+    bias: Any
+    side: Any
+    pace: Any
+
+
+class Tubes(Round):
+    """Cylinders; distances count from the chord's closest approach to the axis.
+
+    With Q the point at t = 0, d the unit vector of the ray across the axis and s the distance
+    across, ``s² + 2 s Q·d = R² - Q²``. If Q is the closest approach of the whole line, s is plus or
+    minus ``sqrt(R² - Q²)``. If it is an end of the chord, only the root beyond Q is on the chord,
+    which is, without cancellation, ``(R² - Q²)/(|Q·d| + sqrt(R² - (Q x d)²))``.
+    """
+
+    def surface(self, approach: AxisApproach) -> tuple[TubeTrack, None, None]:
+        """Return how rays run past them."""
+        Float = self.backend.Float
+        (x, y, _), (dx, dy, _) = approach.point, approach.direction
+        speed = dr.sqrt(dx * dx + dy * dy)
+        parallel = speed < PARALLEL
+        pace = 1.0 / dr.select(parallel, 1.0, speed)
+        nearest = dr.fma(x, x, y * y)
+        passing = (x * dy - y * dx) * pace
+        # At the closest approach itself both squares are the same number.
+        closest = approach.side == 0
+        passing = dr.select(closest, nearest, passing * passing)
+        bias = dr.select(closest, 0.0, dr.fma(x, dx, y * dy) * pace)
+        pace = dr.select(parallel, NEVER, pace)
+        numbers = (nearest, passing, dr.abs(bias), approach.side, pace)
+        return TubeTrack(*(Float(number) for number in numbers)), None, None
+
+    def place(self, surface: TubeTrack, t: Any) -> tuple[Any, Any]:
+        """Return the square of the distance from the axis, and where it still falls."""
+        across = dr.abs(t) / surface.pace
+        return dr.fma(across, dr.fma(2.0, surface.bias, across), surface.nearest), t < 0.0
+
+    def lines(self, surface: TubeTrack) -> Lines:
+        """Return when rays meet the cylinders."""
+        side, pace = surface.side, surface.pace
+        passes = 1.0 - dr.abs(side)
+        top = (-side * pace * surface.nearest, side * pace, passes * pace)
+        return Lines(top, (surface.bias + passes, None, side), (surface.passing, surface.passing))
+
+    def first_number(self, square: np.ndarray) -> np.ndarray:
+        """Return the square itself."""
+        return square
+
+    def fraction(self, cell: Any, point: list[Any]) -> Any:
+        """Return where between its two cylinders a point is."""
+        x, y, _ = point
+        return self._fraction(cell, dr.sqrt(dr.fma(x, x, y * y)))

@@ -1,0 +1,218 @@
+"""The walk of rays through cells between surfaces of constant coordinates.
+
+Where a ray is, is one integer for each family of surfaces (`surfaces`); the next crossing of
+each is computed afresh from its integer, and distances count from where the ray comes nearest to
+the centre or the axis. Space between the surfaces that belongs to no cell (a cavity, open cones, an
+empty wedge) is crossed in one step, a segment of length zero at its far side.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from ..contract import Corners, Ray, Segment
+from .corners import cell_corners, wall_corners
+from .crossing import choose, meet, pick
+from .gaps import GapCrossing, Step, beyond
+from .order import later, lesser, nearest
+from .surfaces import ahead
+
+
+@dataclass
+class Track:
+    """What is constant along a ray.
+
+    Attributes
+    ----------
+    axes : list of tracks
+        One for each family of surfaces.
+    point, direction : list of three arrays
+        Where distances count from, and the direction: lengths in units of the scale.
+    arrive, leave : array
+        Where the ray enters the domain, and where it leaves it or ends.
+    bounded : bool
+        Rays may end inside a cell.
+    """
+
+    axes: list[Any]
+    point: list[Any]
+    direction: list[Any]
+    arrive: Any
+    leave: Any
+    bounded: bool
+
+
+@dataclass
+class Cursor:
+    """Where a ray is: for each family its count and the distance of its next wall; its own."""
+
+    count: list[Any]
+    ahead: list[Any]
+    t: Any
+    inside: Any
+
+
+@dataclass
+class Exit:
+    """How a segment leaves its cell.
+
+    Attributes
+    ----------
+    family : array of Int
+        Number of the family through whose wall; -1 where it ends inside the cell.
+    count : list of arrays of Int
+        Counts of the families before that wall.
+    t : array
+        Distance.
+    """
+
+    family: Any
+    count: list[Any]
+    t: Any
+
+
+class CurvilinearWalk(GapCrossing):
+    """Rays through a curvilinear grid; see `grids.contract.Walk`.
+
+    Parameters
+    ----------
+    families : list of Surfaces
+        The families of walls that there are; an axis with a single cell all around has none.
+    strides, vertex_strides : list of int
+        What a step along each of them adds to the flat number of a cell, and of a vertex.
+    approach : callable
+        Returns a ray's `Approach` from origin and direction, in units of the scale.
+    """
+
+    leaps = False
+    stops_inside = False  # segments may end inside a cell
+
+    def __init__(
+        self,
+        families: list[Any],
+        strides: list[int],
+        vertex_strides: list[int],
+        approach: Any,
+        scale: float,
+        backend: Any,
+    ) -> None:
+        self.backend, self.families, self.approach = backend, families, approach
+        self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
+        self.strides = [dr.opaque(backend.Int, s) for s in strides]
+        self.vertex_strides = [dr.opaque(backend.Int, s) for s in vertex_strides]
+        self.has_gaps = any(family.has_gaps for family in families)
+        self._share_tables()
+
+    def _share_tables(self) -> None:
+        """Put the walls of all families into one table: one crossing is computed per step."""
+        tables, first = [family.own_table for family in self.families], 0
+        whole = np.concatenate(tables).astype(self.backend.dtype)
+        shared = self.backend.Float(whole.reshape(-1))
+        for family, table in zip(self.families, tables, strict=True):
+            family.share(shared, first)
+            first += len(table)
+
+    def enter(self, ray: Ray) -> tuple[Track, Cursor]:
+        """Return the track and the cursor at the point where each ray enters the first cell."""
+        Float = self.backend.Float
+        approach = self.approach([o * self.to_scale for o in ray.origin], list(ray.direction))
+        begin, end = approach.arrive, approach.leave
+        if ray.first is not None:
+            begin = dr.maximum(begin, dr.fma(ray.first, self.to_scale, -approach.way))
+        if ray.last is not None:
+            end = dr.minimum(end, dr.fma(ray.last, self.to_scale, -approach.way))
+        inside = approach.hits & (begin < end)
+        if ray.active is not None:
+            inside &= ray.active
+        tracks = [family.track(approach) for family in self.families]
+        point, direction = ([Float(c) for c in v] for v in (approach.point, approach.direction))
+        ends = [f.leave(a) for f, a in zip(self.families, tracks, strict=True) if f.encloses]
+        # A crossing itself, computed alike: a ray never steps beyond the last cell.
+        leave = functools.reduce(lesser, ends)
+        bounded = ray.last is not None
+        leave = lesser(leave, Float(end)) if bounded else leave
+        track = Track(tracks, point, direction, Float(approach.arrive), leave, bounded)
+        t = Float(dr.select(inside, begin, 0.0))
+        count = [f.enter(a, t) for f, a in zip(self.families, tracks, strict=True)]
+        if self.has_gaps:
+            count, t, _ = self._cross_gap(track, count, t, self.backend.Int(0), inside)
+        return track, Cursor(count, self._times(track, count), t, inside & (t < track.leave))
+
+    def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
+        """Return the segment through the present cell, and the cursor in the next one."""
+        count, ahead, t, family = self._step(track, cursor)
+        here, length, active = cursor.count, t - cursor.t, cursor.inside
+        if self.has_gaps:
+            gap = active & self._in_gap(track, here)
+            count, ahead, t, family = self._beyond_gap(track, count, ahead, t, family, gap)
+            # What it holds is the cell beyond, if there is one.
+            here = [dr.select(gap, after, k) for after, k in zip(count, here, strict=True)]
+            length = dr.select(gap, 0.0, length)
+            active &= ~gap | (t < track.leave)
+        before = [dr.select(family == n, k - 1, k) for n, k in enumerate(count)]
+        segment = Segment(
+            self.backend.UInt(self._flat(self._cells(track, here), self.strides)),
+            length,
+            cursor.t - track.arrive,
+            t - track.arrive,
+            active,
+            Exit(family, before, t),
+        )
+        return segment, Cursor(count, ahead, t, cursor.inside & (t < track.leave))
+
+    def _step(self, track: Track, cursor: Cursor) -> Step:
+        """Return where rays meet the next wall, and of which family, whatever space it bounds."""
+        through = nearest(cursor.ahead)
+        # Rounding may put a wall behind the ray: it has been crossed.
+        end = lesser(later(functools.reduce(lesser, cursor.ahead), cursor.t), track.leave)
+        count = beyond(cursor.count, through)
+        following = self._next_wall(track, count, through)
+        times = [
+            dr.select(own, following, way) for own, way in zip(through, cursor.ahead, strict=True)
+        ]
+        return count, times, end, self._number(through)
+
+    def _next_wall(self, track: Track, count: list[Any], through: list[Any]) -> Any:
+        """Return the distance of the next wall of the family that was crossed."""
+        zero = self.backend.Float(0)
+        lines = choose(through, [axis.lines for axis in track.axes], zero)
+        slot = pick(through, [axis.slot for axis in track.axes], self.backend.Int(0))
+        number = pick(through, count, self.backend.Int(0))
+        wall = self.families[0].wall_at(ahead(slot, number))
+        return meet(lines, wall, number < 0)
+
+    def _cells(self, track: Track, count: list[Any]) -> list[Any]:
+        """Return the number of the cell along each axis; beyond its ends where there is none."""
+        return [f.cell(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]
+
+    def cells_near(self, track: Track, count: list[Any]) -> list[Any]:
+        """Return the number of the cell along each axis, or of the nearest one."""
+        found = self._cells(track, count)
+        return [dr.clip(i, 0, f.last_cell) for i, f in zip(found, self.families, strict=True)]
+
+    def _flat(self, index: list[Any], strides: list[Any]) -> Any:
+        total = index[0] * strides[0]
+        for i, stride in zip(index[1:], strides[1:], strict=True):
+            total += i * stride
+        return total
+
+    def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
+        """Return the vertices of the cell and multilinear weights at the cursor."""
+        standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
+        return cell_corners(self, track, standing)
+
+    def exit_corners(self, track: Track, segment: Segment) -> Corners:
+        """Return the vertices around the end of a segment: those of the wall it leaves through."""
+        leaving = segment.exit
+        if track.bounded or self.stops_inside:
+            return cell_corners(self, track, leaving)
+        return wall_corners(self, track, leaving)
+
+    def point(self, track: Track, t: Any) -> list[Any]:
+        """Return where rays are at a distance, from the centre, in units of the scale."""
+        return [dr.fma(t, d, p) for p, d in zip(track.point, track.direction, strict=True)]

@@ -1,0 +1,1 @@
+"""Cells of different sizes in a tree of blocks: octrees and nested patches."""

@@ -1,0 +1,165 @@
+"""One axis of a tree of Cartesian cells: from places in the tree to distances along rays.
+
+As along the axes of other Cartesian grids, places are mirrored where rays run down the axis, so
+that every ray runs upwards.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from ...backend.functions import first_true
+from ..axes import NEVER, Axis, AxisTrack, Side, is_uniform
+
+
+class UniformTreeAxis(Axis):
+    """Base cells of equal width.
+
+    Parameters
+    ----------
+    edges : array, shape (n + 1,)
+        Walls of the base cells.
+    extent : float
+        The domain's size in the unit of the tree's places, which is that of coordinates here.
+    top : array
+        The largest place below the extent.
+    scale : float
+        The unit of distances.
+    """
+
+    def __init__(
+        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Any
+    ) -> None:
+        super().__init__(edges, (edges[-1] - edges[0]) / extent, scale, backend)
+        self.extent, self.top = backend.opaque(extent), top
+
+    def track(self, side: Side, position: Any) -> AxisTrack:
+        """Return the track of rays that are at mirrored `position` where distances start."""
+        pace, parallel = self._pace(side)
+        lead = dr.select(parallel, NEVER, -position * pace)
+        return self._narrowed(position, side.speed, pace, lead)
+
+    def first_place(self, side: Side, position: Any) -> Any:
+        """Return the place at a mirrored position in or around the domain."""
+        place = self.backend.Float(position)
+        return self._inside(dr.select(place > 0.0, place, 0.0))
+
+    def leaving(self, track: AxisTrack) -> Any:
+        """Return the distance at which rays leave the domain."""
+        return dr.fma(self.extent, track.pace, track.lead)
+
+    def crossing(self, track: AxisTrack, low: Any, size: Any) -> Any:
+        """Return the distance at which the ray leaves a cell."""
+        return dr.fma(low, track.pace, dr.fma(size, track.pace, track.lead))
+
+    def beyond(self, track: AxisTrack, t: Any, low: Any) -> Any:
+        """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
+        return dr.fma(t, track.speed, track.position) - low
+
+    def place(self, track: AxisTrack, t: Any, reached: Any) -> Any:
+        """Return the place of the ray at distance `t`; it has come as far as `reached`."""
+        place = dr.fma(t, track.speed, track.position)
+        return self._inside(dr.select(place > reached, place, reached))
+
+    def _inside(self, place: Any) -> Any:
+        return dr.select(place < self.top, place, self.top)
+
+
+class RectilinearTreeAxis(Axis):
+    """Base cells of any width; coordinates are counted in units of the scale.
+
+    Within a base cell places are proportional to coordinates.
+    """
+
+    def __init__(
+        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Any
+    ) -> None:
+        super().__init__(edges, scale, scale, backend)
+        self.extent, self.top = backend.opaque(extent), top
+        self.per_base = backend.opaque(extent / self.count)
+        self.bases = backend.opaque(self.count / extent)
+        # Less than any cell: what lifts a wall's place into the base cell above, though rounded.
+        self.lift = backend.opaque(1e-3 if backend.precision == "single" else 1e-12)
+        self.total = backend.opaque((edges[-1] - edges[0]) / scale)
+        self.last = backend.opaque(self.count - 1.0)
+        self.down_table = dr.opaque(backend.UInt, self.count)
+        # Per base cell, upwards and mirrored: lower wall, width, and one over it.
+        tables = [_cells(walls / scale) for walls in (edges - edges[0], edges[-1] - edges[::-1])]
+        self.cells = backend.Float(np.concatenate(tables).astype(backend.dtype).reshape(-1))
+
+    def track(self, side: Side, position: Any) -> AxisTrack:
+        """Return the track of rays that are at mirrored `position` where distances start."""
+        pace, parallel = self._pace(side)
+        lead = dr.select(parallel, NEVER, -position * pace)
+        table = dr.select(side.down, self.down_table, 0)
+        return self._narrowed(position, side.speed, pace, lead, table)
+
+    def first_place(self, side: Side, position: Any) -> Any:
+        """Return the place at a mirrored position in or around the domain."""
+        Float, UInt, coordinate = (
+            self.backend.Float,
+            self.backend.UInt,
+            self.backend.Float(position),
+        )
+        table = dr.select(side.down, self.down_table, 0)
+        above = first_true(
+            self.count, UInt, lambda k: dr.gather(Float, self.cells, 4 * (table + k)) > coordinate
+        )
+        base = Float(dr.maximum(self.backend.Int(above) - 1, 0))
+        low, _, inverse = self._cell(table, base)
+        part = dr.clip((coordinate - low) * inverse, 0.0, 1.0)
+        return self._inside((base + part) * self.per_base)
+
+    def leaving(self, track: AxisTrack) -> Any:
+        """Return the distance at which rays leave the domain."""
+        return dr.fma(self.total, track.pace, track.lead)
+
+    def crossing(self, track: AxisTrack, low: Any, size: Any) -> Any:
+        """Return the distance at which the ray leaves a cell."""
+        base = self._base(low)
+        wall, width, _ = self._cell(track.table, base)
+        part = dr.fma(low + size, self.bases, -base)
+        return dr.fma(dr.fma(part, width, wall), track.pace, track.lead)
+
+    def beyond(self, track: AxisTrack, t: Any, low: Any) -> Any:
+        """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
+        return self.place(track, t, low) - low
+
+    def place(self, track: AxisTrack, t: Any, reached: Any) -> Any:
+        """Return the place of the ray at distance `t`; it has come as far as `reached`."""
+        base = self._base(reached)
+        wall, _, inverse = self._cell(track.table, base)
+        part = (dr.fma(t, track.speed, track.position) - wall) * inverse
+        place = (base + part) * self.per_base
+        return self._inside(dr.select(place > reached, place, reached))
+
+    def _base(self, place: Any) -> Any:
+        """Return the mirrored number of the base cell above a place, which may be a wall."""
+        base = dr.floor(dr.fma(place, self.bases, self.lift))
+        return dr.select(base < self.last, base, self.last)
+
+    def _cell(self, table: Any, base: Any) -> tuple[Any, Any, Any]:
+        """Return the lower wall of a base cell, its width, and one over it."""
+        slot = table + self.backend.UInt(base)
+        low, width, inverse, _ = dr.gather(self.backend.packet(4), self.cells, slot)
+        return low, width, inverse
+
+    def _inside(self, place: Any) -> Any:
+        return dr.select(place < self.top, place, self.top)
+
+
+def _cells(walls: np.ndarray) -> np.ndarray:
+    """Return for each base cell its lower wall, its width, one over it, and what fills up four."""
+    width = np.diff(walls)
+    return np.stack([walls[:-1], width, 1.0 / width, np.zeros_like(width)], axis=1)
+
+
+def make_tree_axis(
+    edges: np.ndarray, extent: float, top: Any, scale: float, backend: Any
+) -> UniformTreeAxis | RectilinearTreeAxis:
+    """Return the faster kind of axis that the edges allow."""
+    kind = UniformTreeAxis if is_uniform(edges) else RectilinearTreeAxis
+    return kind(edges, extent, top, scale, backend)

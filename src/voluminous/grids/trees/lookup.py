@@ -1,0 +1,156 @@
+"""From a place to the cell that contains it, in a kernel (`tree.Tree`, traced).
+
+Rays through a tree wait for one look-up after the other, so what counts is how long the chain from
+one to the next is, not how much is computed beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from .tree import NONE, NUMBER_BITS, Tree
+
+
+@dataclass
+class Cell:
+    """A cell, one per lane.
+
+    Attributes
+    ----------
+    number : array of UInt
+        Its number; of no meaning in a hole (`TreeLookup.is_cell`).
+    low : list of three arrays
+        The place of its lower corner.
+    size : list of arrays
+        Its size, for those axes that differ: use `TreeLookup.sizes`.
+    """
+
+    number: Any
+    low: list[Any]
+    size: list[Any]
+
+
+@dataclass
+class Orientation:
+    """Along which axes lanes count places from the upper end ("mirrored"), downwards.
+
+    Attributes
+    ----------
+    start, strides : array of UInt, list of three
+        ``start + Σ brick · stride`` is where a brick of the root starts, from mirrored indices.
+    flip : list of three arrays of UInt
+        What mirrors an index within a block, by an exclusive or: all bits or none.
+    """
+
+    start: Any
+    strides: list[Any]
+    flip: list[Any]
+
+
+class TreeLookup:
+    """Finds cells in a tree.
+
+    A place here is a real number per axis, from zero at one end of the domain to ``extent``.
+
+    Parameters
+    ----------
+    tree : Tree
+    backend : Backend
+
+    Attributes
+    ----------
+    extent : array of float64, shape (3,)
+        Size of the domain in units of places; where these are finest units of the tree,
+        `per_finest` is one, but they may be larger by a power of two.
+    top : list of three arrays
+        The largest places below the extent.
+    """
+
+    def __init__(self, tree: Tree, backend: Any) -> None:
+        self.backend, self.tree = backend, tree
+        self.numbering = tree.numbering.traced(tree, backend)
+        self.per_finest = self.numbering.per_finest
+        self.extent = tree.extent * self.per_finest
+        below = np.nextafter(self.extent.astype(backend.dtype), backend.dtype.type(0))
+        self.top = [backend.opaque(float(e)) for e in below]
+        self.entries = backend.UInt(tree.entries)
+        self.bricks = [n >> bits for n, bits in zip(tree.shape, tree.bricks, strict=True)]
+
+    def orient(self, down: list[Any] | None = None) -> Orientation:
+        """Return the orientation of lanes that count places downwards along some axes.
+
+        Parameters
+        ----------
+        down : list of three arrays of Bool, optional
+            By default no lane does.
+        """
+        UInt = self.backend.UInt
+        nx, ny, nz = self.bricks
+        one = 1 << sum(self.tree.bricks)
+        strides = [dr.opaque(UInt, one * s) for s in (1, nx, nx * ny)]
+        start, flip = UInt(0), [UInt(0)] * 3
+        if down is not None:
+            for axis, (n, stride) in enumerate(zip((nx, ny, nz), list(strides), strict=True)):
+                start += dr.select(down[axis], stride * dr.opaque(UInt, n - 1), 0)
+                strides[axis] = dr.select(down[axis], ~stride + 1, stride)
+                flip[axis] = dr.select(down[axis], UInt(0xFFFFFFFF), 0)
+        return Orientation(start, strides, flip)
+
+    def find(self, place: list[Any], way: Orientation, active: Any) -> Cell:
+        """Return the cells that contain places between zero and `top`."""
+        UInt, place = self.backend.UInt, self.numbering.centred(place)
+        root = self._root(self.numbering.root(place), way)
+        entry = dr.gather(UInt, self.entries, root, active)
+        entry, size = self._descended(entry, place, way, active)
+        cell: Cell = self.numbering.cell(entry, place, size, way)
+        return cell
+
+    def _root(self, index: list[Any], way: Orientation) -> Any:
+        """Return where the root's entries with mirrored indices are."""
+        root, shift = way.start, 0
+        for i, stride, flip, bits in zip(
+            index, way.strides, way.flip, self.tree.bricks, strict=True
+        ):
+            if bits:
+                root = root + (((i ^ flip) & ((1 << bits) - 1)) << shift)
+                i, shift = i >> bits, shift + bits
+            root = root + i * stride
+        return root
+
+    def sizes(self, cell: Cell) -> list[Any]:
+        """Return the size of a cell along each axis."""
+        sizes: list[Any] = self.numbering.sizes_of(cell)
+        return sizes
+
+    def is_cell(self, cell: Cell) -> Any:
+        """Return which lanes are in a cell, and not in a hole."""
+        return cell.number != NONE
+
+    def _descended(self, entry: Any, place: Any, way: Orientation, active: Any) -> tuple[Any, Any]:
+        """Follow entries that are blocks down to one that is none; return it, and its level."""
+        UInt, level = self.backend.UInt, self.backend.Int(0)
+        if len(self.tree.units) == 1:
+            return entry, level
+
+        def is_block(entry: Any, level: Any) -> Any:
+            return active & (entry >> NUMBER_BITS == 0)
+
+        def down(entry: Any, level: Any) -> tuple[Any, Any]:
+            level = level + 1
+            slot = entry + self.numbering.slot(place, level, way)
+            return dr.gather(UInt, self.entries, slot, is_block(entry, level)), level
+
+        if len(self.tree.units) == 2:
+            # A branch: vectors of rays are often in entries that are no blocks, all of them.
+            return dr.if_stmt((entry, level), is_block(entry, level), down, _unchanged)
+        # A loop may not change what all lanes share.
+        level = dr.select(active, level, 0)
+        return dr.while_loop((entry, level), is_block, down, label="descent")
+
+
+def _unchanged(entry: Any, level: Any) -> tuple[Any, Any]:
+    return entry, level

@@ -1,0 +1,255 @@
+"""Octrees of Cartesian cells, unbalanced and up to 30 levels deep."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..axes import is_uniform
+from ..cartesian.grid import CartesianGrid
+from .cells import TreeCells
+from .octree_leaves import checked_flags, checked_levels, levels_of_leaves
+from .octree_order import (
+    DEEPEST,
+    flags_from_levels,
+    levels_from_flags,
+    merged,
+    split_levels,
+)
+from .octree_places import Places
+from .octree_tree import octree_tree
+from .tree import NONE, Tree
+
+
+class OctreeGrid(TreeCells):
+    """Cells between planes of constant x, y and z, some of them split into eight, again and again.
+
+    Fields are flat, in the order of the leaves: base cells with x fastest, each depth first, the
+    eight children of a node with x fastest. That is RADMC-3D's order.
+
+    Parameters
+    ----------
+    x, y, z : array_like or Quantity, shape (n + 1,)
+        Strictly increasing walls of the base cells.
+    refined : array_like of bool or int, shape (nodes,), optional
+        One flag per node, depth first in the same order: 1 if it is split, 0 if it is a leaf. By
+        default nothing is split.
+    unit : str or unit, optional
+        Length unit of plain edges. Quantities bring their own; the x axis' is kept.
+
+    Attributes
+    ----------
+    levels : array of uint8, shape (leaves,)
+        How often each leaf's base cell was split.
+    base_edges : tuple of three float64 arrays
+        Walls of the base cells in `unit`.
+    parents : array of int64 or None
+        Of a grid made by `refine`: for each leaf, the leaf of the grid before that it is part of;
+        ``field[grid.parents]`` carries a field over.
+
+    Raises
+    ------
+    InputError
+        If edges cannot be used, the flags are no tree over these base cells, or it is deeper than
+        30 levels.
+    UnitsError
+        If the axes' units cannot be converted into each other.
+
+    Examples
+    --------
+    >>> grid = OctreeGrid([0, 1, 2], [0, 1], [0, 1], [0, 1] + 8 * [0])
+    >>> grid.shape, grid.cells_per_level
+    ((9,), (1, 8))
+    """
+
+    kind = "octree"
+
+    def __init__(self, x: Any, y: Any, z: Any, refined: Any = None, *, unit: Any = None) -> None:
+        base = CartesianGrid(x, y, z, unit=unit)
+        self.unit, self.base_edges = base.unit, base.edges
+        if refined is None:
+            levels = np.zeros(base.size, np.uint8)
+        else:
+            levels = levels_from_flags(checked_flags(refined), base.size, 8)
+        self._set_levels(levels)
+
+    def _set_levels(self, levels: np.ndarray, parents: np.ndarray | None = None) -> None:
+        levels.setflags(write=False)
+        self.levels, self.parents = levels, parents
+        self.places = Places(levels)
+        self.extent = np.array(self.base_shape, np.int64) << self.places.deepest
+
+    def _with_levels(self, levels: np.ndarray, parents: np.ndarray | None = None) -> OctreeGrid:
+        """Return another octree on the same base cells."""
+        grid = type(self).__new__(type(self))
+        grid.unit, grid.base_edges = self.unit, self.base_edges
+        grid._set_levels(levels, parents)
+        return grid
+
+    @classmethod
+    def from_levels(cls, x: Any, y: Any, z: Any, levels: Any, *, unit: Any = None) -> OctreeGrid:
+        """Return the octree whose leaves, in their order, have these levels.
+
+        Parameters
+        ----------
+        x, y, z, unit
+            As for the class.
+        levels : array_like of int, shape (leaves,)
+
+        Raises
+        ------
+        InputError
+            If no octree on these base cells has such leaves.
+        """
+        base = cls(x, y, z, unit=unit)
+        levels = checked_levels(levels)
+        cells, whole = Places(levels).total()
+        if cells != base.size or not whole:
+            raise InputError(
+                f"levels do not describe {base.size} base cells: the leaves fill {cells} of them"
+                f"{'' if whole else ' and a part of one more'}"
+            )
+        return base._with_levels(levels)
+
+    @classmethod
+    def from_leaves(
+        cls, x: Any, y: Any, z: Any, level: Any, index: Any, *, unit: Any = None
+    ) -> tuple[OctreeGrid, np.ndarray]:
+        """Return an octree from its leaves in any order, and their order in it.
+
+        Parameters
+        ----------
+        x, y, z, unit
+            As for the class.
+        level : array_like of int, shape (n,)
+            How often each leaf's base cell was split.
+        index : array_like of int, shape (n, 3)
+            Which cell of its level it is along x, y and z, counted from 0 across the domain.
+
+        Returns
+        -------
+        grid : OctreeGrid
+        order : array of int64, shape (n,)
+            ``field[order]`` is a field in the order of the grid, if `field` is in that of `level`.
+
+        Raises
+        ------
+        InputError
+            If leaves overlap, or leave a part of the domain empty; the first place is named.
+        """
+        base = cls(x, y, z, unit=unit)
+        levels, order = levels_of_leaves(base.base_shape, level, index)
+        return base._with_levels(levels), order
+
+    @classmethod
+    def from_function(
+        cls,
+        x: Any,
+        y: Any,
+        z: Any,
+        refine: Callable[..., Any],
+        levels: int,
+        *,
+        unit: Any = None,
+    ) -> OctreeGrid:
+        """Return an octree refined where a function says so.
+
+        Parameters
+        ----------
+        x, y, z, unit
+            As for the class.
+        refine : callable
+            Called as ``refine(x, y, z, size)`` once per level, with the centres of all its cells
+            and their largest widths, arrays in the grid's unit; returns which to split.
+        levels : int
+            Deepest level, 30 at most.
+        """
+        if not 0 <= levels <= DEEPEST:
+            raise InputError(f"levels must be between 0 and {DEEPEST}, got {levels!r}")
+        grid = cls(x, y, z, unit=unit)
+        for level in range(levels):
+            here = np.flatnonzero(grid.levels == level)
+            where = np.zeros(grid.size, bool)
+            low, size = grid.boxes_of(here)
+            centers = 0.5 * (grid.position(low) + grid.position(low + size))
+            where[here] = refine(*centers, grid.widths(low, size).max(axis=0))
+            if not where.any():
+                break
+            grid = grid._with_levels(split_levels(grid.levels, where, 8))
+        return grid
+
+    def refine(self, where: Any) -> OctreeGrid:
+        """Return a grid with some leaves split into eight.
+
+        Parameters
+        ----------
+        where : array_like of bool, shape (leaves,)
+
+        Returns
+        -------
+        OctreeGrid
+            Its `parents` tell which leaf of this grid each of its leaves is part of.
+        """
+        where = np.asarray(where)
+        if where.dtype != bool and np.isin(where, (0, 1)).all():  # what `Volume.evaluate` gives
+            where = where.astype(bool)
+        if where.shape != self.shape or where.dtype != bool:
+            raise InputError(
+                f"where must be {self.size} booleans, one per leaf, got {where.dtype} of shape "
+                f"{where.shape}"
+            )
+        if self.places.deepest >= DEEPEST and where[self.levels == DEEPEST].any():
+            raise InputError(f"leaves of level {DEEPEST} cannot be split")
+        parents = np.repeat(np.arange(self.size), np.where(where, 8, 1))
+        return self._with_levels(split_levels(self.levels, where, 8), parents)
+
+    @property
+    def base_shape(self) -> tuple[int, int, int]:
+        """Number of base cells along each axis."""
+        nx, ny, nz = (len(e) - 1 for e in self.base_edges)
+        return nx, ny, nz
+
+    @property
+    def refined(self) -> np.ndarray:
+        """The split flags of all nodes, depth first: uint8."""
+        return flags_from_levels(self.levels, self.places)
+
+    @functools.cached_property
+    def tree(self) -> Tree:
+        """From places to leaves."""
+        return octree_tree(self.base_shape, self.places)
+
+    def pruned(self, visible: Any) -> Tree:
+        """Return the tree with holes for leaves that show nothing, as large as can be.
+
+        Parameters
+        ----------
+        visible : array_like of bool, shape (leaves,)
+            Eight siblings of which none is visible become one hole, and so on: rays cross it in
+            one step.
+        """
+        number = np.where(np.asarray(visible, bool), np.arange(self.size), NONE)
+        levels, number = merged(self.places, number, 8, NONE)
+        return octree_tree(self.base_shape, Places(levels), number)
+
+    @property
+    def cell_volumes(self) -> np.ndarray:
+        """Volumes of the cells, shape (leaves,)."""
+        if not all(is_uniform(e) for e in self.base_edges):
+            return super().cell_volumes
+        base = np.prod(np.ptp(self.bounds, axis=1) / self.base_shape)
+        return (base * 0.125 ** np.arange(self.places.deepest + 1))[self.levels]
+
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
+        base, corner = self.places.corners(first, last)
+        nx, ny, _ = self.base_shape
+        deepest = self.places.deepest
+        for axis, index in enumerate((base % nx, base // nx % ny, base // (nx * ny))):
+            corner[axis] += index << deepest
+        size = 1 << (deepest - self.levels[first:last].astype(np.int64))
+        return corner, np.broadcast_to(size, corner.shape)

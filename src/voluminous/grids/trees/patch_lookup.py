@@ -1,0 +1,141 @@
+"""What the entries of a tree of patches mean to a kernel (`patch_cells.PatchNumbering`, traced)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from .lookup import Cell, Orientation
+from .patch_cells import TABLED, Patches
+from .patch_sizes import make_sizes
+from .tree import NONE, NUMBER_MASK, Tree
+
+
+class TracedPatches:
+    """From an entry to the cell around a place, by what is known of the entry's patch.
+
+    Places are in finest units. Ratios of refinement being any, indices are found by multiplying
+    with rounded numbers: places are moved to the middle of their finest unit first, so that an
+    index is off for no rounding. That is not needed where all sizes are powers of two.
+    """
+
+    def __init__(self, patches: Patches, tree: Tree, backend: Any) -> None:
+        self.backend, self.holes = backend, tree.holes
+        self.per_finest = np.ones(3)
+        self.sizes = make_sizes(patches.sizes, tree.extent, backend)
+        self.units = _Units(tree, backend)
+        self.exact = self.sizes.exact and bool((np.frexp(tree.units)[0] == 0.5).all())
+        rows = patches.rows.copy()
+        rows[:, 3] = self.sizes.codes[patches.level] | (rows[:, 3] & TABLED)
+        self.rows = backend.UInt(rows.reshape(-1))
+        self.tabled = bool(patches.hidden.any())
+        self.numbers = backend.UInt(patches.numbers) if self.tabled else None
+        self.Four = backend.module.Array4u
+        # Of indices beyond 32 bits the lowest 32 are wanted.
+        small = int(tree.extent.max()) < 1 << 32
+        self.Whole: Any = backend.UInt if small else dr.uint64_array_t(backend.UInt)
+
+    def centred(self, place: list[Any]) -> list[Any]:
+        """Return places moved to the middle of their finest unit, where need be."""
+        if self.exact:
+            return place
+        return [dr.floor(p) + 0.5 for p in place]
+
+    def root(self, place: list[Any]) -> list[Any]:
+        """Return the indices of the root's entries around centred places."""
+        return [self.backend.UInt(p * i) for p, i in zip(place, self.units.per_root, strict=True)]
+
+    def slot(self, place: list[Any], level: Any, way: Orientation) -> Any:
+        """Return the number of an entry of a tree level in its block."""
+        slot, stride = self.backend.UInt(0), self.backend.UInt(1)
+        for axis, p in enumerate(place):
+            per_unit, per_outer, ratio = self.units.at(axis, level)
+            local = self._index(p * per_unit) - self._index(p * per_outer) * ratio
+            slot = slot + _unmirrored(local, ratio, way.flip[axis]) * stride
+            stride = stride * ratio
+        return slot
+
+    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation) -> Cell:
+        """Return the cells around places, from entries of a tree level that are no blocks."""
+        patch = entry & NUMBER_MASK
+        hole = patch == NONE if self.holes else None
+        *row, what = dr.gather(self.Four, self.rows, patch if hole is None else _but(hole, patch))
+        size, per_size, count = self.sizes.of(what & (TABLED - 1))
+        if hole is not None:  # a hole is as large as its entry
+            unit, per_unit = self.units.sizes(level)
+            size = [dr.select(hole, u, s) for u, s in zip(unit, size, strict=True)]
+            per_size = [dr.select(hole, u, s) for u, s in zip(per_unit, per_size, strict=True)]
+        index = [dr.floor(p * s) for p, s in zip(place, per_size, strict=True)]
+        low = [i * s for i, s in zip(index, size, strict=True)]
+        i, j, k = (
+            _unmirrored(self._index(own), n, flip)
+            for own, n, flip in zip(index, count, way.flip, strict=True)
+        )
+        number = self._number(row[0] + i * row[1] + j * row[2] + k, what, hole)
+        return Cell(number, low, size[:1] if self.sizes.alike and hole is None else size)
+
+    def sizes_of(self, cell: Cell) -> list[Any]:
+        """Return the sizes of cells along each axis."""
+        return cell.size * (3 // len(cell.size))
+
+    def _index(self, index: Any) -> Any:
+        return self.backend.UInt(self.Whole(index))
+
+    def _number(self, number: Any, what: Any, hole: Any) -> Any:
+        """Look up the numbers of cells of patches that are seen partly."""
+        if self.tabled:
+            tabled = what >= TABLED
+            if hole is not None:
+                tabled &= ~hole
+            seen = dr.gather(self.backend.UInt, self.numbers, number, tabled)
+            number = dr.select(tabled, seen, number)
+        return number if hole is None else dr.select(hole, NONE, number)
+
+
+class _Units:
+    """Sizes of the entries of a tree's levels."""
+
+    def __init__(self, tree: Tree, backend: Any) -> None:
+        self.backend, units, kind = backend, tree.units.T.astype(float), backend.dtype
+        self.per_root = [backend.opaque(1.0 / u[0]) for u in units]
+        self.unit = [backend.Float(np.ascontiguousarray(u, kind)) for u in units]
+        self.per_unit = [backend.Float(np.ascontiguousarray(1.0 / u, kind)) for u in units]
+        ratios = np.concatenate([[tree.shape], tree.ratios]).astype(np.uint32)
+        self.ratios = [backend.UInt(np.ascontiguousarray(r)) for r in ratios.T]
+        # Where there is one level of blocks only, its numbers need not be looked up.
+        self.below = None
+        if len(tree.units) == 2:
+            self.below = [
+                (backend.opaque(1.0 / u[1]), per_root, dr.opaque(backend.UInt, int(r)))
+                for u, per_root, r in zip(units, self.per_root, ratios[1], strict=True)
+            ]
+
+    def at(self, axis: int, level: Any) -> tuple[Any, Any, Any]:
+        """Return one over the size of a level's entries, of those above, and their ratio."""
+        if self.below is not None:
+            return self.below[axis]
+        Float, UInt = self.backend.Float, self.backend.UInt
+        level = UInt(level)
+        per_unit = dr.gather(Float, self.per_unit[axis], level)
+        per_outer = dr.gather(Float, self.per_unit[axis], level - 1)
+        return per_unit, per_outer, dr.gather(UInt, self.ratios[axis], level)
+
+    def sizes(self, level: Any) -> tuple[list[Any], list[Any]]:
+        """Return the sizes of a level's entries, and one over them."""
+        level, Float = self.backend.UInt(level), self.backend.Float
+        return (
+            [dr.gather(Float, u, level) for u in self.unit],
+            [dr.gather(Float, u, level) for u in self.per_unit],
+        )
+
+
+def _but(hole: Any, patch: Any) -> Any:
+    """Return some patch's number for holes."""
+    return dr.select(hole, 0, patch)
+
+
+def _unmirrored(index: Any, count: Any, flip: Any) -> Any:
+    """Return indices below a count, counted from the other end where `flip` has all bits set."""
+    return (index ^ flip) + (count & flip)

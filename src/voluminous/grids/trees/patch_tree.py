@@ -1,0 +1,248 @@
+"""The tree of blocks over nested patches: which patch is the finest one at a place.
+
+Entries of the tree are painted with the patches that cover them, the finest last. Where a finer
+patch touches an entry but does not cover it, a block of smaller entries is painted. How small
+entries need be is known beforehand: all corners of the patches up to some level are multiples of
+some size, so entries of that size are painted by none of them partly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .tree import ABSENT, NONE, NUMBER_BITS, PLAIN
+
+# Entries of a block along an axis, where there is a choice.
+_WIDE = 4
+# Root entries per cell, at most, and how many are no matter.
+_ROOT_SHARE, _ROOT_FREE = 0.125, 1 << 15
+# Patches that touch more entries are painted one by one, the others all at once.
+_LARGE = 1 << 12
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Patches in the order in which they are painted, in finest units.
+
+    Attributes
+    ----------
+    low, high : array of int64, shape (n, 3)
+        Their corners.
+    level : array of int64, shape (n,)
+        Ascending.
+    name : array of int64, shape (n,)
+        Their numbers in the order they were given.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    level: np.ndarray
+    name: np.ndarray
+
+
+def patch_entries(
+    boxes: Boxes, extent: np.ndarray, cells: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
+    """Return the tree whose entries name the finest patch that covers them.
+
+    Parameters
+    ----------
+    boxes : Boxes
+    extent : array of int64, shape (3,)
+        Size of the domain in finest units.
+    cells : int
+        Number of cells of all patches.
+
+    Returns
+    -------
+    units : array of int64, shape (K, 3)
+        Sizes of the entries of its levels.
+    entries : array of uint32
+    starts : array of int64, shape (K + 1,)
+        Where the entries of each level start, and where the last ones end.
+    bricks : tuple of three int
+        How the root is laid out (`tree.Tree`).
+    """
+    units = _units(boxes, extent, cells)
+    painted, pairs = _painted_root(boxes, extent // units[0], units[0])
+    blocks, total, used = [], 0, 1
+    while True:
+        words = _words(painted.full, boxes)
+        total += len(words)
+        if not len(painted.mixed):
+            blocks.append(words)
+            starts = np.cumsum([0, *(len(b) for b in blocks)])
+            bricks, order = _brick_order(extent // units[0])
+            blocks[0] = blocks[0][order]
+            return units[:used], np.concatenate(blocks), starts, bricks
+        ratio = units[used - 1] // units[used]
+        words[painted.mixed] = total + int(ratio.prod()) * np.arange(len(painted.mixed))
+        blocks.append(words)
+        painted, pairs = _painted_blocks(boxes, painted, pairs, units[used], ratio)
+        used += 1
+        if total > NONE:
+            raise InputError("patches need too many blocks: their corners lie too irregularly")
+
+
+def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """Return the bricks of a root, and which of its entries, the first axis fastest, goes where."""
+    bricks = tuple(next(b for b in (2, 1, 0) if n % (1 << b) == 0) for n in shape.tolist())
+    split = [
+        part for n, b in zip(shape[::-1], bricks[::-1], strict=True) for part in (n >> b, 1 << b)
+    ]
+    order = np.arange(int(shape.prod())).reshape(split)
+    return bricks, order.transpose(0, 2, 4, 1, 3, 5).reshape(-1)
+
+
+def _words(full: np.ndarray, boxes: Boxes) -> np.ndarray:
+    """Return entries from the patches, by rank, that cover them; -1 where none does."""
+    name = boxes.name[full]
+    return np.where(full < 0, ABSENT, PLAIN << NUMBER_BITS | name).astype(np.uint32)
+
+
+def _units(boxes: Boxes, extent: np.ndarray, cells: int) -> np.ndarray:
+    """Return sizes of entries, each dividing the one before, of which the last suffices."""
+    chain = [extent.astype(np.int64)]
+    for level in range(int(boxes.level[-1]) + 1):
+        here = boxes.level == level
+        corners = [boxes.low[here], boxes.high[here], chain[-1][None]]
+        chain += _steps(chain[-1], np.gcd.reduce(np.concatenate(corners), axis=0))
+    counts = [np.prod(extent // unit, dtype=float) for unit in chain]
+    most = max(_ROOT_FREE, _ROOT_SHARE * cells)
+    root = max(k for k, count in enumerate(counts) if k == 0 or count <= most)
+    kept = [chain[root]]
+    for k in range(root + 1, len(chain)):
+        if k + 1 == len(chain) or (kept[-1] // chain[k + 1]).max() > _WIDE:
+            kept.append(chain[k])
+    return np.array(kept)
+
+
+def _steps(unit: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
+    """Return sizes from one (excluded) to another that divides it, in steps that are not wide."""
+    steps = []
+    while (unit != last).any():
+        unit = unit // [_divisor(int(r)) for r in unit // last]
+        steps.append(unit)
+    return steps
+
+
+def _divisor(ratio: int) -> int:
+    """Return a small divisor of a number, the largest up to 4 where there is one."""
+    small = [d for d in range(_WIDE, 1, -1) if ratio % d == 0]
+    if ratio == 1 or small:
+        return small[0] if small else 1
+    return next(d for d in range(_WIDE + 1, ratio + 1) if ratio % d == 0)
+
+
+@dataclass(frozen=True)
+class _Painted:
+    """Entries of one tree level.
+
+    Attributes
+    ----------
+    full : array of int64, shape (entries,)
+        The last patch that covers each entry, by rank; -1 where none does.
+    mixed : array of int64, shape (m,)
+        Entries that a later patch touches.
+    corner : array of int64, shape (m, 3)
+        Their lower corners in units of entries.
+    """
+
+    full: np.ndarray
+    mixed: np.ndarray
+    corner: np.ndarray
+
+
+# A patch by rank, and a mixed entry, by its place among them, that it touches but does not cover.
+_Pairs = tuple[np.ndarray, np.ndarray]
+
+
+def _painted_root(boxes: Boxes, shape: np.ndarray, unit: np.ndarray) -> tuple[_Painted, _Pairs]:
+    """Return the painted root, and the patches that its mixed entries need."""
+    strides = np.array([1, shape[0], shape[0] * shape[1]])
+    full = np.full(int(shape.prod()), -1)
+    touch = full.copy()
+    low, high = boxes.low // unit, -(-boxes.high // unit)
+    _paint(full, shape, -(-boxes.low // unit), boxes.high // unit)
+    _paint(touch, shape, low, high)
+    mixed = np.flatnonzero(touch > full)
+    place = np.full(len(full), -1)
+    place[mixed] = np.arange(len(mixed))
+    corner = np.stack([mixed // s % n for s, n in zip(strides, shape, strict=True)], axis=1)
+    painted = _Painted(full, mixed, corner)
+    if not len(mixed):
+        return painted, (mixed, mixed)
+    ranks, entries = [], []
+    for rank, entry in _touched(shape, low, high):
+        needed = (place[entry] >= 0) & (rank > full[entry])
+        ranks.append(np.broadcast_to(rank, entry.shape)[needed])
+        entries.append(place[entry[needed]])
+    return painted, (np.concatenate(ranks), np.concatenate(entries))
+
+
+def _paint(target: np.ndarray, shape: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+    """Write the rank of each box into the entries inside it, the last one remaining."""
+    for rank, entry in _touched(shape, low, high):
+        target[entry] = np.maximum(target[entry], rank) if np.ndim(rank) == 0 else rank
+
+
+def _touched(shape: np.ndarray, low: np.ndarray, high: np.ndarray) -> Any:
+    """Yield ranks and entries of boxes: first the small ones in one go, then one by one."""
+    count = np.maximum(high - low, 0).prod(axis=1)
+    small = np.flatnonzero((count > 0) & (count <= _LARGE))
+    which, index = expanded(low[small], high[small])
+    yield small[which], index[0] + shape[0] * (index[1] + shape[1] * index[2])
+    for rank in np.flatnonzero(count > _LARGE):
+        x, y, z = (np.arange(a, b) for a, b in zip(low[rank], high[rank], strict=True))
+        entry = x + shape[0] * (y[:, None] + shape[1] * z[:, None, None])
+        yield rank, entry.reshape(-1)
+
+
+def expanded(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return all cells of boxes: which box (m,) and which indices (3, m), the first one fastest."""
+    size = np.maximum(high - low, 0)
+    counts = size.prod(axis=1)
+    which = np.repeat(np.arange(len(low)), counts)
+    number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    index = np.empty((3, len(which)), np.int64)
+    for axis in range(3):
+        number, index[axis] = np.divmod(number, size[which, axis])
+        index[axis] += low[which, axis]
+    return which, index
+
+
+def _painted_blocks(
+    boxes: Boxes, above: _Painted, pairs: _Pairs, unit: np.ndarray, ratio: np.ndarray
+) -> tuple[_Painted, _Pairs]:
+    """Return the painted blocks of mixed entries, and what their own mixed entries need."""
+    volume = int(ratio.prod())
+    full = np.repeat(above.full[above.mixed], volume)
+    touch = full.copy()
+    order = np.argsort(pairs[0], kind="stable")  # the last one painted is the finest
+    rank, block = pairs[0][order], pairs[1][order]
+    start = above.corner[block] * ratio
+    low = np.clip(boxes.low[rank] // unit, start, start + ratio)
+    high = np.clip(-(-boxes.high[rank] // unit), start, start + ratio)
+    which, index = expanded(low, high)
+    rank, block = rank[which], block[which]
+    local = index.T - start[which]
+    entry = block * volume + local[:, 0] + ratio[0] * (local[:, 1] + ratio[1] * local[:, 2])
+    inside = ((boxes.low[rank] <= index.T * unit) & ((index.T + 1) * unit <= boxes.high[rank])).all(
+        axis=1
+    )
+    full[entry[inside]] = rank[inside]
+    touch[entry] = rank
+    touch = np.maximum(touch, full)
+    mixed = np.flatnonzero(touch > full)
+    place = np.full(len(full), -1)
+    place[mixed] = np.arange(len(mixed))
+    inner = mixed % volume
+    corner = above.corner[mixed // volume] * ratio + np.stack(
+        [inner % ratio[0], inner // ratio[0] % ratio[1], inner // (ratio[0] * ratio[1])], axis=1
+    )
+    needed = (place[entry] >= 0) & (rank > full[entry]) & ~inside
+    return _Painted(full, mixed, corner), (rank[needed], place[entry[needed]])

@@ -1,0 +1,195 @@
+"""Nested rectangular patches of Cartesian cells, as block-structured codes write them."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...units import parse_unit, plain, unit_of
+from ..cartesian.grid import CartesianGrid
+from .cells import TreeCells
+from .octree_order import DEEPEST
+from .patch_lattice import Lattice, lattice_of
+from .patch_layers import boxes_of_layers
+from .tree import Tree
+
+# Double precision must tell places in the middle of finest cells apart.
+_LONGEST = 1 << 50
+
+
+class PatchGrid(TreeCells):
+    """Rectangular patches of cells, of which the finest one at a place counts.
+
+    The cells of a patch are equal; those of a finer one are smaller by a whole number, along each
+    axis its own. Patches may overlap, and cover each other. Where no patch is, there is a hole:
+    rays cross it as they cross vacuum. Nothing is resampled.
+
+    A field is a list of arrays, one per patch, index ``[ix, iy, iz]``: hidden cells are ignored. As
+    one flat array it has the cells that are seen, patch after patch, each in C order.
+
+    Parameters
+    ----------
+    lower, upper : array_like or Quantity, shape (n, 3)
+        Corners of the patches.
+    shape : array_like of int, shape (n, 3)
+        Number of cells of each patch along x, y and z.
+    unit : str or unit, optional
+        Length unit of plain corners.
+
+    Attributes
+    ----------
+    patches : Patches
+        Where they are, as whole numbers.
+    levels : array of uint8, shape (cells,)
+        Level of each cell: 0 for the largest cells.
+
+    Raises
+    ------
+    InputError
+        If cells are no multiples of each other, a patch is not aligned with the cells around it, or
+        begins inside a coarser cell; the patch is named.
+
+    Examples
+    --------
+    >>> grid = PatchGrid([[0, 0, 0], [0, 0, 0]], [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
+    >>> grid.cells_per_level
+    (63, 8)
+    """
+
+    kind = "patches"
+
+    def __init__(self, lower: Any, upper: Any, shape: Any, *, unit: Any = None) -> None:
+        self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or parse_unit(unit)
+        lower, upper = (
+            plain(c, self.unit, "corners") if unit_of(c) is not None else c for c in (lower, upper)
+        )
+        self._set(lattice_of(lower, upper, shape))
+
+    def _set(self, lattice: Lattice) -> None:
+        self.base_edges, self.patches = lattice.edges, lattice.patches
+        self.extent = self.patches.extent
+        if len(self.patches.sizes) > DEEPEST + 1:
+            raise InputError(f"patches can have {DEEPEST + 1} levels at most")
+        if self.extent.max() > _LONGEST:
+            raise InputError(
+                f"the domain is {self.extent.max()} of the finest cells long; {_LONGEST} are the "
+                "most that double precision tells apart"
+            )
+        self.patches.check_alignment()
+        self.levels = np.repeat(self.patches.level, self.patches.visible).astype(np.uint8)
+        self.levels.setflags(write=False)
+
+    @classmethod
+    def from_boxes(
+        cls,
+        x: Any,
+        y: Any,
+        z: Any,
+        level: Any,
+        low: Any,
+        shape: Any,
+        ratio: Any = 2,
+        *,
+        unit: Any = None,
+    ) -> PatchGrid:
+        """Return the grid of patches given by the indices of their cells.
+
+        Parameters
+        ----------
+        x, y, z : array_like or Quantity, shape (n + 1,)
+            Walls of the cells of level 0 in the whole domain; they need not be evenly spaced.
+        level : array_like of int, shape (n,)
+            Level of each patch.
+        low, shape : array_like of int, shape (n, 3)
+            The first cell of each patch, counted in cells of its level from the domain's corner,
+            and its number of cells.
+        ratio : int or array_like of int, shape (levels - 1,) or (levels - 1, 3)
+            How many cells of each level make one of the level before, along each axis.
+        unit : str or unit, optional
+            Length unit of plain edges.
+        """
+        base = CartesianGrid(x, y, z, unit=unit)
+        grid = cls.__new__(cls)
+        grid.unit = base.unit
+        grid._set(Lattice.from_boxes(base.edges, level, low, shape, ratio))
+        return grid
+
+    @classmethod
+    def from_layers(cls, x: Any, y: Any, z: Any, layers: Any, *, unit: Any = None) -> PatchGrid:
+        """Return RADMC-3D's layered grid: a base grid, and layers that halve some of its cells.
+
+        Parameters
+        ----------
+        x, y, z : array_like or Quantity, shape (n + 1,)
+            Walls of the base grid, which is the first patch.
+        layers : array_like of int, shape (n, 7)
+            Per layer ``parent, ix, iy, iz, nx, ny, nz``: it covers nx, ny, nz cells of its parent
+            from ix, iy, iz on, counted from 1. Parent 0 is the base grid, k the layer of row k - 1.
+        unit : str or unit, optional
+            Length unit of plain edges.
+        """
+        base = CartesianGrid(x, y, z, unit=unit)
+        level, low, shape = boxes_of_layers(base.shape, layers)
+        x, y, z = base.edges
+        return cls.from_boxes(x, y, z, level, low, shape, 2, unit=base.unit)
+
+    @functools.cached_property
+    def tree(self) -> Tree:
+        """From places to cells."""
+        return self.patches.tree
+
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
+        return self.patches.boxes(first, last)
+
+    def pack(self, value: Any) -> np.ndarray:
+        """Return a field as a flat array, from a list of arrays, one per patch."""
+        shapes = self.patches.shape
+        if np.ndim(value[0] if isinstance(value, (list, tuple)) and len(value) else 0) != 3:
+            array = np.asarray(value)
+            if array.shape == self.shape:
+                return array
+            if array.ndim != 4:
+                raise InputError(
+                    f"a field is a list of {len(shapes)} arrays, one per patch, or a flat array of "
+                    f"the {self.size} cells that are seen; got an array of shape {array.shape}"
+                )
+            value = array
+        if len(value) != len(shapes):
+            raise InputError(f"a field is one array per patch: {len(shapes)}, got {len(value)}")
+        parts = [self._seen(k, np.asarray(part)) for k, part in enumerate(value)]
+        return np.concatenate(parts)
+
+    def _seen(self, patch: int, array: np.ndarray) -> np.ndarray:
+        """Return the cells of a patch that are seen, in their order."""
+        patches = self.patches
+        shape = tuple(int(n) for n in patches.shape[patch])
+        if array.shape != shape:
+            turned = "; transpose it (index is [ix, iy, iz])" if array.T.shape == shape else ""
+            raise InputError(
+                f"the array of patch {patch} must have its shape {shape}, got {array.shape}{turned}"
+            )
+        flat = array.reshape(-1)
+        if patches.hidden[patch]:
+            return flat[patches.seen_cells(patch)]
+        return flat[: patches.visible[patch]]
+
+    def unpack(self, flat: np.ndarray) -> list[np.ndarray]:
+        """Return a flat field as one array per patch; hidden cells are NaN, or zero."""
+        flat, patches = np.asarray(flat), self.patches
+        lacking = np.nan if flat.dtype.kind == "f" else 0
+        parts = np.split(flat, patches.ends[:-1])
+        arrays = []
+        for patch, part in enumerate(parts):
+            whole = np.full(patches.volumes[patch], lacking, flat.dtype)
+            where = patches.seen_cells(patch) if patches.hidden[patch] else slice(0, len(part))
+            whole[where] = part
+            arrays.append(whole.reshape(patches.shape[patch]))
+        return arrays
+
+    def describe(self) -> dict[str, Any]:
+        """Return type, patches, cells per level, bounds and unit as plain values."""
+        return {**super().describe(), "patches": len(self.patches.level)}
