@@ -77,13 +77,12 @@ def test_outside_is_what_is_asked_for(new):
 
 
 def test_an_octree_to_a_grid_of_planes_and_back():
-    octree = pytest.importorskip("voluminous.grids.octree").OctreeGrid
     edges = np.linspace(-1, 1, 5)
 
     def near(x, y, z, size):
         return np.abs(np.sqrt(x * x + y * y + z * z) - 0.6) < size
 
-    tree = octree.from_function(edges, edges, edges, near, 4)
+    tree = vm.OctreeGrid.from_function(edges, edges, edges, near, 4)
     finest = vm.CartesianGrid.uniform(4 * 2**4, (-1, 1))
     volume = vm.Volume(tree, f=np.random.default_rng(0).random(tree.shape))
     fine = volume.resample(finest)
