@@ -1,6 +1,6 @@
 """Time of `render` by scheme and precision, for pytest-benchmark (not part of the tests).
 
-pytest benchmarks/test_speed.py --benchmark-autosave --benchmark-compare
+pytest -n 0 benchmarks/test_speed.py --benchmark-autosave --benchmark-compare
 """
 
 from __future__ import annotations
