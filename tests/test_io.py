@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import voluminous as vm
+from contracts import ReaderContract
 from voluminous.files import MissingPathError
-from voluminous.io import Reader, find_reader, npy, readers, registry
-from voluminous.io.named_arrays import field_name
+from voluminous.io import Reader, find_reader, readers, registry
+from voluminous.io.arrays import npy
+from voluminous.io.names import field_name
 
 RHO = np.arange(24, dtype=np.float32).reshape(2, 3, 4) + 1
 NAMES = st.from_regex(r"[a-z_][a-z0-9_]{0,8}", fullmatch=True).filter(
@@ -469,3 +471,23 @@ def test_info_reads_no_values(tmp_path, monkeypatch):
     monkeypatch.setattr(npy.np, "load", None)
     (field,) = find_reader(tmp_path / "a.npy").info(tmp_path / "a.npy")
     assert (field.name, field.shape, field.dtype, field.unit) == ("a", (2, 3, 4), "float32", "")
+
+
+class TestNPZ(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def write(directory):
+            np.savez(directory / "a.npz", rho=RHO, x=[0, 1, 2], y=[0, 1, 2, 3], z=[0, 1, 2, 3, 4])
+            return directory / "a.npz"
+
+        return write
+
+
+class TestHDF5(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def write(directory):
+            vm.io.save(vm.models.sphere(6), directory / "a.h5")
+            return directory / "a.h5"
+
+        return write

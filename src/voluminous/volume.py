@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
 
+from .deferred import Deferred, Fields
 from .derivatives import Derivatives, Sight, component, component_of_cells, is_component
 from .errors import UnitsError, unknown_name
 from .expressions import (
@@ -29,6 +31,7 @@ from .fields import (
     split_unit,
     unit_quantity,
 )
+from .memory import check_memory
 from .regrid import OnOtherCells
 from .units import parse_unit, unit_name
 
@@ -68,7 +71,11 @@ class Volume(OnOtherCells):
 
     def __init__(self, grid: Any, fields: Mapping[str, Any] | None = None, **named: Any) -> None:
         self.grid = grid
-        self._fields: dict[str, np.ndarray] = {}
+        # What a file tells besides: "time", "redshift", "object" …, as plain values or texts.
+        self.meta: dict[str, Any] = {}
+        # The sky and the spectrum behind the grid's x, y, z: an astropy WCS, or None.
+        self.wcs: Any = None
+        self._fields = Fields()
         self._units: dict[str, Any] = {}
         self._derivatives = Derivatives()
         # From where it is seen; see `seen_by`.
@@ -180,12 +187,63 @@ class Volume(OnOtherCells):
         if isinstance(value, (str, Expression)):
             expression = Expression(value)
             array, unit = self.evaluate(expression), self.expression_unit(expression)
+        elif isinstance(value, Deferred):
+            self._defer(name, value)
+            return
         else:
             values, unit = split_unit(value)
             array = self.grid.pack(values)
         self._fields[name] = checked_array(name, array, self.grid)
         self._units[name] = unit
         self._forget(name)
+
+    def _defer(self, name: str, value: Deferred) -> None:
+        """Keep how a field is read."""
+
+        def check() -> None:
+            size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
+            advice = "make a coarser volume of it, or use a machine with more memory"
+            check_memory(size, f"reading {name!r}", advice)
+
+        def load() -> np.ndarray:
+            check()
+            return checked_array(name, self.grid.pack(value.load()), self.grid)
+
+        check()  # what can never be read is refused at once
+        self._fields.defer(name, load, value)
+        self._units[name] = parse_unit(value.unit)
+        self._forget(name)
+
+    def load(self, *names: str) -> Volume:
+        """Read fields now that would be read when they are first used; by default all.
+
+        Returns
+        -------
+        Volume
+            This volume.
+
+        Raises
+        ------
+        MemoryNeededError
+            If they do not fit into the memory that there is.
+        """
+        for name in names or self.fields:
+            self.array(name)
+        return self
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Names of the fields that are in a file, and read when they are first used."""
+        return self._fields.waiting
+
+    @property
+    def bytes_waiting(self) -> int:
+        """Memory that `load` would take."""
+        return self._fields.bytes_waiting(self.grid.size)
+
+    def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
+        """Read what is waiting within a context, which makes errors name the file."""
+        self._fields.guard(reading)
 
     def set_unit(self, name: str, unit: Any) -> None:
         """Say which unit a field's plain values are in (values stay as they are)."""
@@ -320,14 +378,14 @@ class Volume(OnOtherCells):
         return {
             "grid": self.grid.describe(),
             "fields": {
-                name: {"dtype": str(array.dtype), "unit": unit_name(self._units[name])}
-                for name, array in self._fields.items()
+                name: {"dtype": str(self._fields.dtype(name)), "unit": unit_name(self._units[name])}
+                for name in self._fields
             },
         }
 
     def __repr__(self) -> str:
         listed = ", ".join(
-            f"{name} ({' '.join((str(array.dtype), unit_name(self._units[name]))).strip()})"
-            for name, array in self._fields.items()
+            f"{name} ({' '.join((str(told['dtype']), told['unit'])).strip()})"
+            for name, told in self.describe()["fields"].items()
         )
         return f"<Volume on {self.grid!r}: {listed or 'no fields'}>"

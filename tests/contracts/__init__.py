@@ -16,12 +16,14 @@ For a grid::
 from .bundle import Bundle, box_limits, chords, on_a_sphere
 from .camera import CameraContract
 from .grid import GridContract
+from .reader import ReaderContract
 from .scheme import SchemeContract
 
 __all__ = [
     "Bundle",
     "CameraContract",
     "GridContract",
+    "ReaderContract",
     "SchemeContract",
     "box_limits",
     "chords",

@@ -39,7 +39,7 @@ def is_image(path: Path) -> bool:
     from ..image.formats import FORMATS
 
     if path.suffix.lower() == ".npz" and path.is_file():
-        from ..io.npz import holds_image
+        from ..io.arrays.npz import holds_image
 
         return holds_image(path)
     return any(path.suffix.lower() in form.suffixes for form in FORMATS)

@@ -59,6 +59,10 @@ class Reader:
         Names of the options that `read` takes, each with a line that says what it is for.
     writes : bool
         True if `write` is there.
+    packages : tuple of str
+        Modules that are needed and not always there.
+    extra : str
+        The extra of voluminous that brings them: ``pip install "voluminous[extra]"``.
     """
 
     name: str = ""
@@ -66,6 +70,8 @@ class Reader:
     suffixes: tuple[str, ...] = ()
     options: dict[str, str] = {}  # noqa: RUF012 - a subclass replaces it, nothing changes it
     writes: bool = False
+    packages: tuple[str, ...] = ()
+    extra: str = ""
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True if this is the reader for a file.
@@ -93,6 +99,11 @@ class Reader:
             need be read.
         **options
             Those in `options`; names are checked before.
+
+        Notes
+        -----
+        Give fields as `voluminous.deferred.Deferred`: `open` reads small files at once, and of
+        large ones each field when it is first used. Errors are explained in both cases.
 
         Raises
         ------

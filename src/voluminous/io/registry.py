@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
 from ..files import MissingPathError, replacing
+from .arrays.hdf5 import HDF5Reader
+from .arrays.npy import NPYReader
+from .arrays.npz import NPZReader
 from .contract import Reader
 from .guard import placed, reading
-from .hdf5 import HDF5Reader
-from .npy import NPYReader
-from .npz import NPZReader
 
 if TYPE_CHECKING:
     from ..volume import Volume
@@ -25,6 +25,8 @@ READERS: tuple[Reader, ...] = (NPZReader(), NPYReader(), HDF5Reader())
 GROUP = "voluminous.readers"
 # Enough for the magic bytes of all formats, and for the first keyword of a text file.
 HEAD_LENGTH = 4096
+# Bytes of fields that are read when a file is opened; of more each field when it is first used.
+AT_ONCE = 256 << 20
 
 
 def open(
@@ -37,8 +39,9 @@ def open(
     path : str or Path
         The file; its content tells the format.
     fields : None, str, sequence of str or dict, optional
-        Which fields to read: all (None), one, several, or ``{name: place in the file}``, such as
-        ``{"density": "/gas/rho"}``. Only these are read.
+        Which fields the volume shall have: all (None), one, several, or ``{name: place in the
+        file}``, such as ``{"density": "/gas/rho"}``. Only these are read; if they take more than
+        256 MiB, each when it is first used (`Volume.load` reads them all).
     format : str, optional
         Name of the reader, if the file itself does not tell.
     **options
@@ -67,8 +70,12 @@ def open(
     reader = find_reader(path, format)
     with placed(path):
         check_options(reader, options)
-    with reading(path, reader.description):
-        return reader.read(path, fields, **options)
+    guard = functools.partial(reading, path, reader.description)
+    with guard():
+        volume = reader.read(path, fields, **options)
+    volume.explain_reading(guard)
+    # Damage shows at once in all but large files.
+    return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
 
 
 def save(volume: Volume, path: str | Path, *, format: str | None = None) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import keyword
-import math
-import unicodedata
+import functools
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -13,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import FileFormatError, InputError, unknown_name
-from ..memory import check_memory
-from .contract import FieldInfo, Reader
+from ...deferred import Deferred
+from ...errors import FileFormatError, InputError
+from ..contract import FieldInfo, Reader
+from ..names import chosen_fields, field_name
 from .layout import AXES, axis_order, make_grid
 
 if TYPE_CHECKING:
-    from ..volume import Volume
+    from ...volume import Volume
 
 
 @dataclass(frozen=True)
@@ -60,23 +59,27 @@ class NamedArraysReader(Reader):
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         """Return the volume; reads the chosen fields and the edges only."""
-        from ..volume import Volume
+        from ...volume import Volume
 
         order = axis_order(options.pop("axes", AXES))
-        with self.entries(path, **self._own(options)) as entries:
+        own = self._own(options)
+        with self.entries(path, **own) as entries:
             chosen = _chosen(entries, fields)
             shape = _common_shape({name: entries[place] for name, place in chosen.items()})
             grid = make_grid(entries, tuple(shape[k] for k in order), options)
-            check_memory(
-                _needed([entries[p] for p in chosen.values()]),
-                "reading " + ", ".join(chosen),
-                "read fewer fields with fields=[…]",
-            )
             volume = Volume(grid)
             for name, place in chosen.items():
-                volume[name] = entries[place].load().transpose(order)
-                volume.set_unit(name, entries[place].unit)
+                load = functools.partial(self._load, path, place, order, own)
+                entry = entries[place]
+                volume[name] = Deferred(load, entry.dtype, entry.unit, entry.mapped)
         return volume
+
+    def _load(
+        self, path: Path, place: str, order: tuple[int, ...], own: dict[str, Any]
+    ) -> np.ndarray:
+        """Return the values of a field."""
+        with self.entries(path, **own) as entries:
+            return entries[place].load().transpose(order)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         """Return all numeric arrays of three dimensions, whether or not they fit together."""
@@ -99,64 +102,20 @@ class NamedArraysReader(Reader):
         return {name: options.pop(name) for name in own}
 
 
-def field_name(place: str) -> str:
-    """Return a name that expressions can use: the last part of a place, made an identifier.
-
-    Examples
-    --------
-    >>> field_name("gas/x-velocity"), field_name("e")
-    ('x_velocity', 'e_')
-    """
-    from ..expressions import CONSTANTS, FUNCTIONS
-    from ..fields import COORDINATES
-
-    # Expressions read names in this normal form.
-    last = unicodedata.normalize("NFKC", place.rsplit("/", 1)[-1])
-    name = "".join(c if f"_{c}".isidentifier() else "_" for c in last)
-    name = name if name.isidentifier() else f"_{name}"
-    reserved = name in FUNCTIONS or name in CONSTANTS or name in COORDINATES
-    return f"{name}_" if reserved or keyword.iskeyword(name) else name
-
-
 def _is_field(entry: Entry) -> bool:
     return len(entry.shape) == 3 and entry.numeric
 
 
 def _chosen(entries: Mapping[str, Entry], fields: Any) -> dict[str, str]:
     """Return name → place of the fields asked for; of all fields if none is."""
-    if fields is None:
-        places = [place for place, entry in entries.items() if _is_field(entry)]
-        if not places:
-            raise FileFormatError(
-                f"expected a three-dimensional array of numbers; the file holds {_listed(entries)}"
-            )
-        return _named(places)
-    if isinstance(fields, Mapping):
-        return {name: _found(entries, place) for name, place in fields.items()}
-    asked = [fields] if isinstance(fields, str) else list(fields)
-    if not asked:
-        raise InputError("fields is empty; name at least one, or leave it out to read all")
-    return _named([_found(entries, place) for place in asked])
-
-
-def _named(places: list[str]) -> dict[str, str]:
-    chosen: dict[str, str] = {}
-    for place in places:
-        name = field_name(place)
-        if chosen.setdefault(name, place) != place:
-            raise InputError(
-                f"{chosen[name]!r} and {place!r} would both be called {name!r}; name the fields "
-                f"with fields={{{name!r}: {chosen[name]!r}, …}}"
-            )
-    return chosen
-
-
-def _found(entries: Mapping[str, Entry], place: Any) -> str:
-    if not isinstance(place, str):
-        raise InputError(f"fields must be names, got {place!r}")
-    if place.strip("/") not in entries:
-        raise unknown_name("array", place, entries)
-    return place.strip("/")
+    if fields is not None:
+        return chosen_fields({place: field_name(place) for place in entries}, fields, "array")
+    places = {p: field_name(p) for p, entry in entries.items() if _is_field(entry)}
+    if not places:
+        raise FileFormatError(
+            f"expected a three-dimensional array of numbers; the file holds {_listed(entries)}"
+        )
+    return chosen_fields(places, None)
 
 
 def _common_shape(chosen: Mapping[str, Entry]) -> tuple[int, ...]:
@@ -188,11 +147,6 @@ def _check_field(name: str, entry: Entry) -> None:
         )
     if 0 in entry.shape:
         raise FileFormatError(f"{name!r} has shape {entry.shape}, expected at least one cell")
-
-
-def _needed(entries: list[Entry]) -> int:
-    """Return the bytes that reading takes."""
-    return sum(math.prod(e.shape) * e.dtype.itemsize for e in entries if not e.mapped)
 
 
 def _listed(entries: Mapping[str, Entry]) -> str:

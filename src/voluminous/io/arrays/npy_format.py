@@ -6,7 +6,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..errors import FileFormatError
+from ...errors import FileFormatError
 
 MAGIC = b"\x93NUMPY"
 

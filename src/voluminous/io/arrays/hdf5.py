@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import UnitsError
-from ..units import parse_unit, unit_name
+from ...errors import UnitsError
+from ...units import parse_unit, unit_name
 from .layout import AXES
 from .named_arrays import Entry, NamedArraysReader
 
 if TYPE_CHECKING:
-    from ..volume import Volume
+    from ...volume import Volume
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
@@ -53,7 +53,7 @@ class HDF5Reader(NamedArraysReader):
         """Write ``/x, /y, /z`` (edges) and a data set per field, each with its ``units``."""
         import h5py
 
-        from .cartesian import cartesian
+        from ..cartesian import cartesian
 
         grid = cartesian(volume)
         with h5py.File(path, "w") as file:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FileFormatError
-from .named_arrays import Entry, NamedArraysReader, field_name
+from ...errors import FileFormatError
+from ..names import field_name
+from .named_arrays import Entry, NamedArraysReader
 from .npy_format import MAGIC, header
 
 

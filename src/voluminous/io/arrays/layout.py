@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import FileFormatError, InputError, unknown_name
-from ..units import is_quantity, parse_unit, plain, unit_of
+from ...errors import FileFormatError, InputError, unknown_name
+from ...units import is_quantity, parse_unit, plain, unit_of
 
 if TYPE_CHECKING:
-    from ..grids import CartesianGrid
+    from ...grids import CartesianGrid
     from .named_arrays import Entry
 
 AXES = "xyz"
@@ -52,7 +52,7 @@ def make_grid(
     FileFormatError
         If the edges in the file do not fit.
     """
-    from ..grids import CartesianGrid
+    from ...grids import CartesianGrid
 
     unit = options.get("unit") or text_in(entries.get("unit"))
     given = [kind for kind in _KINDS if any(options.get(name) is not None for name in kind)]

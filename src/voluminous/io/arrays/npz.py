@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import FileFormatError
-from ..units import unit_name
+from ...errors import FileFormatError
+from ...units import unit_name
 from .layout import AXES, text_in
 from .named_arrays import Entry, NamedArraysReader
 from .npy_format import header
 
 if TYPE_CHECKING:
-    from ..volume import Volume
+    from ...volume import Volume
 
 _ENDING = ".npy"
 _UNIT = "_unit"
@@ -58,7 +58,7 @@ class NPZReader(NamedArraysReader):
 
     def write(self, volume: Volume, path: Path) -> None:
         """Write edges, fields and units, uncompressed: numbers hardly get smaller, only slower."""
-        from .cartesian import cartesian
+        from ..cartesian import cartesian
 
         grid = cartesian(volume)
         arrays: dict[str, Any] = dict(zip(AXES, grid.edges, strict=True))

@@ -1,0 +1,88 @@
+"""Fields that are read when they are first used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, MutableMapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Deferred:
+    """A field that is known, but not read yet: ``volume["density"] = Deferred(read, "f4")``.
+
+    Attributes
+    ----------
+    load : callable
+        Returns the values, as they could be given to the volume.
+    dtype : dtype
+        What they are.
+    unit : str or unit, optional
+        Their unit; `load` returns plain numbers.
+    mapped : bool
+        True if the values stay in the file, and are brought into memory page by page.
+    """
+
+    load: Callable[[], Any]
+    dtype: Any
+    unit: Any = None
+    mapped: bool = False
+
+
+class Fields(MutableMapping[str, np.ndarray]):
+    """Arrays by name; those that were deferred are read when they are asked for."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, np.ndarray | Callable[[], np.ndarray]] = {}
+        self._types: dict[str, np.dtype[Any]] = {}
+        self._mapped: set[str] = set()
+        self._reading: Callable[[], AbstractContextManager[None]] = nullcontext
+
+    def defer(self, name: str, load: Callable[[], np.ndarray], what: Deferred) -> None:
+        """Keep how an array is read, in place of the array."""
+        self._known[name], self._types[name] = load, np.dtype(what.dtype)
+        (self._mapped.add if what.mapped else self._mapped.discard)(name)
+
+    def guard(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
+        """Read within a context that explains errors."""
+        self._reading = reading
+
+    @property
+    def waiting(self) -> tuple[str, ...]:
+        """Names of the fields that are not read yet."""
+        return tuple(name for name, held in self._known.items() if callable(held))
+
+    def bytes_waiting(self, cells: int) -> int:
+        """Return the memory that reading all that is waiting takes."""
+        names = [name for name in self.waiting if name not in self._mapped]
+        return sum(cells * self._types[name].itemsize for name in names)
+
+    def dtype(self, name: str) -> np.dtype[Any]:
+        """Return the type of a field without reading it."""
+        return self._types[name]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        held = self._known[name]
+        if callable(held):
+            with self._reading():
+                held = held()
+            self[name] = held
+        return held
+
+    def __setitem__(self, name: str, array: np.ndarray) -> None:
+        self._known[name], self._types[name] = array, array.dtype
+
+    def __delitem__(self, name: str) -> None:
+        del self._known[name], self._types[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._known  # looking for a name reads nothing
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)

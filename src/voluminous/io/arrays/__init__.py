@@ -1,0 +1,1 @@
+"""Files that are a set of named arrays on a Cartesian grid."""

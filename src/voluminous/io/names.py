@@ -1,0 +1,98 @@
+"""Names of fields: as expressions can use them, and which of them a user asks for."""
+
+from __future__ import annotations
+
+import keyword
+import unicodedata
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ..errors import InputError, unknown_name
+
+# Endings of the components of vectors, in the coordinates of all grids.
+_COMPONENTS = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))
+
+
+def field_name(place: str) -> str:
+    """Return a name that expressions can use: the last part of a place, made an identifier.
+
+    Examples
+    --------
+    >>> field_name("gas/x-velocity"), field_name("e")
+    ('x_velocity', 'e_')
+    """
+    from ..expressions import CONSTANTS, FUNCTIONS
+    from ..fields import COORDINATES
+
+    # Expressions read names in this normal form.
+    last = unicodedata.normalize("NFKC", place.rsplit("/", 1)[-1])
+    name = "".join(c if f"_{c}".isidentifier() else "_" for c in last)
+    name = name if name.isidentifier() else f"_{name}"
+    reserved = name in FUNCTIONS or name in CONSTANTS or name in COORDINATES
+    return f"{name}_" if reserved or keyword.iskeyword(name) else name
+
+
+def chosen_fields(known: Mapping[str, str], fields: Any, kind: str = "field") -> dict[str, str]:
+    """Return name → place of the fields that a user asks for.
+
+    Parameters
+    ----------
+    known : mapping of str
+        Place → name of all that there is, in the file's order.
+    fields : None, str, sequence of str or dict
+        As for `voluminous.open`: all, one, several, or ``{name: place}``. A field goes by its
+        place or its name; ``"velocity"`` stands for ``velocity_x``, ``velocity_y``, ``velocity_z``
+        (or ``_r``, ``_theta``, ``_phi``) where there is no field of that name.
+    kind : str
+        What there is, for error messages.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such field; names the nearest.
+    InputError
+        If nothing is asked for, or two fields would have one name.
+    """
+    if fields is None:
+        return _distinct((name, place) for place, name in known.items())
+    if isinstance(fields, Mapping):
+        return {name: _place(known, place, kind) for name, place in fields.items()}
+    asked = [fields] if isinstance(fields, str) else list(fields)
+    if not asked:
+        raise InputError("fields is empty; name at least one, or leave it out to read all")
+    return _distinct(
+        (known[place], place) for name in asked for place in _places(known, name, kind)
+    )
+
+
+def _places(known: Mapping[str, str], asked: Any, kind: str) -> list[str]:
+    """Return the places of a field, or of the components of a vector."""
+    names = {name: place for place, name in known.items()}
+    if isinstance(asked, str) and asked.strip("/") not in known and asked not in names:
+        for endings in _COMPONENTS:
+            parts = [f"{asked}_{ending}" for ending in endings]
+            if all(part in names for part in parts):
+                return [names[part] for part in parts]
+    return [_place(known, asked, kind)]
+
+
+def _place(known: Mapping[str, str], asked: Any, kind: str) -> str:
+    if not isinstance(asked, str):
+        raise InputError(f"fields must be names, got {asked!r}")
+    if asked in known or asked.strip("/") in known:
+        return asked if asked in known else asked.strip("/")
+    for place, name in known.items():
+        if name == asked:
+            return place
+    raise unknown_name(kind, asked, {*known, *known.values()})
+
+
+def _distinct(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    chosen: dict[str, str] = {}
+    for name, place in pairs:
+        if chosen.setdefault(name, place) != place:
+            raise InputError(
+                f"{chosen[name]!r} and {place!r} would both be called {name!r}; name the fields "
+                f"with fields={{{name!r}: {chosen[name]!r}, …}}"
+            )
+    return chosen

@@ -1,0 +1,40 @@
+"""Packages that only some need: imported where used, with an error that says how to get them."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from typing import Any
+
+from .errors import MissingPackageError
+
+
+def require(module: str, extra: str, purpose: str) -> Any:
+    """Return a module of an optional package.
+
+    Parameters
+    ----------
+    module : str
+        Name to import.
+    extra : str
+        The extra of voluminous that brings it.
+    purpose : str
+        What needs it, to begin the error message with: "reading NRRD files".
+
+    Raises
+    ------
+    MissingPackageError
+        If it is not installed, or cannot be imported.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingPackageError(
+            f"{purpose} needs the package {module.partition('.')[0]!r} ({error}); install it with\n"
+            f'  pip install "voluminous[{extra}]"'
+        ) from error
+
+
+def is_installed(module: str) -> bool:
+    """Return True if a module can be found; it is not imported."""
+    return importlib.util.find_spec(module) is not None

@@ -1,0 +1,98 @@
+"""What every reader must do: what is there is told and read, and damage is named."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.io import find_reader, open
+
+
+class ReaderContract:
+    """A sound file is read as its reader tells; a damaged one gives an error of voluminous.
+
+    A subclass gives the fixture ``sample``: a function of a new directory, which writes a small
+    file of the format there and returns its path. What has to be damaged (in a format of several
+    files) are the paths that `victims` returns, and `options` are given to `open`.
+    """
+
+    options: dict = {}  # noqa: RUF012
+
+    def victims(self, path: Path) -> list[Path]:
+        """Return the files to damage."""
+        return [path]
+
+    @pytest.fixture
+    def path(self, sample, tmp_path):
+        return sample(tmp_path)
+
+    def test_the_reader_is_found_by_content(self, path):
+        assert find_reader(path) is self.reader(path)
+
+    def reader(self, path):
+        """Return the reader that should be found; by default any but the general ones."""
+        return find_reader(path)
+
+    def test_what_is_told_is_what_is_read(self, path):
+        told = find_reader(path).info(path, **self.options)
+        volume = open(path, **self.options)
+        assert volume.fields
+        assert {field.name for field in told} >= set(volume.fields)
+        by_name = {field.name: field for field in told}
+        for name in volume.fields:
+            assert by_name[name].unit == volume.units[name]
+
+    def test_one_field_is_read_alone(self, path):
+        volume = open(path, **self.options)
+        name = volume.fields[-1]
+        alone = open(path, name, **self.options)
+        assert alone.fields == (name,)
+        np.testing.assert_array_equal(alone.array(name), volume.array(name))
+        place = {f.name: f.place for f in find_reader(path).info(path, **self.options)}[name]
+        renamed = open(path, {"other": place}, **self.options)
+        np.testing.assert_array_equal(renamed.array("other"), volume.array(name))
+        with pytest.raises(vm.UnknownNameError):
+            open(path, "no_such_field", **self.options)
+
+    @pytest.mark.parametrize("part", [0.0, 0.01, 0.1, 0.3, 0.6, 0.9, 0.999])
+    def test_cut_short(self, path, part):
+        for victim in self.victims(path):
+            content = victim.read_bytes()
+            victim.write_bytes(content[: int(part * len(content))])
+            with pytest.raises(vm.FileFormatError) as failure:
+                open(path, **self.options)
+            assert path.name in str(failure.value)
+            victim.write_bytes(content)
+
+    def test_damaged_bytes_give_our_errors_only(self, sample, tmp_path):
+        clean = sample(tmp_path)
+        victims = self.victims(clean)
+
+        @settings(
+            max_examples=150, deadline=None, suppress_health_check=list(HealthCheck), database=None
+        )
+        @given(data=st.data())
+        def run(data):
+            victim = data.draw(st.sampled_from(victims))
+            good = victim.with_name(victim.name + ".good")
+            shutil.copy(victim, good)
+            content = bytearray(victim.read_bytes())
+            # Heads are short and worth more: half of all damage is done to the first bytes.
+            limit = data.draw(st.sampled_from([min(512, len(content)), len(content)]))
+            for _ in range(data.draw(st.integers(1, 4))):
+                content[data.draw(st.integers(0, limit - 1))] = data.draw(st.integers(0, 255))
+            victim.write_bytes(content)
+            try:
+                with contextlib.suppress(vm.VoluminousError):
+                    open(clean, **self.options)
+            finally:
+                good.replace(victim)
+
+        run()
