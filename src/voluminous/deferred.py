@@ -64,6 +64,13 @@ class Fields(MutableMapping[str, np.ndarray]):
         """Return the type of a field without reading it."""
         return self._types[name]
 
+    def __copy__(self) -> Fields:
+        """Return fields of their own: what is read of one is not known to the other."""
+        other = Fields()
+        other._known, other._types = dict(self._known), dict(self._types)
+        other._mapped, other._reading = set(self._mapped), self._reading
+        return other
+
     def __getitem__(self, name: str) -> np.ndarray:
         held = self._known[name]
         if callable(held):

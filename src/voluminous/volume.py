@@ -284,6 +284,15 @@ class Volume(OnOtherCells):
         seen.sight = Sight(self.grid, camera)
         return seen
 
+    def with_arrays(self, arrays: Mapping[str, np.ndarray]) -> Volume:
+        """Return a volume of the same fields, some of them with other values; nothing is kept."""
+        other = copy.copy(self)
+        other._fields, other._derivatives = copy.copy(self._fields), Derivatives()
+        other.tables = OrderedDict()
+        for name, array in arrays.items():
+            other._fields[name] = array
+        return other
+
     def evaluate(self, expression: Any, *, camera: Any = None) -> np.ndarray:
         """Return an expression of fields and coordinates on all cells, as a plain array.
 

@@ -18,6 +18,7 @@ from ..units import unit_name
 from ..volume import Volume
 from .bounds import bracket, check_bounds
 from .job import Job, Planes
+from .missing import complete
 from .options import (
     background_array,
     check_cutoff,
@@ -105,8 +106,12 @@ def render(
     medium = calibrate(medium, volume)
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
+    volume.refresh()  # derivatives of fields that were changed in place
+    completed = complete(volume, medium.names, solver.place == "field")
     job = Job(
-        volume=volume,
+        volume=completed.volume,
+        store=completed.store,
+        hidden=completed.hidden,
         medium=medium,
         camera=camera,
         frame=camera.frame(volume.grid),
@@ -123,7 +128,10 @@ def render(
     behind = background_array(background, job.frame.pixels, medium.channels)
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
-    return _image(job, planes, behind, budget, {"samples": samples, "order": order})
+    told = {"samples": samples, "order": order}
+    if completed.counts:
+        told["missing"] = completed.counts
+    return _image(job, planes, behind, budget, told)
 
 
 def _image(

@@ -11,6 +11,7 @@ from ..backend import dr
 from ..backend.functions import flush_subnormal
 from ..grids.contract import Ray, cells_across
 from ..schemes.path import Path, empty_path, plus, times
+from .hidden import Hiding, through_cells
 from .march import Cutoff, march
 from .pixels import BLOCK, PixelOrder, subpixel_offsets
 
@@ -40,6 +41,10 @@ class Drawing:
         grid = job.volume.grid
         kind = getattr(source, "walk_kind", job.walk_kind)
         self.walk = getattr(source, "walk", None) or grid.walk(job.backend, kind)
+        self.scheme = job.scheme
+        if job.hidden is not None:
+            self.walk = through_cells(self.walk, grid, job.backend)
+            self.scheme = Hiding(job.scheme, job.hidden.on(job.backend))
         per_lane = _share_of_steps(source.blocks) * cells_across(grid)
         self.batch = max(1, int(_STEPS_PER_BATCH / per_lane) // BLOCK**2) * BLOCK**2
         self.ending = self._ending(brightest_background)
@@ -120,7 +125,7 @@ class Drawing:
         errors = 3 if job.scheme.controlled else 0
         path = empty_path(self.backend.Float, numbers.emissions, numbers.extinctions, errors)
         try:
-            return march(self.walk, self.source, job.scheme, ray, path, self.ending, job.backward)
+            return march(self.walk, self.source, self.scheme, ray, path, self.ending, job.backward)
         except RuntimeError as error:
             raise innermost(error) from None
 

@@ -16,8 +16,10 @@ from .control import controlled, total_error
 from .drawing import Drawing, Paths
 from .empty import has_blocks
 from .flux_conserving import FluxConserving
+from .hidden import Hidden
 from .options import DEFAULT_ERROR, walk_kinds
 from .source import get_source
+from .store import Store
 
 
 @dataclass
@@ -39,7 +41,15 @@ class Planes:
 
 @dataclass
 class Job:
-    """Everything one render is made of."""
+    """Everything one render is made of.
+
+    Attributes
+    ----------
+    store : Store
+        What was made of the volume before.
+    hidden : Hidden, optional
+        Cells that hold no value.
+    """
 
     volume: Volume
     medium: Any
@@ -51,6 +61,8 @@ class Job:
     cutoff: float | None
     tolerance: float
     progress: Callable[[int, int], None]
+    store: Store
+    hidden: Hidden | None = None
     samples: int = 1
     adaptive: bool = False
     recursive: bool = False
@@ -114,6 +126,8 @@ class Job:
             self._classifying,
             self.tolerance,
             faintest,
+            store=self.store,
+            whole=self.hidden is None,
         )
         kind = FluxConserving if self.recursive else Drawing
         return kind(self, source, brightest_background)

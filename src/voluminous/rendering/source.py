@@ -51,6 +51,9 @@ def get_source(
     report: Callable[..., None],
     tolerance: float = 1e-3,
     faintest: bool = False,
+    *,
+    store: Store,
+    whole: bool = True,
 ) -> Any:
     """Return the coefficients for a scheme.
 
@@ -64,14 +67,16 @@ def get_source(
         What a scheme that controls its error is to keep to.
     faintest : bool
         Leave nothing out, however faint.
+    store : Store
+        What was made of the volume before.
+    whole : bool
+        No cell is hidden: rays may cross several at once.
     """
-    volume.refresh()  # derivatives of fields that were changed in place
     numbers = plan_numbers(medium, scheme, backend)
-    store = Store(volume)
-    extremes = store.extremes if scheme.place == "field" else None
-    classifier = Classifier(volume, medium, numbers, backend, extremes)
+    classifier = Classifier(volume, medium, numbers, backend, store.extremes)
     if scheme.place == "field":
-        return _interpolated(classifier, store, tolerance, faintest, scheme.coarseness)
+        coarseness = scheme.coarseness if whole else 0.0
+        return _interpolated(classifier, store, tolerance, faintest, coarseness, whole)
     needed = table_bytes(classifier, scheme, backend)
     crowded = scheme.place == "cell" and _crowded(numbers, needed, volume.grid.size / steps)
     if crowded and not volume.tables:  # not even hashed: that takes a while for 1024³
@@ -88,13 +93,18 @@ def get_source(
     table = make(classifier, backend, report)
     faint = _FAINT[backend.precision]
     table.blocks = _blocks(classifier, store, faint, CELLS)
-    if scheme.place == "cell" and hasattr(volume.grid, "pruned"):
+    if whole and scheme.place == "cell" and hasattr(volume.grid, "pruned"):
         table.walk = pruned_walk(volume.grid, tabled(table, faint), backend, "cells")
     return table if key is None else store.keep(key, table)
 
 
 def _interpolated(
-    classifier: Classifier, store: Store, tolerance: float, faintest: bool, coarseness: float
+    classifier: Classifier,
+    store: Store,
+    tolerance: float,
+    faintest: bool,
+    coarseness: float,
+    whole: bool,
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are kept with the volume."""
     volume, backend = classifier.volume, classifier.backend
@@ -118,7 +128,8 @@ def _interpolated(
     blocks = _blocks(classifier, store, faint, DUAL, coarseness)
     lattices = get_lattices(classifier, store, blocks)
     source = Interpolated(classifier, lattices, context, blocks)
-    source.walk = _pruned(classifier, store, lattices, faint)
+    if whole:
+        source.walk = _pruned(classifier, store, lattices, faint)
     return source
 
 

@@ -28,6 +28,7 @@ class Store:
     def __init__(self, volume: Any) -> None:
         self.volume = volume
         self._digests: dict[str, bytes] = {}
+        self._extremes: dict[str, tuple[float, float]] = {}
 
     def digest(self, name: str) -> bytes:
         """Return a hash of a field's contents."""
@@ -46,9 +47,17 @@ class Store:
         )
 
     def extremes(self, name: str) -> tuple[float, float]:
-        """Return the least and the largest value of a field; kept."""
+        """Return the least and the largest value of a field; NaN if one is."""
+        if name not in self._extremes:
+            self._extremes[name] = self._find_extremes(name)
+        return self._extremes[name]
+
+    def _find_extremes(self, name: str) -> tuple[float, float]:
+        if name not in self._digests and not self.volume.tables:
+            return extremes_of(self.volume, name)  # nothing is kept: hashing 1024³ takes a while
         key = ("extremes", name, self.digest(name))
-        return self.kept(key, lambda: extremes_of(self.volume, name))
+        found: tuple[float, float] = self.kept(key, lambda: extremes_of(self.volume, name))
+        return found
 
     def get(self, key: Any) -> Any:
         """Return what is kept under a key, or None."""

@@ -1,0 +1,99 @@
+"""Two walks through one domain at once: segments end at the walls of both.
+
+The dual cells between centres tell how fields run; the cells themselves tell which of them is
+missing. Rays that need both take every piece that lies in one dual cell and in one cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..backend import dr
+from .contract import Ray, Segment
+
+
+@dataclass
+class TwoTracks:
+    """What is constant along a ray for each walk; how much later the second one's distances are."""
+
+    first: Any
+    second: Any
+    later: Any
+
+
+@dataclass
+class TwoCursors:
+    """Where a ray is: at distance t, somewhere in a segment of each walk."""
+
+    first: Any
+    second: Any
+    t: Any
+    inside: Any
+
+
+@dataclass
+class Piece(Segment):
+    """A segment of the first walk, or a part of it, within one cell of the second."""
+
+    own: Any
+
+
+class TwoWalks:
+    """A walk whose segments are those of the first, cut at the walls of the second.
+
+    Parameters
+    ----------
+    first, second : Walk
+        Through the same domain.
+    """
+
+    leaps = False
+
+    def __init__(self, first: Any, second: Any) -> None:
+        self.first, self.second = first, second
+
+    def enter(self, ray: Ray) -> tuple[TwoTracks, TwoCursors]:
+        """Return the track and the cursor at the point where each ray enters the domain."""
+        (track, here), (other, there) = self.first.enter(ray), self.second.enter(ray)
+        # Distances count from where a walk's own domain begins: the dual one begins earlier.
+        later = here.t - there.t - (_arrive(track) - _arrive(other))
+        tracks = TwoTracks(track, other, later)
+        t = here.t - _arrive(track)
+        return tracks, TwoCursors(here, there, t, here.inside & there.inside)
+
+    def next(self, track: TwoTracks, cursor: TwoCursors) -> tuple[Piece, TwoCursors]:
+        """Return the piece of a segment up to the next wall of either walk."""
+        whole, onward = self.first.next(track.first, cursor.first)
+        cell, beyond = self.second.next(track.second, cursor.second)
+        wall = cell.end + track.later
+        ends, leaves = whole.end <= wall, wall <= whole.end
+        end = dr.select(ends, whole.end, wall)
+        end = dr.select(end > cursor.t, end, cursor.t)  # two walls in one place, but for rounding
+        length = end - cursor.t
+        # A segment across a gap has no length.
+        length = dr.select(length < whole.length, length, whole.length)
+        parts = {**vars(whole), "length": length, "begin": cursor.t, "end": end}
+        moved = TwoCursors(
+            dr.select(ends, onward, cursor.first),
+            dr.select(leaves, beyond, cursor.second),
+            end,
+            dr.select(ends, onward.inside, cursor.first.inside)
+            & dr.select(leaves, beyond.inside, cursor.second.inside),
+        )
+        piece = Piece(**parts, own=cell.cell)
+        return replace(piece, active=whole.active & cell.active), moved
+
+    def chord(self, track: TwoTracks, segment: Segment) -> Any:
+        """Return a piece as a line through its cell of the first walk."""
+        return self.first.chord(track.first, segment)
+
+
+def _arrive(track: Any) -> Any:
+    """Return what the distances of segments count from, in those of cursors."""
+    return getattr(track, "arrive", 0.0)
+
+
+def cell_of(segment: Segment) -> Any:
+    """Return the number of the grid's own cell that a segment lies in."""
+    return getattr(segment, "own", segment.cell)

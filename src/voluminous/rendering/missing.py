@@ -1,0 +1,186 @@
+"""Missing values: what lies around them goes on into them, and they are hidden.
+
+A cell is missing where a field that the medium looks at is NaN there. Fields are interpolated
+between cells, so a value is put in its place, the mean of those that touch it: the neighbours look
+as if the field went on evenly. The cell itself is then hidden (`hidden`).
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .hidden import Hidden
+from .store import Store
+
+# Cells looked at at once.
+_CHUNK = 1 << 20
+# How far beyond a cell's walls its neighbours are looked for, in its widths.
+_BEYOND = 0.5 + 2.0**-6
+_AROUND = [way for way in itertools.product((-1, 0, 1), repeat=3) if any(way)]
+
+
+@dataclass
+class Completed:
+    """A volume without missing values in the fields that are looked at.
+
+    Attributes
+    ----------
+    store : Store
+        What was made of it before.
+    hidden : Hidden or None
+        The cells in which something was missing.
+    counts : dict of str to int
+        How many values each field lacks.
+    """
+
+    volume: Any
+    store: Store
+    hidden: Hidden | None
+    counts: dict[str, int]
+
+
+def complete(volume: Any, names: Any, hashed: bool) -> Completed:
+    """Return the volume with values in place of those that are missing; itself if none is.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What the medium looks at.
+    hashed : bool
+        All fields are going to be hashed in any case.
+
+    Raises
+    ------
+    InputError
+        If a field has infinite values, or nothing but missing ones.
+    """
+    store, fields = Store(volume), sorted(volume.given(names))
+    if hashed:
+        store.digests(fields)
+    lacking = [name for name in fields if not _all_finite(volume, name, store)]
+    if not lacking:
+        return Completed(volume, store, None, {})
+    key = ("completed", store.digests(fields))
+    whole, hidden, counts = store.kept(key, lambda: _complete(volume, lacking))
+    seen = copy.copy(whole)
+    seen.sight = volume.sight
+    return Completed(seen, Store(seen), hidden, counts)
+
+
+def _all_finite(volume: Any, name: str, store: Any) -> bool:
+    """Return whether a field has a value everywhere: its least and largest tell."""
+    if volume.array(name).dtype.kind != "f":
+        return True
+    return bool(np.all(np.isfinite(store.extremes(name))))
+
+
+def _complete(volume: Any, names: list[str]) -> tuple[Any, Hidden, dict[str, int]]:
+    """Return the volume with values everywhere, the cells that lack some, and how many."""
+    missing, counts, arrays = np.zeros(volume.grid.size, bool), {}, {}
+    for name in names:
+        array = volume.array(name)
+        own = np.isnan(array).reshape(-1)
+        _check_finite(volume, name, own)
+        counts[name] = int(own.sum())
+        if counts[name]:
+            missing |= own
+            arrays[name] = filled(volume.grid, array, own)
+    return volume.with_arrays(arrays), Hidden(missing), counts
+
+
+def _check_finite(volume: Any, name: str, missing: np.ndarray) -> None:
+    """Refuse fields with infinite values, and such without any."""
+    array = volume.array(name).reshape(-1)
+    count, first = 0, -1
+    for start in range(0, array.size, _CHUNK):
+        infinite = np.flatnonzero(np.isinf(array[start : start + _CHUNK]))
+        if infinite.size and not count:
+            first = start + int(infinite[0])
+        count += infinite.size
+    if count:
+        place = tuple(int(i) for i in np.unravel_index(first, volume.grid.shape))
+        raise InputError(
+            f"field {name!r} has {count} infinite value{'s' * (count > 1)}; the first is "
+            f"{array[first]} in cell {place}. Missing values are NaN (transparent): replace them, "
+            f"or clip the field"
+        )
+    if missing.all():
+        raise InputError(f"field {name!r} has no value at all: every cell is NaN")
+
+
+def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
+    """Return a field with the mean of what touches them in its missing cells.
+
+    Cells that touch none with a value get the mean of the field: nothing shows it.
+
+    Parameters
+    ----------
+    array : array, of the grid's shape
+    missing : array of bool, flat
+    """
+    out = array.copy()
+    flat = out.reshape(-1)
+    flat[missing] = flat[~missing].mean(dtype=np.float64)
+    for cells, values in (_boxes if len(grid.shape) == 3 else _located)(grid, array, missing):
+        flat[cells] = values
+    return out
+
+
+def _boxes(
+    grid: Any, array: np.ndarray, missing: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield missing cells with others around, and the means of these: boxes of 3 x 3 x 3."""
+    gone = missing.reshape(array.shape)
+    plane = array[0].size
+    step = max(1, _CHUNK // plane)
+    for first in range(0, len(array), step):
+        last = min(first + step, len(array))
+        if not gone[first:last].any():
+            continue
+        low, high = max(first - 1, 0), min(last + 1, len(array))
+        there = ~gone[low:high]
+        count = _box_sums(there.astype(np.float32))[first - low : last - low]
+        total = _box_sums(np.where(there, array[low:high], 0.0))[first - low : last - low]
+        place = np.flatnonzero(gone[first:last] & (count > 0))
+        yield first * plane + place, total.reshape(-1)[place] / count.reshape(-1)[place]
+
+
+def _box_sums(values: np.ndarray) -> np.ndarray:
+    """Return sums over 3 x 3 x 3 cells."""
+    for axis in range(3):
+        own = np.moveaxis(values, axis, 0)
+        total = own.copy()
+        total[1:] += own[:-1]
+        total[:-1] += own[1:]
+        values = np.moveaxis(total, 0, axis)
+    return values
+
+
+def _located(
+    grid: Any, array: np.ndarray, missing: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield missing cells with others around, and the means of these: cells of any size."""
+    step = _CHUNK >> 4
+    for first in range(0, grid.size, step):
+        last = min(first + step, grid.size)
+        cells = np.flatnonzero(missing[first:last])
+        if not cells.size:
+            continue
+        centers = grid.cell_centers(first, last)[:, cells]
+        ways = (grid.basis(first, last) * grid.cell_sizes(first, last)[:, None])[:, :, cells]
+        total, count = np.zeros(cells.size), np.zeros(cells.size)
+        for way in _AROUND:
+            points = centers + _BEYOND * np.einsum("k,kxn->xn", np.asarray(way, float), ways)
+            beyond = grid.locate(points.T)
+            there = (beyond >= 0) & ~missing[beyond]
+            total += np.where(there, array[beyond], 0.0)
+            count += there
+        some = count > 0
+        yield first + cells[some], total[some] / count[some]
