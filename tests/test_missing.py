@@ -190,3 +190,20 @@ def test_automatic_media_and_flux_conserving_samples_take_holes():
         samples="flux-conserving",
     )
     assert np.isfinite(flux.intensity).all()
+
+
+@pytest.mark.parametrize("source", GRIDS)
+def test_means_on_another_grid_are_those_of_what_is_known(source):
+    grid = GRIDS[source]
+    target = vm.CartesianGrid.uniform(5, (0.1, 3.9))
+    missing = holes(grid, part=0.3)
+    volume = vm.Volume(
+        grid,
+        a=np.where(missing, np.nan, 2.0),
+        known=np.where(missing, 0.0, 1.0),
+        one=np.ones(grid.shape),
+    )
+    found = volume.resample(target, samples=3)
+    enough = found.array("known") >= 0.5 * found.array("one")
+    np.testing.assert_array_equal(np.isnan(found.array("a")), ~enough)
+    np.testing.assert_allclose(found.array("a")[enough], 2 * found.array("one")[enough], rtol=1e-12)

@@ -37,6 +37,31 @@ def resampled(
     _check(source, target, samples)
     size = 8 * (len(fields) + 4) * target.size
     check_memory(size, "fields on another grid", "take fewer fields, or a coarser grid")
+    holed = {name: v for name, v in fields.items() if v.dtype.kind == "f" and np.isnan(v).any()}
+    rest = {name: v for name, v in fields.items() if name not in holed}
+    found = _means(rest, source, target, fill, samples) if rest else {}
+    found |= {n: _known_means(v, source, target, fill, samples) for n, v in holed.items()}
+    return {name: found[name] for name in fields}
+
+
+def _known_means(
+    values: np.ndarray, source: Any, target: Any, fill: float, samples: int
+) -> np.ndarray:
+    """Return means over what is known (not NaN); NaN where that is less than half."""
+    known = ~np.isnan(values)
+    parts = {"sum": np.where(known, values, 0.0), "known": known, "there": np.ones(known.shape)}
+    found = _means(parts, source, target, 0.0, samples)
+    enough = found["known"] >= 0.5 * found["there"]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(found["known"] > 0, found["sum"] / found["known"], 0.0)
+    total = mean * found["there"] + fill * _without(found["there"])
+    return np.where(enough, total, np.nan)
+
+
+def _means(
+    fields: Mapping[str, np.ndarray], source: Any, target: Any, fill: float, samples: int
+) -> dict[str, np.ndarray]:
+    """Return means of fields without missing values."""
     if not (_is_boxes(source) and _is_boxes(target)):
         return _sampled(fields, source, target, fill, samples)
     if len(source.shape) == len(target.shape) == 3:
