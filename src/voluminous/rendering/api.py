@@ -28,6 +28,7 @@ from .options import (
     is_recursive,
     sample_count,
 )
+from .sky import image_wcs
 
 
 def render(
@@ -159,6 +160,7 @@ def _image(
         intensity_unit=_intensity_unit(job),
         pixel_size=job.frame.pixel,
         unit=job.camera.plane_unit or unit_name(job.volume.unit),
+        wcs=image_wcs(job.volume, job.camera, job.frame),
         camera=job.camera.describe(),
         provenance=_provenance(job, told),
     )

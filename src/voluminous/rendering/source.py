@@ -91,7 +91,8 @@ def get_source(
     numbers.normalise(classifier.largest())
     make = cell_table if scheme.place == "cell" else vertex_table
     table = make(classifier, backend, report)
-    faint = _FAINT[backend.precision]
+    complete = getattr(scheme, "complete", False)  # it leaves nothing out, however faint
+    faint = 0.0 if complete else _FAINT[backend.precision]
     table.blocks = _blocks(classifier, store, faint, CELLS)
     if whole and scheme.place == "cell" and hasattr(volume.grid, "pruned"):
         table.walk = pruned_walk(volume.grid, tabled(table, faint), backend, "cells")

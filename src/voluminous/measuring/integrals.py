@@ -1,0 +1,108 @@
+"""Integrals of several quantities along the lines of sight: by rays, or exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..backend import get_backend
+from ..cameras import Orthographic
+from ..errors import InputError, unknown_name
+from ..media import Coefficients
+from ..rendering import render
+from .shadows import Screen, onto_pixels
+from .thin import Thin
+
+METHODS = ("rays", "exact")
+# Cells whose shadows are made at once: bounds the memory for their places.
+_CHUNK = 1 << 21
+
+
+def integrals(
+    volume: Any,
+    expressions: Sequence[Any],
+    camera: Any,
+    *,
+    method: str = "rays",
+    samples: int = 1,
+    precision: str = "single",
+    device: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> np.ndarray:
+    """Return ∫ q ds for each expression q: plain numbers, lengths in the volume's unit.
+
+    Returns
+    -------
+    float64 array, shape (k, ny, nx)
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such method.
+    InputError
+        If the method cannot be used with the camera or the grid.
+    """
+    if method == "exact":
+        return _exact(volume, expressions, camera, device)
+    if method != "rays":
+        raise unknown_name("method", str(method), METHODS)
+    image = render(
+        volume,
+        Coefficients(list(expressions), 0),
+        camera,
+        scheme=Thin(),
+        cutoff=0.0,
+        samples=samples,
+        precision=precision,
+        device=device,
+        progress=progress,
+    )
+    return np.moveaxis(image.intensity, -1, 0).astype(np.float64)
+
+
+def _exact(volume: Any, expressions: Sequence[Any], camera: Any, device: str) -> np.ndarray:
+    """Return the pixels' mean columns: cells' shadows, clipped against the pixels."""
+    check_exact(volume.grid, camera)
+    grid, frame = volume.grid, camera.frame(volume.grid)
+    seen, backend = volume.seen_by(camera), get_backend(device, "double")
+    screen = screen_of(frame)
+    total = np.zeros((len(expressions), *frame.pixels[::-1]))
+    for first in range(0, grid.size, _CHUNK):
+        last = min(first + _CHUNK, grid.size)
+        values = np.stack([seen.evaluate_cells(e, first, last) for e in expressions])
+        sizes = np.asarray(grid.cell_sizes(first, last))
+        amounts = np.nan_to_num(values, nan=0.0) * np.prod(sizes, axis=0)
+        centers = np.asarray(grid.cell_centers(first, last))
+        total += onto_pixels(screen, centers, sizes, amounts, backend)
+    return total / np.prod(frame.pixel)
+
+
+def check_exact(grid: Any, camera: Any) -> None:
+    """Refuse what cells' shadows are not known for.
+
+    Raises
+    ------
+    InputError
+        Says what to do.
+    """
+    if not isinstance(camera, Orthographic):
+        raise InputError(
+            f"method='exact' needs parallel lines of sight (vm.Orthographic), got "
+            f"{type(camera).__name__}; use method='rays' with samples"
+        )
+    if tuple(grid.coordinates) != ("x", "y", "z"):
+        raise InputError(
+            f"method='exact' needs cells that are boxes, got a {type(grid).__name__}; use "
+            "method='rays' with samples"
+        )
+
+
+def screen_of(frame: Any) -> Screen:
+    """Return the pixels of an orthographic camera."""
+    center, right, up = frame.vectors[:3]
+    pixel = np.asarray(frame.pixel)
+    axes = np.stack([right, up]) / pixel[:, None]
+    middle = 0.5 * np.asarray(frame.pixels) - np.asarray(frame.shift) / pixel
+    return Screen(axes, middle - axes @ center, frame.pixels)

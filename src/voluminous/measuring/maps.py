@@ -1,0 +1,36 @@
+"""Maps: measurements per pixel, as images that know their units and where they are."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..image import Image
+from ..units import unit_name
+
+
+def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
+    """Return an image of one number per pixel.
+
+    Parameters
+    ----------
+    values : array, shape (ny, nx)
+    unit : astropy unit or None
+    told : dict
+        What was measured, and how: for the image's provenance.
+    """
+    from .. import __version__
+
+    frame = camera.frame(volume.grid)
+    x, y = frame.coordinates()
+    return Image(
+        values[..., None],
+        x=x,
+        y=y,
+        pixel_size=frame.pixel,
+        unit=camera.plane_unit or unit_name(volume.unit),
+        intensity_unit=unit_name(unit),
+        camera=camera.describe(),
+        provenance={"software": f"voluminous {__version__}", "volume": volume.describe(), **told},
+    )

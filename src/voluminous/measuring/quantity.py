@@ -1,0 +1,80 @@
+"""What is measured: an expression of fields, and the unit of its integrals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError, UnitsError
+from ..expressions import Expression, components
+from ..units import parse_unit
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An expression of a volume's fields with its unit, None where it has none."""
+
+    expression: Expression
+    unit: Any
+
+    @classmethod
+    def of(cls, volume: Any, expression: Any, what: str = "quantity") -> Quantity:
+        """Return what a user asks for.
+
+        Raises
+        ------
+        InputError
+            If it is no expression, or a vector.
+        UnknownNameError
+            If it names a field that does not exist.
+        """
+        if not isinstance(expression, (str, Expression, int, float)):
+            raise InputError(
+                f"{what} must be a field or an expression such as 'density', got {expression!r}"
+            )
+        parts = components(expression)
+        if len(parts) != 1:
+            raise InputError(f"{what} must be one number per cell, got the vector {expression!r}")
+        volume.check_names(parts[0])
+        return cls(parts[0], volume.expression_unit(parts[0]))
+
+
+def column_unit(unit: Any, length: Any) -> tuple[Any, float]:
+    """Return the unit of a quantity times a length, and what plain numbers are multiplied by.
+
+    The length is taken in the unit of length that the quantity itself is made of: g / cm3 along
+    parsecs gives g / cm2.
+
+    Parameters
+    ----------
+    unit, length : astropy unit or None
+        Of the quantity, and of lengths of the volume.
+    """
+    if length is None or unit is None:
+        return (length if unit is None else unit), 1.0
+    powers = zip(unit.bases, unit.powers, strict=True)
+    inverse = {base: p for base, p in powers if base.physical_type == "length" and p < 0}
+    if not inverse:
+        return parse_unit(unit * length), 1.0
+    base = min(inverse, key=lambda base: inverse[base])
+    return parse_unit(unit * base), float(length.to(base))
+
+
+def converted(unit: Any, wanted: Any, what: str) -> tuple[Any, float]:
+    """Return the unit a user wants, and what numbers are multiplied by.
+
+    Raises
+    ------
+    UnitsError
+        If the one cannot be converted to the other.
+    """
+    from astropy import units as u
+
+    if wanted is None:
+        return unit, 1.0
+    target = parse_unit(wanted)
+    own = unit if unit is not None else u.dimensionless_unscaled
+    try:
+        return target, float(own.to(target if target is not None else u.dimensionless_unscaled))
+    except u.UnitConversionError as error:
+        raise UnitsError(f"{what} is in {own or 'no unit'}, which is not {wanted}") from error
