@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .import_hooks import when_imported
 from .llvm import find_llvm_early
 
 __version__ = "0.1.0"
@@ -25,6 +26,7 @@ _PUBLIC = {
     "DeviceError": "errors",
     "Expression": "expressions",
     "ExpressionError": "errors",
+    "Extreme": "measuring",
     "FileFormatError": "errors",
     "Gaussian": "media",
     "Image": "image",
@@ -33,6 +35,7 @@ _PUBLIC = {
     "Medium": "media",
     "MemoryNeededError": "errors",
     "MissingPackageError": "errors",
+    "Moments": "measuring",
     "OctreeGrid": "grids",
     "Orthographic": "cameras",
     "PatchGrid": "grids",
@@ -41,14 +44,24 @@ _PUBLIC = {
     "Scene": "scene",
     "SphericalGrid": "grids",
     "Table": "media",
+    "TauSurface": "measuring",
     "UnitsError": "errors",
     "UnknownNameError": "errors",
     "Volume": "volume",
     "VoluminousError": "errors",
     "auto": "calibration",
     "calibrate": "calibration",
+    "column": "measuring",
+    "extreme": "measuring",
+    "first_hit": "measuring",
+    "from_particles": "particles",
+    "from_pyvista": "io.vtk.objects",
+    "from_xarray": "io",
+    "from_yt": "io.yt",
+    "moments": "measuring",
     "open": "io",
     "render": "rendering",
+    "tau_surface": "measuring",
 }
 _MODULES = ("io", "math", "models")
 
@@ -61,6 +74,7 @@ __all__ = [
     "DeviceError",
     "Expression",
     "ExpressionError",
+    "Extreme",
     "FileFormatError",
     "Gaussian",
     "Image",
@@ -69,6 +83,7 @@ __all__ = [
     "Medium",
     "MemoryNeededError",
     "MissingPackageError",
+    "Moments",
     "OctreeGrid",
     "Orthographic",
     "PatchGrid",
@@ -77,6 +92,7 @@ __all__ = [
     "Scene",
     "SphericalGrid",
     "Table",
+    "TauSurface",
     "UnitsError",
     "UnknownNameError",
     "Volume",
@@ -84,11 +100,20 @@ __all__ = [
     "__version__",
     "auto",
     "calibrate",
+    "column",
+    "extreme",
+    "first_hit",
+    "from_particles",
+    "from_pyvista",
+    "from_xarray",
+    "from_yt",
     "io",
     "math",
     "models",
+    "moments",
     "open",
     "render",
+    "tau_surface",
 ]
 
 if TYPE_CHECKING:
@@ -109,7 +134,19 @@ if TYPE_CHECKING:
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
     from .image import Image
-    from .io import open
+    from .io import from_xarray, open
+    from .io.vtk.objects import from_pyvista
+    from .io.yt import from_yt
+    from .measuring import (
+        Extreme,
+        Moments,
+        TauSurface,
+        column,
+        extreme,
+        first_hit,
+        moments,
+        tau_surface,
+    )
     from .media import (
         Coefficients,
         ColorBy,
@@ -120,12 +157,15 @@ if TYPE_CHECKING:
         Rectangle,
         Table,
     )
+    from .particles import from_particles
     from .rendering import render
     from .scene import Scene
     from .volume import Volume
 
 
 find_llvm_early()
+# Gives xarray's arrays ``.voluminous``, whichever of the two packages is imported first.
+when_imported("xarray", lambda: importlib.import_module(".xarray_accessor", __name__).register())
 
 
 def __getattr__(name: str) -> Any:

@@ -74,7 +74,8 @@ class Corners:
 class Walk(Protocol):
     """How rays walk through a grid, traced into the kernel.
 
-    A *track* holds what is constant along a ray, a *cursor* (a dataclass of arrays, part of the
+    A *track* holds what is constant along a ray (``track.entry``: how far from its origin distances
+    begin to count, in units of the scale), a *cursor* (a dataclass of arrays, part of the
     loop's state) where it is now; ``cursor.inside`` tells the lanes that still have a way to go.
     """
 

@@ -20,6 +20,7 @@ class TwoTracks:
     first: Any
     second: Any
     later: Any
+    entry: Any
 
 
 @dataclass
@@ -51,14 +52,14 @@ class TwoWalks:
     leaps = False
 
     def __init__(self, first: Any, second: Any) -> None:
-        self.first, self.second = first, second
+        self.first, self.second, self.scale = first, second, first.scale
 
     def enter(self, ray: Ray) -> tuple[TwoTracks, TwoCursors]:
         """Return the track and the cursor at the point where each ray enters the domain."""
         (track, here), (other, there) = self.first.enter(ray), self.second.enter(ray)
         # Distances count from where a walk's own domain begins: the dual one begins earlier.
         later = here.t - there.t - (_arrive(track) - _arrive(other))
-        tracks = TwoTracks(track, other, later)
+        tracks = TwoTracks(track, other, later, track.entry)
         t = here.t - _arrive(track)
         return tracks, TwoCursors(here, there, t, here.inside & there.inside)
 

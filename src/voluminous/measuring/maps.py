@@ -11,11 +11,11 @@ from ..units import unit_name
 
 
 def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
-    """Return an image of one number per pixel.
+    """Return an image of some numbers per pixel.
 
     Parameters
     ----------
-    values : array, shape (ny, nx)
+    values : array, shape (ny, nx) or (ny, nx, k)
     unit : astropy unit or None
     told : dict
         What was measured, and how: for the image's provenance.
@@ -25,7 +25,7 @@ def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[s
     frame = camera.frame(volume.grid)
     x, y = frame.coordinates()
     return Image(
-        values[..., None],
+        values,
         x=x,
         y=y,
         pixel_size=frame.pixel,
@@ -34,3 +34,8 @@ def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[s
         camera=camera.describe(),
         provenance={"software": f"voluminous {__version__}", "volume": volume.describe(), **told},
     )
+
+
+def depth_map(values: np.ndarray, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
+    """Return an image of distances along the lines of sight."""
+    return as_map(values, volume.unit, volume, camera, {**told, "map": "depth"})

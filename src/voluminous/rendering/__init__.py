@@ -1,5 +1,6 @@
 """render(): the one ray loop, tiles, progress and cancellation."""
 
 from .api import render
+from .prepare import prepare
 
-__all__ = ["render"]
+__all__ = ["prepare", "render"]

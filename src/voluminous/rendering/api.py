@@ -7,27 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import get_backend
-from ..calibration import calibrate
 from ..errors import InputError
 from ..image import Image
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
-from ..schemes import get_scheme
 from ..units import unit_name
 from ..volume import Volume
 from .bounds import bracket, check_bounds
 from .job import Job, Planes
-from .missing import complete
-from .options import (
-    background_array,
-    check_cutoff,
-    check_order,
-    check_tolerance,
-    check_walk,
-    is_recursive,
-    sample_count,
-)
+from .options import background_array
+from .prepare import prepare, silent
 from .sky import image_wcs
 
 
@@ -100,38 +89,25 @@ def render(
     MemoryNeededError
         If it does not fit into memory, before any is taken.
     """
-    _check_types(volume, medium, camera)
-    solver = get_scheme(scheme, controlled=tolerance is not None)
-    check_walk(solver, volume.grid)
-    volume = volume.seen_by(camera)
-    medium = calibrate(medium, volume)
-    if precision == "single" and volume.grid.needs_double():
-        precision = "double"
-    volume.refresh()  # derivatives of fields that were changed in place
-    completed = complete(volume, medium.names, solver.place == "field")
-    job = Job(
-        volume=completed.volume,
-        store=completed.store,
-        hidden=completed.hidden,
-        medium=medium,
-        camera=camera,
-        frame=camera.frame(volume.grid),
-        scheme=solver,
-        backend=get_backend(device, precision),
-        backward=check_order(order),
-        cutoff=check_cutoff(cutoff),
-        tolerance=check_tolerance(tolerance),
-        progress=progress or silent,
+    job, missing = prepare(
+        volume,
+        medium,
+        camera,
+        scheme=scheme,
+        tolerance=tolerance,
+        precision=precision,
+        device=device,
+        order=order,
+        cutoff=cutoff,
+        samples=samples,
+        progress=progress,
     )
-    job.adaptive = isinstance(samples, str) and samples == "adaptive"
-    job.recursive = is_recursive(samples, volume.grid)
-    job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
-    behind = background_array(background, job.frame.pixels, medium.channels)
+    behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
     told = {"samples": samples, "order": order}
-    if completed.counts:
-        told["missing"] = completed.counts
+    if missing:
+        told["missing"] = missing
     return _image(job, planes, behind, budget, told)
 
 
@@ -194,20 +170,3 @@ def _provenance(job: Job, told: dict[str, Any]) -> dict[str, Any]:
         "volume": job.volume.describe(),
         **told,
     }
-
-
-def _check_types(volume: Any, medium: Any, camera: Any) -> None:
-    if not isinstance(volume, Volume):
-        raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}")
-    if not isinstance(medium, Medium):
-        raise InputError(
-            f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
-        )
-    if not hasattr(camera, "frame") or not hasattr(camera, "rays"):
-        raise InputError(
-            f"render needs a camera (vm.Orthographic, vm.Perspective), got {type(camera).__name__}"
-        )
-
-
-def silent(done: int, total: int) -> None:
-    """Report nothing."""

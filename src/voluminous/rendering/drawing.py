@@ -12,7 +12,7 @@ from ..backend.functions import flush_subnormal
 from ..grids.contract import Ray, cells_across
 from ..schemes.path import Path, empty_path, plus, times
 from .hidden import Hiding, through_cells
-from .march import Cutoff, march
+from .march import Cutoff, State, march
 from .pixels import BLOCK, PixelOrder, subpixel_offsets
 
 if TYPE_CHECKING:
@@ -120,14 +120,26 @@ class Drawing:
 
     def _march(self, x: Any, y: Any, offset: list[Any], there: Any) -> tuple[Path, Any]:
         """Return the paths through points of pixels, and the lanes that stopped early."""
-        ray = self._ray(x, y, offset, there)
-        job, numbers = self.job, self.source.numbers
-        errors = 3 if job.scheme.controlled else 0
-        path = empty_path(self.backend.Float, numbers.emissions, numbers.extinctions, errors)
+        state = self._followed(self._ray(x, y, offset, there))
+        return state.path, state.cursor.inside
+
+    def _followed(self, ray: Ray) -> State:
+        """Return what rays have gathered."""
+        path, backward = self.nothing(), self.job.backward
         try:
-            return march(self.walk, self.source, self.scheme, ray, path, self.ending, job.backward)
+            return march(self.walk, self.source, self.scheme, ray, path, self.ending, backward)
         except RuntimeError as error:
             raise innermost(error) from None
+
+    def nothing(self) -> Path:
+        """Return what a ray has gathered at first."""
+        return empty_path(self.backend.Float, *self.counts)
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """How many emissions, extinctions and errors a path has."""
+        numbers = self.source.numbers
+        return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
 
     def _ray(self, x: Any, y: Any, offset: list[Any], there: Any) -> Ray:
         """Return the rays through points of pixels; lanes that are no pixels have none."""
@@ -188,10 +200,9 @@ class _Gathered:
     """Numbers of paths, scattered into one device array each."""
 
     def __init__(self, drawing: Drawing, count: int) -> None:
-        self.numbers, self.backend = drawing.source.numbers, drawing.backend
-        self.ending = drawing.ending
-        self.errors = 3 if drawing.job.scheme.controlled else 0
-        total = self.numbers.emissions + 2 * self.numbers.extinctions + self.errors
+        self.counts, self.ending = drawing.counts, drawing.ending
+        emissions, extinctions, errors = self.counts
+        total = emissions + 2 * extinctions + errors
         self.rows = [dr.zeros(drawing.backend.Float, count) for _ in range(total)]
         self.stopped = False
 
@@ -207,7 +218,7 @@ class _Gathered:
     def paths(self) -> Paths:
         """Return all of them."""
         rows = np.stack([np.asarray(row) for row in self.rows])
-        c, e = self.numbers.emissions, self.numbers.extinctions
+        c, e, _ = self.counts
         emission, transparency, depth, error = np.split(rows, np.cumsum([c, e, e]))
         return Paths(emission, transparency, depth, error, self.stopped)
 

@@ -49,9 +49,12 @@ class Hiding:
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Any, list[Any]]:
         """Return the segment's solution, and what to carry on."""
+        cell = cell_of(segment)
+        word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
+        hidden = (word >> (cell & 31)) & 1 == 1
         found, onward = self.scheme.solve(source, walk, track, segment, carried, backward)
         parts = (found.emission, found.transparency, found.error)
         nothing = empty_path(type(segment.length), *(len(part) for part in parts))
-        cell = cell_of(segment)
-        word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
-        return dr.select((word >> (cell & 31)) & 1 == 1, nothing, found), onward
+        if getattr(self.scheme, "records", False):  # what it carries is what it has found
+            onward = dr.select(hidden, carried, onward)
+        return dr.select(hidden, nothing, found), onward

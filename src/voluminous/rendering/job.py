@@ -97,15 +97,24 @@ class Job:
         """What may be left out where a ray stops, as a fraction of what it has gathered."""
         return min(DEFAULT_ERROR, 0.1 * self.tolerance) if self.scheme.controlled else DEFAULT_ERROR
 
+    def drawn(self, kind: type[Drawing]) -> tuple[Paths, Any]:
+        """Return what rays of a kind of their own find, and the numbers of their source."""
+        source = self._source()
+        return kind(self, source, 0.0).frame(), source.numbers
+
+    @property
+    def steps(self) -> float:
+        """About how many cells the rays will cross in all."""
+        nx, ny = self.frame.pixels
+        return float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
+
     def run(self, brightest_background: float) -> Planes:
         """Render all pixels."""
-        nx, ny = self.frame.pixels
-        steps = float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
-        drawing = self._drawing(steps, brightest_background)
+        drawing = self._drawing(brightest_background)
         if self.scheme.controlled:
             paths, enough = controlled(drawing, self.tolerance, brightest_background)
             if not enough:  # all there is to see is as faint as what was left out
-                drawing = self._drawing(steps, brightest_background, faintest=True)
+                drawing = self._drawing(brightest_background, faintest=True)
                 paths, _ = controlled(drawing, self.tolerance, brightest_background)
         else:
             paths = drawing.frame()
@@ -114,23 +123,23 @@ class Job:
             refine(drawing, paths, self.tolerance)
         return self._planes(paths, source, brightest_background)
 
-    def _drawing(
-        self, steps: float, brightest_background: float, *, faintest: bool = False
-    ) -> Drawing:
-        source = get_source(
+    def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Drawing:
+        kind = FluxConserving if self.recursive else Drawing
+        return kind(self, self._source(faintest), brightest_background)
+
+    def _source(self, faintest: bool = False) -> Any:
+        return get_source(
             self.volume,
             self.medium,
             self.scheme,
             self.backend,
-            steps,
+            self.steps,
             self._classifying,
             self.tolerance,
             faintest,
             store=self.store,
             whole=self.hidden is None,
         )
-        kind = FluxConserving if self.recursive else Drawing
-        return kind(self, source, brightest_background)
 
     def advance(self, rays: int, lanes: int) -> None:
         """Wait for rays and report them; an interrupt is heard here."""

@@ -45,8 +45,10 @@ class State:
 
 def march(
     walk: Any, source: Any, scheme: Any, ray: Ray, path: Path, cutoff: Cutoff | None, backward: bool
-) -> tuple[Path, Any]:
-    """Follow rays through the volume and return their paths, and the lanes that stopped early.
+) -> State:
+    """Follow rays through the volume and return where they end, and what they have gathered.
+
+    The cursor of a ray that stopped early is still inside.
 
     Parameters
     ----------
@@ -96,4 +98,4 @@ def march(
 
     body = visit if walk.leaps and source.blocks is not None else step
     (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
-    return state.path, state.cursor.inside
+    return state

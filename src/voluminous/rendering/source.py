@@ -81,7 +81,10 @@ def get_source(
     crowded = scheme.place == "cell" and _crowded(numbers, needed, volume.grid.size / steps)
     if crowded and not volume.tables:  # not even hashed: that takes a while for 1024³
         return _on_ray(classifier, backend)
-    key = _key(classifier, scheme, store)
+    complete = getattr(scheme, "complete", False)  # it leaves nothing out, however faint
+    everywhere = getattr(scheme, "everywhere", False)  # nor where there is nothing
+    faint = 0.0 if complete else _FAINT[backend.precision]
+    key = _key(classifier, scheme, store, (faint, everywhere))
     found = None if key is None else store.get(key)
     if found is not None:
         return replace(found, numbers=numbers.reuse(found.numbers))
@@ -91,8 +94,8 @@ def get_source(
     numbers.normalise(classifier.largest())
     make = cell_table if scheme.place == "cell" else vertex_table
     table = make(classifier, backend, report)
-    complete = getattr(scheme, "complete", False)  # it leaves nothing out, however faint
-    faint = 0.0 if complete else _FAINT[backend.precision]
+    if everywhere:
+        return table if key is None else store.keep(key, table)
     table.blocks = _blocks(classifier, store, faint, CELLS)
     if whole and scheme.place == "cell" and hasattr(volume.grid, "pruned"):
         table.walk = pruned_walk(volume.grid, tabled(table, faint), backend, "cells")
@@ -261,11 +264,11 @@ def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
     return places * classifier.numbers.count * backend.dtype.itemsize
 
 
-def _key(classifier: Classifier, scheme: Any, store: Store) -> Any:
+def _key(classifier: Classifier, scheme: Any, store: Store, left_out: tuple[Any, ...]) -> Any:
     """Return what a table depends on; None if that cannot be told."""
     own = classifier.numbers.key()
     if own is None:
         return None
     backend = classifier.backend
     names = classifier.medium.names
-    return (own, scheme.place, backend.device, backend.precision, store.digests(names))
+    return (own, scheme.place, left_out, backend.device, backend.precision, store.digests(names))

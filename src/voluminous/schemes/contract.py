@@ -28,6 +28,9 @@ class Scheme(Protocol):
     )
     reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
+    # Besides, if need be: `complete` (leave nothing out because it is faint), `everywhere` (visit
+    # empty cells too), `records` (what is carried has been found: not in cells without values).
+
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""
 

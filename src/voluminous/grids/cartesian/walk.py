@@ -23,7 +23,8 @@ BLOCK = 4
 class Track:
     """What is constant along a ray: its axes, the strides with their signs, and where it leaves.
 
-    `bounded` tells (while tracing) that rays may end inside a cell.
+    `bounded` tells (while tracing) that rays may end inside a cell; `entry` is how far from the
+    ray's origin it enters the domain.
     """
 
     axes: list[AxisTrack]
@@ -31,6 +32,7 @@ class Track:
     vertex_stride: list[Any]
     leave: Any
     bounded: bool
+    entry: Any
 
 
 @dataclass
@@ -102,7 +104,7 @@ class CartesianWalk(BoxWalk):
         leave = least(self._crossings(tracks, lasts))
         if bound is not None:
             leave = dr.minimum(leave, bound)
-        whole = Track(tracks, cell_stride, vertex_stride, leave, bound is not None)
+        whole = Track(tracks, cell_stride, vertex_stride, leave, bound is not None, arrive)
         t = Float(begin)
         return whole, Cursor(index, cell, vertex, t, inside & (t < leave))
 

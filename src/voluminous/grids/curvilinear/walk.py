@@ -37,6 +37,8 @@ class Track:
         Where the ray enters the domain, and where it leaves it or ends.
     bounded : bool
         Rays may end inside a cell.
+    entry : array
+        From the ray's origin to where it enters the domain.
     """
 
     axes: list[Any]
@@ -45,6 +47,7 @@ class Track:
     arrive: Any
     leave: Any
     bounded: bool
+    entry: Any
 
 
 @dataclass
@@ -136,7 +139,8 @@ class CurvilinearWalk(GapCrossing):
         leave = functools.reduce(lesser, ends)
         bounded = ray.last is not None
         leave = lesser(leave, Float(end)) if bounded else leave
-        track = Track(tracks, point, direction, Float(approach.arrive), leave, bounded)
+        entry = approach.way + approach.arrive
+        track = Track(tracks, point, direction, Float(approach.arrive), leave, bounded, entry)
         t = Float(dr.select(inside, begin, 0.0))
         count = [f.enter(a, t) for f, a in zip(self.families, tracks, strict=True)]
         if self.has_gaps:

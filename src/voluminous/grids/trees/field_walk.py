@@ -51,7 +51,7 @@ class TreeFieldWalk(TreeWalk):
         """Return the track and the cursor at the point where each ray enters the domain."""
         track, cursor = super().enter(ray)
         Float = self.backend.Float
-        here = track.arrive * self.scale
+        here = track.entry * self.scale
         origin = [Float(dr.fma(here, d, o)) for o, d in zip(ray.origin, ray.direction, strict=True)]
         direction = [Float(d * self.scale) for d in ray.direction]
         return TreeRayTrack(**vars(track), origin=origin, direction=direction), cursor

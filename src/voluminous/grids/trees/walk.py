@@ -27,7 +27,7 @@ class TreeTrack:
 
     Attributes
     ----------
-    arrive : array
+    entry : array
         Where distances start, as counted from the ray's origin.
     leave : array
         Where the ray leaves, or ends.
@@ -37,7 +37,7 @@ class TreeTrack:
 
     axes: list[AxisTrack]
     way: Orientation
-    arrive: Any
+    entry: Any
     leave: Any
     bounded: bool
 

@@ -1,0 +1,149 @@
+"""The largest or smallest value on every line of sight, and where something begins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..errors import unknown_name
+from ..media import Coefficients
+from .maps import as_map, depth_map
+from .quantity import Quantity
+from .scan import NOTHING, Scanner, distance, scan
+
+if TYPE_CHECKING:
+    from ..image import Image
+
+KINDS = ("maximum", "minimum")
+
+
+@dataclass(frozen=True)
+class Extreme:
+    """An extreme value on every line of sight.
+
+    Attributes
+    ----------
+    value : Image
+        NaN where a line of sight misses everything.
+    depth : Image
+        Where it is: the distance of the middle of the cell's chord. From the observer; for an
+        orthographic camera from the plane through its centre, away from the observer.
+    """
+
+    value: Image
+    depth: Image
+
+
+def extreme(
+    volume: Any,
+    quantity: Any,
+    camera: Any,
+    kind: str = "maximum",
+    *,
+    precision: str = "single",
+    device: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> Extreme:
+    """Return the largest or smallest value of a quantity on every line of sight, and its depth.
+
+    Parameters
+    ----------
+    volume, quantity, camera
+        As for `column`.
+    kind : {"maximum", "minimum"}
+    precision, device, progress
+        As for `render`.
+
+    Returns
+    -------
+    Extreme
+        Two maps, `value` and `depth`.
+    """
+    if kind not in KINDS:
+        raise unknown_name("kind", str(kind), KINDS)
+    what = Quantity.of(volume.seen_by(camera), quantity)
+    scheme = _Largest(1.0 if kind == "maximum" else -1.0)
+    options = {"precision": precision, "device": device, "progress": progress}
+    found = scan(volume, Coefficients(what.expression, 0), camera, scheme, **options)
+    value, depth = found.unit * found.values[0], found.values[1]
+    told = {"quantity": what.expression.text, "kind": kind}
+    return Extreme(
+        as_map(value, what.unit, volume, camera, told), depth_map(depth, volume, camera, told)
+    )
+
+
+def first_hit(
+    volume: Any,
+    condition: Any,
+    camera: Any,
+    *,
+    precision: str = "single",
+    device: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> Image:
+    """Return how deep the first cell lies in which a condition holds; NaN where it never does.
+
+    Parameters
+    ----------
+    condition : str
+        An expression such as ``"density > 1e-18"``; holds where it is not zero.
+
+    Returns
+    -------
+    Image
+        Distances as in `Extreme.depth`, of the point where rays enter the cell.
+    """
+    what = Quantity.of(volume.seen_by(camera), condition, "condition")
+    options = {"precision": precision, "device": device, "progress": progress}
+    found = scan(volume, Coefficients(what.expression, 0), camera, _First(), **options)
+    return depth_map(found.values[0], volume, camera, {"condition": what.expression.text})
+
+
+class _Largest(Scanner):
+    """Carry the largest value, times a sign, and where it is."""
+
+    name = "extreme"
+    place = "cell"
+    recorded = 2
+    everywhere = True
+
+    def __init__(self, sign: float) -> None:
+        self.sign = sign
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry nothing yet."""
+        return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Any, list[Any]]:
+        """Look at one cell; see `schemes.contract.Scheme`."""
+        (value,), _ = source.at(segment.cell, segment.active)
+        best, place = carried
+        larger = dr.isnan(best) | (value * self.sign > best * self.sign)
+        larger &= segment.active & (segment.length > 0.0)
+        here = distance(walk, track, 0.5 * (segment.begin + segment.end))
+        return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
+
+
+class _First(Scanner):
+    """Carry where rays enter the first cell with a number that is not zero."""
+
+    name = "first hit"
+    place = "cell"
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry nothing yet."""
+        return [source.backend.Float(np.nan)]
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Any, list[Any]]:
+        """Look at one cell; see `schemes.contract.Scheme`."""
+        (value,), _ = source.at(segment.cell, segment.active)
+        hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
+        return NOTHING, [dr.select(hit, distance(walk, track, segment.begin), carried[0])]

@@ -1,0 +1,28 @@
+"""The lines of sight through the pixels' centres, on the host."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..backend import get_backend
+
+
+def lines_of_sight(camera: Any, grid: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and unit directions of the rays, each of shape (ny, nx, 3).
+
+    Directions run away from the observer. Distances along a ray count from its origin: the
+    observer, or the plane through the centre of an orthographic camera.
+    """
+    frame, Wide = camera.frame(grid), get_backend("cpu", "double").Wide
+    u, v = (a.ravel() for a in np.meshgrid(*frame.coordinates()))
+    vectors = [[Wide(float(c)) for c in vector] for vector in frame.vectors]
+    ray = camera.rays(vectors, Wide(u), Wide(v))
+    nx, ny = frame.pixels
+
+    def stacked(parts: Any) -> np.ndarray:
+        rows = [np.broadcast_to(np.asarray(p), u.shape) for p in parts]
+        return np.stack(rows, axis=-1).reshape(ny, nx, 3)
+
+    return stacked(ray.origin), stacked(ray.direction)

@@ -1,0 +1,158 @@
+"""Moments along the lines of sight: how much there is, how fast it moves, and how evenly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression
+from .integrals import integrals
+from .maps import as_map
+from .quantity import Quantity, column_unit
+
+if TYPE_CHECKING:
+    from ..image import Image
+
+_MOST = 4
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Moments of a velocity with the weight of a quantity.
+
+    Attributes
+    ----------
+    column : Image
+        ∫ q ds.
+    mean : Image or None
+        ⟨v⟩ = ∫ q v ds / ∫ q ds.
+    dispersion : Image or None
+        σ = √⟨(v - ⟨v⟩)²⟩.
+    central : tuple of Image
+        ⟨(v - ⟨v⟩)ᵏ⟩ for k = 2, 3, … as asked for.
+    """
+
+    column: Image
+    mean: Image | None = None
+    dispersion: Image | None = None
+    central: tuple[Image, ...] = ()
+
+    def __iter__(self) -> Iterator[Image]:
+        """Give column, mean and dispersion, as far as they were asked for."""
+        return iter([m for m in (self.column, self.mean, self.dispersion) if m is not None])
+
+
+def moments(
+    volume: Any,
+    quantity: Any,
+    camera: Any,
+    velocity: Any = "velocity",
+    n: int = 2,
+    *,
+    method: str = "rays",
+    samples: int = 1,
+    precision: str = "double",
+    device: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> Moments:
+    """Return the first moments of a velocity along the lines of sight.
+
+    Parameters
+    ----------
+    volume, quantity, camera
+        As for `column`; the quantity is the weight, such as ``"density"``.
+    velocity : str or Expression
+        A vector (its component along the line of sight is taken, positive away from the observer),
+        or any expression.
+    n : int
+        The highest moment: 0 for the column, 1 for the mean too, 2 for the dispersion, up to 4.
+    method, samples, precision, device, progress
+        As for `column`. Dispersions are differences: take double precision.
+
+    Returns
+    -------
+    Moments
+        Images `column`, `mean` and `dispersion`; NaN where the column is zero.
+
+    Raises
+    ------
+    InputError
+        If `n` is not from 0 to 4.
+    """
+    if not isinstance(n, int) or not 0 <= n <= _MOST:
+        raise InputError(f"n, the highest moment, must be from 0 to {_MOST}, got {n!r}")
+    seen = volume.seen_by(camera)
+    weight, speed = Quantity.of(seen, quantity), _along(seen, velocity)
+    middle = _typical(seen, weight, speed)
+    w, v = f"({weight.expression.text})", f"(({speed.expression.text}) - ({middle!r}))"
+    texts = [w, *("*".join([w, *[v] * k]) for k in range(1, n + 1))]
+    sums = integrals(
+        volume,
+        [Expression(text) for text in texts],
+        camera,
+        method=method,
+        samples=samples,
+        precision=precision,
+        device=device,
+        progress=progress,
+    )
+    unit, factor = column_unit(weight.unit, volume.unit)
+    told = {
+        "quantity": weight.expression.text,
+        "velocity": speed.expression.text,
+        "method": method,
+        "samples": samples,
+    }
+
+    def image(values: np.ndarray, unit: Any, what: str) -> Image:
+        return as_map(values, unit, volume, camera, {**told, "map": what})
+
+    column = image(factor * sums[0], unit, "column")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        raw = [np.where(sums[0] != 0, s / sums[0], np.nan) for s in sums]
+    if n == 0:
+        return Moments(column)
+    mean = image(middle + raw[1], speed.unit, "mean velocity")
+    if n == 1:
+        return Moments(column, mean)
+    central = _central(raw)
+    powers = [None if speed.unit is None else speed.unit**k for k in range(2, n + 1)]
+    pairs = zip(central, powers, strict=True)
+    images = tuple(image(c, p, f"central moment {k}") for k, (c, p) in enumerate(pairs, 2))
+    spread = np.sqrt(np.maximum(central[0], 0.0))
+    return Moments(column, mean, image(spread, speed.unit, "dispersion"), images)
+
+
+def _along(volume: Any, velocity: Any) -> Quantity:
+    """Return a vector's component along the line of sight, or the expression itself."""
+    is_vector = isinstance(velocity, str) and velocity not in volume
+    if is_vector and f"los({velocity!r})" in volume:
+        return Quantity.of(volume, f"los({velocity!r})", "velocity")
+    return Quantity.of(volume, velocity, "velocity")
+
+
+def _typical(volume: Any, weight: Quantity, speed: Quantity) -> float:
+    """Return a velocity that is subtracted from all, so that squares of small ones differ.
+
+    The mean of some cells will do: it is added again.
+    """
+    last = min(volume.grid.size, 1 << 16)
+    w, v = (volume.evaluate_cells(q.expression, 0, last) for q in (weight, speed))
+    total = float(np.nansum(w))
+    mean = float(np.nansum(w * v)) / total if total else 0.0
+    return mean if np.isfinite(mean) else 0.0
+
+
+def _central(raw: list[np.ndarray]) -> list[np.ndarray]:
+    """Return central moments from the second on, from those around another point."""
+    m = raw[1]
+    found = [raw[2] - m**2]
+    if len(raw) > 3:
+        found.append(raw[3] - 3 * m * raw[2] + 2 * m**3)
+    if len(raw) > 4:
+        found.append(raw[4] - 4 * m * raw[3] + 6 * m**2 * raw[2] - 3 * m**4)
+    return found

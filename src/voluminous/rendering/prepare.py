@@ -1,0 +1,87 @@
+"""From what a user asks for to a `Job`: everything is checked, and brought into one form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..backend import get_backend
+from ..calibration import calibrate
+from ..errors import InputError
+from ..media.contract import Medium
+from ..schemes import get_scheme
+from ..volume import Volume
+from .job import Job
+from .missing import complete
+from .options import (
+    check_cutoff,
+    check_order,
+    check_tolerance,
+    check_walk,
+    is_recursive,
+    sample_count,
+)
+
+
+def prepare(
+    volume: Volume,
+    medium: Medium,
+    camera: Any,
+    *,
+    scheme: Any = "post-classified",
+    tolerance: float | None = 1e-3,
+    precision: str = "single",
+    device: str = "auto",
+    order: str = "front-to-back",
+    cutoff: float | None = None,
+    samples: Any = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[Job, dict[str, int]]:
+    """Return everything a picture is made of, and how many values each field lacks.
+
+    See `voluminous.render` for the arguments and errors.
+    """
+    _check_types(volume, medium, camera)
+    solver = get_scheme(scheme, controlled=tolerance is not None)
+    check_walk(solver, volume.grid)
+    volume = volume.seen_by(camera)
+    medium = calibrate(medium, volume)
+    if precision == "single" and volume.grid.needs_double():
+        precision = "double"
+    volume.refresh()  # derivatives of fields that were changed in place
+    completed = complete(volume, medium.names, solver.place == "field")
+    job = Job(
+        volume=completed.volume,
+        store=completed.store,
+        hidden=completed.hidden,
+        medium=medium,
+        camera=camera,
+        frame=camera.frame(volume.grid),
+        scheme=solver,
+        backend=get_backend(device, precision),
+        backward=check_order(order),
+        cutoff=check_cutoff(cutoff),
+        tolerance=check_tolerance(tolerance),
+        progress=progress or silent,
+    )
+    job.adaptive = isinstance(samples, str) and samples == "adaptive"
+    job.recursive = is_recursive(samples, volume.grid)
+    job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
+    return job, completed.counts
+
+
+def _check_types(volume: Any, medium: Any, camera: Any) -> None:
+    if not isinstance(volume, Volume):
+        raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}")
+    if not isinstance(medium, Medium):
+        raise InputError(
+            f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
+        )
+    if not hasattr(camera, "frame") or not hasattr(camera, "rays"):
+        raise InputError(
+            f"render needs a camera (vm.Orthographic, vm.Perspective), got {type(camera).__name__}"
+        )
+
+
+def silent(done: int, total: int) -> None:
+    """Report nothing."""

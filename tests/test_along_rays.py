@@ -1,0 +1,155 @@
+"""What rays find on their way: moments, extremes and their depth, surfaces of optical depth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+
+import voluminous as vm
+from contracts import box_limits
+from voluminous.measuring.lines import lines_of_sight
+
+RNG = np.random.default_rng(0)
+GRID = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
+DOWN = vm.Orthographic(width=2, resolution=8)
+FIELDS = {
+    "a": RNG.normal(size=GRID.shape),
+    "rho": (RNG.random(GRID.shape) + 0.1) * u.g / u.cm**3,
+    "v_x": RNG.normal(size=GRID.shape) * u.km / u.s,
+    "v_y": RNG.normal(size=GRID.shape) * u.km / u.s,
+    "v_z": (RNG.normal(size=GRID.shape) + 1000) * u.km / u.s,
+}
+VOLUME = vm.Volume(GRID, FIELDS)
+EXACT = {"single": 2e-6, "double": 1e-12}
+
+
+@pytest.mark.parametrize("precision", EXACT)
+@pytest.mark.parametrize(("kind", "best"), [("maximum", np.argmax), ("minimum", np.argmin)])
+def test_extremes_of_columns_of_cells(kind, best, precision):
+    found = vm.extreme(VOLUME, "a", DOWN, kind, precision=precision)
+    a, k = VOLUME.array("a"), best(VOLUME.array("a"), axis=2)
+    expected = np.take_along_axis(a, k[..., None], 2)[..., 0].T
+    np.testing.assert_allclose(found.value.intensity[..., 0], expected, rtol=EXACT[precision])
+    # Away from the observer, who is above: depths run downwards.
+    depth = 1 - (k.T + 0.5) / 4
+    np.testing.assert_allclose(found.depth.intensity[..., 0], depth, atol=EXACT[precision])
+    assert found.depth.intensity_unit == "pc"
+
+
+def test_the_smallest_value_may_be_nothing():
+    values = np.ones((64, 8, 8))
+    values[:32] = 0.0  # blocks that pictures leap over
+    volume = vm.Volume(vm.CartesianGrid.uniform((64, 8, 8), (0, 1)), a=values)
+    camera = vm.Orthographic(90, 90, width=(1, 1), resolution=8)
+    found = vm.extreme(volume, "a", camera, "minimum")
+    np.testing.assert_array_equal(found.value.intensity, 0.0)
+
+
+def test_what_misses_finds_nothing():
+    camera = vm.Orthographic(width=6, resolution=12)
+    found = vm.extreme(VOLUME, "a", camera)
+    inside = np.isfinite(found.value.intensity[..., 0])
+    expected = np.abs(np.arange(12) - 5.5) < 2
+    np.testing.assert_array_equal(inside, expected[:, None] & expected)
+
+
+def test_the_first_cell_of_a_kind():
+    found = vm.first_hit(VOLUME, "a > 1.5", DOWN, precision="double").intensity[..., 0]
+    for (j, i), depth in np.ndenumerate(found):
+        cells = np.flatnonzero(VOLUME.array("a")[i, j] > 1.5)
+        assert np.isnan(depth) if not cells.size else depth == 1 - (cells[-1] + 1) / 4
+
+
+@pytest.mark.parametrize("precision", EXACT)
+@pytest.mark.parametrize("method", ["rays", "exact"])
+def test_moments_of_columns_of_cells(method, precision):
+    found = vm.moments(VOLUME, "rho", DOWN, "v", 4, method=method, precision=precision)
+    w, v = VOLUME.array("rho"), -VOLUME.array("v_z")
+    total = w.sum(axis=2)
+    mean = (w * v).sum(axis=2) / total
+    off = v - mean[..., None]
+    # The mean is subtracted before squares are taken: a speed of 1000 costs no digits.
+    exact = 1e-4 if precision == "single" else 1e-10
+    np.testing.assert_allclose(found.mean.intensity[..., 0], mean.T, rtol=1e-6)
+    spread = np.sqrt((w * off**2).sum(axis=2) / total).T
+    np.testing.assert_allclose(found.dispersion.intensity[..., 0], spread, rtol=exact)
+    for k, image in enumerate(found.central, 2):
+        expected = ((w * off**k).sum(axis=2) / total).T
+        np.testing.assert_allclose(image.intensity[..., 0], expected, atol=10 * exact)
+        assert u.Unit(image.intensity_unit) == (u.km / u.s) ** k
+    assert u.Unit(found.column.intensity_unit) == u.g / u.cm**2
+    assert found.mean.intensity_unit == "km / s"
+    assert len(list(found)) == 3
+    assert [len(list(vm.moments(VOLUME, "rho", DOWN, "v", n))) for n in (0, 1)] == [1, 2]
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+@pytest.mark.parametrize("precision", EXACT)
+def test_an_even_medium_is_seen_into_as_deep_as_its_extinction_says(scheme, precision):
+    volume = vm.Volume(GRID, k=np.full(GRID.shape, 2.0))
+    for camera in (
+        vm.Orthographic(50, 30, resolution=16),
+        vm.Perspective((5, 4, 3), (0, 0, 0), fov=30, resolution=16),
+    ):
+        found = vm.tau_surface(
+            volume, vm.Coefficients(0, "k"), camera, 1.5, scheme=scheme, precision=precision
+        )
+        origin, direction = (a.reshape(-1, 3) for a in lines_of_sight(camera, GRID))
+        enter, leave = (t.reshape(16, 16) for t in box_limits(GRID.bounds, origin, direction))
+        reached = leave - enter > 0.75
+        depth = found.depth.intensity[..., 0]
+        np.testing.assert_array_equal(np.isfinite(depth), reached)
+        exact = 1e-5 if precision == "single" else 1e-11
+        np.testing.assert_allclose(depth[reached], enter[reached] + 0.75, atol=exact)
+        ends = origin.reshape(16, 16, 3) + (enter + 0.75)[..., None] * direction.reshape(16, 16, 3)
+        np.testing.assert_allclose(found.points[reached, 0], ends[reached], atol=10 * exact)
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        vm.SphericalGrid(np.linspace(0, 1, 30), np.linspace(0, np.pi, 7), unit="pc"),
+        vm.OctreeGrid.from_function(
+            *[np.linspace(-1, 1, 5)] * 3, lambda x, y, z, s: np.hypot(x, y) < s, 3, unit="pc"
+        ),
+    ],
+    ids=["spherical", "octree"],
+)
+def test_surfaces_on_other_grids(grid):
+    volume = vm.Volume(grid, k=np.full(grid.shape, 4.0))
+    camera = vm.Orthographic(0, 0, width=0.6, resolution=8)
+    found = vm.tau_surface(volume, vm.Coefficients(0, "k"), camera)
+    x, y = np.meshgrid(found.depth.x, found.depth.y)
+    top = np.sqrt(1 - x**2 - y**2) if isinstance(grid, vm.SphericalGrid) else np.ones(x.shape)
+    np.testing.assert_allclose(found.depth.intensity[..., 0], 0.25 - top, atol=1e-12)
+
+
+def test_each_extinction_has_its_surface():
+    volume = vm.Volume(GRID, k=np.full(GRID.shape, 2.0))
+    found = vm.tau_surface(volume, vm.Coefficients([0, 0], ["k", "2 * k"]), DOWN, 1.0)
+    np.testing.assert_allclose(found.depth.intensity[..., 0], 0.5 - 1)
+    np.testing.assert_allclose(found.depth.intensity[..., 1], 0.25 - 1)
+
+
+def test_missing_cells_are_not_found():
+    values = np.ones((8, 8, 8))
+    values[:, :, 7] = np.nan
+    values[0, 0, 3] = 5.0
+    volume = vm.Volume(GRID, a=values)
+    found = vm.extreme(volume, "a", DOWN)
+    assert found.value.intensity[0, 0, 0] == 5.0
+    assert vm.extreme(volume, "a", DOWN, "minimum").depth.intensity[4, 4, 0] == -0.625
+    surface = vm.tau_surface(volume, vm.Coefficients(0, "a"), DOWN, 0.125)
+    assert surface.depth.intensity[4, 4, 0] == pytest.approx(-1 + 0.25 + 0.125)
+
+
+def test_what_makes_no_sense():
+    with pytest.raises(vm.InputError, match="tau must be a positive number"):
+        vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)
+    with pytest.raises(vm.UnknownNameError, match="did you mean 'maximum'"):
+        vm.extreme(VOLUME, "a", DOWN, "maxmum")
+    with pytest.raises(vm.InputError, match="n, the highest moment"):
+        vm.moments(VOLUME, "rho", DOWN, "v", 5)
+    with pytest.raises(vm.UnknownNameError, match="unknown field 'w'"):
+        vm.moments(VOLUME, "rho", DOWN, "w")
