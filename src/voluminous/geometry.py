@@ -6,6 +6,8 @@ the x axis towards y, and angles are radians.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 CARTESIAN, SPHERICAL, CYLINDRICAL = ("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z")
@@ -35,3 +37,9 @@ def metric(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
     if system == CYLINDRICAL:
         return np.array([one, own[0], one])
     return np.ones_like(own)
+
+
+def mirror_images(grid: Any) -> list[np.ndarray]:
+    """Return what to multiply points with, shape (3,) each: a mirrored cell is in two places."""
+    there = np.array([1.0, 1.0, 1.0])
+    return [there, np.array([1.0, 1.0, -1.0])] if getattr(grid, "mirror", False) else [there]

@@ -1,17 +1,20 @@
 """Measurements: what the same integral along rays says of mass, momentum, energy and columns."""
 
-from .column import column
+from .columns import column
 from .extremes import Extreme, extreme, first_hit
-from .moments import Moments, moments
 from .surface import TauSurface, tau_surface
+from .totals import Measurement, measure
+from .velocities import Moments, moments
 
 __all__ = [
     "Extreme",
+    "Measurement",
     "Moments",
     "TauSurface",
     "column",
     "extreme",
     "first_hit",
+    "measure",
     "moments",
     "tau_surface",
 ]

@@ -45,7 +45,8 @@ def integrals(
         If the method cannot be used with the camera or the grid.
     """
     if method == "exact":
-        return _exact(volume, expressions, camera, device)
+        check_exact(volume.grid, camera)
+        return exact_maps(volume.seen_by(camera), expressions, camera, device)
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
     image = render(
@@ -62,18 +63,32 @@ def integrals(
     return np.moveaxis(image.intensity, -1, 0).astype(np.float64)
 
 
-def _exact(volume: Any, expressions: Sequence[Any], camera: Any, device: str) -> np.ndarray:
-    """Return the pixels' mean columns: cells' shadows, clipped against the pixels."""
-    check_exact(volume.grid, camera)
+def exact_maps(
+    volume: Any, expressions: Sequence[Any], camera: Any, device: str, parts: Any = None
+) -> np.ndarray:
+    """Return the pixels' mean columns: cells' shadows, clipped against the pixels.
+
+    Parameters
+    ----------
+    volume : Volume
+        As it is seen.
+    expressions : sequence of Expression or None
+        None stands for 1: how much space there is.
+    parts : Parts, optional
+        Which part of each cell counts.
+    """
     grid, frame = volume.grid, camera.frame(volume.grid)
-    seen, backend = volume.seen_by(camera), get_backend(device, "double")
-    screen = screen_of(frame)
+    backend, screen = get_backend(device, "double"), screen_of(frame)
     total = np.zeros((len(expressions), *frame.pixels[::-1]))
     for first in range(0, grid.size, _CHUNK):
         last = min(first + _CHUNK, grid.size)
-        values = np.stack([seen.evaluate_cells(e, first, last) for e in expressions])
         sizes = np.asarray(grid.cell_sizes(first, last))
-        amounts = np.nan_to_num(values, nan=0.0) * np.prod(sizes, axis=0)
+        share = np.prod(sizes, axis=0) * (1.0 if parts is None else parts.of(first, last))
+        values = [
+            np.ones(last - first) if e is None else volume.evaluate_cells(e, first, last)
+            for e in expressions
+        ]
+        amounts = np.where(share > 0, np.nan_to_num(values, nan=0.0), 0.0) * share
         centers = np.asarray(grid.cell_centers(first, last))
         total += onto_pixels(screen, centers, sizes, amounts, backend)
     return total / np.prod(frame.pixel)

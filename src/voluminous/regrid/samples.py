@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import metric, position
+from ..geometry import metric, mirror_images, position
 
 # Points looked at at once.
 _CHUNK = 1 << 20
@@ -56,7 +56,7 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
     volume : array, shape (n,)
         What each stands for; a cell's add up to its volume.
     """
-    volumes, images = grid.cell_volumes.reshape(-1), _images(grid)
+    volumes, images = grid.cell_volumes.reshape(-1), mirror_images(grid)
     steps = (np.arange(count) + 0.5) / count - 0.5
     offsets = np.array(np.meshgrid(steps, steps, steps, indexing="ij")).reshape(3, 1, -1)
     step = max(1, _CHUNK // (count**3 * len(images)))
@@ -68,12 +68,6 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
         cell = np.repeat(np.arange(first, last), offsets.shape[2])
         for image in images:
             yield cell, np.ascontiguousarray(points * image), share.ravel() / len(images)
-
-
-def _images(grid: Any) -> list[np.ndarray]:
-    """Return what to multiply points with: a mirrored cell is in two places."""
-    there = np.array([1.0, 1.0, 1.0])
-    return [there, np.array([1.0, 1.0, -1.0])] if getattr(grid, "mirror", False) else [there]
 
 
 def _within(grid: Any, offsets: np.ndarray, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,236 @@
+"""Totals: mass, momentum and energy of all cells, or of a part of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..regions import Region
+from ..units import parse_unit
+from .aperture import Aperture
+from .integrals import check_exact, exact_maps
+from .maps import as_map
+from .parts import CHUNK, Parts
+from .quantity import Quantity, column_unit
+
+if TYPE_CHECKING:
+    from ..image import Image
+
+
+@dataclass(frozen=True)
+class Measurement(Mapping[str, Any]):
+    """Totals by name: numbers, or Quantities where they have a unit.
+
+    Attributes
+    ----------
+    totals : dict
+        ∫ q dV of all quantities, over what is measured.
+    volume : float or Quantity
+        How much space that is.
+    cells : int
+        In how many cells, at least in part.
+    missing : dict of str to int
+        In how many of these cells a quantity has no value: they count nothing.
+    maps : dict of str to Image
+        Columns ∫ q ds per pixel, if asked for.
+    """
+
+    totals: dict[str, Any]
+    volume: Any
+    cells: int
+    missing: dict[str, int] = field(default_factory=dict)
+    maps: dict[str, Image] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.totals[name]
+
+    def __iter__(self) -> Any:
+        return iter(self.totals)
+
+    def __len__(self) -> int:
+        return len(self.totals)
+
+    def __str__(self) -> str:
+        width = max(map(len, self.totals))
+        lines = [f"{name:{width}}  {value:.8g}" for name, value in self.totals.items()]
+        return "\n".join([*lines, f"in {self.cells} cells, volume {self.volume:.6g}"])
+
+
+def measure(
+    volume: Any,
+    quantities: Any,
+    where: Any = None,
+    camera: Any = None,
+    *,
+    region: Region | None = None,
+    aperture: Any = None,
+    maps: bool = False,
+    samples: int = 4,
+    device: str = "auto",
+) -> Any:
+    """Return totals over cells, ∫ q dV = Σ q V: the mass of a density, the energy of its density.
+
+    Parameters
+    ----------
+    volume : Volume
+        Grid and fields; a quantity is constant in a cell.
+    quantities : str or dict of str
+        One expression, or name → expression: ``{"mass": "density", "momentum":
+        "density * los('velocity')"}``.
+    where : str, optional
+        A condition that cells must fulfil, such as ``"los('velocity') > 5 km/s"``; numbers may have
+        units on the right of a comparison.
+    camera : camera or sequence of cameras, optional
+        From where it is seen: for ``los(...)``, `aperture` and `maps`. Of several, the totals
+        become a table with one row for each.
+    region : Region, optional
+        A part of space, see `voluminous.regions`. Of a cell on its surface that part counts which
+        has the centres of ``samples**3`` parts of the cell inside.
+    aperture : array_like, optional
+        A part of the image: a polygon, shape (n, 2), in the image plane's coordinates (numbers in
+        the volume's unit, or a Quantity); or what counts of each pixel, shape (ny, nx), from 0 to
+        1 or true and false. Exact but for the pixels that a polygon cuts, which count in part.
+    maps : bool
+        Return columns per pixel too: exact ones, whose sum times a pixel's area is the total, as
+        far as it is in the frame. `camera` must be orthographic, and cells boxes.
+    samples : int
+        See `region`.
+    device : str
+        For maps.
+
+    Returns
+    -------
+    Measurement or astropy.table.QTable
+        The table has the columns ``incl``, ``phi``, the quantities, ``volume`` and ``cells``.
+
+    Raises
+    ------
+    InputError
+        If something does not fit; UnitsError for units, UnknownNameError for names.
+
+    Notes
+    -----
+    Peters, *The physics of volume rendering*, section 6, measures mass, momentum and kinetic energy
+    of an outflow as optical depths; here they follow from the cells themselves, without rays.
+    """
+    asked = _asked(quantities)
+    if region is not None and not isinstance(region, Region):
+        raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
+    if camera is not None and not hasattr(camera, "frame"):
+        return _table(volume, quantities, where, camera, region, aperture, maps, samples, device)
+    seen = volume if camera is None else volume.seen_by(camera)
+    what = {name: Quantity.of(seen, text, name) for name, text in asked.items()}
+    parts = Parts(seen, where, region, int(samples))
+    if aperture is not None or maps:
+        return _in_pixels(seen, what, parts, camera, aperture, maps, device)
+    return _in_cells(seen, what, parts)
+
+
+def _asked(quantities: Any) -> dict[str, Any]:
+    if not isinstance(quantities, Mapping):
+        return {str(quantities): quantities}
+    if not quantities:
+        raise InputError("quantities is empty; name at least one, such as {'mass': 'density'}")
+    return dict(quantities)
+
+
+def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measurement:
+    """Return sums over cells, some at a time."""
+    sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
+    space, cells, grid = 0.0, 0, volume.grid
+    volumes = np.asarray(grid.cell_volumes).reshape(-1)
+    for first in range(0, grid.size, CHUNK):
+        last = min(first + CHUNK, grid.size)
+        share = parts.of(first, last) * volumes[first:last]
+        space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
+        for name, quantity in what.items():
+            values = volume.evaluate_cells(quantity.expression, first, last).astype(np.float64)
+            unknown = np.isnan(values) & (share > 0)
+            missing[name] += int(np.count_nonzero(unknown))
+            sums[name] += float(np.sum(np.where(unknown | (share == 0), 0.0, values) * share))
+    totals = {n: _with_unit(volume, sums[n], q.unit) for n, q in what.items()}
+    lacking = {name: count for name, count in missing.items() if count}
+    return Measurement(totals, _with_unit(volume, space, None), cells, lacking)
+
+
+def _in_pixels(
+    volume: Any,
+    what: dict[str, Quantity],
+    parts: Parts,
+    camera: Any,
+    aperture: Any,
+    maps: bool,
+    device: str,
+) -> Measurement:
+    """Return sums over pixels of exact maps."""
+    if camera is None:
+        raise InputError("aperture and maps need to know the pixels: give a camera")
+    check_exact(volume.grid, camera)
+    frame = camera.frame(volume.grid)
+    counts = Aperture(aperture, frame, volume.unit).weights()
+    every = [*(q.expression for q in what.values()), None]
+    columns = exact_maps(volume, every, camera, device, None if parts.everything else parts)
+    area = float(np.prod(frame.pixel))
+    sums = (columns * counts).sum(axis=(1, 2)) * area
+    totals = {
+        name: _with_unit(volume, total, q.unit)
+        for (name, q), total in zip(what.items(), sums, strict=False)
+    }
+    plain = _in_cells(volume, what, parts)
+    images = {}
+    for (name, q), column in zip(what.items(), columns, strict=False):
+        unit, factor = column_unit(q.unit, volume.unit)
+        told = {"quantity": q.expression.text, "method": "exact"}
+        images[name] = as_map(factor * column * counts, unit, volume, camera, told)
+    space = _with_unit(volume, sums[-1], None)
+    return Measurement(totals, space, plain.cells, plain.missing, images if maps else {})
+
+
+def _with_unit(volume: Any, total: float, unit: Any) -> Any:
+    """Return ∫ q dV as a Quantity, lengths taken in the unit that q is made of."""
+    own = unit
+    for _ in range(3):
+        own, factor = column_unit(own, volume.unit)
+        total *= factor
+    own = parse_unit(own)
+    return float(total) if own is None else float(total) * own
+
+
+def _table(volume: Any, quantities: Any, where: Any, cameras: Any, *options: Any) -> Any:
+    """Return one row of totals per camera."""
+    from astropy import units as u
+    from astropy.table import QTable
+
+    if not isinstance(cameras, Sequence) or not cameras:
+        raise InputError(f"camera must be a camera, or a list of them, got {cameras!r}")
+    region, aperture, maps, samples, device = options
+    found = [
+        measure(
+            volume,
+            quantities,
+            where,
+            camera,
+            region=region,
+            aperture=aperture,
+            maps=maps,
+            samples=samples,
+            device=device,
+        )
+        for camera in cameras
+    ]
+    table = QTable()
+    for name in ("incl", "phi"):
+        if all(hasattr(camera, name) for camera in cameras):
+            table[name] = [getattr(camera, name) for camera in cameras] * u.deg
+    for name in found[0]:
+        table[name] = u.Quantity([row[name] for row in found])
+    table["volume"] = u.Quantity([row.volume for row in found])
+    table["cells"] = [row.cells for row in found]
+    table.meta["where"] = "" if where is None else str(where)
+    if maps:
+        table.meta["maps"] = [row.maps for row in found]
+    return table
