@@ -50,3 +50,24 @@ def test_two_jumps_within_a_segment():
     found = vm.render(volume, thin, CAMERA, tolerance=1e-2).intensity
     truth = vm.render(volume, exact, CAMERA, tolerance=1e-7, precision="double").intensity
     assert np.abs(found - truth).max() <= 0.02 * truth.max()
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("center", [-13, -28])
+def test_logarithms_of_fields_with_zeros_beside_tiny_values_are_finite(precision, center):
+    # Between 0 and 1e-12 a cubic is rounded to 0 on the way: both ends of a panel are -inf there.
+    rng = np.random.default_rng(0)
+    grid = vm.CartesianGrid.uniform(8, (-1, 1))
+    values = 10 ** rng.uniform(-31, -12, grid.shape)
+    values[rng.random(grid.shape) < 0.2] = 0.0
+    volume = vm.Volume(grid, density=values, t=rng.random(grid.shape))
+    shell = {"center": center, "opacity": 0.3, "path_length": 0.1}
+    camera = vm.Orthographic(60, 30, resolution=24)
+    for medium in (
+        vm.Gaussian("log10(density)", sigma=0.2, color=(1, 1, 1), **shell),
+        vm.Gaussian("log10(density)", sigma=0.2, color=(1,), where="t > 0.3", **shell),
+        vm.Rectangle("log10(density)", half_width=0.2, color=(1, 1, 1), **shell),
+    ):
+        image = vm.render(volume, medium, camera, precision=precision)
+        assert np.isfinite(image.intensity).all()
+        assert image.intensity.max() > 0

@@ -38,7 +38,8 @@ def slope_factor(panel: Panel, expr: Expression, place: Any, narrow: Any) -> Any
     rise = narrow(ends[1] - ends[0])
     width = panel.last - panel.first
     change = 2.0 * width * width * bow * (place - 0.5)
-    near = dr.abs(change) < _MOST_CHANGE * dr.abs(rise)
+    # An infinite rise is that of log10 from where nothing is.
+    near = (dr.abs(change) < _MOST_CHANGE * dr.abs(rise)) & dr.isfinite(rise)
     return dr.select(near, rise / dr.select(near, rise + change, 1.0), 1.0)
 
 

@@ -30,9 +30,10 @@ def gaussian_mean(first: Any, last: Any) -> Any:
     """
     half = 0.5 * (last - first)
     limit, _ = _SERIES[precision_of(type(half))]
-    return dr.if_stmt(
+    mean = dr.if_stmt(
         args=(first, last, half), cond=dr.abs(half) <= limit, true_fn=_series, false_fn=_difference
     )
+    return dr.select(dr.isnan(half), 0.0, mean)  # both ends infinite: log10 where nothing is
 
 
 def _difference(first: Any, last: Any, half: Any) -> Any:

@@ -45,6 +45,7 @@ def _within(z: Any) -> Any:
 
 def _middle(t: Any, variance: Any) -> Middle:
     """Return the middle for a centre of mass and a variance on [-1, 1]."""
+    t = dr.select(dr.isnan(t), 0.0, t)  # of infinite ends: log10 where nothing is
     t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))
     # What is inside has at most the variance of masses at both ends, 1 - t².
     room = 1.0 - t * t
