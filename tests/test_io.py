@@ -119,10 +119,10 @@ def test_npz_compressed_and_fortran_ordered(tmp_path):
     np.testing.assert_array_equal(vm.open(path).array("rho"), RHO)
 
 
-def test_centres_in_place_of_edges_are_refused_with_the_remedy(tmp_path):
+def test_uneven_centres_in_place_of_edges_are_refused_with_the_remedy(tmp_path):
     path = tmp_path / "a.npz"
-    np.savez(path, rho=RHO, x=[0.5, 1.5], y=[0, 1, 2, 3], z=[0, 1, 2, 3, 4])
-    with pytest.raises(vm.FileFormatError, match=r"3 edges around 2 cells.*centres.*bounds"):
+    np.savez(path, rho=RHO, x=[0, 1, 2], y=[0.5, 1.5, 4.0], z=[0, 1, 2, 3, 4])
+    with pytest.raises(vm.FileFormatError, match=r"4 edges around 3 cells.*centres.*bounds"):
         vm.open(path)
     assert vm.open(path, bounds=(0, 1)).grid.shape == RHO.shape
 

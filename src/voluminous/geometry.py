@@ -43,3 +43,10 @@ def mirror_images(grid: Any) -> list[np.ndarray]:
     """Return what to multiply points with, shape (3,) each: a mirrored cell is in two places."""
     there = np.array([1.0, 1.0, 1.0])
     return [there, np.array([1.0, 1.0, -1.0])] if getattr(grid, "mirror", False) else [there]
+
+
+def is_uniform(edges: np.ndarray) -> bool:
+    """Return True if all cells are equally wide to the rounding of the edges themselves."""
+    even = np.linspace(edges[0], edges[-1], len(edges))
+    rounding = 8 * np.finfo(np.float64).eps * np.max(np.abs(edges))
+    return bool(np.max(np.abs(edges - even)) <= rounding)

@@ -48,6 +48,20 @@ class CameraContract:
         assert np.isfinite(rays).all()
         assert len(np.unique(rays, axis=0)) == len(rays)
 
+    def test_points_are_seen_where_rays_go(self, camera, grid):
+        rng = np.random.default_rng(0)
+        frame = camera.frame(grid)
+        u, v = (
+            shift + width * rng.uniform(-0.5, 0.5, 50)
+            for width, shift in zip(frame.width, frame.shift, strict=True)
+        )
+        origin, direction = rays_of(camera, grid, u, v)
+        depth = rng.uniform(0.1, 5, 50)
+        points = origin + depth[:, None] * direction
+        # Rounding of points of a few lengths, seen from a tenth of one.
+        for found, given in zip(camera.project(points.T, grid), (u, v, depth), strict=True):
+            np.testing.assert_allclose(found, given, rtol=0, atol=1e-13)
+
     def test_frame_is_plain_numbers(self, camera, grid):
         frame = camera.frame(grid)
         assert all(isinstance(n, int) and n >= 1 for n in frame.pixels)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import first_true
+from ..geometry import is_uniform
 
 # Later than any crossing: when a ray that runs parallel to a wall meets it.
 NEVER = 1e30
@@ -195,13 +196,6 @@ def unit_interval(f: Any) -> Any:
     """Return f between 0 and 1: rounding may put a point a hair outside its cell."""
     f = dr.select(f > 0.0, f, 0.0)
     return dr.select(f < 1.0, f, 1.0)
-
-
-def is_uniform(edges: np.ndarray) -> bool:
-    """Return True if all cells are equally wide to the rounding of the edges themselves."""
-    even = np.linspace(edges[0], edges[-1], len(edges))
-    rounding = 8 * np.finfo(np.float64).eps * np.max(np.abs(edges))
-    return bool(np.max(np.abs(edges - even)) <= rounding)
 
 
 def make_axis(edges: np.ndarray, scale: float, backend: Any) -> UniformAxis | RectilinearAxis:

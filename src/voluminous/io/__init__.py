@@ -4,6 +4,8 @@
 """
 
 from .contract import FieldInfo, Reader
-from .registry import find_reader, open, readers, save
+from .labelled import from_xarray
+from .registry import find_reader, open, readers
+from .saving import save
 
-__all__ = ["FieldInfo", "Reader", "find_reader", "open", "readers", "save"]
+__all__ = ["FieldInfo", "Reader", "find_reader", "from_xarray", "open", "readers", "save"]

@@ -23,6 +23,7 @@ def cartesian(volume: Volume) -> CartesianGrid:
 
     if not isinstance(volume.grid, CartesianGrid):
         raise InputError(
-            f"this format holds Cartesian grids only, got {type(volume.grid).__name__}"
+            f"this format holds Cartesian grids only, got {type(volume.grid).__name__}; save it as "
+            ".h5, or resample it first (volume.resample, voluminous convert --resample)"
         )
     return volume.grid

@@ -59,6 +59,10 @@ class Reader:
         Names of the options that `read` takes, each with a line that says what it is for.
     writes : bool
         True if `write` is there.
+    write_options : dict of str
+        Names of the options that `write` takes, each with a line that says what it is for.
+    writes_directory : bool
+        True if what `write` makes is a directory.
     packages : tuple of str
         Modules that are needed and not always there.
     extra : str
@@ -70,6 +74,8 @@ class Reader:
     suffixes: tuple[str, ...] = ()
     options: dict[str, str] = {}  # noqa: RUF012 - a subclass replaces it, nothing changes it
     writes: bool = False
+    write_options: dict[str, str] = {}  # noqa: RUF012 - as above
+    writes_directory: bool = False
     packages: tuple[str, ...] = ()
     extra: str = ""
 
@@ -86,6 +92,10 @@ class Reader:
             before the general one.
         """
         raise NotImplementedError
+
+    def holds_image(self, path: Path) -> bool:
+        """Return True for a file of this format that is a picture: `Image.load` reads it."""
+        return False
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         """Return the volume in a file.
@@ -117,5 +127,8 @@ class Reader:
         raise NotImplementedError
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write a volume to a new file so that `read` gives it back."""
+        """Write a volume to a new file, or into an empty directory, so that `read` gives it back.
+
+        What is in `write_options` comes as keywords.
+        """
         raise InputError(f"voluminous cannot write {self.description}")

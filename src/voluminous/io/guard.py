@@ -9,6 +9,9 @@ from typing import Any
 
 from ..errors import FileFormatError, VoluminousError
 
+# Characters of a library's own message that are shown.
+_LONGEST = 400
+
 
 @contextmanager
 def placed(place: Any) -> Iterator[None]:
@@ -48,5 +51,10 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
         # A damaged file makes its library raise nearly anything, from KeyError to zlib.error.
         raise FileFormatError(
             f"{path}: expected {expectation}, but it is damaged, cut short or of another kind "
-            f"({type(error).__name__}: {error})"
+            f"({type(error).__name__}: {_shortened(str(error))})"
         ) from error
+
+
+def _shortened(text: str) -> str:
+    """Return a message of bounded length: some quote what a damaged file says is there."""
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"

@@ -10,18 +10,71 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import MissingPathError, replacing
+from ..files import MissingPathError
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npy import NPYReader
 from .arrays.npz import NPZReader
+from .athena import AthenaReader
+from .compressed import PackedReader
 from .contract import Reader
+from .fits.casa import CASAReader
+from .fits.reader import FITSReader
 from .guard import placed, reading
+from .labelled.netcdf import NetCDFReader
+from .native.reader import NativeReader
+from .openvdb import OpenVDBReader
+from .particles.gadget import GadgetReader
+from .particles.phantom import PhantomReader
+from .radmc3d import RADMC3DReader
+from .raw.reader import RawReader
+from .scanners.dicom import DICOMReader
+from .scanners.metaimage import MetaImageReader
+from .scanners.nifti import NIfTIReader
+from .scanners.nrrd import NRRDReader
+from .scanners.pictures import PicturesReader
+from .scanners.tiff import TIFFReader
+from .vtk.legacy import VTKReader
+from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
+from .yt.reader import AnyYtReader, YtReader
+from .zarr.arrays import ZarrReader
+from .zarr.labelled import LabelledZarrReader
+from .zarr.ome import OMEZarrReader
 
 if TYPE_CHECKING:
     from ..volume import Volume
 
 # The general formats: asked last, since codes put their own layouts into them.
-READERS: tuple[Reader, ...] = (NPZReader(), NPYReader(), HDF5Reader())
+READERS: tuple[Reader, ...] = (
+    NativeReader(),
+    RADMC3DReader(),
+    VTIReader(),
+    VTRReader(),
+    VTKXMLReader(),
+    VTKReader(),
+    OpenVDBReader(),
+    CASAReader(),
+    FITSReader(),
+    AthenaReader(),
+    GadgetReader(),
+    PhantomReader(),
+    YtReader(),
+    NetCDFReader(),
+    OMEZarrReader(),
+    LabelledZarrReader(),
+    ZarrReader(),
+    DICOMReader(),
+    NIfTIReader(),
+    NRRDReader(),
+    MetaImageReader(),
+    TIFFReader(),
+    PicturesReader(),
+    NPZReader(),
+    NPYReader(),
+    HDF5Reader(),
+    RawReader(),
+    PackedReader(lambda path: find_reader(path), lambda *asked: check_options(*asked)),
+    AnyYtReader(lambda path: reader_for_suffix(path)),
+)
 GROUP = "voluminous.readers"
 # Enough for the magic bytes of all formats, and for the first keyword of a text file.
 HEAD_LENGTH = 4096
@@ -66,6 +119,15 @@ def open(
     --------
     >>> volume = vm.open("snapshot.h5", {"density": "/gas/rho"}, unit="pc", bounds=(-1, 1))
     """
+    volume = open_lazily(path, fields, format=format, **options)
+    # Damage shows at once in all but large files.
+    return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
+
+
+def open_lazily(
+    path: str | Path, fields: Any = None, *, format: str | None = None, **options: Any
+) -> Volume:
+    """Return what `open` does, with fields that are read when they are first used."""
     path = Path(path)
     reader = find_reader(path, format)
     with placed(path):
@@ -74,32 +136,7 @@ def open(
     with guard():
         volume = reader.read(path, fields, **options)
     volume.explain_reading(guard)
-    # Damage shows at once in all but large files.
-    return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
-
-
-def save(volume: Volume, path: str | Path, *, format: str | None = None) -> None:
-    """Write a volume to a file, whose suffix tells the format: ``.npz`` or ``.h5``.
-
-    Grid, fields, types and units come back from `open` as they were. The file appears whole or
-    not at all.
-
-    Raises
-    ------
-    UnknownNameError
-        If no format that can be written has this suffix.
-    """
-    path = Path(path)
-    writers = [reader for reader in readers() if reader.writes]
-    if format is not None:
-        chosen = _named(format, writers)
-    else:
-        known = {suffix: reader for reader in writers for suffix in reader.suffixes}
-        if path.suffix.lower() not in known:
-            raise unknown_name("volume format", path.suffix, known)
-        chosen = known[path.suffix.lower()]
-    with replacing(path) as temporary:
-        chosen.write(volume, temporary)
+    return volume
 
 
 def readers() -> tuple[Reader, ...]:
@@ -129,9 +166,9 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
 
 
 def reader_for_suffix(path: Path) -> Reader | None:
-    """Return the reader that the name of a file, which need not exist, speaks for."""
+    """Return the most general reader that the name of a file speaks for."""
     found = [reader for reader in readers() if path.suffix.lower() in reader.suffixes]
-    return found[0] if len(found) == 1 else None
+    return found[-1] if found else None
 
 
 def check_options(reader: Reader, options: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...geometry import is_uniform
 from ...units import is_quantity, parse_unit, plain, unit_name, unit_of
 from .cells import CartesianCells
 
@@ -104,8 +105,6 @@ class CartesianGrid(CartesianCells):
     @functools.cached_property
     def is_uniform(self) -> bool:
         """True if the cells of each axis are equally wide."""
-        from ..axes import is_uniform
-
         return all(is_uniform(e) for e in self.edges)
 
     def needs_double(self) -> bool:

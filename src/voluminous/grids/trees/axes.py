@@ -12,7 +12,8 @@ import numpy as np
 
 from ...backend import dr
 from ...backend.functions import first_true
-from ..axes import NEVER, Axis, AxisTrack, Side, is_uniform
+from ...geometry import is_uniform
+from ..axes import NEVER, Axis, AxisTrack, Side
 
 
 class UniformTreeAxis(Axis):

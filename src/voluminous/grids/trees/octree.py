@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..axes import is_uniform
+from ...geometry import is_uniform
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
 from .octree_leaves import checked_flags, checked_levels, levels_of_leaves

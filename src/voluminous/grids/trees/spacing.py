@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ..axes import is_uniform
+from ...geometry import is_uniform
 
 
 class Spacing:

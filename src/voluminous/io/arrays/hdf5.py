@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ...errors import UnitsError
-from ...units import parse_unit, unit_name
-from .layout import AXES
-from .named_arrays import Entry, NamedArraysReader
-
-if TYPE_CHECKING:
-    from ...volume import Volume
+from ...errors import FileFormatError
+from ..payload import inside
+from ..unit_texts import known_unit
+from .entry import Entry
+from .named_arrays import NamedArraysReader
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
@@ -27,7 +25,6 @@ class HDF5Reader(NamedArraysReader):
     name = "hdf5"
     description = "an HDF5 file"
     suffixes = (".h5", ".hdf5", ".he5", ".hdf")
-    writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a file that starts as HDF5 files do (a user block may come first)."""
@@ -35,7 +32,9 @@ class HDF5Reader(NamedArraysReader):
         return any(head[start:].startswith(_MAGIC) for start in starts)
 
     @contextmanager
-    def entries(self, path: Path, **options: Any) -> Iterator[dict[str, Entry]]:
+    def entries(
+        self, path: Path, only: str | None = None, **options: Any
+    ) -> Iterator[dict[str, Entry]]:
         """Give all data sets; each is read when it is asked for."""
         import h5py
 
@@ -44,37 +43,62 @@ class HDF5Reader(NamedArraysReader):
 
             def visit(place: str, item: Any) -> None:
                 if isinstance(item, h5py.Dataset) and item.shape is not None:
-                    found[place] = Entry(item.shape, item.dtype, _unit(item), lambda: item[()])
+                    found[place] = _entry(path, item)
 
-            file.visititems(visit)
+            if only is None:
+                file.visititems(visit)  # does not follow links to other places
+            else:
+                visit(only, file[only])
             yield found
 
-    def write(self, volume: Volume, path: Path) -> None:
-        """Write ``/x, /y, /z`` (edges) and a data set per field, each with its ``units``."""
-        import h5py
 
-        from ..cartesian import cartesian
+def _entry(path: Path, item: Any) -> Entry:
+    scales, dims = _scales(item)
 
-        grid = cartesian(volume)
-        with h5py.File(path, "w") as file:
-            for axis, edges in zip(AXES, grid.edges, strict=True):
-                file[axis] = edges
-                file[axis].attrs["units"] = unit_name(grid.unit)
-            for name in volume.fields:
-                file[name] = volume.array(name)
-                file[name].attrs["units"] = volume.units[name]
+    def load(index: Any = ...) -> np.ndarray:
+        _check_place(path, item)
+        values: np.ndarray = item[index]
+        return values
+
+    return Entry(item.shape, item.dtype, _unit(item), load, scales=scales, dims=dims)
+
+
+def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return, per axis, the place of its dimension scale and its name; empty where there is none.
+
+    Scales are described in https://support.hdfgroup.org/documentation/hdf5/latest/_h5_d_s__u_g.html.
+    """
+    if not {"DIMENSION_LIST", "DIMENSION_LABELS"} & set(item.attrs):
+        return (), ()
+    places = tuple(axis[0].name.strip("/") if len(axis) else "" for axis in item.dims)
+    labels = tuple(axis.label for axis in item.dims)
+    names = (label or p.rsplit("/", 1)[-1] for label, p in zip(labels, places, strict=True))
+    return places, tuple(names)
+
+
+def _check_place(path: Path, item: Any) -> None:
+    """Refuse values that are elsewhere: a file must not make us read any other.
+
+    Raises
+    ------
+    FileFormatError
+        If they are in files of any kind, or in HDF5 files outside of the directory.
+    """
+    if item.external:
+        raise FileFormatError(
+            f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
+            "copy them into one file with h5repack"
+        )
+    if item.is_virtual:
+        for source in item.virtual_sources():
+            if source.file_name != ".":
+                inside(path.parent, source.file_name)
 
 
 def _unit(item: Any) -> str:
     """Return the unit in a data set's attributes; what astropy does not know is left out."""
-    for name in _UNIT_ATTRIBUTES:
-        text = _text(item.attrs.get(name))
-        try:
-            if text:
-                return unit_name(parse_unit(text))
-        except UnitsError:
-            continue
-    return ""
+    texts = (_text(item.attrs.get(name)) for name in _UNIT_ATTRIBUTES)
+    return next((unit for unit in map(known_unit, texts) if unit), "")
 
 
 def _text(attribute: Any) -> str:

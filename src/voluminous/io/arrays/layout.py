@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
 from ...units import is_quantity, parse_unit, plain, unit_of
+from ..axis_names import AXES, axis_of
+from ..edges import edges_of_centers, is_even
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
-    from .named_arrays import Entry
+    from .entry import Entry
 
-AXES = "xyz"
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
 
 
@@ -31,17 +33,38 @@ def axis_order(axes: Any) -> tuple[int, ...]:
     return tuple(axes.index(axis) for axis in AXES)
 
 
+def named_order(dims: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the transposition for axes with names; they are x, y, z if these do not tell.
+
+    Examples
+    --------
+    >>> named_order(("lev", "lat", "lon")), named_order(())
+    ((2, 1, 0), (0, 1, 2))
+    """
+    axes = "".join(axis_of(dim, {}) for dim in dims)
+    return axis_order(axes if sorted(axes) == sorted(AXES) else AXES)
+
+
 def make_grid(
-    entries: Mapping[str, Entry], shape: tuple[int, ...], options: Mapping[str, Any]
+    entries: Mapping[str, Entry],
+    place: str,
+    shape: tuple[int, ...],
+    order: tuple[int, ...],
+    options: Mapping[str, Any],
 ) -> CartesianGrid:
     """Return the grid of a file of named arrays.
 
     Parameters
     ----------
     entries : mapping of Entry
-        The arrays in the file; ``x, y, z`` (edges), ``bounds`` and ``unit`` are looked at.
+        The arrays in the file. The coordinates of a field's axes, or ``x, y, z`` beside it or
+        above, are edges, or equally spaced centres; ``bounds`` and ``unit`` are looked at.
+    place : str
+        Where a field is.
     shape : tuple of three int
-        Number of cells.
+        Number of cells along x, y and z.
+    order : tuple of three int
+        The field's axes along x, y and z.
     options : mapping
         What the user gave (edges, bounds or spacing, and the unit); goes before the file.
 
@@ -61,16 +84,52 @@ def make_grid(
     if given and given[0] == _KINDS[0]:
         return CartesianGrid(*_given_edges(entries, shape, options), unit=unit)
     if given:
-        bounds = options.get("bounds")
-        bounds = _spaced(shape, options["spacing"]) if bounds is None else bounds
-        return CartesianGrid.uniform(shape, bounds, unit=unit)
-    if all(_is_line(entries.get(axis)) for axis in AXES):
-        return CartesianGrid(
-            *(_edges(entries, a, a, n) for a, n in zip(AXES, shape, strict=True)), unit=unit
-        )
+        return equal_cells(shape, options, unit)
+    lines = _lines(entries, place, order)
+    if lines:
+        edges = [_edges(entries, p, a, n) for p, a, n in zip(lines, AXES, shape, strict=True)]
+        with _explained(lines):
+            return CartesianGrid(*edges, unit=unit)
     if "bounds" in entries and entries["bounds"].shape in ((2,), (3, 2)):
         return CartesianGrid.uniform(shape, _loaded(entries["bounds"]), unit=unit)
     return CartesianGrid.uniform(shape, [(0, n) for n in shape], unit=unit)
+
+
+def _lines(entries: Mapping[str, Entry], place: str, order: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the places of the coordinates along x, y and z; nothing if not all are there."""
+    scales = entries[place].scales
+    groups = place.split("/")[:-1]
+    above = ["/".join(groups[:n]) for n in range(len(groups), -1, -1)]
+    found = [tuple(f"{group}/{a}".strip("/") for a in AXES) for group in above]
+    candidates = [tuple(scales[k] for k in order), *found] if scales else found
+    return next((c for c in candidates if all(_is_line(entries.get(p)) for p in c)), ())
+
+
+@contextmanager
+def _explained(lines: tuple[str, ...]) -> Iterator[None]:
+    """Say where edges are from if they do not make a grid."""
+    try:
+        yield
+    except InputError as error:
+        raise type(error)(
+            f"the coordinates {', '.join(lines)} in the file make no grid of cells: {error}. Give "
+            "bounds=… or spacing=… in their place"
+        ) from error
+
+
+def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -> CartesianGrid:
+    """Return the grid of the option `bounds` or `spacing`.
+
+    Raises
+    ------
+    InputError
+        If they are no lengths.
+    """
+    from ...grids import CartesianGrid
+
+    bounds = options.get("bounds")
+    bounds = _spaced(shape, options["spacing"]) if bounds is None else bounds
+    return CartesianGrid.uniform(shape, bounds, unit=unit)
 
 
 def _given_edges(
@@ -91,14 +150,18 @@ def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> 
         edges = _loaded(entries[place])
     else:
         edges = source
-    found = np.shape(edges.value if is_quantity(edges) else edges)
+    values = edges.value if is_quantity(edges) else edges
+    found = np.shape(values)
+    if found == (cells,) and cells > 1 and is_even(np.asarray(values, np.float64)):
+        between = edges_of_centers(values)
+        return between * edges.unit if is_quantity(edges) else between
     if found != (cells + 1,):
         told = (
             f"the {axis} edges {source!r} have" if isinstance(source, str) else f"{axis} edges have"
         )
         hint = (
-            "; these seem to be centres: give edges, or bounds=((x0, x1), (y0, y1), (z0, z1)) "
-            "for equal cells"
+            "; these seem to be centres, and not equally spaced: give edges, or "
+            "bounds=((x0, x1), (y0, y1), (z0, z1)) for equal cells"
             if found == (cells,)
             else ""
         )

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,29 +14,11 @@ from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
-from .layout import AXES, axis_order, make_grid
+from .entry import Entry, with_components
+from .layout import axis_order, make_grid, named_order
 
 if TYPE_CHECKING:
     from ...volume import Volume
-
-
-@dataclass(frozen=True)
-class Entry:
-    """An array in a file: what is known of it before it is read, and how to read it.
-
-    `mapped` is True if its values stay in the file until they are used.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    unit: str
-    load: Callable[[], np.ndarray]
-    mapped: bool = False
-
-    @property
-    def numeric(self) -> bool:
-        """True for real numbers."""
-        return self.dtype.kind in "fiub"
 
 
 class NamedArraysReader(Reader):
@@ -51,39 +32,56 @@ class NamedArraysReader(Reader):
         "spacing": "cell width, or one per axis, of a grid that starts at 0",
         "unit": "unit of length",
         "axes": "what the arrays' axes are: 'xyz' (default), or 'zyx' if z comes first",
+        "components": "which axis of arrays of four counts the components of a vector: 'first' or "
+        "'last'; by default the one of length 3, else 2 to 4",
     }
 
-    def entries(self, path: Path, **options: Any) -> AbstractContextManager[dict[str, Entry]]:
-        """Return a context that gives place → array, places without a slash in front."""
+    def entries(
+        self, path: Path, only: str | None = None, **options: Any
+    ) -> AbstractContextManager[dict[str, Entry]]:
+        """Return a context that gives place → array, places without a slash in front.
+
+        With `only` the array there is enough: a file may hold thousands.
+        """
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         """Return the volume; reads the chosen fields and the edges only."""
         from ...volume import Volume
 
-        order = axis_order(options.pop("axes", AXES))
+        axes, components = options.pop("axes", None), options.pop("components", None)
         own = self._own(options)
-        with self.entries(path, **own) as entries:
+        with self.entries(path, **own) as found:
+            entries = with_components(found, components)
             chosen = _chosen(entries, fields)
-            shape = _common_shape({name: entries[place] for name, place in chosen.items()})
-            grid = make_grid(entries, tuple(shape[k] for k in order), options)
-            volume = Volume(grid)
+            orders = {name: _order(name, entries[place], axes) for name, place in chosen.items()}
+            shape = _common_shape({n: entries[place] for n, place in chosen.items()}, orders)
+            place, order = next(iter(chosen.values())), next(iter(orders.values()))
+            volume = Volume(make_grid(entries, place, shape, order, options))
             for name, place in chosen.items():
-                load = functools.partial(self._load, path, place, order, own)
                 entry = entries[place]
+                asked = (path, place, entry.part_of or place, orders[name], components, own)
+                load = functools.partial(self._load, *asked)
                 volume[name] = Deferred(load, entry.dtype, entry.unit, entry.mapped)
         return volume
 
     def _load(
-        self, path: Path, place: str, order: tuple[int, ...], own: dict[str, Any]
+        self,
+        path: Path,
+        place: str,
+        whole: str,
+        order: tuple[int, ...],
+        components: Any,
+        own: dict[str, Any],
     ) -> np.ndarray:
-        """Return the values of a field."""
-        with self.entries(path, **own) as entries:
-            return entries[place].load().transpose(order)
+        """Return the values of a field, which may be a component of a whole array."""
+        with self.entries(path, whole, **own) as entries:
+            return with_components(entries, components)[place].load().transpose(order)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         """Return all numeric arrays of three dimensions, whether or not they fit together."""
-        with self.entries(path, **self._own(options)) as entries:
+        with self.entries(path, **self._own(options)) as found:
+            entries = with_components(found, options.get("components"))
             places = [p for p, entry in entries.items() if _is_field(entry)]
             return tuple(
                 FieldInfo(
@@ -118,11 +116,17 @@ def _chosen(entries: Mapping[str, Entry], fields: Any) -> dict[str, str]:
     return chosen_fields(places, None)
 
 
-def _common_shape(chosen: Mapping[str, Entry]) -> tuple[int, ...]:
-    """Return the shape of all fields, once each is known to be a field."""
-    for name, entry in chosen.items():
-        _check_field(name, entry)
-    shapes = {entry.shape for entry in chosen.values()}
+def _order(name: str, entry: Entry, axes: Any) -> tuple[int, ...]:
+    """Return what brings a field's axes to x, y, z: what the user says, or the file's names do."""
+    _check_field(name, entry)
+    return named_order(entry.dims) if axes is None else axis_order(axes)
+
+
+def _common_shape(
+    chosen: Mapping[str, Entry], orders: Mapping[str, tuple[int, ...]]
+) -> tuple[int, ...]:
+    """Return the shape of all fields, (nx, ny, nz)."""
+    shapes = {tuple(entry.shape[k] for k in orders[name]) for name, entry in chosen.items()}
     if len(shapes) > 1:
         listed = ", ".join(f"{name} {entry.shape}" for name, entry in chosen.items())
         raise InputError(
@@ -140,12 +144,15 @@ def _check_field(name: str, entry: Entry) -> None:
     if not entry.numeric:
         raise FileFormatError(f"{name!r} must be real numbers, got dtype {entry.dtype}")
     if len(entry.shape) != 3:
-        many = len(entry.shape) == 4
+        hint = (
+            "; give the components of a vector as three fields, or say with components='first' or "
+            "'last' which axis counts them"
+        )
         raise FileFormatError(
             f"{name!r} has shape {entry.shape}, expected three axes (x, y, z)"
-            + ("; give the components of a vector as three fields" if many else "")
+            + (hint if len(entry.shape) == 4 else "")
         )
-    if 0 in entry.shape:
+    if min(entry.shape) < 1:
         raise FileFormatError(f"{name!r} has shape {entry.shape}, expected at least one cell")
 
 

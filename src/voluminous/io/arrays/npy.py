@@ -11,7 +11,8 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ..names import field_name
-from .named_arrays import Entry, NamedArraysReader
+from .entry import Entry
+from .named_arrays import NamedArraysReader
 from .npy_format import MAGIC, header
 
 
@@ -31,14 +32,17 @@ class NPYReader(NamedArraysReader):
         return head.startswith(MAGIC)
 
     @contextmanager
-    def entries(self, path: Path, **options: Any) -> Iterator[dict[str, Entry]]:
+    def entries(
+        self, path: Path, only: str | None = None, **options: Any
+    ) -> Iterator[dict[str, Entry]]:
         """Give the one array; pages of it come into memory when they are used."""
         with open(path, "rb") as file:
             shape, fortran, dtype = header(file)
             _check_length(path, file.tell(), shape, dtype)
 
-        def load() -> np.ndarray:
-            return np.load(path, mmap_mode="r", allow_pickle=False)
+        def load(index: Any = ...) -> np.ndarray:
+            values: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)[index]
+            return values
 
         # A volume copies what lies in another order, or in foreign bytes.
         mapped = not fortran and dtype.isnative

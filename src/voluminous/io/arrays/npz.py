@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,8 +14,11 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...units import unit_name
+from ..archives import ZIP, zip_names
+from ..payload import read_exactly
+from .entry import Entry
 from .layout import AXES, text_in
-from .named_arrays import Entry, NamedArraysReader
+from .named_arrays import NamedArraysReader
 from .npy_format import header
 
 if TYPE_CHECKING:
@@ -36,20 +40,25 @@ class NPZReader(NamedArraysReader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for an archive with an array in it."""
-        if not head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        if not head.startswith(ZIP):
             return False
-        if path.suffix.lower() in self.suffixes:
-            return True
-        with zipfile.ZipFile(path) as archive:
-            return any(name.endswith(_ENDING) for name in archive.namelist())
+        named = path.suffix.lower() in self.suffixes
+        return named or any(name.endswith(_ENDING) for name in zip_names(path))
+
+    def holds_image(self, path: Path) -> bool:
+        """Return True for an archive that `Image.save` wrote."""
+        return zip_names(path) >= _IMAGE
 
     @contextmanager
-    def entries(self, path: Path, **options: Any) -> Iterator[dict[str, Entry]]:
+    def entries(
+        self, path: Path, only: str | None = None, **options: Any
+    ) -> Iterator[dict[str, Entry]]:
         """Give all arrays; each is read when it is asked for."""
         with zipfile.ZipFile(path) as archive:
             names = [n for n in archive.namelist() if n.endswith(_ENDING)]
             if set(names) >= _IMAGE:
                 raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
+            names = names if only is None else [only + _ENDING]
             found = {n.removesuffix(_ENDING): _entry(archive, n) for n in names}
             yield {
                 name: replace(entry, unit=text_in(found.get(name + _UNIT)) or "")
@@ -72,21 +81,27 @@ class NPZReader(NamedArraysReader):
                     np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
 
 
-def holds_image(path: Path) -> bool:
-    """Return True for an archive that `Image.save` wrote; False for anything else."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return set(archive.namelist()) >= _IMAGE
-    except (OSError, zipfile.BadZipFile):
-        return False
-
-
 def _entry(archive: zipfile.ZipFile, member: str) -> Entry:
     with archive.open(member) as file:
-        shape, _, dtype = header(file)
+        shape, fortran, dtype = header(file)
+        _check_length(member, archive.getinfo(member).file_size - file.tell(), shape, dtype)
 
-    def load() -> np.ndarray:
+    def load(index: Any = ...) -> np.ndarray:
         with archive.open(member) as file:
-            return np.lib.format.read_array(file, allow_pickle=False)
+            header(file)
+            if 0 in shape:
+                return np.empty(shape, dtype)
+            values = read_exactly(file, shape[::-1] if fortran else shape, dtype, member)
+            file.read(1)  # at its end the checksum is compared
+            return (values.transpose() if fortran else values)[index]
 
     return Entry(shape, dtype, "", load)
+
+
+def _check_length(member: str, found: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Check that a member unpacks to what its head announces, before memory is taken."""
+    expected = math.prod(shape) * dtype.itemsize
+    if not dtype.hasobject and found != expected:
+        raise FileFormatError(
+            f"{member} holds {found} bytes, but shape {shape} of {dtype} takes {expected}"
+        )

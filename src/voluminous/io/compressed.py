@@ -1,0 +1,126 @@
+"""Files of any format that gzip, bzip2 or xz packed: unpacked to where they are read as usual."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileFormatError, MemoryNeededError
+from ..memory import available_memory
+from .contract import FieldInfo, Reader
+from .guard import reading
+from .payload import is_packed, unpacked
+
+if TYPE_CHECKING:
+    from ..volume import Volume
+
+# More than this is unpacked only of what is not much smaller packed: data is, at most, so many
+# times smaller, and mischief is much more.
+_SMALL, _RATIO = 256 << 20, 1000
+_PIECE = 1 << 20
+
+
+class _Any(dict[str, str]):
+    """Takes any name: what is inside knows its options."""
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+
+class PackedReader(Reader):
+    """What another reader makes of the file inside.
+
+    Parameters
+    ----------
+    find : callable
+        Returns the reader for a path.
+    check_options : callable
+        Called with that reader and the options: refuses those that it does not know.
+    """
+
+    name = "packed"
+    description = "a packed file (gzip, bzip2 or xz)"
+    suffixes = (".gz", ".bz2", ".xz")
+    options = _Any()
+
+    def __init__(
+        self, find: Callable[[Path], Reader], check_options: Callable[[Reader, Any], None]
+    ) -> None:
+        self._find, self._check_options = find, check_options
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for what a packer wrote; it is asked last, after those that unpack."""
+        return is_packed(head)
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume, with all fields in memory: the unpacked file does not stay."""
+        with self._inside(path, options) as (reader, inner):
+            volume = reader.read(inner, fields, **options).load()
+            held = {name: volume.array(name) for name in volume.fields}
+            return volume.with_arrays({n: np.array(a) for n, a in held.items() if _is_mapped(a)})
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return what there is in the file inside."""
+        with self._inside(path, options) as (reader, inner):
+            return reader.info(inner, **options)
+
+    @contextmanager
+    def _inside(self, path: Path, options: Any) -> Iterator[tuple[Reader, Path]]:
+        """Give the reader for the file inside, and the file, which disappears afterwards."""
+        with tempfile.TemporaryDirectory(prefix="voluminous-") as directory:
+            inner = Path(directory, path.stem)
+            _unpack(path, inner)
+            reader = self._reader(inner)
+            self._check_options(reader, options)
+            with reading(Path(inner.name), reader.description):
+                yield reader, inner
+
+    def _reader(self, inner: Path) -> Reader:
+        try:
+            reader = self._find(inner)
+        except FileFormatError as error:  # the user knows nothing of our directory
+            raise FileFormatError(str(error).replace(f"{inner.parent}/", "")) from error
+        if reader is self:
+            raise FileFormatError(f"{inner.name} inside is packed once more; unpack it yourself")
+        return reader
+
+
+def _is_mapped(array: Any) -> bool:
+    while array is not None and not isinstance(array, np.memmap):
+        array = getattr(array, "base", None)
+    return array is not None
+
+
+def _unpack(path: Path, target: Path) -> None:
+    """Write what is in a packed file.
+
+    Raises
+    ------
+    FileFormatError
+        If it is suspiciously much.
+    MemoryNeededError
+        If it does not fit into memory, or on the disk.
+    """
+    most = max(_SMALL, _RATIO * path.stat().st_size)
+    room = min(available_memory(), shutil.disk_usage(target.parent).free)
+    written = 0
+    with unpacked(path) as source, open(target, "wb") as file:
+        while piece := source.read(_PIECE):
+            written += len(piece)
+            if written > most:
+                raise FileFormatError(
+                    f"it unpacks to more than {_RATIO} times its size ({most} bytes), as no data "
+                    "does; unpack it yourself if you trust it"
+                )
+            if written > room:
+                raise MemoryNeededError(
+                    f"unpacking needs more than the {room} bytes that are available in memory and "
+                    f"in {target.parent.parent}; unpack it yourself, and open the file inside"
+                )
+            file.write(piece)

@@ -1,0 +1,63 @@
+"""CASA images: directories of tables, read through python-casacore as the FITS they export to."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...packages import require
+from ..contract import FieldInfo, Reader
+from .reader import FITSReader
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+_TABLE, _TOLD = "table.dat", "table.info"
+
+
+class CASAReader(Reader):
+    """What CASA and casacore call an image: ``.image``, ``.residual``, ``.psf`` …"""
+
+    name = "casa"
+    description = "a CASA image"
+    suffixes = ()
+    packages = ("casacore",)
+    extra = "casa"
+    options = FITSReader.options
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a directory of tables that says it is an image."""
+        try:
+            text = (path / _TOLD).read_bytes()[:200] if (path / _TABLE).is_file() else b""
+        except OSError:
+            return False
+        return b"Type = Image" in text
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume, as of the FITS file that the image exports to."""
+        exported = _exported(path)
+        volume = FITSReader().read(Path(exported.name) / "image.fits", fields, **options)
+        volume.load()  # the file goes away
+        return volume
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return the image, and the coordinate along its third axis."""
+        return FITSReader().info(Path(_exported(path).name) / "image.fits", **options)
+
+
+def _exported(path: Path) -> Any:
+    """Return a temporary directory with the image as FITS, which lasts as long as the object."""
+    images = require(
+        "casacore.images", "casa", "reading a CASA image (its exportfits makes it a FITS file)"
+    )
+    changed = max(part.stat().st_mtime_ns for part in path.rglob("*"))
+    return _export(images, str(path.resolve()), changed)
+
+
+@functools.lru_cache(maxsize=1)
+def _export(images: Any, path: str, changed: int) -> Any:
+    folder = tempfile.TemporaryDirectory(prefix="voluminous-")
+    images.image(path).tofits(f"{folder.name}/image.fits", velocity=False)
+    return folder

@@ -1,0 +1,211 @@
+"""The cubes in a FITS file: images with three axes, others dropped or chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import FileFormatError, InputError, unknown_name
+from ...units import unit_name
+from ..contract import FieldInfo
+from ..names import field_name
+from .blocks import Part, card
+from .units import lenient_unit
+from .values import Scaling, check_tiles, image_shape, is_compressed, is_image, scaling
+
+# What astropy calls a compressed image that has no name of its own.
+_NAMELESS = {"", "COMPRESSED_IMAGE", "PRIMARY"}
+_SKY = ("RA", "DEC", "GLON", "GLAT", "ELON", "ELAT", "SLON", "SLAT", "HLON", "HLAT")
+_SPECTRUM = ("VEL", "VRAD", "VOPT", "FELO", "FREQ", "WAV", "AWAV", "ZOPT", "BETA", "ENER", "LAMBDA")
+_STOKES = "STOKES"
+
+
+@dataclass(frozen=True)
+class Cube:
+    """An image with three axes that count.
+
+    Attributes
+    ----------
+    part : Part
+        Where it is.
+    name : str
+        Of the field.
+    place : str
+        What `fields=` calls it: the name or the number of its HDU.
+    axes : tuple of three int
+        Which axes of the image they are; 0 is NAXIS1.
+    index : tuple
+        What picks the cube from the array, in the order of NumPy.
+    """
+
+    part: Part
+    name: str
+    place: str
+    axes: tuple[int, ...]
+    index: tuple[Any, ...]
+
+    @property
+    def sides(self) -> tuple[int, ...]:
+        """Numbers of pixels along its axes."""
+        sides = image_shape(self.part)
+        return tuple(sides[axis] for axis in self.axes)
+
+    @property
+    def scaling(self) -> Scaling:
+        """How stored numbers become values."""
+        return scaling(self.part)
+
+    @property
+    def unit(self) -> Any:
+        """The astropy unit of its values, or None."""
+        return lenient_unit(str(card(self.part.header, "BUNIT", "")))
+
+    def info(self) -> FieldInfo:
+        """Return what is known of it without its values."""
+        sides = image_shape(self.part)[::-1]
+        return FieldInfo(
+            self.name, self.place, sides, str(self.scaling.dtype), unit_name(self.unit)
+        )
+
+
+def images(found: Iterable[Part]) -> list[tuple[Part, list[int]]]:
+    """Return all images with values in them, each with its axes of more than one pixel."""
+    listed = []
+    for part in found:
+        if is_image(part) and (sides := image_shape(part)) and min(sides) > 0:
+            listed.append((part, [k for k, n in enumerate(sides) if n > 1]))
+    return listed
+
+
+def cubes(found: Sequence[Part], hdu: Any = None, plane: Any = None) -> list[Cube]:
+    """Return the cubes of a file, of one HDU if it is named.
+
+    Parameters
+    ----------
+    found : sequence of Part
+        The parts of the file.
+    hdu : int or str, optional
+        Number or name (EXTNAME) of the one to look at.
+    plane : int or sequence of int, optional
+        Which pixel along axes beyond the three, such as Stokes parameters; 0 is the first.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none.
+    InputError
+        If there are more than three axes and `plane` does not choose.
+    UnknownNameError
+        If there is no such HDU.
+    """
+    parts = list(found) if hdu is None else [_named(found, hdu)]
+    some = [(part, real) for part, real in images(parts) if len(real) >= 3]
+    if not some:
+        raise FileFormatError(_nothing(images(parts)))
+    names, places = _names([part for part, _ in some]), _places([part for part, _ in some])
+    return [
+        _cube(part, real, name, place, plane)
+        for (part, real), name, place in zip(some, names, places, strict=True)
+    ]
+
+
+def _nothing(listed: list[tuple[Part, list[int]]]) -> str:
+    told = "expected an image with three axes"
+    if not listed:
+        return f"{told}; there is no image with values in it"
+    flat = ", ".join(f"{p.name}: {' x '.join(map(str, image_shape(p)))}" for p, _ in listed[:8])
+    return f"{told}, found {flat}; vm.Image.load reads images of two axes"
+
+
+def _named(found: Sequence[Part], hdu: Any) -> Part:
+    names = {str(part.number): part for part in found}
+    names |= {str(card(p.header, "EXTNAME", "")).strip().upper(): p for p in reversed(found)}
+    key = str(hdu).strip().upper()
+    if key not in names:
+        raise unknown_name("HDU", str(hdu), [name for name in names if name])
+    return names[key]
+
+
+def _names(parts: list[Part]) -> list[str]:
+    """Return names of fields: EXTNAME, else BTYPE, else intensity; with numbers if alike."""
+    names: list[str] = []
+    for part in parts:
+        name = _name(part)
+        name = f"{name}_{part.number}" if name in names else name
+        while name in names:
+            name += "_"
+        names.append(name)
+    return names
+
+
+def _places(parts: list[Part]) -> list[str]:
+    """Return titles of HDUs, or numbers where there is none or it is not the only one."""
+    titles = [_title(part) for part in parts]
+    return [
+        title if title and titles.count(title) == 1 else str(part.number)
+        for part, title in zip(parts, titles, strict=True)
+    ]
+
+
+def _title(part: Part) -> str:
+    title = str(card(part.header, "EXTNAME", "")).strip()
+    return "" if title.upper() in _NAMELESS else title
+
+
+def _name(part: Part) -> str:
+    kind = str(card(part.header, "BTYPE", "")).strip()
+    title = _title(part)
+    if title and kind.upper() == title.upper():
+        return field_name(kind)  # how we spelt a name that we wrote: astropy makes it capital
+    title = title if title and not title.isupper() else (title or kind or "intensity").lower()
+    return field_name(title)
+
+
+def _cube(part: Part, real: list[int], name: str, place: str, plane: Any) -> Cube:
+    sides = image_shape(part)
+    if is_compressed(part):
+        check_tiles(part)
+    axes, others = _three(part, real)
+    chosen = _planes(part, others, plane)
+    index = tuple(
+        slice(None) if k in axes else chosen.get(k, 0) for k in reversed(range(len(sides)))
+    )
+    return Cube(part, name, place, tuple(axes), index)
+
+
+def _three(part: Part, real: list[int]) -> tuple[list[int], list[int]]:
+    """Return the axes of the cube (sky and spectrum before others), and the others."""
+    if len(real) == 3:
+        return real, []
+    kinds = {k: str(card(part.header, f"CTYPE{k + 1}", "")).strip().upper() for k in real}
+    known = [k for k in real if kinds[k].startswith((*_SKY, *_SPECTRUM))]
+    rest = [k for k in real if k not in known]
+    axes = sorted([*known, *sorted(rest, key=lambda k: kinds[k] == _STOKES)][:3])
+    return axes, [k for k in real if k not in axes]
+
+
+def _planes(part: Part, others: list[int], plane: Any) -> dict[int, int]:
+    """Return the pixel along each axis that is not of the cube."""
+    sides = image_shape(part)
+    kinds = [str(card(part.header, f"CTYPE{k + 1}", "")).strip() for k in others]
+    if plane is None:
+        if any(kind.upper() != _STOKES for kind in kinds):
+            listed = ", ".join(
+                f"{kind or 'an axis'} of {sides[k]}" for k, kind in zip(others, kinds, strict=True)
+            )
+            raise InputError(
+                f"{part.name} has {3 + len(others)} axes; choose with plane=0 … along {listed}"
+            )
+        return dict.fromkeys(others, 0)  # the first Stokes parameter is the intensity
+    chosen = [plane] if np.ndim(plane) == 0 else list(plane)
+    if not others or len(chosen) != len(others):
+        raise InputError(
+            f"{part.name} has {len(others)} axes beyond three, plane gives {len(chosen)} numbers"
+        )
+    for k, number in zip(others, chosen, strict=True):
+        if not isinstance(number, (int, np.integer)) or not 0 <= number < sides[k]:
+            raise InputError(f"plane must be a whole number below {sides[k]}, got {plane!r}")
+    return {k: int(number) for k, number in zip(others, chosen, strict=True)}

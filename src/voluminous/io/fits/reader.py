@@ -1,0 +1,183 @@
+"""Read and write FITS cubes."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...deferred import Deferred
+from ...errors import FileFormatError, InputError
+from ...units import unit_name
+from ..contract import FieldInfo, Reader
+from ..names import chosen_fields
+from ..payload import is_packed, unpacked
+from .blocks import Part, card, parts
+from .cubes import Cube, cubes, images
+from .header import has_world
+from .layout import Axis, Layout, layout, unit_cells
+from .values import values
+from .world import World, world
+from .write import DEPTH, UNIT, write
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+_MAGIC = b"SIMPLE  ="
+# What `Image.save` writes into the first header; volumes are not marked so.
+_CREATOR, _TEXT = "CREATOR", "VOLMETA"
+# Cards that tell what was seen, and how; kept in `Volume.meta` under their names in small letters.
+_TOLD = (
+    *("OBJECT", "TELESCOP", "INSTRUME", "OBSERVER", "DATE-OBS", "BUNIT", "BMAJ", "BMIN", "BPA"),
+    *("SPECSYS", "RADESYS", "EQUINOX", "RESTFRQ", "RESTFREQ", "RESTWAV", "LINE"),
+)
+
+
+class FITSReader(Reader):
+    """Cubes in FITS files: position-position-velocity, or in space."""
+
+    name = "fits"
+    description = "a FITS file"
+    suffixes = (".fits", ".fit", ".fts")
+    writes = True
+    options = {  # noqa: RUF012 - as in Reader
+        "hdu": "number or name (EXTNAME) of the HDU; by default all cubes that lie on one grid",
+        "plane": "which pixel (from 0) along a fourth axis; one for each further axis",
+        "unit": "unit of the grid: of the sky (arcsec or deg by default), or of length",
+        "depth": "depth of a spectral axis in the grid's unit; by default the width of the sky",
+        "spectral_scale": "in place of depth: the grid's unit per km/s (or GHz, um …)",
+        "velocity": "Doppler convention: 'radio', 'optical' or 'relativistic'",
+        "rest": "frequency or wavelength at rest, such as '110.2 GHz'",
+        "bounds": "((x0, x1), (y0, y1), (z0, z1)) in place of the header's coordinates",
+        "wcs": "False ignores the header's coordinates: cells of unit length",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a file that starts as FITS files do, packed or not."""
+        if not is_packed(head):
+            return head.startswith(_MAGIC)
+        try:
+            with unpacked(path) as file:
+                return file.read(len(_MAGIC)) == _MAGIC
+        except Exception:  # damaged, or of another kind
+            return False
+
+    def holds_image(self, path: Path) -> bool:
+        """Return True for a picture: one that `Image.save` wrote, or any without a cube in it."""
+        try:
+            found = parts(path)
+        except Exception:  # damaged: the error comes when it is read
+            return False
+        return _is_picture(found) or not any(len(real) >= 3 for _, real in images(found))
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return all cubes, and the coordinate that their third axis measures."""
+        found = _cubes(path, options)
+        told = [cube.info() for cube in found]
+        axis = _layout(found[0], options)[1].axis
+        if axis is not None and axis.name not in {field.name for field in told}:
+            shape = tuple(found[0].sides[::-1])
+            told.append(FieldInfo(axis.name, axis.name, shape, "float32", unit_name(axis.unit)))
+        return tuple(told)
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume; values are read when they are used."""
+        from ...volume import Volume
+
+        found = _cubes(path, options)
+        by_place = {cube.place: cube for cube in found}
+        known = {cube.place: cube.name for cube in found}
+        axis = _layout(found[0], options)[1].axis
+        if axis is not None and axis.name not in known.values():
+            known[axis.name] = axis.name
+        chosen = chosen_fields(known, fields)
+        own = [by_place[place] for place in chosen.values() if place in by_place] or found[:1]
+        seen, where = _common(own, options)
+        volume = Volume(where.grid)
+        volume.wcs = where.wcs
+        volume.meta.update(_told(own[0].part, seen, where))
+        for name, place in chosen.items():
+            if place in by_place:
+                cube = by_place[place]
+                load = functools.partial(_load, path, cube, seen)
+                volume[name] = Deferred(load, cube.scaling.dtype, cube.unit)
+            else:
+                assert where.axis is not None
+                spread = functools.partial(_spread, where.axis, where.grid.shape)
+                volume[name] = Deferred(spread, np.float32, where.axis.unit)
+        return volume
+
+    def write(self, volume: Volume, path: Path) -> None:
+        """Write a cube of equal cells, or one with world coordinates; an HDU for each field."""
+        write(volume, path)
+
+
+def _is_picture(found: list[Part]) -> bool:
+    header = found[0].header
+    return card(header, _CREATOR) == "voluminous" and _TEXT in header
+
+
+def _cubes(path: Path, options: dict[str, Any]) -> list[Cube]:
+    found = parts(path)
+    if _is_picture(found):
+        raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
+    return cubes(found, options.get("hdu"), options.get("plane"))
+
+
+def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, Layout]:
+    """Return the world coordinates of a cube, if they are known and wanted, and its layout."""
+    bounds, unit = options.get("bounds"), options.get("unit")
+    header = cube.part.header
+    if bounds is not None or options.get("wcs") is False or not has_world(cube.part):
+        return None, unit_cells(cube.sides, bounds, unit)
+    found = world(cube.part, cube.axes, cube.sides, options.get("velocity"), options.get("rest"))
+    depth, scale = options.get("depth"), options.get("spectral_scale")
+    if unit is None and card(header, UNIT):  # we wrote it
+        unit = card(header, UNIT)
+        depth = card(header, DEPTH) if depth is None and scale is None else depth
+    return found, layout(found, header, unit, depth, scale)
+
+
+def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, Layout]:
+    """Return what all cubes share.
+
+    Raises
+    ------
+    InputError
+        If they lie on different grids.
+    """
+    first = chosen[0]
+    seen, where = _layout(first, options)
+    for cube in chosen[1:]:
+        same = cube.sides == first.sides and cube.axes == first.axes
+        if same and seen is not None and has_world(cube.part):
+            other = _layout(cube, options)[0]
+            same = other is not None and seen.agrees(other)
+        if not same:
+            listed = ", ".join(f"{c.name} ({c.part.name}) {c.sides}" for c in chosen)
+            raise InputError(
+                f"cubes must lie on one grid to be read together, got {listed}; choose with hdu=… "
+                "or fields=[…]"
+            )
+    return seen, where
+
+
+def _load(path: Path, cube: Cube, seen: World | None) -> np.ndarray:
+    """Return the values of a cube on its grid."""
+    arrange = (lambda stored: stored.T) if seen is None else seen.arrange
+    return values(path, cube.part, cube.index, arrange)
+
+
+def _spread(axis: Axis, shape: tuple[int, ...]) -> np.ndarray:
+    return np.broadcast_to(axis.values.astype(np.float32), shape)
+
+
+def _told(part: Part, seen: World | None, where: Layout) -> dict[str, Any]:
+    """Return what the header tells of the observation."""
+    told = {key.lower(): card(part.header, key) for key in _TOLD}
+    told = {k: v for k, v in told.items() if v != "" and isinstance(v, (str, int, float))}
+    if seen is not None and seen.on_sky:
+        told |= seen.pointing()
+    return told

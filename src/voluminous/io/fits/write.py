@@ -1,0 +1,110 @@
+"""Volumes as FITS cubes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InputError
+from ..cartesian import cartesian
+from .axes import axis_name
+from .layout import is_place
+from .units import fits_name
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+# The grid's unit, and how deep the third axis is in it, where that measures something else.
+UNIT, DEPTH = "VOLUNIT", "VOLDEPTH"
+# Cards that the header of a WCS has of its own accord, or that would contradict it.
+_OF_WCS = {"specsys", "radesys", "equinox", "restfrq", "restfreq", "restwav", "bunit"}
+_LONGEST = 68
+
+
+def write(volume: Volume, path: Path) -> None:
+    """Write each field into an HDU of its own, the first into the primary one.
+
+    Raises
+    ------
+    InputError
+        If cells are not equally wide, or there is no field.
+    """
+    from astropy.io import fits
+
+    cards = _world_cards(volume)
+    names = _written(volume)
+    hdus = []
+    for number, name in enumerate(names):
+        header = fits.Header(cards)
+        for key, value in _meta_cards(volume).items():
+            header[key] = value
+        header["EXTNAME"], header["BTYPE"] = name, name
+        header["BUNIT"] = fits_name(volume.field_unit(name))
+        kind = fits.ImageHDU if number else fits.PrimaryHDU
+        hdus.append(kind(_storable(volume.array(name)).T, header=header))
+    fits.HDUList(hdus).writeto(path, output_verify="fix+ignore")
+
+
+def _written(volume: Volume) -> list[str]:
+    """Return the fields that are not told by the WCS."""
+    told = axis_name(volume.wcs) if _has_axis(volume) else None
+    names = [name for name in volume.fields if name != told] or list(volume.fields)
+    if not names:
+        raise InputError("the volume has no fields to be written")
+    return names
+
+
+def _has_axis(volume: Volume) -> bool:
+    return volume.wcs is not None and not is_place(volume.wcs)
+
+
+def _world_cards(volume: Volume) -> Any:
+    """Return cards that say where cells are.
+
+    Raises
+    ------
+    InputError
+        If no card can.
+    """
+    from astropy.io import fits
+
+    grid = cartesian(volume)
+    if volume.wcs is not None and tuple(volume.wcs.pixel_shape or ()) == grid.shape:
+        header = volume.wcs.to_header(relax=True)
+        if _has_axis(volume):
+            header[UNIT] = (fits_name(grid.unit), "unit of the grid")
+            header[DEPTH] = (float(np.ptp(grid.edges[2])), "depth of the grid in it")
+        return header
+    if not grid.is_uniform:
+        raise InputError(
+            "FITS holds cells of equal width only; resample the volume first, or write .h5"
+        )
+    header = fits.Header()
+    for number, (axis, edges) in enumerate(zip("XYZ", grid.edges, strict=True), start=1):
+        header[f"CTYPE{number}"] = (axis, "linear")
+        header[f"CRPIX{number}"] = (0.5, "the lower edge of the first cell")
+        header[f"CRVAL{number}"] = float(edges[0])
+        header[f"CDELT{number}"] = float(edges[-1] - edges[0]) / (len(edges) - 1)
+        header[f"CUNIT{number}"] = fits_name(grid.unit)
+    return header
+
+
+def _meta_cards(volume: Volume) -> dict[str, Any]:
+    """Return what is known besides, as far as a card can hold it."""
+    return {
+        key.upper(): value
+        for key, value in volume.meta.items()
+        if key not in _OF_WCS and len(key) <= 8 and _fits_card(value)
+    }
+
+
+def _fits_card(value: Any) -> bool:
+    if isinstance(value, str):
+        return value.isascii() and value.isprintable() and len(value) <= _LONGEST
+    return isinstance(value, (bool, int, float)) and bool(np.isfinite(value))
+
+
+def _storable(values: np.ndarray) -> np.ndarray:
+    return values.view(np.uint8) if values.dtype == bool else values

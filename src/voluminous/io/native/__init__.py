@@ -1,0 +1,1 @@
+"""The package's own files: every grid with all its fields, in HDF5 that explains itself."""

@@ -1,0 +1,196 @@
+"""Grids as plain arrays, from which they are made again bit for bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...errors import FileFormatError, InputError, UnitsError
+from ...units import parse_unit
+from .units import exact_name
+
+_C_ORDER = "a field has three axes, in the order of the edges (the last one fastest in memory)"
+_DEPTH_FIRST = (
+    "a field is flat, one value per leaf: base cells with the first axis fastest, each depth "
+    "first, the children of a cell with the first axis fastest; 'levels' says how often the base "
+    "cell around a leaf was halved along the axes 'split'"
+)
+_PATCH_AFTER_PATCH = (
+    "a field is flat: patch after patch, each with the last axis fastest, without the cells that "
+    "finer patches (of equal level: later ones) hide"
+)
+_BOXES = (
+    "; x, y, z are the walls of the cells of level 0; a patch has 'shape' cells of its 'level' "
+    "from cell 'low' on, counted from the domain's corner; 'ratio' cells of each level make one "
+    "of the level before"
+)
+_CORNERS = "; a patch has 'shape' cells between the corners 'lower' and 'upper'"
+
+
+@dataclass
+class PlainGrid:
+    """What makes a grid: arrays and attributes."""
+
+    type: str
+    order: str
+    arrays: dict[str, np.ndarray]
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+
+def plain_grid(grid: Any) -> PlainGrid:
+    """Return a grid as plain arrays.
+
+    Raises
+    ------
+    InputError
+        If it is of a kind that is not known here.
+    """
+    from ...grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
+
+    writers: dict[type, Callable[[Any], PlainGrid]] = {
+        CartesianGrid: lambda g: PlainGrid("cartesian", _C_ORDER, _edges("xyz", g.edges)),
+        OctreeGrid: _octree,
+        PatchGrid: _patches,
+        SphericalGrid: lambda g: _curvilinear("spherical", g, mirror=g.mirror),
+        CylindricalGrid: lambda g: _curvilinear("cylindrical", g),
+    }
+    fitting = [plain for kind, plain in writers.items() if isinstance(grid, kind)]
+    if not fitting:
+        raise InputError(f"a native file holds the grids of voluminous, got {type(grid).__name__}")
+    found = fitting[0](grid)
+    found.attributes |= {"unit": exact_name(grid.unit), "cells": grid.size}
+    return found
+
+
+def _edges(names: Any, edges: Any) -> dict[str, np.ndarray]:
+    return dict(zip(names, edges, strict=True))
+
+
+def _octree(grid: Any) -> PlainGrid:
+    arrays = {**_edges("xyz", grid.base_edges), "levels": grid.levels}
+    return PlainGrid("octree", _DEPTH_FIRST, arrays, {"split": [0, 1, 2]})
+
+
+def _curvilinear(kind: str, grid: Any, **attributes: Any) -> PlainGrid:
+    arrays = _edges(grid.coordinates, grid.edges)
+    if len(grid.shape) == 3:
+        return PlainGrid(kind, _C_ORDER, arrays, attributes)
+    arrays["levels"], attributes["split"] = grid.levels, list(grid.places.axes)
+    return PlainGrid(kind, _DEPTH_FIRST, arrays, attributes)
+
+
+def _patches(grid: Any) -> PlainGrid:
+    patches = grid.patches
+    if (patches.extent % patches.sizes[0]).any():  # the coarsest cells do not tile the domain
+        lower, upper = (grid.position(corner.T).T for corner in patches.corners)
+        corners = {"lower": lower, "upper": upper, "shape": patches.shape}
+        return PlainGrid("patches", _PATCH_AFTER_PATCH + _CORNERS, corners)
+    arrays = _edges("xyz", grid.base_edges)
+    arrays |= {"level": patches.level, "low": patches.low, "shape": patches.shape}
+    arrays["ratio"] = patches.sizes[:-1] // patches.sizes[1:]
+    return PlainGrid("patches", _PATCH_AFTER_PATCH + _BOXES, arrays)
+
+
+def grid_of(plain: PlainGrid) -> Any:
+    """Return the grid that `plain_grid` made plain.
+
+    Raises
+    ------
+    FileFormatError
+        If it is of an unknown type, or something of it is missing or at odds.
+    """
+    makers: dict[str, Callable[[Mapping[str, Any], dict[str, Any], Any], Any]] = {
+        "cartesian": _make_cartesian,
+        "octree": _make_octree,
+        "patches": _make_patches,
+        "spherical": _make_spherical,
+        "cylindrical": _make_cylindrical,
+    }
+    if plain.type not in makers:
+        raise FileFormatError(f"/grid has the type {plain.type!r}, expected {', '.join(makers)}")
+    try:
+        unit = parse_unit(plain.attributes.get("unit", ""))
+        grid = makers[plain.type](plain.arrays, plain.attributes, unit)
+    except KeyError as error:
+        raise FileFormatError(f"/grid of type {plain.type!r} lacks {error}") from error
+    except (InputError, UnitsError) as error:
+        raise FileFormatError(f"/grid of type {plain.type!r}: {error}") from error
+    if grid.size != plain.attributes.get("cells"):
+        raise FileFormatError(
+            f"/grid makes {grid.size} cells, but says {plain.attributes.get('cells')}"
+        )
+    return grid
+
+
+def _make_cartesian(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+    from ...grids import CartesianGrid
+
+    return CartesianGrid(*(arrays[axis] for axis in "xyz"), unit=unit)
+
+
+def _make_octree(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+    from ...grids import OctreeGrid
+
+    x, y, z = (arrays[axis] for axis in "xyz")
+    return OctreeGrid.from_levels(x, y, z, arrays["levels"], unit=unit)
+
+
+def _make_patches(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+    from ...grids import PatchGrid
+
+    shape = np.asarray(arrays["shape"])
+    _check_patches(shape, int(attributes["cells"]))
+    if "lower" in arrays:
+        return PatchGrid(arrays["lower"], arrays["upper"], shape, unit=unit)
+    x, y, z, level, low, ratio = (arrays[name] for name in ("x", "y", "z", "level", "low", "ratio"))
+    return PatchGrid.from_boxes(x, y, z, level, low, shape, ratio, unit=unit)
+
+
+def _check_patches(shape: np.ndarray, cells: int) -> None:
+    """Refuse patches that cannot be: every cell of one is seen, or holds a cell that is."""
+    largest = np.prod(shape.astype(float), axis=-1).max(initial=0.0)
+    if not largest <= cells:
+        raise FileFormatError(
+            f"/grid has a patch of {largest:g} cells, but {cells} cells are seen of all"
+        )
+
+
+def _make_spherical(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+    from ...grids import SphericalGrid
+
+    edges = [arrays[name] for name in SphericalGrid.coordinates]
+    mirror, flags = bool(attributes.get("mirror")), _flags(arrays, attributes)
+    return _checked(SphericalGrid(*edges, mirror=mirror, refined=flags, unit=unit), arrays)
+
+
+def _make_cylindrical(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+    from ...grids import CylindricalGrid
+
+    edges = [arrays[name] for name in CylindricalGrid.coordinates]
+    flags = _flags(arrays, attributes)
+    return _checked(CylindricalGrid(*edges, refined=flags, unit=unit), arrays)
+
+
+def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
+    """Return the split flags of a refined grid; None if it is not refined."""
+    if "levels" not in arrays:
+        return None
+    from ...grids.trees.octree_leaves import checked_levels
+    from ...grids.trees.octree_order import flags_from_levels
+    from ...grids.trees.octree_places import Places
+
+    levels = checked_levels(arrays["levels"])
+    split = sorted({int(axis) for axis in np.ravel(attributes["split"])})
+    if not split or not set(split) <= {0, 1, 2}:
+        raise FileFormatError(f"/grid must split some of the axes 0, 1 and 2, got {split}")
+    return flags_from_levels(levels, Places(levels, tuple(split)))
+
+
+def _checked(grid: Any, arrays: Mapping[str, Any]) -> Any:
+    """Return a grid, once its leaves are those of the file."""
+    if "levels" in arrays and not np.array_equal(grid.levels, arrays["levels"]):
+        raise FileFormatError("/grid/levels do not describe a refined grid on these base cells")
+    return grid

@@ -1,0 +1,1 @@
+"""Snapshots of particles: SPH, moving meshes and N-body."""

@@ -1,0 +1,73 @@
+"""Data sets of HDF5 files that can hold what they promise, and are in the file itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import FileFormatError
+from ...memory import check_memory
+from ..payload import inside
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+# What deflate can pack at most, and a little more: 1 to 1032.
+_MOST_PACKED = 2000
+
+
+def data_set(path: Path, group: Any, name: str) -> Any:
+    """Return a data set of numbers.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none of this name, it holds something else, its values are in another file
+        outside of the directory, or it promises more than its bytes can be unpacked to.
+    """
+    import h5py
+
+    item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    if not isinstance(item, h5py.Dataset):
+        raise FileFormatError(f"expected a data set {group.name}/{name}")
+    if item.dtype.kind not in "fiub" or item.shape is None:
+        raise FileFormatError(f"{item.name} must be numbers, got {item.dtype}")
+    if item.external:
+        raise FileFormatError(f"the values of {item.name} are in another file; copy them into one")
+    if item.is_virtual:
+        for source in item.virtual_sources():
+            if source.file_name != ".":
+                inside(path.parent, source.file_name)
+    elif item.size * item.dtype.itemsize > _MOST_PACKED * item.id.get_storage_size():
+        raise FileFormatError(
+            f"{item.name} promises values of shape {item.shape}, but has "
+            f"{item.id.get_storage_size()} bytes in the file"
+        )
+    return item
+
+
+def read(item: Any, column: int | None = None) -> np.ndarray:
+    """Return the values of a data set, or one column of them, in native byte order.
+
+    Raises
+    ------
+    MemoryNeededError
+        If they do not fit into memory.
+    """
+    count = item.size if column is None else len(item)
+    check_memory(
+        count * item.dtype.itemsize, f"reading {item.name}", "read a part of the particles"
+    )
+    values = item[()] if column is None else item[:, column]
+    return np.asarray(values, item.dtype.newbyteorder("="))
+
+
+def number(attributes: Any, *names: str) -> float | None:
+    """Return the first attribute there is, one finite number; None if there is none."""
+    for name in names:
+        if name in attributes:
+            values = np.ravel(attributes[name])
+            if values.size != 1 or values.dtype.kind not in "fiub" or not np.isfinite(values[0]):
+                raise FileFormatError(f"{name} must be a number, got {attributes[name]!r}")
+            return float(values[0])
+    return None

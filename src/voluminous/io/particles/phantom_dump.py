@@ -1,0 +1,219 @@
+"""Phantom's native dumps: Fortran records of a tagged header, and of tagged arrays.
+
+The layout is described in Phantom's documentation (https://phantomsph.readthedocs.io, "Phantom dump
+file format"), and by Price et al. (2018, PASA 35, e031).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ...errors import FileFormatError
+
+# What the numbers of the first record must be.
+_FIRST, _SECOND, _THIRD = 60769, 60878, 690706
+# Bytes of default integers and reals, by the length of the first record.
+_SIZES = {20: (4, 4), 24: (4, 8), 36: (8, 4), 40: (8, 8)}
+_TAG = 16
+_KINDS = 8
+_MOST_ARRAYS = 1 << 12
+
+
+@dataclass(frozen=True)
+class Array:
+    """An array in the file: where its values begin, of which type and how many they are."""
+
+    offset: int
+    dtype: np.dtype[Any]
+    count: int
+
+
+@dataclass(frozen=True)
+class Dump:
+    """What is in a dump.
+
+    Attributes
+    ----------
+    identity : str
+        What wrote it and when.
+    header : dict of array
+        All numbers of each tag; a tag may be there for several types of numbers.
+    particles, sinks : dict of Array
+    count : int
+        Number of particles.
+    """
+
+    identity: str
+    header: dict[str, np.ndarray]
+    particles: dict[str, Array]
+    sinks: dict[str, Array]
+    count: int
+
+
+def byte_order(head: bytes) -> str | None:
+    """Return the order of bytes of a dump, ``"<"`` or ``">"``; None if this is no dump."""
+    for order in "<>":
+        if len(head) >= 12:
+            length = int(np.frombuffer(head, f"{order}i4", 1)[0])
+            size = _SIZES.get(length, (0, 0))[0]
+            if size and np.frombuffer(head, f"{order}i{size}", 1, offset=4)[0] == _FIRST:
+                return order
+    return None
+
+
+def read_dump(path: Path) -> Dump:
+    """Return what is in a dump; no values of particles are read.
+
+    Raises
+    ------
+    FileFormatError
+        If it is damaged, of the old format without tags, or of several blocks.
+    """
+    with open(path, "rb") as file:
+        records = _Records(file, path.stat().st_size)
+        order = byte_order(records.start)
+        if order is None:
+            raise FileFormatError("expected a dump of Phantom; its first record is another")
+        records.order = order
+        types = _types(records)
+        identity = records.read().decode("latin-1").strip()
+        if len(identity) < 2 or identity[1] != "T":
+            raise FileFormatError(
+                f"it is of the format without tags ({identity[:20]!r}); convert it with a newer "
+                "Phantom (phantom2… or moddump)"
+            )
+        header = _header(records, types)
+        return _blocks(records, types, identity, header)
+
+
+class _Records:
+    """Fortran records: their length in four bytes, before and after."""
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self.file, self.size, self.order = file, size, "<"
+        self.start = file.read(16)
+        file.seek(0)
+
+    def skip(self) -> tuple[int, int]:
+        """Return where the values of the next record begin, and their length."""
+        place = self.file.tell()
+        length = self._marker(place)
+        if length < 0:
+            raise FileFormatError(f"the record at byte {place} has parts: more than 2 GiB")
+        if place + length + 8 > self.size:
+            raise FileFormatError(
+                f"it is cut short: {self.size} bytes, but a record of {length} begins at {place}"
+            )
+        self.file.seek(place + 4 + length)
+        if self._marker(place + 4 + length) != length:
+            raise FileFormatError(f"the record at byte {place} does not end as it begins")
+        return place + 4, length
+
+    def _marker(self, place: int) -> int:
+        raw = self.file.read(4)
+        if len(raw) < 4:
+            raise FileFormatError(f"it is cut short: a record should be at byte {place}")
+        return int(np.frombuffer(raw, f"{self.order}i4")[0])
+
+    def read(self) -> bytes:
+        """Return the bytes of the next record."""
+        place, length = self.skip()
+        end = self.file.tell()
+        self.file.seek(place)
+        content = self.file.read(length)
+        self.file.seek(end)
+        return content
+
+    def numbers(self, dtype: Any, count: int) -> np.ndarray:
+        """Return the numbers of the next record."""
+        content = self.read()
+        if len(content) != count * np.dtype(dtype).itemsize:
+            raise FileFormatError(
+                f"expected a record of {count} {dtype} before byte {self.file.tell()}, got "
+                f"{len(content)} bytes"
+            )
+        return np.frombuffer(content, dtype)
+
+    def tags(self, count: int) -> list[str]:
+        """Return names, sixteen letters each."""
+        letters = self.numbers("S1", count * _TAG).tobytes().decode("latin-1")
+        return [letters[k * _TAG : (k + 1) * _TAG].strip() for k in range(count)]
+
+
+def _types(records: _Records) -> list[np.dtype[Any]]:
+    """Return the types of numbers there are, in the order in which they come."""
+    content = records.read()
+    integer, real = _SIZES[len(content)]
+    order = records.order
+    layout = [("a", integer), ("r", real), ("b", integer), ("v", integer), ("c", integer)]
+    first = np.frombuffer(
+        content, [(n, f"{order}{'f' if n == 'r' else 'i'}{size}") for n, size in layout]
+    )[0]
+    if (first["a"], first["b"], first["c"]) != (_FIRST, _SECOND, _THIRD):
+        raise FileFormatError(
+            f"expected {_FIRST}, {_SECOND} and {_THIRD} to begin with, got {first}"
+        )
+    names = (f"i{integer}", "i1", "i2", "i4", "i8", f"f{real}", "f4", "f8")
+    return [np.dtype(f"{order}{name}") for name in names]
+
+
+def _header(records: _Records, types: list[np.dtype[Any]]) -> dict[str, np.ndarray]:
+    found: dict[str, list[Any]] = {}
+    for dtype in types:
+        (count,) = records.numbers(types[0], 1)
+        if not 0 <= count <= _MOST_ARRAYS:
+            raise FileFormatError(f"the header cannot hold {count} numbers of {dtype}")
+        if count:
+            tags = records.tags(int(count))
+            for tag, value in zip(tags, records.numbers(dtype, int(count)), strict=True):
+                found.setdefault(tag, []).append(value)
+    return {tag: np.array(values) for tag, values in found.items()}
+
+
+def _blocks(
+    records: _Records, types: list[np.dtype[Any]], identity: str, header: dict[str, np.ndarray]
+) -> Dump:
+    (groups,) = records.numbers(types[0], 1)
+    blocks = int(header.get("nblocks", np.ones(1))[0])
+    if blocks != 1:
+        raise FileFormatError(
+            f"it is in {blocks} blocks, one for each MPI task; write it with a single one"
+        )
+    if not 1 <= groups <= _KINDS:
+        raise FileFormatError(f"expected 1 to {_KINDS} groups of arrays, got {groups}")
+    sizes = [_group(records) for _ in range(int(groups))]
+    found = [_arrays(records, types, count, numbers) for count, numbers in sizes]
+    count = sizes[0][0]
+    particles = dict(found[0])
+    # Magnetic fields and radiation have groups of their own; the second one is of sinks.
+    for (other, _), arrays in zip(sizes[2:], found[2:], strict=True):
+        particles |= arrays if other == count else {}
+    return Dump(identity, header, particles, found[1] if len(found) > 1 else {}, count)
+
+
+def _group(records: _Records) -> tuple[int, np.ndarray]:
+    """Return how long the arrays of a group are, and how many there are of each type."""
+    order = records.order
+    (told,) = records.numbers([("count", f"{order}i8"), ("numbers", f"{order}i4", _KINDS)], 1)
+    numbers = told["numbers"]
+    if told["count"] < 0 or (numbers < 0).any() or numbers.sum() > _MOST_ARRAYS:
+        raise FileFormatError(f"a group of {told['count']} numbers, in {numbers} arrays, cannot be")
+    return int(told["count"]), numbers
+
+
+def _arrays(
+    records: _Records, types: list[np.dtype[Any]], count: int, numbers: np.ndarray
+) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    for dtype, many in zip(types, numbers, strict=True):
+        for _ in range(int(many)):
+            (tag,) = records.tags(1)
+            offset, length = records.skip()
+            if length != count * dtype.itemsize:
+                raise FileFormatError(f"{tag!r} has {length} bytes, expected {count} of {dtype}")
+            found.setdefault(tag, Array(offset, dtype, count))
+    return found

@@ -1,0 +1,123 @@
+"""The reader for models of RADMC-3D."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...deferred import Deferred
+from ...errors import FileFormatError, InputError, UnitsError, VoluminousError
+from ...units import parse_unit
+from ..contract import FieldInfo, Reader
+from ..guard import placed
+from .field_file import FieldFile, Part
+from .model import Model, holds_model, open_model
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+    from .cells import Cells
+
+
+class RADMC3DReader(Reader):
+    """Directories with ``amr_grid.inp`` and files such as ``gas_density.inp``."""
+
+    name = "radmc3d"
+    description = "a RADMC-3D model (a directory, or a file in one)"
+    options = {  # noqa: RUF012 - as in Reader
+        "unit": "unit of lengths in the grid, which files have in cm (default)"
+    }
+
+    writes = True
+    writes_directory = True
+    write_options = {  # noqa: RUF012 - as in Reader
+        "binary": "True for binary files in place of text"
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a directory with a grid in it, and for the files beside one."""
+        try:
+            return holds_model(path, head)
+        except OSError:
+            return False
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume; of a path to a file with values, these alone."""
+        from ...volume import Volume
+
+        unit = options.get("unit")
+        _check_length(unit)
+        model = open_model(path)
+        chosen = model.chosen(fields)
+        for part in chosen.values():
+            if isinstance(part.file, VoluminousError):
+                raise part.file
+            part.file.expect(part)
+        cells = _cells(model, unit)
+        volume = Volume(cells.grid)
+        volume.meta["coordsystem"] = model.grid.coordinates
+        for name, part in chosen.items():
+            volume[name] = _deferred(part, cells)
+        return volume
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return all fields in the directory, or in a file; also those that cannot be read."""
+        model = open_model(path)
+        shape = model.grid.shape
+        if math.prod(shape) != model.grid.cells:
+            shape = (model.grid.cells,)
+        parts = (model.parts[place] for place in model.own)
+        return tuple(FieldInfo(p.name, p.place, shape, str(_dtype(p)), p.unit) for p in parts)
+
+    def write(self, volume: Volume, path: Path, **options: Any) -> None:
+        """Write the grid, and the fields whose names tell their files."""
+        from .writer import write
+
+        write(volume, path, **options)
+
+
+def _dtype(part: Part) -> np.dtype[Any]:
+    if isinstance(part.file, FieldFile):
+        return part.file.planes.dtype.newbyteorder("=")
+    return np.dtype(np.float64)
+
+
+def _check_length(unit: Any) -> None:
+    known = parse_unit(unit)
+    if unit is not None and (known is None or known.physical_type != "length"):
+        raise UnitsError(f"unit must be a length such as 'au', got {unit!r}")
+
+
+def _cells(model: Model, unit: Any) -> Cells:
+    from .cells import make_cells
+
+    with placed(model.grid_path.name), _of_file():
+        return make_cells(model.grid, unit)
+
+
+@contextmanager
+def _of_file() -> Iterator[None]:
+    """Turn what grids say of the numbers they are given into an error of the file."""
+    try:
+        yield
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise FileFormatError(str(error)) from error
+
+
+def _deferred(part: Part, cells: Cells) -> Deferred:
+    assert isinstance(part.file, FieldFile)
+    planes = part.file.planes
+    stays = planes.mapped and part.file.width == 1 and cells.in_order and planes.dtype.isnative
+    return Deferred(functools.partial(_load, part, cells), _dtype(part), part.unit, stays)
+
+
+def _load(part: Part, cells: Cells) -> Any:
+    assert isinstance(part.file, FieldFile)
+    return cells.arranged(part.file.values(part))

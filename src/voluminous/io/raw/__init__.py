@@ -1,0 +1,1 @@
+"""Bare numbers in a file, whose shape and type are told elsewhere."""

@@ -1,0 +1,107 @@
+"""Volumes to files: whole or not at all, files and directories alike."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError, unknown_name
+from ..files import MissingPathError, replacing
+from .contract import Reader
+from .guard import placed
+from .registry import readers
+
+if TYPE_CHECKING:
+    from ..volume import Volume
+
+
+def save(volume: Volume, path: str | Path, *, format: str | None = None, **options: Any) -> None:
+    """Write a volume to a file, whose suffix tells the format, such as ``.h5`` or ``.npz``.
+
+    ``.h5`` holds every grid, and all that a volume knows: `voluminous.open` gives it back bit for
+    bit. ``voluminous formats`` lists what else can be written; those formats hold what they were
+    made for. A file appears whole or not at all, and takes the place of one that was there. A
+    directory must be new, or empty.
+
+    Parameters
+    ----------
+    volume : Volume
+        The data.
+    path : str or Path
+        Where to; a directory for formats that consist of several files.
+    format : str, optional
+        Name of the format, if the suffix does not tell.
+    **options
+        Those of the format; ``.h5``: ``compress=True`` packs the fields.
+
+    Raises
+    ------
+    UnknownNameError
+        If no format that can be written has this suffix, or it has no such option.
+    InputError
+        If the format cannot hold this volume, or the directory is not empty.
+
+    Examples
+    --------
+    >>> vm.io.save(vm.models.sphere(8), "sphere.h5")
+    >>> vm.open("sphere.h5").grid.shape
+    (8, 8, 8)
+    """
+    path = Path(path)
+    writer: Any = writer_for(path, format)
+    for option in options:
+        if option not in writer.write_options:
+            raise unknown_name(f"{writer.name} option for writing", option, writer.write_options)
+    place = _new_directory if writer.writes_directory else replacing
+    with place(path) as temporary, placed(path):
+        writer.write(volume, temporary, **options)
+
+
+def writer_for(path: Path, format: str | None = None) -> Reader:
+    """Return what writes files of this name, or of a format.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is nothing that does; names the nearest.
+    """
+    writers = [reader for reader in readers() if getattr(reader, "writes", False)]
+    if format is not None:
+        named = {reader.name: reader for reader in writers}
+        if format not in named:
+            raise unknown_name("format that can be written", format, named)
+        return named[format]
+    known: dict[str, Reader] = {}
+    for reader in writers:
+        for suffix in reader.suffixes:
+            known.setdefault(suffix, reader)  # the first that has it, as in reading
+    fitting = [suffix for suffix in known if path.name.lower().endswith(suffix)]
+    if not fitting:
+        raise unknown_name("volume format", path.suffix, known)
+    return known[max(fitting, key=len)]
+
+
+@contextmanager
+def _new_directory(path: Path) -> Iterator[Path]:
+    """Give an empty directory, which becomes `path` when all went well."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise InputError(f"{path} is there already; give a new name, or remove it first")
+    if not target.parent.is_dir():
+        raise MissingPathError(
+            f"cannot save {path}: the directory {target.parent} does not exist; create it first"
+        )
+    temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.part")
+    temporary.mkdir()
+    try:
+        yield temporary
+        if target.is_dir():
+            target.rmdir()
+        os.rename(temporary, target)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)

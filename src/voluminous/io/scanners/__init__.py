@@ -1,0 +1,1 @@
+"""Voxels from scanners and microscopes: NRRD, NIfTI, MetaImage, DICOM and stacks of pictures."""

@@ -1,0 +1,192 @@
+"""DICOM: a directory of slices, one slice of it, or a file with many frames."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from ...errors import FileFormatError, InputError
+from ..guard import reading
+from .dicom_file import MAGIC, PREAMBLE, is_dicom, quiet, read_head
+from .dicom_frames import Frame, frames_of
+from .dicom_pixels import read_values, value_type
+from .dicom_stack import stacked
+from .voxels import VoxelReader, Voxels
+
+# So many files of a directory are looked at: other directories are left alone quickly.
+_FEW = 16
+_ENDINGS = (".dcm", ".dicom", ".ima")
+_UNITS = {"BQML": "Bq / ml", "GY": "Gy"}
+# What all slices of a volume must agree in.
+_COMMON = ("Rows", "Columns", "BitsAllocated", "BitsStored", "PixelRepresentation")
+_DIRECTORY = "1.2.840.10008.1.3.10"
+
+_Heads = list[tuple[Path, Any]]
+
+
+class DICOMReader(VoxelReader):
+    """One series: of a directory (not those below it), or the one that a file belongs to."""
+
+    name = "dicom"
+    description = "a DICOM series (a directory, or one of its files)"
+    suffixes = _ENDINGS
+    packages = ("pydicom",)
+    extra = "medical"
+    options = {  # noqa: RUF012 - as in Reader
+        **VoxelReader.options,
+        "series": "which one of a directory: its number, description or SeriesInstanceUID",
+        "time": "number of the time step, from 0, where several slices lie at each place",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a DICOM file, or a directory in which they lie."""
+        if head:
+            return head[PREAMBLE:].startswith(MAGIC)
+        try:
+            return path.is_dir() and any(is_dicom(file) for file in islice(_files(path), _FEW))
+        except OSError:
+            return False
+
+    def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
+        """Return what the heads of all slices tell."""
+        head, frames = _frames(path, series)
+        slices, placement, times = stacked(frames, time)
+        shape = (int(head.Columns), int(head.Rows), len(slices))
+        dtype = value_type(head, slices)
+        return Voxels(
+            shape=shape,
+            dtype=dtype,
+            placement=placement,
+            load=lambda _: read_values(slices, shape, dtype),
+            name=str(head.get("Modality") or "dicom").lower(),
+            unit=_UNITS.get(str(head.get("Units") or head.get("DoseUnits")).upper(), ""),
+            meta=_meta(head) | ({} if times == 1 else {"times": times, "time_step": time % times}),
+        )
+
+
+@quiet()
+def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
+    """Return the head that all slices of a series have, and the slices."""
+    heads = _chosen(path, series)
+    common = _common_head(heads)
+    frames: list[Frame] = []
+    for file, head in heads:
+        with reading(file, "a DICOM file"):
+            frames += frames_of(file, head)
+    return common, frames
+
+
+def _files(directory: Path) -> Iterator[Path]:
+    """Give the files of a directory, hidden ones left out."""
+    with os.scandir(directory) as entries:
+        for entry in entries:
+            if not entry.name.startswith(".") and entry.is_file():
+                yield Path(entry.path)
+
+
+def _chosen(path: Path, series: Any) -> _Heads:
+    """Return the files and heads of one series.
+
+    Raises
+    ------
+    InputError
+        If there are several to choose from; lists them.
+    FileFormatError
+        If there is none.
+    """
+    if path.is_dir():
+        groups = _by_series(path, path)
+        return groups[_named(groups, series)]
+    head = read_head(path)
+    if series is not None:
+        raise InputError("a file tells its series; give series for a directory only")
+    if _class(head) == _DIRECTORY:
+        raise FileFormatError("it is a table of contents; open one of the directories with slices")
+    if not _is_image(head):
+        raise FileFormatError("expected a DICOM image, but there are no rows and columns of pixels")
+    if int(head.get("NumberOfFrames") or 1) > 1:
+        return [(path, head)]
+    return _by_series(path.parent, path)[_uid(head)]
+
+
+def _by_series(directory: Path, asked: Path) -> dict[str, _Heads]:
+    """Return all images of a directory by their series, files in the order of their names."""
+    groups: dict[str, _Heads] = {}
+    for file in sorted(_files(directory)):
+        if is_dicom(file):
+            head = read_head(file)
+            if _is_image(head):
+                groups.setdefault(_uid(head), []).append((file, head))
+        elif file == asked or file.suffix.lower() in _ENDINGS:
+            raise FileFormatError(f"{file.name} is named like a DICOM file, but is none")
+    if not groups:
+        raise FileFormatError(f"there is no DICOM image in {directory}")
+    return groups
+
+
+def _named(groups: dict[str, _Heads], series: Any) -> str:
+    """Return the UID of the series that a user asks for, or of the only one."""
+    names = {uid: _names(uid, heads[0][1]) for uid, heads in groups.items()}
+    found = [uid for uid in groups if series is None or str(series) in names[uid]]
+    if len(found) == 1:
+        return found[0]
+    listed = "\n".join(
+        f"  series={names[uid][1]!r}: {names[uid][2]!r}, {heads[0][1].get('Modality')}, "
+        f"{len(heads)} files, {uid}"
+        for uid, heads in groups.items()
+    )
+    asked = "several series" if series is None else f"{len(found)} series {series!r}"
+    raise InputError(
+        f"the directory holds {asked}; choose one by its number, text or UID:\n{listed}"
+    )
+
+
+def _names(uid: str, head: Any) -> tuple[str, str, str]:
+    number, text = head.get("SeriesNumber"), head.get("SeriesDescription")
+    return uid, "" if number is None else str(number), str(text or "")
+
+
+def _common_head(heads: _Heads) -> Any:
+    """Return the first head, once all agree.
+
+    Raises
+    ------
+    FileFormatError
+        If two slices differ in size or kind of pixels, or they are coloured.
+    """
+    file, first = heads[0]
+    for other, head in heads:
+        for keyword in _COMMON:
+            if head.get(keyword) != first.get(keyword):
+                raise FileFormatError(
+                    f"{other.name} has {keyword} {head.get(keyword)}, but {file.name} has "
+                    f"{first.get(keyword)}: they make no volume"
+                )
+    if first.get("SamplesPerPixel", 1) != 1:
+        raise FileFormatError("expected one value per pixel, but its pictures are coloured")
+    return first
+
+
+def _is_image(head: Any) -> bool:
+    return all(head.get(keyword) for keyword in ("Rows", "Columns", "BitsAllocated"))
+
+
+def _uid(head: Any) -> str:
+    return str(head.get("SeriesInstanceUID") or "")
+
+
+def _class(head: Any) -> str:
+    return str(head.file_meta.get("MediaStorageSOPClassUID", ""))
+
+
+def _meta(head: Any) -> dict[str, Any]:
+    """Return what the values are; nothing of whom they are."""
+    told = {
+        "modality": head.get("Modality"),
+        "series": head.get("SeriesDescription"),
+        "rescale_type": head.get("RescaleType"),
+    }
+    return {name: str(value) for name, value in told.items() if value}

@@ -1,0 +1,132 @@
+"""DICOM files, opened by pydicom: no more is taken of them than there is, and than is needed."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import mmap
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ...errors import FileFormatError
+from ...packages import require
+from ..guard import reading
+
+PREAMBLE, MAGIC = 128, b"DICM"
+# All that is looked at: parsing the rest of a head takes most of the time.
+_KEYWORDS = (
+    "BitsAllocated",
+    "BitsStored",
+    "Columns",
+    "DoseGridScaling",
+    "DoseUnits",
+    "GridFrameOffsetVector",
+    "HighBit",
+    "ImageOrientationPatient",
+    "ImagePositionPatient",
+    "InstanceNumber",
+    "Modality",
+    "NumberOfFrames",
+    "PerFrameFunctionalGroupsSequence",
+    "PhotometricInterpretation",
+    "PixelRepresentation",
+    "PixelSpacing",
+    "RescaleIntercept",
+    "RescaleSlope",
+    "RescaleType",
+    "Rows",
+    "SamplesPerPixel",
+    "SeriesDescription",
+    "SeriesInstanceUID",
+    "SeriesNumber",
+    "SharedFunctionalGroupsSequence",
+    "SliceThickness",
+    "SpacingBetweenSlices",
+    "Units",
+)
+_PIXELS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData", "PlanarConfiguration")
+# Native pixels, which need no decoder: implicit and explicit, little and big endian.
+_NATIVE = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2")
+_DEFLATED = "1.2.840.10008.1.2.1.99"
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """Keep pydicom from telling what is unusual in a head: what matters is checked by others."""
+    logger = logging.getLogger("pydicom")
+    before, logger.disabled = logger.disabled, True
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.disabled = before
+
+
+def is_dicom(path: Path) -> bool:
+    """Return True for a file that starts as DICOM files do."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(PREAMBLE + len(MAGIC))[PREAMBLE:] == MAGIC
+    except OSError:
+        return False
+
+
+def read_head(path: Path) -> Any:
+    """Return the head of a file as a pydicom data set.
+
+    Raises
+    ------
+    FileFormatError
+        If it is damaged.
+    """
+    return _read(path, _KEYWORDS, stop_before_pixels=True)
+
+
+def read_whole(path: Path) -> Any:
+    """Return a file with its pixels, as they are in it."""
+    return _read(path, (*_KEYWORDS, *_PIXELS), stop_before_pixels=False)
+
+
+def is_native(head: Any) -> bool:
+    """Return True if the pixels lie in the file as they are."""
+    return str(head.file_meta.get("TransferSyntaxUID", _NATIVE[0])) in _NATIVE
+
+
+def check_size(path: Path, head: Any, frames: int) -> None:
+    """Check that a file is long enough for its frames.
+
+    Raises
+    ------
+    FileFormatError
+        If it is cut short.
+    """
+    # Of packed frames it is known that each has a head.
+    bits = head.Rows * head.Columns * head.BitsAllocated if is_native(head) else 64
+    found, least = path.stat().st_size, frames * bits // 8
+    if found < least:
+        raise FileFormatError(
+            f"{path.name} is cut short: {found} bytes, but {frames} frames of {head.Columns} x "
+            f"{head.Rows} pixels of {head.BitsAllocated} bits take {least} at least"
+        )
+
+
+def _read(path: Path, keywords: tuple[str, ...], **options: Any) -> Any:
+    pydicom = require("pydicom", "medical", "reading DICOM")
+    with reading(path, "a DICOM file"), _bounded(path) as file:
+        head = pydicom.dcmread(file, specific_tags=list(keywords), **options)
+        if str(head.file_meta.get("TransferSyntaxUID", "")) == _DEFLATED:
+            raise FileFormatError("deflated DICOM is not read; convert it with 'dcmconv +te'")
+    return head
+
+
+@contextlib.contextmanager
+def _bounded(path: Path) -> Iterator[Any]:
+    """Open a file so that lengths it claims take no memory beyond what there is."""
+    with open(path, "rb") as file:
+        if not path.stat().st_size:
+            raise FileFormatError("the file is empty")
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+            yield mapped

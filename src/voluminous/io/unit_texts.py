@@ -1,0 +1,69 @@
+"""Units as files write them: the many spellings that astropy does not know, or knows otherwise."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from ..errors import UnitsError
+from ..units import parse_unit, unit_name
+
+# What udunits and CF write (https://cfconventions.org), where astropy needs another word. "mb" is a
+# millibit to astropy, and "C" a coulomb to both: what it is in an atmosphere cannot be known.
+_SPELLINGS = {
+    "mb": "mbar",
+    "millibar": "mbar",
+    "hectopascal": "hPa",
+    "degc": "deg_C",
+    "deg c": "deg_C",
+    "°c": "deg_C",
+    "celsius": "deg_C",
+    "degree_celsius": "deg_C",
+    "degk": "K",
+    "gpm": "m",
+    "metre": "m",
+    "kilometre": "km",
+    "centimetre": "cm",
+    "millimetre": "mm",
+    "micrometre": "um",
+    "nanometre": "nm",
+    "count": "ct",
+}
+_ANGLE = re.compile(r"degrees?(_?(north|east|south|west|n|e|s|w))?|°", re.IGNORECASE)
+_PLURAL = re.compile(r"(?<=[a-z]{3})s\b")
+
+
+def known_unit(text: str) -> str:
+    """Return astropy's name of a unit, the empty string where it is none.
+
+    Examples
+    --------
+    >>> known_unit("degrees_north"), known_unit("kg m-2 s-1"), known_unit("sigma_level")
+    ('deg', 'kg / (s m2)', '')
+    """
+    text = text.strip()
+    if _ANGLE.fullmatch(text):
+        return "deg"
+    for spelling in _spellings(text):
+        try:
+            unit = parse_unit(spelling)
+        except UnitsError:
+            continue
+        return "" if _is_function(unit) else unit_name(unit)
+    return ""
+
+
+def _is_function(unit: Any) -> bool:
+    """Return True for decibels and magnitudes: no field can be converted with them."""
+    from astropy import units as u
+
+    return unit is not None and (
+        not isinstance(unit, u.UnitBase) or u.dex in unit.decompose().bases
+    )
+
+
+def _spellings(text: str) -> list[str]:
+    lower = text.lower()
+    single = _PLURAL.sub("", lower)
+    named = [_SPELLINGS[word] for word in (lower, single) if word in _SPELLINGS]
+    return named or [text, single]

@@ -1,0 +1,142 @@
+"""Files that yt reads: outputs of many simulation codes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import InputError
+from ...packages import is_installed, require
+from ...units import parse_unit, unit_name
+from ..contract import FieldInfo, Reader
+from .lattice import length_unit
+from .quiet import quiet
+from .signatures import code_output
+from .soundness import check_output
+from .source import source_of
+from .units import units_of_field
+from .volume import fields_of, volume_of
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+
+class YtReader(Reader):
+    """Outputs of RAMSES, Enzo, FLASH, AMReX, Chombo, GAMER … by their content, read by yt."""
+
+    name = "yt"
+    description = "an output of a simulation code that yt reads"
+    packages = ("yt",)
+    extra = "yt"
+    options = {  # noqa: RUF012 - as in Reader
+        "unit": "unit of length of the grid",
+        "units": "units of fields, {name: unit}; by default those of yt",
+        "bounds": "a box to read, in the unit of length: ((x0, x1), (y0, y1), (z0, z1))",
+        "units_override": "the code's units, where the file does not tell: {'length_unit': …}",
+        "load": "further arguments of yt.load, {name: value}",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a layout that a code is known by."""
+        return code_output(path, head) is not None
+
+    def read(
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        unit: Any = None,
+        units: Any = None,
+        bounds: Any = None,
+        **options: Any,
+    ) -> Volume:
+        """Return the volume; a field is read when it is used."""
+        with quiet(f"reading {self.description}"):
+            ds = _loaded(path, **options)
+            data = ds if bounds is None else _box(ds, bounds, unit)
+            return volume_of(data, fields, unit=unit, units=units)
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return the fields in the file."""
+        told = {name: options.get(name) for name in ("units_override", "load")}
+        with quiet(f"reading {self.description}"):
+            ds = _loaded(path, **told)
+            places, shape = fields_of(source_of(ds)).on_disk, (_cell_count(ds),)
+            wanted = options.get("units") or {}
+            return tuple(
+                FieldInfo(name, place, shape, "float64", _unit(ds, name, place, wanted))
+                for place, name in places.items()
+            )
+
+
+class AnyYtReader(YtReader):
+    """Files that no other reader knows, if yt says it knows them."""
+
+    name = "yt-any"
+    description = "a file that yt reads"
+
+    def __init__(self, reader_for_suffix: Callable[[Path], Reader | None]) -> None:
+        self._named = reader_for_suffix
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True if yt is installed and knows the file; imports it to ask."""
+        # A damaged file of another format is none of yt's, and it takes seconds to ask.
+        if self._named(path) or not (head or path.is_dir()) or not is_installed("yt"):
+            return False
+        try:
+            with quiet() as yt:
+                kinds = yt.utilities.object_registries.output_type_registry.values()
+                return any(kind._is_valid(str(path)) for kind in kinds)
+        except Exception:  # some of yt's own tests fail over files that are not theirs
+            return False
+
+
+def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
+    """Return the data set, with its index made."""
+    output = code_output(path, _head(path)) or path
+    check_output(output)
+    options = dict(load or {})
+    if units_override is not None:
+        options["units_override"] = units_override
+    ds = require("yt", "yt", "reading this file").load(str(output), **options)
+    ds.index  # noqa: B018 - what is damaged shows here
+    return ds
+
+
+def _head(path: Path) -> bytes:
+    if path.is_dir():
+        return b""
+    with open(path, "rb") as file:
+        return file.read(256)
+
+
+def _box(ds: Any, bounds: Any, unit: Any) -> Any:
+    """Return the part of a data set in a box."""
+    from ...grids import CartesianGrid
+
+    if str(ds.geometry) != "cartesian":
+        raise InputError(f"bounds are of Cartesian data, these are in {ds.geometry} coordinates")
+    width = float(ds.domain_width.to("code_length").d.max())
+    unit, factor = length_unit(ds, width, unit)
+    box = CartesianGrid.uniform(1, bounds, unit=unit)
+    factor *= 1.0 if box.unit is None else unit.to(box.unit)
+    left, right = (ds.arr(ends / factor, "code_length") for ends in box.bounds.T)
+    return ds.box(left, right)
+
+
+def _cell_count(ds: Any) -> int:
+    """Return how many cells there are; no values are read."""
+    source = source_of(ds)
+    if source.kind == "particles":
+        return int(sum(ds.particle_type_counts.values()))
+    if source.kind == "grids":
+        return int(ds.index.grid_dimensions.prod(axis=1).sum())
+    return sum(len(level) for level, _ in source.cells())
+
+
+def _unit(ds: Any, name: str, place: str, wanted: Any) -> str:
+    if name in wanted:
+        return unit_name(parse_unit(wanted[name]))
+    kind, _, last = place.partition("/")
+    return unit_name(units_of_field(ds, (kind, last))[1])

@@ -1,0 +1,104 @@
+"""What the files of simulation codes look like, without asking yt: it takes seconds to import."""
+
+from __future__ import annotations
+
+import re
+import struct
+from pathlib import Path
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+# What must be in the root of an HDF5 file: groups or data sets, and attributes.
+_HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
+    "FLASH": ({"bounding box", "node type"}, set()),
+    "Chombo": ({"Chombo_global"}, {"num_levels"}),
+    "GDF": ({"gridded_data_format"}, set()),
+    "GAMER": ({"Info/KeyInfo"}, set()),
+    "Chimera": ({"fluid/agr_c", "fluid/grav_x_c"}, set()),
+    "Cholla": (set(), {"bounds", "domain", "dims"}),
+    "openPMD": (set(), {"openPMD", "openPMDextension", "basePath"}),
+    "yt": ({"data"}, {"data_type", "container_type"}),
+}
+_RAMSES_FILE = re.compile(r"(info|amr|hydro|header)_(\d{5})\.(txt|out\d{5})")
+_ENZO_ENDING = re.compile(r"\.(hierarchy|cpu\d{4,})$")
+
+
+def code_output(path: Path, head: bytes) -> Path | None:
+    """Return the path that yt wants for an output of a code it knows, of which `path` is a part.
+
+    Parameters
+    ----------
+    path : Path
+        A file or directory.
+    head : bytes
+        The first bytes of a file.
+
+    Returns
+    -------
+    Path or None
+        None if it is no such output, as far as can be told.
+    """
+    for recognise in (_ramses, _enzo, _amrex, _hdf5, _amrvac, _enzo_e):
+        try:
+            found = recognise(path, head)
+        except Exception:  # what is damaged beyond recognition
+            continue
+        if found is not None:
+            return found
+    return None
+
+
+def _ramses(path: Path, head: bytes) -> Path | None:
+    if path.is_dir():
+        infos = sorted(path.glob("info_[0-9][0-9][0-9][0-9][0-9].txt"))
+        return infos[0] if infos and any(path.glob("amr_*.out*")) else None
+    named = _RAMSES_FILE.fullmatch(path.name)
+    if named is None:
+        return None
+    info = path.with_name(f"info_{named[2]}.txt")
+    return info if info.is_file() and any(path.parent.glob(f"amr_{named[2]}.out*")) else None
+
+
+def _enzo(path: Path, head: bytes) -> Path | None:
+    parameters = path.with_name(_ENZO_ENDING.sub("", path.name))
+    if path.is_dir() or not parameters.is_file():
+        return None
+    return parameters if parameters.with_name(parameters.name + ".hierarchy").is_file() else None
+
+
+def _amrex(path: Path, head: bytes) -> Path | None:
+    directory = path if path.is_dir() else path.parent
+    header = directory / "Header"
+    if not (path.is_dir() or path.name == "Header") or not (directory / "Level_0").is_dir():
+        return None
+    with open(header, "rb") as file:
+        version, count = file.readline(80), file.readline(80)
+    return directory if re.match(rb"[\w-]+-V\d", version) and count.strip().isdigit() else None
+
+
+def _hdf5(path: Path, head: bytes) -> Path | None:
+    if not head.startswith(_HDF5):
+        return None
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        for places, attributes in _HDF5_CODES.values():
+            if all(p in file for p in places) and all(a in file.attrs for a in attributes):
+                return path
+    return None
+
+
+def _amrvac(path: Path, head: bytes) -> Path | None:
+    """MPI-AMRVAC: a version from 3 to 5, and where in the file tree and blocks are."""
+    if path.suffix != ".dat" or len(head) < 12:
+        return None
+    version, *offsets = struct.unpack("=iii", head[:12])
+    size = path.stat().st_size
+    return path if 3 <= version <= 5 and all(12 < o < size for o in offsets) else None
+
+
+def _enzo_e(path: Path, head: bytes) -> Path | None:
+    if not path.name.endswith(".block_list"):
+        return None
+    words = head.partition(b"\n")[0].decode("ascii").split()
+    found = len(words) == 2 and words[0].startswith("B") and (path.parent / words[1]).is_file()
+    return path if found else None

@@ -1,0 +1,153 @@
+"""From a data set of yt, or a region of one, to a volume."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...deferred import Deferred
+from ...errors import InputError, unknown_name
+from .fields import Fields, cell_fields, particle_fields
+from .lattice import lattice_of, length_unit
+from .meta import meta_of
+from .particles import particle_kind, volume_of_particles
+from .quiet import quiet
+from .source import Source, plain_values, source_of
+from .units import converted, units_of_field
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+    from .layout import Load
+
+# Bytes of fields that are read at once; of more each field when it is first used.
+_AT_ONCE = 256 << 20
+
+
+def from_yt(
+    data: Any, fields: Any = None, *, unit: Any = None, units: Mapping[str, Any] | None = None
+) -> Volume:
+    """Return the volume of a data set of yt, or of a region of one, on its own cells.
+
+    Nothing is resampled: octrees become an `OctreeGrid`, grids of several levels a `PatchGrid` (in
+    spherical and cylindrical coordinates a refined `SphericalGrid` or `CylindricalGrid`), cells of
+    one level a regular grid. Particles are laid on an octree by `from_particles`: gas, or where
+    there is none the masses of all.
+
+    Parameters
+    ----------
+    data : yt Dataset or data object
+        ``ds``, or three-dimensional parts of it: ``ds.box(left, right)``, ``ds.sphere(…)``, a cut
+        region, a covering or arbitrary grid … Only what they need is read. The grid is the box
+        around their cells; cells in it that are not theirs have the value NaN.
+    fields : str, tuple, sequence or dict, optional
+        ``"density"``, ``("gas", "density")``, ``"gas/density"``, several of them, or ``{name:
+        field}``; fields that yt derives too, and ``"velocity"`` for three components. By default
+        all fluid fields in the file, under yt's common names where they have one.
+    unit : str or unit, optional
+        Unit of length; by default the largest of nm, um, mm, cm, m, km, solRad, au, pc, kpc, Mpc
+        and Gpc of which the domain is at least one wide. Lengths are proper, not comoving.
+    units : dict, optional
+        Units of fields, ``{name: unit}``; by default those in which yt shows them.
+
+    Returns
+    -------
+    Volume
+        Its `meta` has ``dataset``, ``code``, ``time`` (in ``time_unit``) and, of cosmological
+        simulations, ``redshift``. Values are double precision, as yt gives them.
+
+    Raises
+    ------
+    InputError
+        If `data` has no cells in three dimensions, or its cells make no grid that there is.
+    UnknownNameError
+        If there is no such field; names the nearest.
+    UnitsError
+        If a field cannot have the unit asked for.
+    MissingPackageError
+        If yt is not installed.
+
+    Notes
+    -----
+    Fields of up to 256 MiB in all are read at once; of more each when it is first used. The data
+    set must not be changed until then.
+
+    Examples
+    --------
+    >>> ds = yt.load("output_00080")
+    >>> volume = vm.from_yt(ds, [("gas", "density"), ("gas", "velocity_x")], unit="kpc")
+    """
+    volume = volume_of(data, fields, unit=unit, units=units)
+    return volume.load() if volume.bytes_waiting <= _AT_ONCE else volume
+
+
+def volume_of(
+    data: Any, fields: Any = None, *, unit: Any = None, units: Mapping[str, Any] | None = None
+) -> Volume:
+    """Return the volume with all fields waiting; see `from_yt`."""
+    from ...volume import Volume
+
+    with quiet("from_yt"):
+        source = source_of(data)
+        known = fields_of(source)
+        if source.kind == "particles":
+            return volume_of_particles(source, known, fields, unit, dict(units or {}))
+        chosen = known.chosen(fields)
+        grid, load = _layout(source, unit)
+        volume = Volume(grid)
+        volume.meta.update(meta_of(source.ds))
+        for name, field in chosen.items():
+            volume[name] = _deferred(source.ds, field, load, (units or {}).get(name))
+    for name in units or {}:
+        if name not in chosen:
+            raise unknown_name("field", name, chosen)
+    return volume
+
+
+def fields_of(source: Source) -> Fields:
+    """Return the fields that a source has."""
+    if source.kind == "particles":
+        return particle_fields(source.ds, particle_kind(source.ds))
+    return cell_fields(source.ds)
+
+
+def _layout(source: Source, unit: Any) -> tuple[Any, Load]:
+    if source.kind == "sampled":
+        return _sampled(source, unit)
+    from .layout import layout
+
+    return layout(source, lattice_of(source.ds, unit))
+
+
+def _sampled(source: Source, unit: Any) -> tuple[Any, Load]:
+    """Return the grid of an array that yt samples."""
+    from ...grids import CartesianGrid
+
+    region = source.region
+    if str(source.ds.geometry) != "cartesian":
+        raise InputError(f"arrays sampled in {source.ds.geometry} coordinates cannot be used")
+    ends = np.array([_code_lengths(region.left_edge), _code_lengths(region.right_edge)])
+    unit, factor = length_unit(source.ds, float(np.ptp(ends, axis=0).max()), unit)
+    grid = CartesianGrid.uniform(region.ActiveDimensions.tolist(), (ends * factor).T, unit=unit)
+    return grid, lambda field, wanted: plain_values(region[field], wanted)
+
+
+def _code_lengths(values: Any) -> np.ndarray:
+    return np.asarray(values.to("code_length").d)
+
+
+def _deferred(ds: Any, field: tuple[str, str], load: Load, wanted: Any) -> Deferred:
+    """Return a field that is read when it is used, in the unit wanted."""
+    own, unit = units_of_field(ds, field)
+    factor = 1.0
+    if wanted is not None:
+        unit, factor = converted(field, unit, wanted)
+    return Deferred(functools.partial(_load, load, field, own, factor), np.float64, unit)
+
+
+def _load(load: Load, field: tuple[str, str], unit: Any, factor: float) -> Any:
+    with quiet():
+        values = load(field, unit)
+    return values if factor == 1 else values * factor

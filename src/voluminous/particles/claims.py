@@ -1,0 +1,66 @@
+"""Which cells are too wide for the particles that reach into them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from .base import Base
+
+# A particle's size matters at its centre, and at the corners of the cube in its sphere: without
+# these, wide cells beside fine ones are a part of many kernels, and interpolation smears them out
+# (columns of an SPH disc: 11 % too much, with them 0.5 %).
+_CLAIMS = ((0.0, 0.0, 0.0), *itertools.product((-(3**-0.5), 3**-0.5), repeat=3))
+# Particles looked at at once: temporary arrays stay small.
+_CHUNK = 1 << 18
+
+
+def claimed_cells(
+    base: Base, points: np.ndarray, reach: np.ndarray, widest: np.ndarray, most: int
+) -> list[np.ndarray]:
+    """Return for each level the numbers of the cells that have to be split, ascending.
+
+    Parameters
+    ----------
+    base : Base
+    points : array, shape (n, 3)
+    reach, widest : array, shape (n,)
+        How far particles reach, and how wide cells may be there.
+    most : int
+        Levels that there are at most.
+    """
+    found: list[list[np.ndarray]] = [[np.empty(0, np.uint64)] for _ in range(most)]
+    for first in range(0, len(points), _CHUNK):
+        part = slice(first, first + _CHUNK)
+        for level, numbers in _claims(base, points[part], reach[part], widest[part], most):
+            found[level].append(numbers)
+    claimed = [np.unique(np.concatenate(numbers)) for numbers in found]
+    for level in range(most - 1, 0, -1):
+        parents = _parents(base, claimed[level], level)
+        claimed[level - 1] = np.unique(np.concatenate([claimed[level - 1], parents]))
+    return claimed
+
+
+def _claims(
+    base: Base, points: np.ndarray, reach: np.ndarray, widest: np.ndarray, most: int
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield levels, and numbers of cells there that are just too wide."""
+    wanted = np.ceil(np.log2(base.width.max() / widest) - 1e-9)
+    level = np.clip(wanted, 0, most).astype(np.int64) - 1
+    for offset in _CLAIMS:
+        near = base.wrapped(points + reach[:, None] * np.array(offset))
+        here = np.flatnonzero(base.inside(near) & (level >= 0))
+        cells = base.places(near[here], most) >> (most - level[here])[:, None]
+        numbers = base.numbers(cells, level[here])
+        for own in np.unique(level[here]):
+            yield int(own), np.unique(numbers[level[here] == own])
+
+
+def _parents(base: Base, numbers: np.ndarray, level: int) -> np.ndarray:
+    """Return the numbers of the parents of cells of a level."""
+    nx, ny, _ = (np.uint64(n) << np.uint64(level) for n in base.counts)
+    rows, x = np.divmod(numbers, nx)
+    z, y = np.divmod(rows, ny)
+    return np.unique(base.numbers(np.stack([x, y, z], axis=1) >> np.uint64(1), level - 1))

@@ -1,0 +1,162 @@
+"""How particles are placed on a grid: of which kind they are, where it is, how fine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..grids import CartesianGrid
+from ..memory import check_memory
+from ..units import plain
+from .base import Base
+from .cells import CellsDeposit
+from .deposit import Deposit
+from .inputs import LARGEST, Particles, check_lengths, positive
+from .kernels import get_kernel
+from .lengths import smoothing_lengths
+from .octree import DEEPEST, Refinement, octree_around
+from .smoothed import SmoothedDeposit
+
+# Widest cells of few particles and of many: in smoothing lengths, and in cube roots of mesh cells'
+# volumes. Columns of an SPH disc differ by 1.3 and 2.6 % from the kernels' own, with 6 and 2 cells
+# per particle; those of a Voronoi mesh by 8.6 and 13 % from exact ones, with 28 and 6.
+_SMOOTHED_WIDTHS, _MESH_WIDTHS, _FEW = (1.0, 1.5), (0.5, 1.0), 50_000
+# Memory that a particle takes: coordinates, keys, their sorting.
+_PARTICLE_BYTES = 300
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """What kind of particles they are.
+
+    Attributes
+    ----------
+    size : array, shape (n,)
+        The scale on which a particle is resolved.
+    reach : array, shape (n,)
+        How far it reaches.
+    volume : array or None, shape (n,)
+        Of the cells of a mesh; None for particles that are smoothed.
+    """
+
+    size: np.ndarray
+    reach: np.ndarray
+    volume: np.ndarray | None = None
+
+    @property
+    def cell_width(self) -> float:
+        """How wide cells are at most, in sizes, if nobody tells."""
+        widths = _SMOOTHED_WIDTHS if self.volume is None else _MESH_WIDTHS
+        return widths[len(self.size) > _FEW]
+
+
+def deposit(
+    given: Particles,
+    *,
+    smoothing_length: Any = None,
+    volume: Any = None,
+    density: Any = None,
+    kernel: str = "cubic",
+    bounds: Any = None,
+    periodic: bool = False,
+    max_particles: int = 8,
+    cell_width: float | None = None,
+    min_level: int = 0,
+    max_level: int = DEEPEST,
+) -> Deposit:
+    """Return particles placed on an octree; parameters are those of `from_particles`."""
+    _check_options(len(given.mass), max_particles, cell_width, min_level, max_level)
+    smooth, box = get_kernel(kernel), _box(bounds, periodic, given.unit)
+    points = given.points if box is None else _placed(box, given.points)
+    if volume is not None or density is not None:
+        sizes = _of_mesh(given, smoothing_length, volume, density)
+    else:
+        sizes = _of_kernels(given, smoothing_length, smooth.support, box, points)
+    check_lengths(sizes.size, "sizes of particles", 1 / LARGEST)
+    base = _around(points, sizes) if box is None else box
+    widest = (cell_width or sizes.cell_width) * sizes.size
+    rule = Refinement(max_particles, sizes.size, widest, sizes.reach, min_level, max_level)
+    grid = octree_around(base, points, rule, given.unit)
+    if sizes.volume is None:
+        return SmoothedDeposit(base, grid, points, given.mass, sizes.reach, smooth)
+    # The cells of a mesh are longer here and there than they are wide.
+    return CellsDeposit(base, grid, points, given.mass, sizes.volume, 3 * sizes.reach)
+
+
+def _box(bounds: Any, periodic: bool, unit: Any) -> Base | None:
+    """Return the domain that a user gives."""
+    if bounds is not None:
+        return Base.within(_limits(bounds, unit), periodic)
+    if periodic:
+        raise InputError("a periodic domain needs bounds=((x0, x1), (y0, y1), (z0, z1))")
+    return None
+
+
+def _placed(box: Base, points: np.ndarray) -> np.ndarray:
+    """Return positions, those of a periodic domain in it."""
+    points = box.wrapped(points)
+    if not box.inside(points).any():
+        raise InputError(f"no particle is inside of bounds {box.bounds.tolist()}")
+    return points
+
+
+def _of_mesh(given: Particles, smoothing_length: Any, volume: Any, density: Any) -> _Sizes:
+    if smoothing_length is not None or (volume is not None and density is not None):
+        raise InputError(
+            "give one of smoothing_length (SPH), volume or density (cells of a mesh); what else "
+            "particles have may be among fields"
+        )
+    volumes = given.volumes(volume, density)
+    size = np.cbrt(volumes)
+    return _Sizes(size, size, volumes)
+
+
+def _of_kernels(
+    given: Particles, length: Any, support: float, box: Base | None, points: np.ndarray
+) -> _Sizes:
+    if length is None:
+        h = smoothing_lengths(box if box is not None and box.periodic else None, points)
+    else:
+        h = positive(length, given.unit, "smoothing_length", len(points))
+    radius = support * h
+    if box is not None and box.periodic:  # broader ones would need images of images
+        radius = np.minimum(radius, np.ptp(box.bounds, axis=1).min())
+    return _Sizes(h, radius)
+
+
+def _around(points: np.ndarray, sizes: _Sizes) -> Base:
+    """Return the domain of all that particles reach; cells of a mesh end half a width outside."""
+    reach = sizes.reach if sizes.volume is None else 0.5 * sizes.reach
+    low = (points - reach[:, None]).min(axis=0)
+    high = (points + reach[:, None]).max(axis=0)
+    return Base.around(np.stack([low, high], axis=1))
+
+
+def _limits(bounds: Any, unit: Any) -> np.ndarray:
+    """Return bounds as an array (3, 2) in the unit of the particles."""
+    box = CartesianGrid.uniform(1, bounds, unit=unit)
+    limits: np.ndarray = box.bounds
+    if box.unit != unit:
+        from astropy import units as u
+
+        limits = plain(u.Quantity(limits, box.unit), unit, "bounds")
+    check_lengths(np.ptp(limits, axis=1), "widths of bounds", 1 / LARGEST)
+    return limits
+
+
+def _check_options(
+    count: int, max_particles: int, cell_width: float | None, min_level: int, max_level: int
+) -> None:
+    if not max_particles >= 1:
+        raise InputError(f"max_particles must be at least 1, got {max_particles!r}")
+    if cell_width is not None and not cell_width > 0:
+        raise InputError(f"cell_width must be positive, got {cell_width!r}")
+    if not 0 <= min_level <= max_level <= DEEPEST:
+        raise InputError(
+            f"expected 0 <= min_level <= max_level <= {DEEPEST}, got {min_level!r}, {max_level!r}"
+        )
+    advice = "give a part of them, or use a machine with more memory"
+    check_memory(count * _PARTICLE_BYTES, f"placing {count} particles on a grid", advice)

@@ -1,0 +1,152 @@
+"""What a user gives for particles, checked, as plain numbers in one set of units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..fields import split_unit
+from ..units import parse_unit, plain, unit_of
+
+_COMPONENTS = "xyz"
+# Lengths beyond have no cubes in double precision.
+LARGEST = 1e90
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Positions and masses.
+
+    Attributes
+    ----------
+    points : array of float64, shape (n, 3)
+    mass : array of float64, shape (n,)
+    unit, mass_unit : astropy unit or None
+    """
+
+    points: np.ndarray
+    mass: np.ndarray
+    unit: Any
+    mass_unit: Any
+
+    @property
+    def density_unit(self) -> Any:
+        """Unit of mass per volume, None if it has none."""
+        if self.mass_unit is None and self.unit is None:
+            return None
+        from astropy import units as u
+
+        one = u.dimensionless_unscaled
+        return (self.mass_unit or one) / (self.unit or one) ** 3
+
+    def volumes(self, volume: Any, density: Any) -> np.ndarray:
+        """Return the volumes of cells that are given by volume, or by density."""
+        count = len(self.mass)
+        if density is None:
+            cubed = None if self.unit is None else self.unit**3
+            return positive(volume, cubed, "volume", count)
+        dense = positive(density, self.density_unit, "density", count)
+        if not (self.mass > 0).all():
+            raise InputError("cells of a mesh need positive masses: their volume is mass / density")
+        return self.mass / dense
+
+
+def particles(positions: Any, masses: Any, unit: Any) -> Particles:
+    """Return particles as they are given to `from_particles`.
+
+    Raises
+    ------
+    InputError
+        If there are none, positions are not of shape (n, 3), or something is not finite.
+    UnitsError
+        If units are unknown.
+    """
+    own = unit_of(positions)
+    unit = parse_unit(unit) if own is None else own
+    points = plain(positions, unit, "positions")
+    if np.ndim(points) != 2 or points.shape[1] != 3 or len(points) == 0:
+        raise InputError(
+            "positions must be of shape (n, 3), one row x, y, z per particle, got shape "
+            f"{np.shape(points)}"
+        )
+    _check_finite(points, "positions")
+    check_lengths(np.abs(points).max(), "positions")
+    mass_unit = unit_of(masses)
+    mass = per_particle(plain(masses, mass_unit, "masses"), "masses", len(points))
+    if (mass < 0).any():
+        raise InputError(f"masses must not be negative; that of {_first(mass < 0)} is {mass.min()}")
+    return Particles(np.ascontiguousarray(points), mass, unit, mass_unit)
+
+
+def per_particle(values: Any, what: str, count: int) -> np.ndarray:
+    """Return finite numbers, one for each particle; one number is that of all."""
+    array = np.asarray(values, np.float64)
+    if array.shape not in ((), (count,)):
+        raise InputError(
+            f"{what} must be one number per particle, shape ({count},), got shape {array.shape}"
+        )
+    _check_finite(array, what)
+    return np.ascontiguousarray(np.broadcast_to(array, (count,)))
+
+
+def positive(values: Any, unit: Any, what: str, count: int) -> np.ndarray:
+    """Return positive numbers, one for each particle, in a unit."""
+    array = per_particle(plain(values, unit, what), what, count)
+    if not (array > 0).all():
+        raise InputError(
+            f"{what} must be positive; that of {_first(array <= 0)} is {array[array <= 0][0]}; "
+            "leave such particles out"
+        )
+    return array
+
+
+def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.ndarray, Any]]:
+    """Return name → values and unit of what particles carry; vectors as their components."""
+    found: dict[str, tuple[np.ndarray, Any]] = {}
+    for name, value in (fields or {}).items():
+        values, unit = split_unit(value)
+        array = np.asarray(values)
+        if array.dtype.kind not in "fiub":
+            raise InputError(f"{name!r} must be real numbers, got dtype {array.dtype}")
+        if array.shape == (count, 3):
+            for k, axis in enumerate(_COMPONENTS):
+                found[f"{name}_{axis}"] = np.asarray(array[:, k], np.float64), unit
+        elif array.shape == (count,):
+            found[name] = np.asarray(array, np.float64), unit
+        else:
+            raise InputError(
+                f"{name!r} must be one value or one vector per particle, shape ({count},) or "
+                f"({count}, 3), got shape {array.shape}"
+            )
+    return found
+
+
+def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
+    """Refuse lengths of which cubes are no numbers.
+
+    Raises
+    ------
+    InputError
+        If one is larger than 1e90, or smaller than the smallest.
+    """
+    low, high = float(np.min(lengths)), float(np.max(lengths))
+    if not smallest <= low or not high <= LARGEST:
+        raise InputError(
+            f"{what} must be between {smallest:g} and {LARGEST:g} in the unit of length, got {low} "
+            f"to {high}; use another unit"
+        )
+
+
+def _check_finite(array: np.ndarray, what: str) -> None:
+    if not np.isfinite(array).all():
+        raise InputError(
+            f"{what} must be finite; {_first(~np.isfinite(array))} is not. Leave such particles out"
+        )
+
+
+def _first(bad: np.ndarray) -> str:
+    return f"particle {int(np.argwhere(np.atleast_1d(bad))[0][0])}"

@@ -1,0 +1,68 @@
+"""``array.voluminous``: pictures and volumes of what xarray holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .image import Image
+    from .volume import Volume
+
+NAME = "voluminous"
+# Options of `to_volume` that `render` takes too; all others are those of `voluminous.render`.
+_PLACES = ("fields", "dims", "isel", "sel", "bounds", "spacing", "aspect", "unit")
+# Seen from obliquely above.
+_INCL, _PHI = 60.0, 30.0
+
+
+class Accessor:
+    """What ``.voluminous`` is on an xarray.DataArray or Dataset."""
+
+    def __init__(self, data: Any) -> None:
+        self._data = data
+
+    def to_volume(self, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume; see `voluminous.from_xarray` for the options."""
+        from .io import from_xarray
+
+        return from_xarray(self._data, fields, **options)
+
+    def render(self, medium: Any = None, camera: Any = None, **options: Any) -> Image:
+        """Return a picture.
+
+        Parameters
+        ----------
+        medium : Medium or str, optional
+            By default `voluminous.auto` finds one, for the field or expression if that is given.
+        camera : camera, optional
+            By default all is seen, from obliquely above.
+        **options
+            ``fields, dims, isel, sel, bounds, spacing, aspect, unit`` as in
+            `voluminous.from_xarray`; all others as in `voluminous.render`.
+        """
+        from .calibration import auto
+        from .cameras import Orthographic
+        from .rendering import render
+
+        places = {name: options.pop(name) for name in _PLACES if name in options}
+        volume = self.to_volume(**places)
+        if medium is None or isinstance(medium, str):
+            medium = auto(volume, medium)
+        if camera is None:
+            camera = Orthographic(incl=_INCL, phi=_PHI)
+        return render(volume, medium, camera, **options)
+
+    def __repr__(self) -> str:
+        return "<voluminous: .to_volume(…), .render(…)>"
+
+
+def register() -> None:
+    """Give xarray's arrays and data sets the accessor, unless they have it."""
+    import xarray
+
+    for kind, attach in (
+        (xarray.DataArray, xarray.register_dataarray_accessor),
+        (xarray.Dataset, xarray.register_dataset_accessor),
+    ):
+        if not hasattr(kind, NAME):
+            attach(NAME)(Accessor)

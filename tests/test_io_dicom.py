@@ -1,0 +1,310 @@
+"""DICOM: series in any order, their values, and what makes no volume."""
+
+import contextlib
+import warnings
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+from scanner_files import (
+    ORIGIN,
+    UPRIGHT,
+    VALUES,
+    WIDTHS,
+    check_places,
+    dicom_frames,
+    dicom_slice,
+    tracemalloc_peak,
+    write_dicom,
+)
+
+
+@pytest.fixture
+def pydicom():
+    return pytest.importorskip("pydicom")
+
+
+def series(directory, values=VALUES, steps=UPRIGHT, **changes):
+    return write_dicom(directory / "series", values, ORIGIN, steps, **changes)
+
+
+def test_dicom_values_are_rescaled_and_stay_integers(tmp_path, pydicom):
+    stored = np.abs(VALUES).astype(np.uint16)
+    path = series(
+        tmp_path,
+        stored,
+        BitsStored=12,
+        HighBit=11,
+        RescaleSlope=1,
+        RescaleIntercept=-1024,
+        RescaleType="HU",
+        SeriesDescription="thorax",
+    )
+    volume = vm.open(path)
+    assert volume.fields == ("ct",)
+    assert volume.array("ct").dtype == np.int16
+    np.testing.assert_array_equal(volume.array("ct"), stored.astype(int) - 1024)
+    told = {"modality": "CT", "series": "thorax", "rescale_type": "HU", "space": "LPS"}
+    assert volume.meta == told
+
+
+@pytest.mark.parametrize(
+    ("bits", "signed", "slope", "intercept", "dtype"),
+    [
+        (8, False, 1, 0, np.uint8),
+        (16, True, 1, 0, np.int16),
+        (16, True, 1, -1024, np.int32),
+        (16, False, 1, 0, np.uint16),
+        (12, False, 2, -1000, np.int16),
+        (16, False, 0.5, 0, np.float32),
+    ],
+)
+def test_dicom_types_hold_all_values(tmp_path, pydicom, bits, signed, slope, intercept, dtype):
+    stored = np.dtype(f"{'i' if signed else 'u'}{2 if bits > 8 else 1}")
+    ends = (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) if signed else (0, 2**bits - 1)
+    values = np.array(ends, stored).repeat(60).reshape(4, 5, 6)
+    path = series(
+        tmp_path,
+        values,
+        BitsStored=bits,
+        HighBit=bits - 1,
+        RescaleSlope=slope,
+        RescaleIntercept=intercept,
+    )
+    got = vm.open(path).array("ct")
+    assert got.dtype == dtype
+    np.testing.assert_array_equal(got, values * float(slope) + intercept)
+
+
+def test_bits_beside_the_value_are_left_out(tmp_path, pydicom):
+    clean = np.abs(VALUES).astype(np.uint16)
+    path = series(tmp_path, clean | 0x8000, BitsStored=12, HighBit=11)
+    np.testing.assert_array_equal(vm.open(path).array("ct"), clean)
+    negative = np.where(VALUES < 0, VALUES.astype(np.uint16) & 0x0FFF, VALUES.astype(np.uint16))
+    path = series(tmp_path, negative, BitsStored=12, HighBit=11, PixelRepresentation=1)
+    expected = np.where(VALUES >= 2048, VALUES - 4096, VALUES)
+    np.testing.assert_array_equal(vm.open(path).array("ct"), expected)
+
+
+def test_slopes_may_differ_from_slice_to_slice(tmp_path, pydicom):
+    path = series(tmp_path, Modality="PT", Units="BQML")
+    for k, file in enumerate(sorted(path.iterdir())):
+        head = pydicom.dcmread(file)
+        head.RescaleSlope, head.RescaleIntercept = 0.5 + k, 0
+        head.save_as(file)
+    slopes = {file.name: 0.5 + k for k, file in enumerate(sorted(path.iterdir()))}
+    volume = vm.open(path)
+    for k in range(6):
+        factor = slopes[f"IM{3 * k % 11:02d}"]
+        np.testing.assert_array_equal(volume.array("pt")[:, :, k], factor * VALUES[:, :, k])
+    assert volume.units["pt"] == "Bq / ml"
+
+
+def test_missing_and_irregular_slices(tmp_path, pydicom):
+    path = series(tmp_path)
+    (path / "IM06").unlink()  # k = 2
+    with pytest.warns(UserWarning, match="behind slice 2 of 5: slices seem to be missing"):
+        volume = vm.open(path)
+    z = ORIGIN[2] + 2.0 * np.array([0, 1, 3, 4, 5])
+    edges = [z[0] - 1, *(z[1:] + z[:-1]) / 2, z[-1] + 1]
+    np.testing.assert_allclose(volume.grid.edges[2], edges)
+    np.testing.assert_array_equal(volume.array("ct"), np.delete(VALUES, 2, axis=2))
+
+
+def test_positions_that_were_rounded_are_equally_spaced(tmp_path, pydicom):
+    path = tmp_path / "series"
+    path.mkdir()
+    for k in range(6):
+        place = ORIGIN + np.array([0, 0, round(k * 1.25, 1)])
+        dicom_slice(VALUES[:, :, k], place, UPRIGHT).save_as(
+            path / f"{k}", enforce_file_format=True
+        )
+    # A tenth in 1.25 is more than rounding may do; a hundredth is not.
+    with pytest.warns(UserWarning, match="apart"):
+        assert not vm.open(path).grid.is_uniform
+    for k in range(6):
+        head = pydicom.dcmread(path / f"{k}")
+        head.ImagePositionPatient = [-10, 20, f"{30 + k * 1.255:.2f}"]
+        head.save_as(path / f"{k}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert vm.open(path).grid.is_uniform
+
+
+def test_several_series_are_listed(tmp_path, pydicom):
+    path = series(tmp_path, SeriesNumber=3, SeriesDescription="axial")
+    other = dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT, series="1.2.9")
+    other.SeriesNumber, other.SeriesDescription = 1, "scout"
+    other.save_as(path / "scout.dcm", enforce_file_format=True)
+    with pytest.raises(vm.InputError, match="series='3': 'axial', CT, 6 files") as failure:
+        vm.open(path)
+    assert "series='1': 'scout', CT, 1 files, 1.2.9" in str(failure.value)
+    for chosen in (3, "3", "axial", "1.2.3.4"):
+        np.testing.assert_array_equal(vm.open(path, series=chosen).array("ct"), VALUES)
+    np.testing.assert_array_equal(vm.open(path / "IM03").array("ct"), VALUES)
+    with pytest.raises(vm.InputError, match="0 series 7"):
+        vm.open(path, series=7)
+    with pytest.raises(vm.InputError, match="directory only"):
+        vm.open(path / "IM03", series=3)
+
+
+def test_time_steps_at_each_place(tmp_path, pydicom):
+    path = series(tmp_path)
+    for k in range(6):
+        later = dicom_slice(VALUES[:, :, k] + 1, ORIGIN + k * UPRIGHT[2], UPRIGHT)
+        later.InstanceNumber = 100 + k
+        later.save_as(path / f"later{k}", enforce_file_format=True)
+    volume = vm.open(path)
+    np.testing.assert_array_equal(volume.array("ct"), VALUES)
+    assert volume.meta["times"] == 2
+    np.testing.assert_array_equal(vm.open(path, time=1).array("ct"), VALUES + 1)
+    (path / "later3").unlink()
+    with pytest.raises(vm.FileFormatError, match="as many slices at every place, got 1 to 2"):
+        vm.open(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"Columns": 3, "PixelData": bytes(30)}, "IM03 has Columns 3, but IM00 has 4"),
+        ({"ImageOrientationPatient": [0, 1, 0, 0, 0, 1]}, "not parallel"),
+        ({"ImageOrientationPatient": [0, 1, 0, 0, 1, 1]}, "unit vectors"),
+        ({"PixelData": bytes(20)}, "IM03"),
+    ],
+)
+def test_slices_that_make_no_volume(tmp_path, pydicom, changes, told):
+    path = series(tmp_path)
+    head = pydicom.dcmread(path / "IM03")
+    for keyword, value in changes.items():
+        setattr(head, keyword, value)
+    head.save_as(path / "IM03")
+    with pytest.raises(vm.FileFormatError, match=told):
+        vm.open(path)
+
+
+def test_colors_and_tables_of_contents_are_refused(tmp_path, pydicom):
+    path = series(tmp_path)
+    for file in path.iterdir():
+        head = pydicom.dcmread(file)
+        head.SamplesPerPixel = 3
+        head.save_as(file)
+    with pytest.raises(vm.FileFormatError, match="coloured"):
+        vm.open(path)
+    head = pydicom.dcmread(path / "IM03")
+    head.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.1.3.10"
+    head.save_as(tmp_path / "DICOMDIR")
+    with pytest.raises(vm.FileFormatError, match="table of contents"):
+        vm.open(tmp_path / "DICOMDIR")
+
+
+def test_packed_pixels(tmp_path, pydicom):
+    path = series(tmp_path)
+    for file in path.iterdir():
+        head = pydicom.dcmread(file)
+        head.compress(pydicom.uid.RLELossless)
+        head.save_as(file)
+    np.testing.assert_array_equal(vm.open(path).array("ct"), VALUES)
+
+
+def test_a_missing_decoder_is_named(tmp_path, pydicom, monkeypatch):
+    path = series(tmp_path)
+    for file in path.iterdir():
+        head = pydicom.dcmread(file)
+        head.file_meta.TransferSyntaxUID = pydicom.uid.HTJ2KLossless
+        head.PixelData = pydicom.encaps.encapsulate([bytes(100)])
+        head["PixelData"].is_undefined_length = True
+        head.save_as(file)
+    decoder = pydicom.pixels.get_decoder(pydicom.uid.HTJ2KLossless)
+    monkeypatch.setattr(decoder, "_available", {})
+    with pytest.raises(vm.MissingPackageError, match=r"High-Throughput.*pylibjpeg"):
+        vm.open(path)
+
+
+def test_doses_have_offsets_of_frames(tmp_path, pydicom):
+    head = dicom_slice(VALUES[:, :, 0].astype(np.uint16), ORIGIN, UPRIGHT)
+    stored = np.abs(VALUES).astype(np.uint16)
+    head.NumberOfFrames, head.Modality = 6, "RTDOSE"
+    head.GridFrameOffsetVector = [0, -2, -4, -6, -8, -10]
+    head.DoseGridScaling, head.DoseUnits = "0.001", "GY"
+    head.PixelData = stored.transpose(2, 1, 0).tobytes()
+    head.save_as(tmp_path / "dose.dcm", enforce_file_format=True)
+    volume = vm.open(tmp_path / "dose.dcm")
+    assert volume.units["rtdose"] == "Gy"
+    down = np.diag(WIDTHS * [1, 1, -1])
+    check_places(volume, (stored * 0.001).astype(np.float32), ORIGIN, down)
+
+
+def test_slices_without_a_place_go_by_their_numbers(tmp_path, pydicom):
+    path = series(tmp_path)
+    for k in range(6):
+        head = pydicom.dcmread(path / f"IM{3 * k % 11:02d}")
+        del head.ImagePositionPatient
+        head.InstanceNumber = k
+        head.save_as(path / f"IM{3 * k % 11:02d}")
+    volume = vm.open(path)
+    np.testing.assert_array_equal(volume.array("ct"), VALUES)
+    assert "space" not in volume.meta
+    np.testing.assert_array_equal(volume.grid.bounds[:, 0], -WIDTHS / 2)
+
+
+def test_a_directory_without_slices_is_not_ours(tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing")
+    with pytest.raises(vm.FileFormatError, match="no reader knows"):
+        vm.open(tmp_path)
+
+
+@pytest.mark.parametrize("claim", [b"\xff\xff\xff\x7f", b"\xfe\xff\xff\xff"])
+def test_lengths_in_dicom_that_cannot_be(tmp_path, pydicom, claim):
+    frames = dicom_frames(VALUES, ORIGIN, UPRIGHT)
+    path = tmp_path / "frames.dcm"
+    frames.save_as(path, enforce_file_format=True)
+    content = path.read_bytes()
+    at = content.index(b"\xe0\x7f\x10\x00OW") + 8
+    path.write_bytes(content[:at] + claim + content[at + 4 :])
+
+    def opened():
+        # All pixels are there, whatever the length says: to read them is right too.
+        with contextlib.suppress(vm.FileFormatError):
+            np.testing.assert_array_equal(vm.open(path).array("ct"), VALUES)
+
+    assert tracemalloc_peak(opened) < 10_000_000
+
+
+@pytest.mark.parametrize(("keyword", "value"), [("Rows", 60000), ("NumberOfFrames", 90000)])
+def test_sizes_in_dicom_are_compared_with_the_file(tmp_path, pydicom, keyword, value):
+    head = dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT)
+    setattr(head, keyword, value)
+    head.save_as(tmp_path / "a.dcm", enforce_file_format=True)
+    with pytest.raises(vm.FileFormatError, match="cut short"):
+        vm.open(tmp_path / "a.dcm")
+
+
+def test_deflated_dicom_is_refused(tmp_path, pydicom):
+    head = dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT)
+    head.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
+    head.save_as(tmp_path / "a.dcm", enforce_file_format=True)
+    with pytest.raises(vm.FileFormatError, match="deflated"):
+        vm.open(tmp_path / "a.dcm")
+
+
+class TestDICOMSeries(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        pytest.importorskip("pydicom")
+        # Named like what they are: a file that is none of its kind is an error then.
+        return lambda directory: write_dicom(directory / "s", VALUES, ORIGIN, UPRIGHT) / "IM03"
+
+
+class TestDICOMFrames(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        pytest.importorskip("pydicom")
+
+        def write(directory):
+            frames = dicom_frames(VALUES, ORIGIN, UPRIGHT)
+            frames.save_as(directory / "frames.dcm", enforce_file_format=True)
+            return directory / "frames.dcm"
+
+        return write

@@ -1,0 +1,894 @@
+"""FITS cubes: values and places are those that astropy tells, for all kinds of headers."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import shutil
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.io import fits
+from astropy.wcs import WCS
+
+import reference
+import voluminous as vm
+from contracts import ReaderContract
+from voluminous.cli.info import is_image
+from voluminous.io import find_reader
+from voluminous.io.fits.units import lenient_unit
+
+REST = 110.2013541e9
+SKY = {
+    "CTYPE1": "RA---TAN",
+    "CTYPE2": "DEC--TAN",
+    "CRVAL1": 51.3,
+    "CRVAL2": 30.6,
+    "CRPIX1": 4.0,
+    "CRPIX2": 3.0,
+    "CDELT1": -0.01,
+    "CDELT2": 0.01,
+}
+VELOCITY = {"CTYPE3": "VRAD", "CRVAL3": -2e3, "CDELT3": 250.0, "CRPIX3": 2.0, "CUNIT3": "m/s"}
+FREQUENCY = {"CTYPE3": "FREQ", "CRVAL3": REST, "CDELT3": -9e4, "CRPIX3": 2.0, "CUNIT3": "Hz"}
+SHAPE = (10, 9, 8)  # 720 values: the data end where a block ends, and any cut loses some
+
+
+def header(*parts, **cards):
+    made = fits.Header()
+    for part in (*parts, cards):
+        for key, value in part.items():
+            made[key] = value
+    return made
+
+
+def numbers(shape=SHAPE, dtype=np.float32):
+    return np.random.default_rng(5).normal(size=shape).astype(dtype)
+
+
+def written(path, data=None, cards=None, **more):
+    data = numbers() if data is None else data
+    fits.PrimaryHDU(data, header(SKY, VELOCITY) if cards is None else cards).writeto(path, **more)
+    return path
+
+
+def sky_of_cells(volume):
+    """Return longitude, latitude and third coordinate of all cells, from the volume's WCS."""
+    index = np.indices(volume.grid.shape).reshape(3, -1).T
+    return volume.wcs.wcs_pix2world(index, 0)
+
+
+# The contract, for each kind of file
+
+
+class TestPlain(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        return lambda folder: written(folder / "cube.fits", overwrite=True)
+
+
+class TestUnpackedOnTheWay(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def make(folder):
+            path = written(folder / "cube.fits", overwrite=True)
+            (folder / "cube.fits.gz").write_bytes(gzip.compress(path.read_bytes()))
+            return folder / "cube.fits.gz"
+
+        return make
+
+
+class TestCompressedTiles(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def make(folder):
+            whole = (100 * numbers()).astype(np.int32)
+            hdu = fits.CompImageHDU(whole, header(SKY, VELOCITY), compression_type="RICE_1")
+            path = folder / "cube.fits"
+            fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(path, overwrite=True)
+            # The blocks of a table are filled up with zeros, which may be cut without loss.
+            return path
+
+        return make
+
+    @pytest.mark.parametrize("part", [0.0, 0.01, 0.1, 0.3, 0.6])
+    def test_cut_short(self, path, part):
+        super().test_cut_short(path, part)
+
+
+def several(folder):
+    """Write three cubes into one file."""
+    cards = header(SKY, FREQUENCY, RESTFRQ=REST, BUNIT="Jy/beam")
+    hdus = [
+        fits.PrimaryHDU(),
+        fits.ImageHDU(numbers(), cards, name="SCI"),
+        fits.ImageHDU(numbers(dtype=np.int32), cards, name="DQ"),
+        fits.ImageHDU(numbers(dtype=np.float64), cards, name="ERR"),
+    ]
+    path = folder / "several.fits"
+    fits.HDUList(hdus).writeto(path, overwrite=True)
+    return path
+
+
+class TestSeveral(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        return several
+
+
+# Values
+
+
+@pytest.mark.parametrize("dtype", ["u1", "i1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"])
+@pytest.mark.parametrize("suffix", [".fits", ".fits.gz"])
+def test_every_type_comes_back_as_it_was(tmp_path, dtype, suffix):
+    data = (50 + 20 * numbers((4, 3, 5))).astype(dtype)
+    volume = vm.open(written(tmp_path / f"cube{suffix}", data, header()))
+    assert volume.array("intensity").dtype == np.dtype(dtype)
+    np.testing.assert_array_equal(volume.array("intensity"), data.T)
+
+
+@pytest.mark.parametrize("dtype", ["i2", "i4", "u1"])
+@pytest.mark.parametrize("scale", [(1.0, 0.0), (0.5, 3.0)])
+@pytest.mark.parametrize("missing", [True, False])
+def test_scaled_and_blank_integers_are_what_astropy_makes_of_them(tmp_path, dtype, scale, missing):
+    stored = np.arange(60).reshape(3, 4, 5).astype(dtype)
+    hdu = fits.PrimaryHDU(stored)
+    hdu.header["BLANK"] = 7 if missing else 99
+    hdu.header["BSCALE"], hdu.header["BZERO"] = scale
+    hdu.writeto(tmp_path / "cube.fits")
+    found = vm.open(tmp_path / "cube.fits").array("intensity")
+    expected = fits.getdata(tmp_path / "cube.fits").T
+    np.testing.assert_array_equal(found, expected)
+    assert np.isnan(found).sum() == missing
+    assert (found.dtype.kind == "f") == (missing or scale != (1.0, 0.0))
+
+
+@pytest.mark.parametrize("kind", ["RICE_1", "GZIP_1", "GZIP_2", "HCOMPRESS_1"])
+@pytest.mark.parametrize("dtype", ["i2", "f4"])
+def test_compressed_images_are_what_astropy_unpacks(tmp_path, kind, dtype):
+    data = (100 * numbers((4, 8, 9))).astype(dtype)
+    if dtype == "f4":
+        data[1, 2, 3] = np.nan
+    shape = {"HCOMPRESS_1": (1, 8, 9)}.get(kind)
+    hdu = fits.CompImageHDU(data, header(SKY, VELOCITY), compression_type=kind, tile_shape=shape)
+    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(tmp_path / "cube.fits")
+    volume = vm.open(tmp_path / "cube.fits")
+    expected = fits.getdata(tmp_path / "cube.fits", 1)
+    np.testing.assert_array_equal(volume.array("intensity"), expected.T)
+    assert volume.unit == u.arcsec
+
+
+def test_packed_by_bzip2(tmp_path):
+    path = written(tmp_path / "cube.fits")
+    (tmp_path / "cube.bz2").write_bytes(bz2.compress(path.read_bytes()))
+    np.testing.assert_array_equal(
+        vm.open(tmp_path / "cube.bz2").array("intensity"), vm.open(path).array("intensity")
+    )
+
+
+def test_large_files_wait_until_they_are_used(tmp_path, monkeypatch):
+    monkeypatch.setattr(vm.io.registry, "AT_ONCE", 0)
+    volume = vm.open(written(tmp_path / "cube.fits"))
+    assert volume.waiting == ("intensity", "velocity")
+    np.testing.assert_array_equal(volume.array("intensity"), numbers().T)
+    assert volume.waiting == ("velocity",)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("K (Ta*)", u.K),
+        ("K (Tmb)", u.K),
+        ("K Ta*", u.K),
+        ("JY/BEAM", u.Jy / u.beam),
+        ("Jy/beam", u.Jy / u.beam),
+        ("JY/PIXEL", u.Jy / u.pix),
+        ("JY/BEAM.KM/S", u.Jy / u.beam * u.km / u.s),
+        ("km/s", u.km / u.s),
+        ("KM/S", u.km / u.s),
+        ("M/S", u.m / u.s),
+        ("     DEG", u.deg),
+        ("      HZ", u.Hz),
+        ("10**(-20)*erg/s/cm**2/Angstrom", 1e-20 * u.erg / u.s / u.cm**2 / u.AA),
+        ("counts", u.ct),
+        ("", None),
+        ("UNKNOWN", None),
+        ("(((", None),
+    ],
+)
+def test_units_are_read_as_they_are_meant(text, unit):
+    found = lenient_unit(text)
+    assert (found is None) == (unit is None)
+    if unit is not None:
+        assert (1 * found).to_value(unit) == pytest.approx(1, rel=1e-12)
+
+
+def test_the_unit_as_it_was_written_is_kept(tmp_path):
+    cards = header(SKY, VELOCITY, BUNIT="K (Ta*)", OBJECT="L1448")
+    volume = vm.open(written(tmp_path / "cube.fits", cards=cards))
+    assert volume.units["intensity"] == "K"
+    assert (volume.meta["bunit"], volume.meta["object"]) == ("K (Ta*)", "L1448")
+
+
+# Places: each cell is where astropy sees it in the file, east to the left, north up
+
+
+def turned(angle, flip=1.0):
+    """Return the matrix of an image whose y axis has a position angle."""
+    c, s = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    step = 0.01
+    return {
+        "CTYPE1": "RA---TAN",
+        "CTYPE2": "DEC--TAN",
+        "CRVAL1": 51.3,
+        "CRVAL2": 30.6,
+        "CRPIX1": 4.0,
+        "CRPIX2": 3.0,
+        "CD1_1": -flip * step * c,
+        "CD1_2": step * s,
+        "CD2_1": flip * step * s,
+        "CD2_2": step * c,
+        "CD3_3": 250.0,
+        **{key: value for key, value in VELOCITY.items() if not key.startswith("CDELT")},
+    }
+
+
+HEADERS = {
+    "usual": header(SKY, VELOCITY),
+    "east to the right": header(SKY, VELOCITY, CDELT1=0.01),
+    "south up": header(SKY, VELOCITY, CDELT2=-0.01),
+    "both": header(SKY, VELOCITY, CDELT1=0.01, CDELT2=-0.01),
+    "falling velocity": header(SKY, VELOCITY, CDELT3=-250.0),
+    "frequency": header(SKY, FREQUENCY, RESTFRQ=REST),
+    "galactic": header(SKY, VELOCITY, CTYPE1="GLON-CAR", CTYPE2="GLAT-CAR", CRVAL2=0.0),
+    "velocity first": header(
+        {f"{key[:-1]}{(int(key[-1]) % 3) + 1}": v for key, v in {**SKY, **VELOCITY}.items()}
+    ),
+    "latitude first": header(
+        {f"{k[:-1]}{dict(zip('123', '213', strict=True))[k[-1]]}": v for k, v in SKY.items()},
+        VELOCITY,
+    ),
+    **{f"turned by {a}": header(turned(a)) for a in (20, -40, 70, 90, 130, 180, -90)},
+    **{f"turned by {a}, mirrored": header(turned(a, -1.0)) for a in (20, 90, 200)},
+    "crota": header(SKY, VELOCITY, CROTA2=25.0),
+}
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_each_cell_has_its_value_and_its_place(tmp_path, name):
+    data = numbers((6, 7, 8))
+    path = written(tmp_path / "cube.fits", data, HEADERS[name])
+    volume = vm.open(path)
+    # Each value is unique: where it is in the file, and where astropy sees it there.
+    order = np.argsort(data, axis=None)[
+        np.argsort(np.argsort(volume.array("intensity"), axis=None))
+    ]
+    pixels = np.stack(np.unravel_index(order, data.shape), axis=-1)[:, ::-1]
+    wcs = WCS(fits.getheader(path))
+    expected = wcs.wcs_pix2world(pixels, 0)
+    lng, lat, spec = wcs.wcs.lng, wcs.wcs.lat, wcs.wcs.spec
+    found = sky_of_cells(volume)
+    # Pixels are 0.01 degrees, 250 m/s: far above rounding.
+    np.testing.assert_allclose(found[:, :2], expected[:, [lng, lat]], rtol=0, atol=1e-9)
+    velocity = expected[:, spec]
+    if name == "frequency":
+        velocity = (velocity * u.Hz).to_value(u.m / u.s, u.doppler_radio(REST * u.Hz))
+    np.testing.assert_allclose(found[:, 2], velocity, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(volume.array("velocity").ravel(), velocity / 1e3, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_x_runs_to_the_west_y_to_the_north_z_upwards(tmp_path, name):
+    volume = vm.open(written(tmp_path / "cube.fits", numbers((6, 7, 8)), HEADERS[name]))
+    middle = 0.5 * (np.array(volume.grid.shape) - 1)
+    lon, lat, v = volume.wcs.wcs_pix2world(middle + np.vstack([np.zeros(3), np.eye(3)]), 0).T
+    west = -(lon - lon[0]) * np.cos(np.deg2rad(lat[0]))
+    north = lat - lat[0]
+    # Up to a turn of 45 degrees, which is told.
+    assert west[1] > abs(west[2]) - 1e-6
+    assert north[2] > abs(north[1]) - 1e-6
+    assert v[3] > v[0]
+    angle = np.rad2deg(np.arctan2(-west[2], north[2]))
+    # The middle is some pixels from the reference point, where meridians have another direction.
+    assert volume.meta.get("position_angle", 0.0) == pytest.approx(angle, abs=0.1)
+    # Steps on the sky are those of the grid, to the curvature of the sky.
+    widths = [np.diff(edges)[0] for edges in volume.grid.edges[:2]]
+    found = [np.hypot(west[k], north[k]) * 3600 for k in (1, 2)]
+    np.testing.assert_allclose(found, widths, rtol=1e-3)
+
+
+def test_the_grid_is_centred_in_arcseconds_and_as_deep_as_wide(tmp_path):
+    volume = vm.open(written(tmp_path / "cube.fits", numbers((6, 7, 8))))
+    np.testing.assert_allclose(volume.grid.bounds, [(-144, 144), (-126, 126), (-144, 144)])
+    assert (volume.unit, volume.grid.is_uniform) == (u.arcsec, True)
+    deep = vm.open(tmp_path / "cube.fits", depth="1 arcmin")
+    np.testing.assert_allclose(deep.grid.bounds[2], (-30, 30))
+    scaled = vm.open(tmp_path / "cube.fits", spectral_scale=100.0)  # arcsec per km/s: 1.5 km/s
+    np.testing.assert_allclose(scaled.grid.bounds[2], (-75, 75))
+    wide = vm.open(tmp_path / "cube.fits", unit="deg", spectral_scale="0.1 deg s / km")
+    np.testing.assert_allclose(wide.grid.bounds[2], (-0.075, 0.075))
+    for wrong in (0, -1, "deep", (1, 2), np.inf):
+        with pytest.raises(vm.InputError, match="depth must be"):
+            vm.open(tmp_path / "cube.fits", depth=wrong)
+    with pytest.raises(vm.InputError, match="not both"):
+        vm.open(tmp_path / "cube.fits", depth=1, spectral_scale=1)
+    with pytest.raises(vm.UnitsError):
+        vm.open(tmp_path / "cube.fits", unit="pc")
+
+
+@pytest.mark.parametrize(
+    ("cards", "name", "unit", "first"),
+    [
+        (VELOCITY, "velocity", "km / s", -2.25),
+        (
+            {**VELOCITY, "CUNIT3": "KM/S", "CRVAL3": -2.0, "CDELT3": 0.25},
+            "velocity",
+            "km / s",
+            -2.25,
+        ),
+        ({**VELOCITY, "CTYPE3": "VELOCITY"}, "velocity", "km / s", -2.25),
+        ({**VELOCITY, "CTYPE3": "VELO-LSR"}, "velocity", "km / s", -2.25),
+        (FREQUENCY, "frequency", "GHz", (REST - 4 * 9e4) / 1e9),
+        ({**FREQUENCY, "CTYPE3": "FREQ-LSR", "CUNIT3": "      HZ"}, "frequency", "GHz", None),
+        (
+            {
+                "CTYPE3": "AWAV",
+                "CRVAL3": 4750.0,
+                "CDELT3": 1.25,
+                "CRPIX3": 1.0,
+                "CUNIT3": "Angstrom",
+            },
+            "wavelength",
+            "Angstrom",
+            4750.0,
+        ),
+        (
+            {"CTYPE3": "WAVE", "CRVAL3": 2e-6, "CDELT3": 1e-9, "CRPIX3": 1.0, "CUNIT3": "m"},
+            "wavelength",
+            "um",
+            2.0,
+        ),
+        (
+            {"CTYPE3": "DISTANCE", "CDELT3": 5.0, "CRPIX3": 0.5, "CUNIT3": "pc"},
+            "distance",
+            "pc",
+            2.5,
+        ),
+        ({"CTYPE3": "STOKES", "CDELT3": 1.0, "CRVAL3": 1.0, "CRPIX3": 1.0}, "stokes", "", 1.0),
+    ],
+)
+def test_the_third_axis_is_a_field_in_a_unit_people_read(tmp_path, cards, name, unit, first):
+    volume = vm.open(written(tmp_path / "cube.fits", numbers((6, 7, 8)), header(SKY, cards)))
+    assert volume.fields == ("intensity", name)
+    assert volume.units[name] == unit
+    if first is not None:
+        assert volume.array(name)[0, 0, 0] == pytest.approx(first, rel=1e-6)
+
+
+def doppler(convention):
+    return {
+        "radio": u.doppler_radio,
+        "optical": u.doppler_optical,
+        "relativistic": u.doppler_relativistic,
+    }[convention](REST * u.Hz)
+
+
+@pytest.mark.parametrize("convention", ["radio", "optical", "relativistic"])
+@pytest.mark.parametrize("rest", [True, False])
+def test_doppler_conventions_are_those_of_astropy(tmp_path, convention, rest):
+    # Steps of 1 GHz: conventions differ, and cells are not equally wide.
+    cards = header(SKY, FREQUENCY, CDELT3=1e9, **({"RESTFRQ": REST} if rest else {}))
+    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), cards)
+    options = {} if rest else {"rest": f"{REST} Hz"}
+    volume = vm.open(path, velocity=convention, **options)
+    frequency = (REST + 1e9 * (np.arange(6) - 1)) * u.Hz
+    expected = frequency.to_value(u.km / u.s, doppler(convention))[::-1]
+    np.testing.assert_allclose(volume.array("velocity")[0, 0], expected, rtol=1e-6, atol=1e-3)
+    edges = (REST + 1e9 * (np.arange(7) - 1.5)) * u.Hz
+    edges = edges.to_value(u.km / u.s, doppler(convention))[::-1]
+    deep = (edges - edges[0]) / np.ptp(edges) * np.ptp(volume.grid.edges[2])
+    np.testing.assert_allclose(volume.grid.edges[2] - volume.grid.edges[2][0], deep, atol=1e-6)
+    assert volume.grid.is_uniform == (convention == "radio")
+
+
+def test_velocities_want_a_rest_frequency(tmp_path):
+    path = written(tmp_path / "cube.fits", cards=header(SKY, FREQUENCY))
+    with pytest.raises(vm.InputError, match="rest="):
+        vm.open(path, velocity="radio")
+    with pytest.raises(vm.InputError, match="radio"):
+        vm.open(path, velocity="fast")
+    with pytest.raises(vm.InputError, match="frequency or wavelength"):
+        vm.open(path, rest="3 kg")
+
+
+def test_a_cube_in_space_has_its_own_lengths(tmp_path):
+    cards = {f"CTYPE{k}": "LINEAR" for k in (1, 2, 3)}
+    cards |= {f"CUNIT{k}": "pc" for k in (1, 2)} | {"CUNIT3": "kpc"}
+    cards |= {"CRPIX1": 1.0, "CRVAL1": 10.0, "CDELT1": 2.0, "CRPIX2": 0.5, "CDELT2": -1.0}
+    cards |= {"CRPIX3": 0.5, "CDELT3": 0.001}
+    data = numbers((3, 4, 5))
+    volume = vm.open(written(tmp_path / "cube.fits", data, header(cards)))
+    np.testing.assert_allclose(volume.grid.bounds, [(9, 19), (-4, 0), (0, 3)])
+    assert volume.unit == u.pc
+    assert volume.fields == ("intensity",)
+    np.testing.assert_array_equal(volume.array("intensity"), data.T[:, ::-1])
+    in_au = vm.open(tmp_path / "cube.fits", unit="AU")
+    np.testing.assert_allclose(in_au.grid.bounds * u.AU.to(u.pc), volume.grid.bounds)
+
+
+def test_places_and_a_velocity(tmp_path):
+    cards = {f"CUNIT{k}": "pc" for k in (1, 2)} | {"CDELT1": 1.0, "CDELT2": 1.0}
+    volume = vm.open(written(tmp_path / "cube.fits", numbers((3, 4, 5)), header(cards, VELOCITY)))
+    assert (volume.unit, volume.units["velocity"]) == (u.pc, "km / s")
+    np.testing.assert_allclose(np.ptp(volume.grid.bounds, axis=1), (5, 4, 5))
+
+
+@pytest.mark.parametrize("options", [{}, {"wcs": False}, {"bounds": (-1, 1), "unit": "kpc"}])
+def test_cells_without_coordinates(tmp_path, options):
+    cards = header() if not options else header(SKY, VELOCITY)
+    data = numbers((3, 4, 5))
+    volume = vm.open(written(tmp_path / "cube.fits", data, cards), **options)
+    expected = [(-1, 1)] * 3 if "bounds" in options else [(0, 5), (0, 4), (0, 3)]
+    np.testing.assert_array_equal(volume.grid.bounds, expected)
+    np.testing.assert_array_equal(volume.array("intensity"), data.T)
+    assert volume.wcs is None
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        {**SKY, **VELOCITY, "PC1_3": 0.5},  # the sky turns with velocity
+        {"CTYPE1": "X", "CTYPE2": "Y", "CTYPE3": "Z", "PC1_2": 0.5, "CDELT1": 1.0},
+        {**SKY, **VELOCITY, "CDELT3": 0.0},
+        {**SKY, **VELOCITY, "CTYPE2": "DEC--SIN"},
+        {**SKY, **VELOCITY, "CTYPE1": "RA---XYZ", "CTYPE2": "DEC--XYZ"},
+        {"CUNIT1": "pc", "CUNIT2": "s", "CDELT1": 1.0},
+    ],
+)
+def test_coordinates_that_no_grid_has_are_refused_and_can_be_left(tmp_path, cards):
+    path = written(tmp_path / "cube.fits", cards=header(cards))
+    with pytest.raises(vm.FileFormatError, match="wcs=False") as failure:
+        vm.open(path)
+    assert str(path) in str(failure.value)
+    assert vm.open(path, wcs=False).unit is None
+
+
+# Axes and parts
+
+
+def test_axes_of_one_pixel_are_dropped(tmp_path):
+    """As CASA exports them: RA, Dec, Stokes, frequency; and as others do, frequency first."""
+    data = numbers((6, 7, 8))
+    stokes = {"CTYPE3": "STOKES", "CRVAL3": 1.0, "CDELT3": 1.0, "CRPIX3": 1.0}
+    fourth = {f"{key[:-1]}4": value for key, value in FREQUENCY.items()}
+    casa = header(SKY, stokes, fourth, RESTFRQ=REST, BUNIT="Jy/beam", BTYPE="Intensity")
+    one = vm.open(written(tmp_path / "casa.fits", data[:, None], casa))
+    last = {f"{key[:-1]}4": value for key, value in stokes.items()}
+    other = header(SKY, FREQUENCY, last, RESTFRQ=REST)
+    two = vm.open(written(tmp_path / "other.fits", data[None], other))
+    plain = vm.open(written(tmp_path / "plain.fits", data, header(SKY, FREQUENCY, RESTFRQ=REST)))
+    for volume in (one, two):
+        np.testing.assert_array_equal(volume.array("intensity"), plain.array("intensity"))
+        np.testing.assert_array_equal(volume.array("velocity"), plain.array("velocity"))
+        np.testing.assert_allclose(sky_of_cells(volume), sky_of_cells(plain), rtol=1e-12)
+    assert one.units["intensity"] == "Jy / beam"
+
+
+def test_of_four_axes_one_is_chosen(tmp_path):
+    data = numbers((4, 6, 7, 8))
+    fourth = {"CTYPE4": "STOKES", "CRVAL4": 1.0, "CDELT4": 1.0, "CRPIX4": 1.0}
+    path = written(tmp_path / "stokes.fits", data, header(SKY, VELOCITY, fourth))
+    np.testing.assert_array_equal(vm.open(path).array("intensity"), data[0].T)
+    np.testing.assert_array_equal(vm.open(path, plane=2).array("intensity"), data[2].T)
+    for wrong in (4, -1, (0, 0), "Q", 1.5):
+        with pytest.raises(vm.InputError, match="plane"):
+            vm.open(path, plane=wrong)
+    cards = header(SKY, VELOCITY, fourth, CTYPE4="TIME")
+    path = written(tmp_path / "time.fits", data, cards)
+    with pytest.raises(vm.InputError, match="plane=0 … along TIME of 4"):
+        vm.open(path)
+    np.testing.assert_array_equal(vm.open(path, plane=3).array("intensity"), data[3].T)
+
+
+def test_cubes_of_one_file_are_fields(tmp_path):
+    sample = several(tmp_path)
+    volume = vm.open(sample)
+    assert volume.fields == ("sci", "dq", "err", "velocity")
+    assert [volume.array(n).dtype for n in ("sci", "dq", "err")] == ["f4", "i4", "f8"]
+    assert vm.open(sample, hdu="err").fields == ("err", "velocity")
+    assert vm.open(sample, hdu=2).fields == ("dq", "velocity")
+    assert vm.open(sample, ["ERR"]).fields == ("err",)
+    with pytest.raises(vm.UnknownNameError, match="SCI"):
+        vm.open(sample, hdu="SCII")
+
+
+def test_cubes_on_different_grids_are_not_mixed(tmp_path):
+    moved = header(SKY, VELOCITY, CRVAL1=80.0)
+    hdus = [
+        fits.PrimaryHDU(numbers((6, 7, 8)), header(SKY, VELOCITY)),
+        fits.ImageHDU(numbers((6, 7, 9)), header(SKY, VELOCITY), name="WIDE"),
+        fits.ImageHDU(numbers((6, 7, 8)), header(SKY, VELOCITY, CDELT3=-250.0), name="OTHER"),
+        fits.ImageHDU(numbers((6, 7, 8)), moved, name="MOVED"),
+    ]
+    fits.HDUList(hdus).writeto(tmp_path / "cube.fits")
+    with pytest.raises(vm.InputError, match="hdu="):
+        vm.open(tmp_path / "cube.fits")
+    for other in ("other", "moved"):
+        with pytest.raises(vm.InputError, match="one grid"):
+            vm.open(tmp_path / "cube.fits", ["intensity", other])
+    assert vm.open(tmp_path / "cube.fits", "wide").grid.shape == (9, 7, 6)
+
+
+def test_a_cube_of_radmc3d(tmp_path):
+    """Cards as radmc3dPy writes them."""
+    cards = header(
+        {
+            "CRPIX1": 4.5,
+            "CDELT1": -1e-5,
+            "CRVAL1": 47.5,
+            "CUNIT1": "     DEG",
+            "CTYPE1": "RA---SIN",
+        },
+        {
+            "CRPIX2": 4.0,
+            "CDELT2": 1e-5,
+            "CRVAL2": -10.0,
+            "CUNIT2": "     DEG",
+            "CTYPE2": "DEC--SIN",
+        },
+        {"CRPIX3": 1.0, "CDELT3": 1e5, "CRVAL3": REST, "CUNIT3": "      HZ", "CTYPE3": "FREQ-LSR"},
+        {"RESTFRQ": REST, "BUNIT": "JY/PIXEL", "BTYPE": "INTENSITY", "EPOCH": 2000.0},
+        {"BZERO": 0.0, "BSCALE": 1.0, "LONPOLE": 180.0},
+    )
+    data = numbers((6, 7, 8), np.float64)
+    volume = vm.open(written(tmp_path / "image.fits", data, cards))
+    assert volume.fields == ("intensity", "velocity")
+    assert volume.units == {"intensity": "Jy / pix", "velocity": "km / s"}
+    np.testing.assert_array_equal(volume.array("intensity"), data[::-1].T)
+    assert volume.array("velocity")[0, 0, -1] == pytest.approx(0, abs=1e-6)
+
+
+# Pictures and cubes
+
+
+def test_pictures_are_told_from_cubes_by_content(tmp_path):
+    cube, picture, flat = (tmp_path / name for name in ("cube.fits", "picture.fits", "flat.fits"))
+    written(cube)
+    vm.Image(np.ones((4, 5, 3))).save(picture)
+    fits.writeto(flat, np.ones((4, 5)))
+    assert [is_image(path) for path in (cube, picture, flat)] == [False, True, True]
+    assert vm.Image.load(flat).shape == (4, 5, 1)
+    for path in (picture, flat):
+        with pytest.raises(vm.FileFormatError, match=r"vm\.Image\.load reads"):
+            vm.open(path)
+    (tmp_path / "empty.fits").write_bytes(b"")
+    assert is_image(tmp_path / "no_such_file.fits")
+    for content in (b"", b"SIMPLE  =", b"\x1f\x8b\x08 no gzip"):
+        (tmp_path / "empty.fits").write_bytes(content)
+        is_image(tmp_path / "empty.fits")  # does not raise
+
+
+# The sky in pictures
+
+
+def seen(path, camera, **options):
+    volume = vm.open(path, **options)
+    medium = vm.Coefficients("1 + 0 * intensity", 0)
+    return volume, vm.render(volume, medium, camera, scheme="first-order", tolerance=None)
+
+
+def sky_at(volume, points):
+    """Return longitude and latitude of points (x, y) on the grid, by the volume's WCS."""
+    widths = [np.diff(edges).mean() for edges in volume.grid.edges[:2]]
+    pixels = [
+        (p - e[0]) / h - 0.5 for p, e, h in zip(points, volume.grid.edges, widths, strict=False)
+    ]
+    return volume.wcs.celestial.wcs_pix2world(np.transpose(pixels), 0)
+
+
+@pytest.mark.parametrize("name", ["usual", "east to the right", "turned by -40", "galactic"])
+@pytest.mark.parametrize("posang", [0.0, 30.0])
+@pytest.mark.parametrize("incl", [0.0, 180.0])
+def test_a_picture_along_the_spectrum_knows_the_sky(tmp_path, name, posang, incl):
+    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), HEADERS[name])
+    camera = vm.Orthographic(incl, 0, posang, resolution=(11, 9), shift=(20.0, -7.0))
+    volume, image = seen(path, camera)
+    px, py = (a.ravel() for a in np.meshgrid(image.x, image.y))
+    c, s = np.cos(np.deg2rad(posang)), np.sin(np.deg2rad(posang))
+    down = 1.0 if incl == 0 else -1.0
+    # RADMC-3D's rotations: the position angle, then half a turn about x.
+    x, y = c * px + s * py, down * (c * py - s * px)
+    rows, columns = np.divmod(np.arange(px.size), 11)
+    found = image.wcs.wcs_pix2world(np.transpose([columns, rows]), 0)
+    np.testing.assert_allclose(found, sky_at(volume, (x, y)), rtol=0, atol=1e-10)
+
+
+def test_the_picture_of_a_whole_cube_has_its_wcs(tmp_path):
+    data = np.ones((6, 8, 8), np.float32)
+    path = written(tmp_path / "cube.fits", data, header(SKY, VELOCITY))
+    _, image = seen(path, vm.Orthographic(0, 0, resolution=8))
+    wcs, pixels = WCS(fits.getheader(path)).celestial, np.indices((8, 8)).reshape(2, -1).T
+    np.testing.assert_allclose(
+        image.wcs.wcs_pix2world(pixels, 0), wcs.wcs_pix2world(pixels, 0), rtol=0, atol=1e-11
+    )
+    # The pixel in the upper left is north-east of the middle.
+    lon, lat = image.wcs.wcs_pix2world([[0, 7], [3.5, 3.5]], 0).T
+    assert lon[0] > lon[1]
+    assert lat[0] > lat[1]
+
+
+@pytest.mark.parametrize("posang", [0.0, 90.0, 180.0])
+@pytest.mark.parametrize("phi", [0.0, 35.0])
+@pytest.mark.parametrize("cards", [VELOCITY, {**FREQUENCY, "CDELT3": 1e9, "RESTFRQ": REST}])
+def test_a_picture_across_the_spectrum_has_positions_and_velocities(tmp_path, posang, phi, cards):
+    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), header(SKY, cards))
+    volume, image = seen(path, vm.Orthographic(90, phi, posang, resolution=9), velocity="radio")
+    across = int(posang == 90.0)  # the axis of offsets is the first, unless it was turned up
+    assert image.wcs.wcs.ctype[across] == "OFFSET"
+    assert image.wcs.wcs.ctype[1 - across] == "VRAD"
+    found = image.wcs.wcs_pix2world(np.transpose([np.arange(9), np.arange(9)]), 0)
+    np.testing.assert_allclose(found[:, across], (image.x, image.y)[across], atol=1e-9)
+    # z is along the picture's other axis, and proportional to velocity.
+    z = (image.y, -image.x)[across] if posang != 180.0 else -image.y
+    velocity, depth = volume.array("velocity")[0, 0], volume.grid.centers[2]
+    expected = np.polyval(np.polyfit(depth, velocity, 1), z)
+    np.testing.assert_allclose(found[:, 1 - across] / 1e3, expected, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [vm.Orthographic(60, 30, resolution=4), vm.Perspective((0, 0, 900), (0, 0, 0), resolution=4)],
+)
+def test_other_pictures_have_plain_axes(tmp_path, camera):
+    _, image = seen(written(tmp_path / "cube.fits"), camera)
+    assert image.wcs is None
+    assert image.unit == (camera.plane_unit or "arcsec")
+
+
+@pytest.mark.parametrize("suffix", [".fits", ".npz", ".png", ".tif"])
+@pytest.mark.parametrize("incl", [0.0, 90.0])
+def test_the_sky_is_saved_with_the_picture(tmp_path, suffix, incl):
+    _, image = seen(written(tmp_path / "cube.fits"), vm.Orthographic(incl, resolution=(9, 7)))
+    image.save(tmp_path / f"picture{suffix}")
+    again = vm.Image.load(tmp_path / f"picture{suffix}")
+    np.testing.assert_array_equal(again.x, image.x)
+    np.testing.assert_array_equal(again.y, image.y)
+    assert (again.unit, again.pixel_size) == (image.unit, image.pixel_size)
+    pixels = np.indices((9, 7)).reshape(2, -1).T
+    expected = image.wcs.wcs_pix2world(pixels, 0)
+    # Cards hold twelve digits.
+    np.testing.assert_allclose(again.wcs.wcs_pix2world(pixels, 0), expected, rtol=1e-9, atol=1e-9)
+    if suffix == ".fits":
+        found = WCS(fits.getheader(tmp_path / "picture.fits")).sub(2)
+        np.testing.assert_allclose(found.wcs_pix2world(pixels, 0), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_a_picture_that_was_cut_keeps_the_sky(tmp_path):
+    _, image = seen(written(tmp_path / "cube.fits"), vm.Orthographic(0, resolution=8))
+    image.save(tmp_path / "picture.fits")
+    with fits.open(tmp_path / "picture.fits", mode="update") as hdus:
+        hdus[0].data = hdus[0].data[2:]
+        hdus[0].header["CRPIX2"] -= 2
+    again = vm.Image.load(tmp_path / "picture.fits")
+    np.testing.assert_allclose(
+        again.wcs.wcs_pix2world([[1, 0]], 0), image.wcs.wcs_pix2world([[1, 2]], 0), rtol=1e-11
+    )
+
+
+def test_plots_show_the_sky(tmp_path):
+    from matplotlib.figure import Figure
+
+    path = written(tmp_path / "cube.fits")
+    _, image = seen(path, vm.Orthographic(0, resolution=8))
+    axes = image.plot(scale_bar=True)
+    assert axes.get_xlabel() == "right ascension"
+    assert axes.get_ylabel() == "declination"
+    # The axes count in pixels; a bar of L arcsec is L / pixel_size of them.
+    (bar,) = [line for line in axes.lines if line.get_gid() == "scale-bar"]
+    length = float(axes.texts[0].get_text().split()[0])
+    assert np.ptp(bar.get_xdata()) == pytest.approx(length / image.pixel_size[0])
+    plain = image.plot(Figure().add_subplot())
+    assert plain.get_xlabel() == "x [arcsec]"
+    _, slit = seen(path, vm.Orthographic(90, resolution=8))
+    axes = slit.plot()
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "offset [arcsec]",
+        "velocity (radio) [km / s]",
+    )
+    plain = slit.plot(Figure().add_subplot())
+    assert plain.get_ylabel() == "velocity (radio) [km / s]"
+    # 10 channels of 0.25 km/s from -2.25 on; the picture is as high as wide.
+    np.testing.assert_allclose(plain.get_ylim(), (-2.375, 0.125), atol=1e-6)
+    assert plain.get_aspect() == pytest.approx(np.ptp(slit.extent[:2]) / 2.5)
+
+
+def test_a_wcs_must_fit_the_picture():
+    with pytest.raises(vm.InputError, match="two axes"):
+        vm.Image(np.ones((4, 5)), wcs=WCS(naxis=3))
+    with pytest.raises(vm.InputError, match="two axes"):
+        vm.Image(np.ones((4, 5)), wcs=3)
+    wcs = WCS(naxis=2)
+    wcs.pixel_shape = (4, 5)
+    with pytest.raises(vm.InputError, match="the image has 5 x 4"):
+        vm.Image(np.ones((4, 5)), wcs=wcs)
+
+
+# Writing
+
+
+@pytest.mark.parametrize("name", ["usual", "frequency", "turned by -40", "galactic"])
+def test_a_cube_on_the_sky_is_written_with_its_sky(tmp_path, name):
+    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), HEADERS[name])
+    volume = vm.open(path, depth=100)
+    vm.io.save(volume, tmp_path / "again.fits")
+    again = vm.open(tmp_path / "again.fits")
+    assert again.fields == volume.fields
+    assert again.units == volume.units
+    np.testing.assert_array_equal(again.array("intensity"), volume.array("intensity"))
+    np.testing.assert_allclose(again.array("velocity"), volume.array("velocity"), atol=1e-4)
+    np.testing.assert_allclose(sky_of_cells(again), sky_of_cells(volume), rtol=1e-9, atol=1e-3)
+    for mine, theirs in zip(again.grid.edges, volume.grid.edges, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-6)
+
+
+def test_a_volume_is_written_as_a_linear_cube(tmp_path):
+    grid = vm.CartesianGrid.uniform((3, 4, 5), ((-1, 2), (0, 8), (10, 11)), unit="pc")
+    rng = np.random.default_rng(1)
+    volume = vm.Volume(grid, T=rng.random(grid.shape), flag=rng.random(grid.shape) > 0.5)
+    volume["Ion_x"] = rng.integers(0, 60000, grid.shape).astype(np.uint16)
+    volume.set_unit("T", "K")
+    volume.meta["object"] = "nothing"
+    vm.io.save(volume, tmp_path / "cube.fits")
+    again = vm.open(tmp_path / "cube.fits")
+    assert again.fields == ("T", "flag", "Ion_x")
+    assert (again.unit, again.units["T"], again.meta["object"]) == (u.pc, "K", "nothing")
+    np.testing.assert_allclose(again.grid.bounds, grid.bounds)
+    for name in volume.fields:
+        np.testing.assert_array_equal(again.array(name), volume.array(name))
+    with fits.open(tmp_path / "cube.fits") as hdus:
+        hdus.verify("exception")
+        assert WCS(hdus[0].header).wcs_pix2world([[0, 0, 0]], 0).tolist() == [[-0.5, 1.0, 10.1]]
+
+
+def test_what_fits_cannot_hold_is_refused(tmp_path):
+    uneven = vm.Volume(vm.CartesianGrid([0, 1, 3], [0, 1], [0, 1]), a=np.ones((2, 1, 1)))
+    with pytest.raises(vm.InputError, match="equal width"):
+        vm.io.save(uneven, tmp_path / "a.fits")
+    with pytest.raises(vm.InputError, match="no fields"):
+        vm.io.save(vm.Volume(vm.CartesianGrid.uniform(2, (0, 1))), tmp_path / "a.fits")
+
+
+# Damage
+
+
+def card_line(text):
+    return text.encode().ljust(80)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("NAXIS1  =                    8", "NAXIS1  =              8000000", "cut short"),
+        ("NAXIS1  =                    8", "NAXIS1  =                   -8", "-8 pixels"),
+        ("NAXIS1  =                    8", "NAXIS1  =                    0", "no image"),
+        ("NAXIS1  =                    8", "NAXIS1  =                  8.5", "whole number"),
+        ("NAXIS   =                    3", "NAXIS   =                 3000", "NAXIS is 3000"),
+        ("BITPIX  =                  -32", "BITPIX  =                  -31", "BITPIX is -31"),
+        ("BITPIX  =                  -32", "BITPIX  =                  -16", "BITPIX is -16"),
+    ],
+)
+def test_headers_that_cannot_be_true(tmp_path, old, new, message):
+    path = written(tmp_path / "cube.fits")
+    content = path.read_bytes()
+    assert old.encode() in content
+    path.write_bytes(content.replace(old.encode(), new.encode()))
+    with pytest.raises(vm.FileFormatError, match=message) as failure:
+        vm.open(path)
+    assert str(path) in str(failure.value)
+
+
+def test_a_wcs_of_too_many_axes(tmp_path):
+    path = written(tmp_path / "cube.fits", cards=header({"WCSAXES": 999_999_999}, SKY, VELOCITY))
+    with pytest.raises(vm.FileFormatError, match="999999999 axes"):
+        vm.open(path)
+
+
+def test_a_header_without_an_end(tmp_path):
+    path = tmp_path / "cube.fits"
+    lines = card_line("SIMPLE  =                    T") + card_line("COMMENT") * 71
+    path.write_bytes(lines)
+    with pytest.raises(vm.FileFormatError, match="no END"):
+        vm.open(path)
+    # Packed, it could be endless.
+    packed = tmp_path / "cube.fits.gz"
+    packed.write_bytes(gzip.compress(lines[:80] + card_line("COMMENT") * 400_000, 1))
+    with pytest.raises(vm.FileFormatError, match="no END"):
+        vm.open(packed)
+
+
+def test_packed_data_that_end_early(tmp_path):
+    content = written(tmp_path / "cube.fits").read_bytes()
+    path = tmp_path / "cube.fits.gz"
+    path.write_bytes(gzip.compress(content[:-2880]))
+    with pytest.raises(vm.FileFormatError, match="cut short"):
+        vm.open(path)
+
+
+def test_compressed_images_that_are_too_large_to_be_true(tmp_path):
+    hdu = fits.CompImageHDU(np.zeros((4, 5, 6), np.int16), compression_type="RICE_1")
+    path = tmp_path / "cube.fits"
+    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(path)
+    content = path.read_bytes()
+    for old, new in (("ZNAXIS1", "6"), ("ZTILE1 ", "6")):
+        line = f"{old:8}= {new:>20}".encode()
+        assert line in content
+        content = content.replace(line, f"{old:8}= {600_000_000:>20}".encode())
+    path.write_bytes(content)
+    with pytest.raises(vm.FileFormatError, match="cannot hold"):
+        vm.open(path)
+
+
+def test_what_follows_the_last_part_is_left(tmp_path):
+    path = written(tmp_path / "cube.fits")
+    with open(path, "ab") as file:
+        file.write(b"junk" * 1000)
+    np.testing.assert_array_equal(vm.open(path).array("intensity"), numbers().T)
+
+
+# Real data, and CASA
+
+
+@pytest.fixture
+def l1448():
+    path = reference.data_directory() / "data/fits_l1448_13co/l1448_13co.fits"
+    if not path.is_file():
+        pytest.skip(f"no {path}; set VOLUMINOUS_TEST_DATA")
+    return path
+
+
+def test_l1448_cell_by_cell(l1448):
+    volume = vm.open(l1448)
+    with fits.open(l1448) as hdus:
+        data, wcs = hdus[0].data, WCS(hdus[0].header)
+    np.testing.assert_array_equal(volume.array("intensity"), data.T)
+    index = np.indices(volume.grid.shape).reshape(3, -1).T
+    expected = wcs.wcs_pix2world(index, 0)
+    np.testing.assert_array_equal(sky_of_cells(volume), expected)
+    np.testing.assert_allclose(
+        volume.array("velocity").ravel(), expected[:, 2] / 1e3, rtol=0, atol=1e-6
+    )
+    # 105 pixels of 0.006388889 degrees, which are 23 arcsec.
+    np.testing.assert_allclose(volume.grid.bounds[:2], [(-1207.5, 1207.5)] * 2, atol=1e-3)
+
+
+def test_levels_are_above_the_noise_of_l1448(l1448):
+    medium = vm.auto(vm.open(l1448))
+    # The negative values have an rms of 0.12.
+    assert [part.expr.text for part in medium.components()] == ["intensity"] * 4
+    assert min(part.center for part in medium.components()) > 4 * 0.12
+
+
+def test_casa_images_are_read_as_what_they_export(tmp_path):
+    images = pytest.importorskip("casacore.images")
+    cards = header(SKY, FREQUENCY, RESTFRQ=REST, SPECSYS="LSRK", BUNIT="JY/BEAM", BTYPE="Intensity")
+    data = numbers((6, 7, 8))
+    data[0, 0, 0] = np.nan
+    path = written(tmp_path / "cube.fits", data, cards)
+    images.image(str(path)).saveas(str(tmp_path / "cube.image"))
+    assert find_reader(tmp_path / "cube.image").name == "casa"
+    volume, direct = vm.open(tmp_path / "cube.image"), vm.open(path)
+    np.testing.assert_array_equal(volume.array("intensity"), direct.array("intensity"))
+    np.testing.assert_allclose(sky_of_cells(volume), sky_of_cells(direct), rtol=1e-9, atol=1e-4)
+    shutil.rmtree(tmp_path / "cube.image")
+
+
+def test_a_casa_image_says_what_it_needs(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "casacore", None)
+    monkeypatch.setitem(__import__("sys").modules, "casacore.images", None)
+    (tmp_path / "table.dat").write_bytes(b"\xbe\xbe\xbe\xbe")
+    (tmp_path / "table.info").write_text("Type = Image\nSubType = \n")
+    assert find_reader(tmp_path).name == "casa"
+    with pytest.raises(vm.errors.MissingPackageError, match=r"exportfits(.|\n)*voluminous\[casa\]"):
+        vm.open(tmp_path)

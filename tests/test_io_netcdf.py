@@ -1,0 +1,172 @@
+"""NetCDF of all kinds: read by what wrote it, lazily, and never beyond its end."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import voluminous as vm
+from contracts import ReaderContract
+from voluminous.io import find_reader
+from voluminous.io.labelled.classic import check_length
+
+xr = pytest.importorskip("xarray")
+
+KINDS = {
+    "classic": ("scipy", "NETCDF3_CLASSIC"),
+    "64-bit offsets": ("scipy", "NETCDF3_64BIT"),
+    "64-bit data": ("netCDF4", "NETCDF3_64BIT_DATA"),
+    "4 by h5netcdf": ("h5netcdf", "NETCDF4"),
+    "4 by netCDF4": ("netCDF4", "NETCDF4"),
+}
+
+
+def data():
+    """Return heights, latitudes falling, with a missing value, packed numbers and bytes."""
+    rng = np.random.default_rng(2)
+    temperature = rng.random((2, 3, 4, 5), dtype=np.float32)
+    temperature[1, 0, 0, 0] = np.nan
+    dims = ("time", "height", "lat", "lon")
+    return xr.Dataset(
+        {
+            "T": (dims, temperature, {"units": "degC"}),
+            "cover": (dims[1:], rng.integers(-99, 99, (3, 4, 5)).astype(np.int8)),
+            "packed": (dims[1:], np.arange(60.0).reshape(3, 4, 5) / 10),
+        },
+        {
+            "time": np.array([0, 6]),
+            "height": ("height", [10.0, 30.0, 50.0], {"units": "m"}),
+            "lat": ("lat", [30.0, 20.0, 10.0, 0.0], {"units": "m"}),
+            "lon": ("lon", np.arange(5) * 10.0, {"units": "m"}),
+        },
+    )
+
+
+def written(path, kind="classic", unlimited=()):
+    module, form = KINDS[kind]
+    pytest.importorskip(module)
+    data().to_netcdf(
+        path,
+        engine=module.lower(),
+        format=form,
+        unlimited_dims=unlimited,
+        encoding={"packed": {"dtype": "i2", "scale_factor": 0.1, "_FillValue": -1}},
+    )
+    return path
+
+
+@pytest.mark.parametrize("unlimited", [(), ("time",)], ids=["fixed", "records"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_values_units_types_and_places(tmp_path, kind, unlimited):
+    path = written(tmp_path / "a.nc", kind, unlimited)
+    assert find_reader(path).name == "netcdf"
+    volume = vm.open(path, "T", isel={"time": 1})
+    expected = data()["T"].values[1].transpose(2, 1, 0)[:, ::-1]
+    np.testing.assert_array_equal(volume.array("T"), expected)
+    assert np.isnan(volume.array("T")).sum() == 1
+    assert volume.array("T").dtype == np.float32
+    assert volume.units["T"] == "deg_C"
+    assert volume.unit == vm.from_xarray(data(), "cover").unit
+    assert volume.grid.bounds.tolist() == [[-5, 45], [-5, 35], [0, 60]]
+    others = vm.open(path, ["cover", "packed"])
+    assert others.array("cover").dtype == np.int8
+    expected = data()["packed"].values.transpose(2, 1, 0)[:, ::-1]
+    # Steps of 0.1, in single precision.
+    np.testing.assert_allclose(others.array("packed"), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("part", [0.01, 0.1, 0.5, 0.9, 0.999])
+def test_what_is_cut_short_is_no_zeros(tmp_path, kind, part):
+    path = written(tmp_path / "a.nc", kind, ("time",))
+    content = path.read_bytes()
+    path.write_bytes(content[: int(part * len(content))])
+    with pytest.raises(vm.FileFormatError, match=r"a\.nc.*cut short|a\.nc.*do not fit"):
+        vm.open(path, "T", isel={"time": 1})
+
+
+def test_the_header_of_a_classic_file_is_followed_to_its_end(tmp_path):
+    path = written(tmp_path / "a.nc")
+    check_length(path)
+    content = bytearray(path.read_bytes())
+    place = content.index(b"\x00\x00\x00\x0a") + 4  # the number of dimensions
+    content[place : place + 4] = b"\x7f\xff\xff\xff"
+    path.write_bytes(content)
+    with pytest.raises(vm.FileFormatError):
+        check_length(path)
+
+
+@given(st.binary(max_size=200), st.sampled_from([1, 2, 5]))
+def test_any_header_ends(tmp_path_factory, text, version):
+    path = tmp_path_factory.mktemp("nc") / "a.nc"
+    path.write_bytes(b"CDF" + bytes([version]) + text)
+    try:
+        check_length(path)
+    except vm.FileFormatError:
+        return
+    assert path.stat().st_size >= 8  # nothing is announced that is not there
+
+
+def test_plain_hdf5_is_no_netcdf(tmp_path):
+    path = tmp_path / "a.nc"  # whatever it is called
+    with h5py.File(path, "w") as file:
+        file["rho"] = np.zeros((2, 3, 4))
+        file["z"] = np.arange(2.0)
+        file["z"].make_scale("z")
+    assert find_reader(path).name == "hdf5"
+
+
+def test_groups(tmp_path):
+    path = tmp_path / "a.nc"
+    pytest.importorskip("h5netcdf")
+    for mode, group in (("w", "model/ocean"), ("a", "model/land")):
+        data()[["cover"]].to_netcdf(path, mode=mode, group=group, engine="h5netcdf")
+    with pytest.raises(vm.FileFormatError, match=r"groups model, model/land, model/ocean with gr"):
+        vm.open(path)
+    assert vm.open(path, group="model/ocean").fields == ("cover",)
+    with pytest.raises(vm.UnknownNameError, match="unknown group 'model/see'"):
+        vm.open(path, group="model/see")
+
+
+def test_an_odd_calendar_does_no_harm(tmp_path):
+    path = tmp_path / "a.nc"
+    odd = data()
+    odd["time"] = ("time", [1.0, 2.0], {"units": "days since the flood"})
+    odd.to_netcdf(path, engine="scipy")
+    assert vm.open(path, "T", isel={"time": 0}).meta["time"] == 1.0
+
+
+def test_large_files_are_read_field_by_field(tmp_path, monkeypatch):
+    path = written(tmp_path / "a.nc")
+    for module in (vm.io.registry, vm.io.labelled.reader):
+        monkeypatch.setattr(module, "AT_ONCE", 0)
+    volume = vm.open(path, ["cover", "packed"])
+    assert volume.waiting == ("cover", "packed")
+    volume.array("cover")
+    assert volume.waiting == ("packed",)
+    path.unlink()
+    with pytest.raises(vm.FileFormatError, match=r"a\.nc"):
+        volume.array("packed")
+
+
+# Damaged units make odd boxes, and h5netcdf complains about what it could not open.
+@pytest.mark.filterwarnings("ignore")
+class _Contract(ReaderContract):
+    options: dict = {"isel": {"time": 0}}  # noqa: RUF012
+    kind = ""
+
+    @pytest.fixture
+    def sample(self):
+        return lambda directory: written(directory / "a.nc", self.kind)
+
+
+# All but those that netCDF4's C library reads: what it makes of damage is not ours to test.
+class TestClassic(_Contract):
+    kind = "classic"
+
+
+class TestVersion4(_Contract):
+    kind = "4 by h5netcdf"

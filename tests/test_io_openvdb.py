@@ -1,0 +1,209 @@
+"""OpenVDB: voxels land where its library says, with a stand-in for it where it is not there."""
+
+import importlib
+import struct
+import sys
+import types
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from voluminous.io import find_reader
+from voluminous.io.openvdb_head import MAGIC
+
+VALUES = np.random.default_rng(0).random((5, 4, 3), dtype=np.float32)
+WIND = np.random.default_rng(1).random((3, 2, 2, 3), dtype=np.float32)
+LOW = (5, -6, 7)
+
+
+def library():
+    """Return OpenVDB's module, or None."""
+    for name in ("openvdb", "pyopenvdb"):
+        try:
+            return importlib.import_module(name)
+        except ImportError:
+            continue
+    return None
+
+
+class Transform:
+    """Equal voxels: index times width."""
+
+    isLinear = True
+
+    def __init__(self, width):
+        self.width = width
+
+    def indexToWorld(self, place):
+        return tuple(self.width * n for n in place)
+
+
+class Grid:
+    """A grid as the library's, of one array."""
+
+    def __init__(self, name, kind, values, low, width):
+        self.name, self.valueTypeName, self.values, self.low = name, kind, values, low
+        self.transform = Transform(width)
+        high = tuple(int(n) for n in np.add(low, values.shape[:3]) - 1)
+        self.metadata = {"file_bbox_min": low, "file_bbox_max": high}
+
+    def copyToArray(self, array, ijk):
+        array[...] = 0
+        start = np.subtract(self.low, ijk)
+        box = tuple(slice(a, a + n) for a, n in zip(start, self.values.shape[:3], strict=True))
+        array[box] = self.values
+
+
+def head(ends, size):
+    """Return a file's head that tells of grids without voxels, up to `size` bytes."""
+
+    def text(data):
+        return struct.pack("<I", len(data)) + data
+
+    content = MAGIC + struct.pack("<3I", 224, 10, 0) + b"\1" + b"u" * 36
+    content += struct.pack("<I", 1) + text(b"creator") + text(b"string") + text(b"me")
+    content += struct.pack("<I", len(ends))
+    for end in ends:
+        content += text(b"name") + text(b"Tree_float_5_4_3") + text(b"")
+        content += struct.pack("<3q", 0, 0, end)
+        content = content.ljust(end, b"\0")
+    return content[:size]
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Return the grids that the stand-in finds in any file."""
+    grids = [
+        Grid("density", "float", VALUES, LOW, 0.5),
+        Grid("wind", "vec3s", WIND, (6, -5, 8), 0.5),
+        Grid("mask", "bool", VALUES > 0.5, LOW, 1.0),
+    ]
+    module = types.ModuleType("openvdb")
+    module.readAllGridMetadata = lambda path: grids
+    module.read = lambda path, name: next(g for g in grids if g.name == name)
+    monkeypatch.setitem(sys.modules, "openvdb", module)
+    return grids
+
+
+@pytest.fixture
+def path(made, tmp_path):
+    path = tmp_path / "a.vdb"
+    path.write_bytes(head([300, 400], 400))
+    return path
+
+
+@pytest.fixture
+def real(tmp_path):
+    """Return a file by the library itself."""
+    vdb = library()
+    if vdb is None or (isinstance(vdb, types.ModuleType) and not hasattr(vdb, "FloatGrid")):
+        pytest.skip("OpenVDB's Python module is not there")
+    grids = []
+    for kind, name, values, low, width in (
+        ("FloatGrid", "density", VALUES, LOW, 0.5),
+        ("Vec3SGrid", "wind", WIND, (6, -5, 8), 0.5),
+        ("BoolGrid", "mask", VALUES > 0.5, LOW, 1.0),
+    ):
+        grid = getattr(vdb, kind)()
+        grid.copyFromArray(values, ijk=low)
+        grid.name, grid.transform = name, vdb.createLinearTransform(width)
+        grids.append(grid)
+    path = tmp_path / "real.vdb"
+    vdb.write(str(path), grids=grids)
+    return path
+
+
+@pytest.fixture(params=["path", "real"])
+def either(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_voxels_are_cells_around_their_places(either):
+    volume = vm.open(either, "density")
+    np.testing.assert_array_equal(volume.array("density"), VALUES)
+    first = np.array(LOW) * 0.5
+    np.testing.assert_allclose(volume.grid.bounds[:, 0], first - 0.25)
+    np.testing.assert_allclose(volume.grid.bounds[:, 1], first + np.array(VALUES.shape) / 2 - 0.25)
+    assert vm.open(either, {"rho": "density"}).fields == ("rho",)
+
+
+def test_the_unit_of_lengths_is_an_option(path):
+    assert str(vm.open(path, "density", unit="m").unit) == "m"
+
+
+def test_grids_share_the_box_of_all(either):
+    volume = vm.open(either, ["density", "wind"])
+    assert volume.fields == ("density", "wind_x", "wind_y", "wind_z")
+    assert volume.grid.shape == (5, 4, 3)
+    # Where a grid has no voxels it has its background.
+    expected = np.zeros((5, 4, 3), np.float32)
+    expected[1:4, 1:3, 1:3] = WIND[..., 1]
+    np.testing.assert_array_equal(volume.array("wind_y"), expected)
+    assert vm.open(either, "wind").grid.shape == (3, 2, 2)
+    assert vm.open(either, "mask").array("mask").dtype == bool
+
+
+def test_what_is_told_without_reading(either):
+    told = {field.name: field for field in find_reader(either).info(either)}
+    assert set(told) == {"density", "wind_x", "wind_y", "wind_z", "mask"}
+    assert told["wind_x"].shape == (3, 2, 2)
+    assert told["density"].dtype == "float32"
+
+
+def test_grids_of_other_voxels_are_not_mixed(either):
+    with pytest.raises(vm.InputError, match=r"different sizes.*mask \[1. 1. 1.\].*choose"):
+        vm.open(either)
+    with pytest.raises(vm.UnknownNameError, match="did you mean 'density'"):
+        vm.open(either, "densty")
+
+
+def test_grids_that_make_no_volume(path, made):
+    made[0].transform.isLinear = False
+    with pytest.raises(vm.InputError, match="frustum"):
+        vm.open(path, "density")
+    made[0].metadata = {"file_bbox_min": (1, 1, 1), "file_bbox_max": (0, 0, 0)}
+    made[0].transform.isLinear = True
+    with pytest.raises(vm.InputError, match="no voxel of it is set"):
+        vm.open(path, "density")
+    made[0].metadata = {"file_bbox_min": (0, 0, 0), "file_bbox_max": (2**31 - 1,) * 3}
+    with pytest.raises(vm.MemoryNeededError):
+        vm.open(path, "density")
+    made[:] = [Grid("words", "string", VALUES, LOW, 1.0)]
+    with pytest.raises(vm.FileFormatError, match="expected grids of numbers or vectors"):
+        vm.open(path)
+
+
+@pytest.mark.parametrize("part", [0, 0.05, 0.2, 0.5, 0.9, 0.999])
+def test_files_cut_short_never_reach_the_library(either, part):
+    content = either.read_bytes()
+    either.write_bytes(content[: int(part * len(content))])
+    with pytest.raises(vm.FileFormatError, match=either.name):
+        vm.open(either, "density")
+
+
+def test_absurd_numbers_in_the_head(path):
+    content = bytearray(path.read_bytes())
+    for place, what in ((57, "remarks"), (61, "name")):
+        damaged = content.copy()
+        damaged[place : place + 4] = b"\xff" * 4
+        path.write_bytes(damaged)
+        with pytest.raises(vm.FileFormatError, match=rf"4294967295 {what}|a {what} of 4294967295"):
+            vm.open(path, "density")
+
+
+def test_what_the_library_says_of_damage_is_shortened(path, monkeypatch):
+    def fail(path):
+        raise KeyError("x" * 10_000_000)
+
+    monkeypatch.setattr(sys.modules["openvdb"], "readAllGridMetadata", fail)
+    with pytest.raises(vm.FileFormatError, match="OpenVDB cannot read it") as failure:
+        vm.open(path)
+    assert len(str(failure.value)) < 1000
+
+
+def test_without_the_library_it_is_said_how_to_get_it(path, monkeypatch):
+    for name in ("openvdb", "pyopenvdb"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(vm.MissingPackageError, match=r"conda install -c conda-forge openvdb"):
+        vm.open(path)

@@ -1,0 +1,229 @@
+"""Voxels of scanners: the right value at the right place, in all formats."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import real_data
+import voluminous as vm
+from scanner_files import (
+    DTYPES,
+    ORIGIN,
+    SAGITTAL,
+    UPRIGHT,
+    VALUES,
+    WIDTHS,
+    centers,
+    check_places,
+    dicom_frames,
+    volume_of,
+    write_dicom,
+    write_metaimage,
+    write_nifti,
+    write_nrrd,
+)
+from voluminous.io.scanners.placement import Placement, arranged
+
+ORIENTATIONS = [
+    np.eye(3)[list(order)] * np.array(signs)[:, None]
+    for order in itertools.permutations(range(3))
+    for signs in itertools.product((1, -1), repeat=3)
+]
+quickly = settings(max_examples=40, deadline=None)
+
+
+@pytest.mark.parametrize("turn", ORIENTATIONS)
+def test_all_48_orientations_are_undone(turn):
+    steps = UPRIGHT @ turn
+    arrangement = arranged(VALUES.shape, Placement(ORIGIN, steps, "mm", "LPS"))
+    assert arrangement.direction is None
+    volume = vm.Volume(arrangement.grid, ct=arrangement.put(VALUES))
+    check_places(volume, VALUES, ORIGIN, steps)
+
+
+def rotation(q):
+    a, b, c, d = q / np.linalg.norm(q)
+    x = np.array([[0, -d, c], [d, 0, -b], [-c, b, 0]])
+    return np.eye(3) + 2 * a * x + 2 * x @ x
+
+
+@quickly
+@given(
+    q=arrays(float, 4, elements=st.floats(-1, 1)).filter(lambda q: np.linalg.norm(q) > 0.1),
+    mirrored=st.booleans(),
+)
+def test_oblique_voxels_keep_their_axes_and_tell_where_they_truly_are(q, mirrored):
+    steps = np.diag(WIDTHS * [1, 1, -1 if mirrored else 1]) @ rotation(q)
+    shape = (10, 12, 14)
+    arrangement = arranged(shape, Placement(ORIGIN, steps, "mm", "LPS"))
+    index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"))
+    truth = ORIGIN[:, None, None, None] + np.tensordot(steps.T, index, 1)
+    truth = np.stack([arrangement.put(x) for x in truth])
+    here = np.stack(np.meshgrid(*centers(arrangement.grid), indexing="ij"))
+    middle = arrangement.grid.bounds.mean(axis=1)[:, None, None, None]
+    turn = np.eye(3) if arrangement.direction is None else arrangement.direction
+    there = middle + np.tensordot(turn, here - middle, 1)
+    # Without a direction a hundredth of a voxel per axis is let pass.
+    limit = 1e-9 if arrangement.direction is not None else 0.03 * WIDTHS.max()
+    assert np.max(abs(there - truth)) < limit
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    # The nearest axes: no other choice of order and signs is nearer.
+    best = max(np.trace(turn @ other) for other in ORIENTATIONS)
+    assert np.trace(turn) > best - 1e-5
+
+
+def test_axes_that_are_not_at_right_angles_give_a_warning():
+    tilted = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0.3, 1]])
+    with pytest.warns(UserWarning, match="right angles"):
+        arranged((4, 5, 6), Placement(ORIGIN, tilted))
+
+
+@pytest.mark.parametrize(
+    "steps", [np.zeros((3, 3)), np.full((3, 3), np.nan), np.ones((3, 3)), np.diag([1, np.inf, 1])]
+)
+def test_steps_that_do_not_span_space_are_refused(steps):
+    with pytest.raises(vm.FileFormatError, match="span space"):
+        arranged((2, 2, 2), Placement(ORIGIN, steps))
+
+
+@pytest.mark.parametrize("steps", [UPRIGHT, SAGITTAL], ids=["axial", "sagittal"])
+def test_the_same_voxels_lie_at_the_same_place_in_all_formats(tmp_path, steps):
+    pytest.importorskip("nibabel")
+    pytest.importorskip("nrrd")
+    pytest.importorskip("pydicom")
+    frames = dicom_frames(VALUES, ORIGIN, steps)
+    frames.save_as(tmp_path / "frames.dcm", enforce_file_format=True)
+    paths = [
+        write_metaimage(tmp_path / "head.mha", VALUES, ORIGIN, steps),
+        write_nifti(tmp_path / "sform.nii", VALUES, ORIGIN, steps),
+        write_nifti(tmp_path / "qform.nii.gz", VALUES, ORIGIN, steps, qform=True),
+        write_nifti(tmp_path / "pair.img", VALUES, ORIGIN, steps),
+        write_nrrd(tmp_path / "lps.nrrd", VALUES, ORIGIN, steps),
+        write_nrrd(tmp_path / "ras.nhdr", VALUES, ORIGIN, steps, space="right-anterior-superior"),
+        write_dicom(tmp_path / "series", VALUES, ORIGIN, steps),
+        tmp_path / "series" / "IM03",
+        tmp_path / "frames.dcm",
+    ]
+    for path in paths:
+        volume = vm.open(path)
+        assert volume.meta["space"] == "LPS"
+        assert volume.unit == "mm"
+        assert volume.array(volume.fields[0]).dtype == np.int16
+        check_places(volume, VALUES, ORIGIN, steps)
+
+
+@pytest.mark.parametrize("ending", ["mha", "mhd", "nrrd", "nhdr", "nii", "nii.gz", "img"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_itk_agrees_where_voxels_are(tmp_path, ending, packed):
+    sitk = pytest.importorskip("SimpleITK")
+    image = sitk.GetImageFromArray(VALUES.transpose())
+    image.SetSpacing(WIDTHS.tolist())
+    image.SetOrigin(ORIGIN.tolist())
+    image.SetDirection((SAGITTAL / WIDTHS[:, None]).T.ravel().tolist())
+    path = tmp_path / f"itk.{ending}"
+    sitk.WriteImage(image, str(path), useCompression=packed)
+    steps = [
+        np.subtract(image.TransformIndexToPhysicalPoint([int(axis == k) for k in range(3)]), ORIGIN)
+        for axis in range(3)
+    ]
+    check_places(vm.open(path), VALUES, ORIGIN, np.array(steps))
+
+
+@pytest.mark.parametrize("ending", ["mha", "nrrd", "nii", "nii.gz"])
+def test_itk_reads_what_is_written(tmp_path, ending):
+    sitk = pytest.importorskip("SimpleITK")
+    volume = volume_of(VALUES)
+    vm.io.save(volume, tmp_path / f"written.{ending}")
+    image = sitk.ReadImage(str(tmp_path / f"written.{ending}"))
+    np.testing.assert_array_equal(sitk.GetArrayFromImage(image).transpose(), VALUES)
+    for index in [(0, 0, 0), (3, 4, 5)]:
+        place = ORIGIN + np.array(index) * WIDTHS
+        if ending == "nrrd":  # a volume of which nobody said that it is a patient
+            assert "space dimension: 3" in (tmp_path / "written.nrrd").read_text("latin-1")
+        np.testing.assert_allclose(image.TransformIndexToPhysicalPoint(index), place, 1e-6)
+
+
+# What was written comes back
+
+
+@quickly
+@given(
+    values=st.sampled_from([*DTYPES, np.int8, np.uint32, np.int64, np.uint64, np.bool_]).flatmap(
+        lambda dtype: arrays(dtype, st.tuples(*[st.integers(1, 4)] * 3))
+    ),
+    ending=st.sampled_from(["mha", "mhd", "nrrd", "nii", "nii.gz"]),
+    turned=st.booleans(),
+)
+def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
+    volume = volume_of(values)
+    volume.meta["space"] = "LPS"
+    if turned:
+        volume.meta["direction"] = rotation(np.array([0.9, 0.3, -0.1, 0.2])).tolist()
+    path = tmp_path_factory.mktemp("saved") / f"density.{ending}"
+    vm.io.save(volume, path)
+    again = vm.open(path)
+    expected = values.astype(np.uint8) if values.dtype == np.bool_ else values
+    assert again.fields == ("density",)
+    assert again.array("density").dtype == expected.dtype
+    np.testing.assert_array_equal(again.array("density"), expected)
+    # NIfTI-1 keeps places in single precision.
+    kept = 1e-6 if "nii" in ending else 1e-13
+    np.testing.assert_allclose(again.grid.bounds, volume.grid.bounds, atol=60 * kept)
+    assert again.meta["space"] == "LPS"
+    # Few voxels may be turned by less than a hundredth of one: never here.
+    assert ("direction" in again.meta) == turned
+    if turned:
+        np.testing.assert_allclose(again.meta["direction"], volume.meta["direction"], atol=kept)
+
+
+def test_nrrd_keeps_units(tmp_path):
+    volume = volume_of(VALUES, unit="kpc")
+    volume.set_unit("density", "g / cm3")
+    vm.io.save(volume, tmp_path / "density.nrrd")
+    again = vm.open(tmp_path / "density.nrrd")
+    assert (again.unit, again.units["density"]) == ("kpc", "g / cm3")
+    np.testing.assert_array_equal(again.grid.bounds, volume.grid.bounds)
+    assert "space" not in again.meta
+
+
+@pytest.mark.parametrize("ending", ["mha", "nii"])
+def test_lengths_are_written_in_mm(tmp_path, ending):
+    vm.io.save(volume_of(VALUES, unit="cm"), tmp_path / f"density.{ending}")
+    again = vm.open(tmp_path / f"density.{ending}")
+    assert again.unit == "mm"
+    np.testing.assert_allclose(again.grid.bounds, 10 * volume_of(VALUES).grid.bounds, rtol=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["mha", "nrrd", "nii"])
+def test_what_a_format_cannot_hold_is_refused(tmp_path, ending):
+    two = volume_of(VALUES)
+    two["other"] = "2 * density"
+    uneven = vm.Volume(vm.CartesianGrid([0, 1, 3], [0, 1], [0, 1]), a=np.ones((2, 1, 1)))
+    ball = vm.SphericalGrid([0, 1, 2])
+    turned = volume_of(VALUES)
+    turned.meta["direction"] = [1, 2, 3]
+    for volume, told in [
+        (two, "one field"),
+        (turned, "3 x 3"),
+        (uneven, "equal width"),
+        (vm.Volume(ball, a=np.ones(ball.shape)), "Cartesian"),
+    ]:
+        with pytest.raises(vm.InputError, match=told):
+            vm.io.save(volume, tmp_path / f"x.{ending}")
+    assert not list(tmp_path.iterdir())
+
+
+# Real data
+
+
+def test_the_frog_is_read_as_it_is():
+    expected = real_data.load("frog")
+    path = real_data.data_directory() / "data" / "classic_small" / "frogtissue.mhd"
+    volume = vm.open(path)
+    assert volume.array("frogtissue").dtype == np.uint8
+    np.testing.assert_array_equal(volume.array("frogtissue"), expected.array("tissue"))
+    np.testing.assert_array_equal(np.ptp(volume.grid.bounds, axis=1), [500, 470, 204])

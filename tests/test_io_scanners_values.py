@@ -1,0 +1,212 @@
+"""NRRD, NIfTI and MetaImage: types, scales, components, times, and data in other files."""
+
+import zlib
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from scanner_files import (
+    DTYPES,
+    ORIGIN,
+    RNG,
+    TO_RAS,
+    UPRIGHT,
+    VALUES,
+    check_places,
+    nrrd_text,
+    write_nrrd,
+)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("endian", ["little", "big"])
+@pytest.mark.parametrize("encoding", ["raw", "gzip", "bzip2", "ascii"])
+def test_nrrd_in_every_encoding(tmp_path, dtype, endian, encoding):
+    nrrd = pytest.importorskip("nrrd")
+    values = VALUES.astype(dtype)
+    path = tmp_path / "density.nrrd"
+    nrrd.write(str(path), values, {"encoding": encoding, "endian": endian})
+    volume = vm.open(path)
+    np.testing.assert_array_equal(volume.array("density"), values)
+    assert volume.array("density").dtype == dtype
+    np.testing.assert_array_equal(volume.grid.bounds[:, 0], -0.5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "endings"),
+    [("vector", "xyz"), ("RGB-color", ("red", "green", "blue")), ("list", "012")],
+)
+@pytest.mark.parametrize("axis", [0, 1, 3])
+def test_nrrd_components(tmp_path, kind, endings, axis):
+    nrrd = pytest.importorskip("nrrd")
+    parts = RNG.random((3, 4, 5, 6)).astype(np.float32)
+    kinds = ["domain"] * 3
+    kinds.insert(axis, kind)
+    spacings = [2.0] * 3
+    spacings.insert(axis, np.nan)
+    path = tmp_path / "v.nrrd"
+    nrrd.write(str(path), np.moveaxis(parts, 0, axis), {"kinds": kinds, "spacings": spacings})
+    volume = vm.open(path)
+    assert volume.fields == tuple(f"v_{ending}" for ending in endings)
+    for name, part in zip(volume.fields, parts, strict=True):
+        np.testing.assert_array_equal(volume.array(name), part)
+    np.testing.assert_array_equal(volume.grid.bounds[:, 0], -1.0)
+
+
+def test_vectors_turn_with_the_coordinates(tmp_path):
+    pytest.importorskip("nrrd")
+    parts = RNG.random((3, 4, 5, 6)).astype(np.float32)
+    steps = np.vstack([np.full(3, np.nan), UPRIGHT])
+    path = write_nrrd(
+        tmp_path / "v.nrrd",
+        parts,
+        ORIGIN,
+        steps,
+        space="right-anterior-superior",
+        kinds=["vector", "domain", "domain", "domain"],
+    )
+    volume = vm.open(path)
+    # The file says x to the right, y to the front: LPS has both the other way round.
+    for name, part, sign in zip(("v_x", "v_y", "v_z"), parts, np.diag(TO_RAS), strict=True):
+        check_places(volume, sign * part, ORIGIN, UPRIGHT, name)
+
+
+def test_nrrd_places_by_spacings_minima_and_units(tmp_path):
+    path = tmp_path / "a.nrrd"
+    placed = {"spacings": "1 2 3", "axis_mins": "10 20 30", "centers": "cell node cell"}
+    units = {"units": '"mm" "um" "mm"'}
+    head = nrrd_text(**placed, **units)
+    path.write_bytes(head.encode() + b"\n" + VALUES.tobytes("F"))
+    grid = vm.open(path).grid
+    np.testing.assert_allclose(grid.bounds, [[10, 14], [0.019, 0.029], [30, 48]], rtol=1e-12)
+    assert grid.unit == "mm"
+
+
+@pytest.mark.parametrize("way", ["one", "list", "pattern", "skip", "end", "lines"])
+def test_nrrd_with_data_elsewhere(tmp_path, way):
+    data, path = VALUES.tobytes("F"), tmp_path / "a.nhdr"
+    slices = [VALUES[:, :, k].tobytes("F") for k in range(6)]
+    for k, part in enumerate(slices):
+        (tmp_path / f"s{k:02d}.raw").write_bytes(part)
+    packed = {"skip": b"12345" + data, "end": b"12345" + data, "lines": b"a\nb\n" + data}
+    (tmp_path / "a.raw").write_bytes(packed.get(way, data))
+    listed = "".join(f"s{k:02d}.raw\n" for k in range(6))
+    fields = {
+        "one": {"data_file": "a.raw"},
+        "list": {"data_file": f"LIST\n{listed}"},
+        "pattern": {"data_file": "s%02d.raw 0 5 1"},
+        "skip": {"byte_skip": 5, "data_file": "a.raw"},
+        "end": {"byte_skip": -1, "data_file": "a.raw"},
+        "lines": {"line_skip": 2, "data_file": "a.raw"},
+    }[way]
+    path.write_text(nrrd_text(**fields))
+    np.testing.assert_array_equal(vm.open(path).array("a"), VALUES)
+
+
+@pytest.mark.parametrize("way", ["file", "list", "pattern", "packed", "text", "end", "channels"])
+def test_metaimage_with_data_in_every_way(tmp_path, way):
+    head = {"NDims": "3", "DimSize": "4 5 6", "ElementType": "MET_SHORT"}
+    named, data, values = "a.raw", VALUES.tobytes("F"), VALUES[..., None]
+    for k in range(6):
+        (tmp_path / f"s{k + 1}.raw").write_bytes(VALUES[:, :, k].tobytes("F"))
+    if way == "list":
+        named = "LIST\n" + "\n".join(f"s{k + 1}.raw" for k in range(6)) + "\n"
+    if way == "pattern":
+        named = "s%d.raw 1 6 1"
+    if way == "packed":
+        head["CompressedData"], data = "True", zlib.compress(data)
+    if way == "text":
+        head["BinaryData"], data = "False", " ".join(map(str, VALUES.ravel("F"))).encode()
+    if way == "end":
+        head["HeaderSize"], data = "-1", b"something before" + data
+    if way == "channels":
+        values = RNG.integers(0, 99, (4, 5, 6, 2)).astype(np.int16)
+        head["ElementNumberOfChannels"], data = "2", values.transpose(2, 1, 0, 3).tobytes()
+    (tmp_path / "a.raw").write_bytes(data)
+    head["ElementDataFile"] = named
+    path = tmp_path / "a.mhd"
+    path.write_text("".join(f"{key} = {value}\n" for key, value in head.items()))
+    volume = vm.open(path)
+    assert len(volume.fields) == values.shape[3]
+    for k, name in enumerate(volume.fields):
+        np.testing.assert_array_equal(volume.array(name), values[..., k])
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_nifti_of_both_versions_and_orders(tmp_path, dtype, version, order):
+    nib = pytest.importorskip("nibabel")
+    kind = nib.Nifti1Image if version == 1 else nib.Nifti2Image
+    values = VALUES.astype(dtype)
+    header = kind.header_class(endianness=order)
+    header.set_data_dtype(dtype)
+    nib.save(kind(values, np.diag([1.0, 2, 3, 1]), header), tmp_path / "t1.nii")
+    volume = vm.open(tmp_path / "t1.nii")
+    assert volume.array("t1").dtype == dtype
+    # To the left and to the back is backwards in RAS.
+    np.testing.assert_array_equal(volume.array("t1"), values[::-1, ::-1])
+
+
+def test_nifti_scales_to_floats_only_where_it_must(tmp_path):
+    nib = pytest.importorskip("nibabel")
+    image = nib.Nifti1Image(VALUES, np.diag([-1.0, -1, 1, 1]))
+    image.header.set_slope_inter(0.5, -3)
+    nib.save(image, tmp_path / "scaled.nii")
+    with open(tmp_path / "scaled.nii", "r+b") as file:  # nibabel writes the inverse
+        file.seek(352)
+        file.write(VALUES.tobytes("F"))
+    volume = vm.open(tmp_path / "scaled.nii")
+    assert volume.array("scaled").dtype == np.float32
+    np.testing.assert_array_equal(volume.array("scaled"), 0.5 * VALUES - 3)
+    np.testing.assert_array_equal(
+        volume.array("scaled"), nib.load(tmp_path / "scaled.nii").get_fdata(dtype=np.float32)
+    )
+
+
+@pytest.mark.parametrize("ending", ["nii", "nii.gz"])
+def test_nifti_time_steps(tmp_path, ending):
+    nib = pytest.importorskip("nibabel")
+    series = RNG.random((4, 5, 6, 3)).astype(np.float32)
+    nib.save(nib.Nifti1Image(series, np.diag([-1.0, -1, 1, 1])), tmp_path / f"bold.{ending}")
+    for time, step in [(None, 0), (2, 2), (-1, 2)]:
+        options = {} if time is None else {"time": time}
+        volume = vm.open(tmp_path / f"bold.{ending}", **options)
+        np.testing.assert_array_equal(volume.array("bold"), series[..., step])
+        assert (volume.meta["times"], volume.meta["time_step"]) == (3, step)
+    for wrong in (3, -4, 1.5, True, "1"):
+        with pytest.raises(vm.InputError, match="time"):
+            vm.open(tmp_path / f"bold.{ending}", time=wrong)
+
+
+def test_nifti_vectors_and_colors(tmp_path):
+    nib = pytest.importorskip("nibabel")
+    parts = RNG.random((4, 5, 6, 1, 3)).astype(np.float32)
+    image = nib.Nifti1Image(parts, np.diag([-1.0, -1, 1, 1]))
+    image.header.set_intent("displacement vector")
+    nib.save(image, tmp_path / "warp.nii")
+    volume = vm.open(tmp_path / "warp.nii")
+    for k, (name, sign) in enumerate(zip(("warp_x", "warp_y", "warp_z"), (-1, -1, 1), strict=True)):
+        np.testing.assert_array_equal(volume.array(name), sign * parts[..., 0, k])
+    colors = RNG.integers(0, 255, (4, 5, 6, 3)).astype(np.uint8)
+    packed = colors.copy().view([("R", "u1"), ("G", "u1"), ("B", "u1")])[..., 0]
+    nib.save(nib.Nifti1Image(packed, np.diag([-1.0, -1, 1, 1])), tmp_path / "rgb.nii")
+    volume = vm.open(tmp_path / "rgb.nii")
+    assert volume.fields == ("rgb_red", "rgb_green", "rgb_blue")
+    np.testing.assert_array_equal(volume.array("rgb_green"), colors[..., 1])
+
+
+def test_nifti_without_orientation_has_no_space(tmp_path):
+    nib = pytest.importorskip("nibabel")
+    image = nib.Nifti1Image(VALUES, None)
+    image.header.set_zooms((1, 2, 3))
+    image.header.set_xyzt_units("micron")
+    image.set_sform(None, code=0)
+    image.set_qform(None, code=0)
+    nib.save(image, tmp_path / "cell.nii")
+    volume = vm.open(tmp_path / "cell.nii")
+    assert "space" not in volume.meta
+    assert volume.unit == "um"
+    np.testing.assert_array_equal(volume.array("cell"), VALUES)
+    np.testing.assert_array_equal(volume.grid.bounds, [[-0.5, 3.5], [-1, 9], [-1.5, 16.5]])

@@ -1,0 +1,223 @@
+"""TIFF stacks, and directories of pictures."""
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+from scanner_files import RNG, VALUES
+
+
+def tiff(path, values, **options):
+    import tifffile
+
+    # Else tifffile takes three or four pages for colours.
+    tifffile.imwrite(path, values, **{"photometric": "minisblack", **options})
+    return path
+
+
+def of_pages(values):
+    """Return the field that pages (z, rows, columns) should become."""
+    return values.transpose(2, 1, 0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"compression": "zlib"},
+        {"compression": "zlib", "predictor": True, "tile": (16, 16)},
+        {"bigtiff": True, "byteorder": ">"},
+        {"metadata": None},
+        {"metadata": None, "compression": "zlib"},
+        {"truncate": True},
+        {"volumetric": True, "tile": (16, 16, 16)},
+        {"imagej": True},
+        {"ome": True},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_tiff_stacks(tmp_path, options, dtype):
+    values = RNG.integers(0, 200, (5, 20, 30)).astype(dtype)
+    volume = vm.open(tiff(tmp_path / "stack.tif", values, **options))
+    assert volume.array("stack").dtype == dtype
+    np.testing.assert_array_equal(volume.array("stack"), of_pages(values))
+    np.testing.assert_array_equal(volume.grid.bounds, [[0, 30], [0, 20], [0, 5]])
+
+
+def test_pillow_writes_stacks_too(tmp_path):
+    from PIL import Image
+
+    values = RNG.integers(0, 200, (5, 20, 30)).astype(np.uint8)
+    first, *others = [Image.fromarray(page) for page in values]
+    path = tmp_path / "stack.tif"
+    first.save(path, save_all=True, append_images=others, compression="tiff_adobe_deflate")
+    np.testing.assert_array_equal(vm.open(path).array("stack"), of_pages(values))
+
+
+@pytest.mark.parametrize("packing", ["lzw", "zstd"])
+def test_other_packings_need_a_package(tmp_path, packing, monkeypatch):
+    pytest.importorskip("imagecodecs")
+    values = RNG.integers(0, 200, (5, 20, 30)).astype(np.uint8)
+    path = tiff(tmp_path / "stack.tif", values, compression=packing)
+    np.testing.assert_array_equal(vm.open(path).array("stack"), of_pages(values))
+    monkeypatch.setitem(__import__("sys").modules, "imagecodecs", None)
+    with pytest.raises(vm.MissingPackageError, match=r"voluminous\[tiff\]"):
+        vm.open(path)
+
+
+def test_imagej_and_ome_tell_the_size_of_voxels(tmp_path):
+    values = RNG.integers(0, 200, (2, 5, 3, 20, 30)).astype(np.uint16)
+    axes = {"axes": "TZCYX"}
+    imagej = tiff(
+        tmp_path / "cell.tif",
+        values,
+        imagej=True,
+        resolution=(4.0, 2.0),
+        metadata={**axes, "spacing": 1.5, "unit": "um"},
+    )
+    sizes = {"PhysicalSizeX": 0.25, "PhysicalSizeY": 500.0, "PhysicalSizeYUnit": "nm"}
+    ome = tiff(
+        tmp_path / "cell.ome.tif",
+        values,
+        ome=True,
+        compression="zlib",
+        metadata={**axes, **sizes, "PhysicalSizeZ": 1.5},
+    )
+    for path in (imagej, ome):
+        volume = vm.open(path, time=1)
+        assert volume.unit == "um"
+        np.testing.assert_allclose(volume.grid.bounds, [[0, 7.5], [0, 10], [0, 7.5]])
+        assert volume.fields == ("cell_0", "cell_1", "cell_2")
+        for k, name in enumerate(volume.fields):
+            np.testing.assert_array_equal(volume.array(name), of_pages(values[1, :, k]))
+    given = vm.open(ome, "cell_2", spacing=(1, 2, 3), unit="mm")
+    np.testing.assert_allclose(given.grid.bounds, [[0, 30], [0, 40], [0, 15]])
+    assert given.unit == "mm"
+
+
+@pytest.mark.parametrize("planes", ["contig", "separate"])
+@pytest.mark.parametrize("packing", [None, "zlib"])
+def test_colored_stacks(tmp_path, planes, packing):
+    values = RNG.integers(0, 200, (5, 20, 30, 3)).astype(np.uint8)
+    stored = values if planes == "contig" else np.moveaxis(values, -1, 1)
+    path = tiff(
+        tmp_path / "c.tif", stored, photometric="rgb", planarconfig=planes, compression=packing
+    )
+    volume = vm.open(path)
+    for k, name in enumerate(("red", "green", "blue")):
+        np.testing.assert_array_equal(volume.array(f"c_{name}"), of_pages(values[..., k]))
+
+
+def test_two_axes_without_names_are_refused(tmp_path):
+    path = tiff(tmp_path / "a.tif", np.zeros((5, 2, 20, 30), np.uint8))
+    with pytest.raises(vm.FileFormatError, match="got QQYX"):
+        vm.open(path)
+
+
+def test_a_picture_is_no_volume(tmp_path):
+    import tifffile
+
+    from voluminous.cli.info import is_image
+
+    flat = tiff(tmp_path / "flat.tif", VALUES[0])
+    pyramid = tmp_path / "pyramid.tif"
+    with tifffile.TiffWriter(pyramid) as file:
+        file.write(np.zeros((64, 64), np.uint8), tile=(16, 16))
+        file.write(np.zeros((32, 32), np.uint8), tile=(16, 16), subfiletype=1)
+    for path in (flat, pyramid):
+        assert is_image(path)
+        with pytest.raises(vm.FileFormatError, match="an image is no volume"):
+            vm.open(path)
+    for options in ({}, {"truncate": True}, {"imagej": True}, {"ome": True}):
+        assert not is_image(tiff(tmp_path / "stack.tif", VALUES.astype(np.uint8), **options))
+
+
+def write_pictures(directory, pages, ending, start=8):
+    """Write pictures whose numbers are sorted otherwise than their names."""
+    from PIL import Image
+
+    directory.mkdir()
+    for number, page in enumerate(pages, start):
+        path = directory / f"scan_{number}.{ending}"
+        if ending == "png":
+            Image.fromarray(page).save(path)
+        else:
+            tiff(path, page, compression="zlib", photometric="rgb" if page.ndim > 2 else None)
+    (directory / "scan.log").write_text("voltage = 60 kV")
+    (directory / ".hidden.raw").write_bytes(b"")
+    return directory
+
+
+@pytest.mark.parametrize("ending", ["tif", "png"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_a_directory_of_numbered_pictures(tmp_path, ending, dtype):
+    pages = RNG.integers(0, np.iinfo(dtype).max, (5, 20, 30)).astype(dtype)
+    volume = vm.open(write_pictures(tmp_path / "tooth", pages, ending), spacing=0.5, unit="mm")
+    assert volume.array("tooth").dtype == dtype
+    np.testing.assert_array_equal(volume.array("tooth"), of_pages(pages))
+    np.testing.assert_array_equal(volume.grid.bounds, [[0, 15], [0, 10], [0, 2.5]])
+
+
+@pytest.mark.parametrize("ending", ["tif", "png"])
+def test_a_directory_of_colored_pictures(tmp_path, ending):
+    pages = RNG.integers(0, 255, (5, 20, 30, 3)).astype(np.uint8)
+    volume = vm.open(write_pictures(tmp_path / "frog", pages, ending))
+    assert volume.fields == ("frog_red", "frog_green", "frog_blue")
+    np.testing.assert_array_equal(volume.array("frog_blue"), of_pages(pages[..., 2]))
+
+
+def test_pictures_of_other_sizes_and_other_directories(tmp_path):
+    pages = RNG.integers(0, 255, (5, 20, 30)).astype(np.uint8)
+    path = write_pictures(tmp_path / "tooth", pages, "tif")
+    tiff(path / "scan_9.tif", pages[0, :, :-1])
+    with pytest.raises(vm.FileFormatError, match=r"scan_9\.tif is a picture of \(20, 29, 1\)"):
+        vm.open(path)
+    (path / "data.bin").write_bytes(b"1")
+    with pytest.raises(vm.FileFormatError, match="no reader knows"):
+        vm.open(path)
+    with pytest.raises(vm.FileFormatError, match="nothing else in it but notes"):
+        vm.open(path, format="pictures")
+
+
+def test_a_chain_of_pictures_that_bites_its_tail(tmp_path):
+    path = tiff(tmp_path / "a.tif", VALUES.astype(np.uint8), metadata=None)
+    content = bytearray(path.read_bytes())
+    first = int.from_bytes(content[4:8], "little")
+    count = int.from_bytes(content[first : first + 2], "little")
+    at = first + 2 + 12 * count
+    content[at : at + 4] = content[4:8]
+    path.write_bytes(content)
+    with pytest.raises(vm.FileFormatError, match="damaged: picture 2"):
+        vm.open(path)
+
+
+class TestTIFF(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def write(directory):
+            return tiff(directory / "a.tif", VALUES.astype(np.uint8), compression="zlib")
+
+        return write
+
+
+class TestOMETIFF(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def write(directory):
+            values = np.stack([VALUES, VALUES + 1], axis=1)
+            metadata = {"axes": "ZCYX", "PhysicalSizeX": 2.0}
+            return tiff(directory / "a.ome.tif", values.astype(np.uint8), metadata=metadata)
+
+        return write
+
+
+class TestPictures(ReaderContract):
+    @pytest.fixture(params=["tif", "png"])
+    def sample(self, request):
+        pages = VALUES.astype(np.uint8)
+        return lambda directory: write_pictures(directory / "tooth", pages, request.param)
+
+    def victims(self, path):
+        return sorted(path.glob("scan_9.*"))

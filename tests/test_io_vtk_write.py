@@ -1,0 +1,209 @@
+"""What is written for VTK is what VTK reads; objects of VTK and PyVista become volumes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+import voluminous as vm
+
+pytest.importorskip("vtkmodules", reason="VTK's own readers judge the files")
+
+from vtkmodules.util.numpy_support import vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData, vtkUniformGrid
+from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLRectilinearGridReader
+
+from vtk_files import (
+    CELLS,
+    LINES,
+    POINTS,
+    TYPES,
+    add,
+    image,
+    random_values,
+    rectilinear,
+    structured,
+)
+
+READERS = {".vti": vtkXMLImageDataReader, ".vtr": vtkXMLRectilinearGridReader}
+
+
+def read(path):
+    """Return what VTK's own reader makes of a file."""
+    reader = READERS[path.suffix]()
+    reader.SetFileName(str(path))
+    reader.Update()
+    return reader.GetOutput()
+
+
+@st.composite
+def volumes(draw, even):
+    shape = draw(array_shapes(min_dims=3, max_dims=3, max_side=4))
+    widths = st.floats(0.01, 10.0)
+    if even:
+        limits = [(a, a + n * draw(widths)) for n, a in zip(shape, (0.0, -3.0, 50.0), strict=True)]
+        grid = vm.CartesianGrid.uniform(shape, limits, unit=draw(st.sampled_from([None, "kpc"])))
+    else:
+        edges = [np.cumsum(draw(arrays(float, n + 1, elements=widths))) for n in shape]
+        grid = vm.CartesianGrid(*edges)
+    volume = vm.Volume(grid)
+    for name in draw(st.lists(st.sampled_from("abcd"), unique=True, min_size=1)):
+        volume[name] = draw(arrays(draw(st.sampled_from(TYPES)), shape))
+        volume.set_unit(name, draw(st.sampled_from(["", "g / cm3", "K"])))
+    return volume
+
+
+@pytest.mark.parametrize("suffix", [".vti", ".vtr"])
+def test_what_is_written_vtk_reads_and_so_do_we(tmp_path_factory, suffix):
+    path = tmp_path_factory.mktemp("vtk") / f"a{suffix}"
+
+    @settings(deadline=None, max_examples=50)
+    @given(volumes(even=suffix == ".vti"))
+    def run(volume):
+        vm.io.save(volume, path)
+        theirs, ours = read(path), vm.open(path)
+        np.testing.assert_allclose(theirs.GetBounds(), volume.grid.bounds.ravel(), rtol=1e-13)
+        assert ours.fields == volume.fields
+        assert ours.unit == volume.unit
+        assert ours.units == volume.units
+        for mine, edges in zip(ours.grid.edges, volume.grid.edges, strict=True):
+            np.testing.assert_allclose(mine, edges, rtol=1e-13, atol=1e-13)
+        for name in volume.fields:
+            array = theirs.GetCellData().GetArray(name)
+            values = vtk_to_numpy(array).reshape(volume.grid.shape[::-1]).T
+            np.testing.assert_array_equal(values, volume.array(name))
+            np.testing.assert_array_equal(ours.array(name), volume.array(name))
+            assert ours.array(name).dtype == volume.array(name).dtype
+            unit = array.GetInformation().Get(vtkDataArray.UNITS_LABEL())
+            assert (unit or "").strip() == volume.units[name]
+
+    run()
+
+
+def test_vectors_truths_and_remarks(tmp_path):
+    volume = vm.models.sphere(4)
+    rng = np.random.default_rng(1)
+    for axis in "xyz":
+        volume[f"wind_{axis}"] = rng.random(volume.grid.shape, dtype=np.float32)
+        volume[f"mixed_{axis}"] = rng.random(volume.grid.shape).astype(
+            "f4" if axis == "x" else "f8"
+        )
+    volume["truth"] = volume.array("inside") > 0.5
+    volume.meta |= {"time": 2.5, "object": "a & b", "list": [1], "flag": True}
+    path = tmp_path / "a.vti"
+    vm.io.save(volume, path)
+    theirs, ours = read(path), vm.open(path)
+    wind = theirs.GetCellData().GetArray("wind")
+    assert wind.GetNumberOfComponents() == 3
+    np.testing.assert_array_equal(
+        vtk_to_numpy(wind)[:, 1].reshape(4, 4, 4).T, volume.array("wind_y")
+    )
+    assert theirs.GetFieldData().GetArray("TimeValue").GetValue(0) == 2.5
+    assert theirs.GetFieldData().GetAbstractArray("object").GetValue(0) == "a & b"
+    assert theirs.GetCellData().GetArray("mixed_x").GetNumberOfComponents() == 1
+    assert set(ours.fields) == set(volume.fields)
+    assert ours.meta == {"time": 2.5, "object": "a & b"}
+    assert ours.array("truth").dtype == np.uint8
+    np.testing.assert_array_equal(ours.array("truth"), volume.array("truth"))
+
+
+def test_image_data_have_equal_cells(tmp_path):
+    volume = vm.Volume(vm.CartesianGrid([0, 1, 3], [0, 1], [0, 1]), a=np.ones((2, 1, 1)))
+    with pytest.raises(vm.InputError, match=r"equal cells.*write a \.vtr"):
+        vm.io.save(volume, tmp_path / "a.vti")
+    assert not list(tmp_path.iterdir())
+
+
+# Objects
+
+
+@pytest.mark.parametrize("make", [image, rectilinear, structured])
+def test_objects_of_vtk(make):
+    data = make()
+    values = {name: random_values(name) for name in TYPES}
+    for name, array in values.items():
+        add(data, name, array)
+    add(data, "v", random_values("f4", (*POINTS, 3)))
+    add(data, "c", random_values("f8", CELLS), cells=True)
+    data.GetPointData().SetActiveScalars("f4")
+    volume = vm.from_pyvista(data, unit="mm")
+    assert volume.fields == (*TYPES, "v_x", "v_y", "v_z")
+    assert str(volume.unit) == "mm"
+    for name, array in values.items():
+        np.testing.assert_array_equal(volume.array(name), array)
+        assert volume.array(name).dtype == array.dtype
+    cells = vm.from_pyvista(data, {"rho": "cell/c"})
+    np.testing.assert_array_equal(cells.array("rho"), random_values("f8", CELLS))
+    np.testing.assert_allclose(cells.grid.bounds.ravel(), data.GetBounds())
+    if make is not image:
+        np.testing.assert_array_equal(cells.grid.edges[0], LINES[0])
+
+
+def test_an_image_in_its_own_place():
+    data = image(origin=(1, 2, 3), spacing=(1, 2, 4), low=(5, 0, -1))
+    data.SetDirectionMatrix(0, -1, 0, 1, 0, 0, 0, 0, 1)
+    add(data, "f", random_values("f4")).GetInformation().Set(vtkDataArray.UNITS_LABEL(), "K")
+    add(data, "c", random_values("f4", CELLS), cells=True)
+    volume = vm.from_pyvista(data, "c")
+    np.testing.assert_allclose(volume.grid.bounds.ravel(), data.GetBounds())
+    np.testing.assert_array_equal(
+        volume.array("c"), random_values("f4", CELLS).transpose(1, 0, 2)[::-1]
+    )
+    assert vm.from_pyvista(data, "f").units == {"f": "K"}
+
+
+def test_values_are_copied():
+    data = vtkUniformGrid()
+    data.SetDimensions(2, 2, 2)
+    array = add(data, "f", random_values("f4", (2, 2, 2)))
+    volume = vm.from_pyvista(data)
+    vtk_to_numpy(array)[:] = 0
+    np.testing.assert_array_equal(volume.array("f"), random_values("f4", (2, 2, 2)))
+
+
+def test_objects_of_pyvista():
+    pv = pytest.importorskip("pyvista")
+    mesh = pv.ImageData(dimensions=POINTS, spacing=(1, 2, 3), origin=(1, 1, 1))
+    mesh["rho"] = random_values("f4").T.ravel()
+    mesh.cell_data["c"] = random_values("f4", CELLS).T.ravel()
+    mesh.field_data["TimeValue"] = [4.0]
+    volume = vm.from_pyvista(mesh, "rho")
+    np.testing.assert_array_equal(volume.array("rho"), random_values("f4"))
+    assert volume.meta == {"time": 4.0}
+    grid = pv.RectilinearGrid(*LINES)
+    grid["rho"] = random_values("f4").T.ravel()
+    np.testing.assert_array_equal(vm.from_pyvista(grid).array("rho"), random_values("f4"))
+    with pytest.raises(vm.InputError, match=r"got UnstructuredGrid.*sample\(mesh\)"):
+        vm.from_pyvista(grid.cast_to_unstructured_grid())
+    # The advice helps.
+    sampled = pv.ImageData(dimensions=(8, 8, 8), origin=(0, -2, 5), spacing=(0.5, 3 / 7, 4 / 7))
+    volume = vm.from_pyvista(sampled.sample(grid.cast_to_unstructured_grid()))
+    assert volume.fields == ("rho",)
+    assert np.isfinite(volume.array("rho")).all()
+
+
+def test_objects_that_are_no_volume():
+    for other in (vtkPolyData(), np.ones(3), vtkImageData()):
+        with pytest.raises(vm.InputError, match=r"expected image data|is empty"):
+            vm.from_pyvista(other)
+    with pytest.raises(vm.FileFormatError, match="there are none"):
+        vm.from_pyvista(image())
+    data, (x, y, z) = structured(), LINES
+    data.GetPoints().SetPoint(3, x[0], y[1] + 0.1, z[2])
+    add(data, "f", random_values("f4"))
+    with pytest.raises(vm.InputError, match="curved or oblique"):
+        vm.from_pyvista(data)
+
+
+def test_hidden_cells_of_objects():
+    data = image()
+    add(data, "c", random_values("f4", CELLS), cells=True)
+    ghosts = vtkUnsignedCharArray()
+    ghosts.SetName("vtkGhostType")
+    for n in range(data.GetNumberOfCells()):
+        ghosts.InsertNextValue(32 if n == 3 else 0)
+    data.GetCellData().AddArray(ghosts)
+    hidden = np.isnan(vm.from_pyvista(data).array("c"))
+    assert np.flatnonzero(hidden.T).tolist() == [3]

@@ -1,0 +1,412 @@
+"""Volumes of xarray: every value keeps its place, in any order of dimensions and coordinates."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from astropy import units as u
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.io.axis_names import axis_of
+from voluminous.io.edges import edges_of_centers
+from voluminous.io.unit_texts import known_unit
+
+xr = pytest.importorskip("xarray")
+
+N = {"x": 4, "y": 3, "z": 2}
+
+
+@st.composite
+def cubes(draw):
+    """Return an array of which each value is a function of the coordinates, and that function."""
+    order = draw(st.permutations("xyz"))
+    centers = {}
+    for axis in "xyz":
+        steps = draw(st.lists(st.floats(0.1, 10.0), min_size=2, max_size=5))
+        line = np.cumsum(steps) - draw(st.floats(-5, 5))
+        centers[axis] = line[::-1] if draw(st.booleans()) else line
+    x, y, z = np.meshgrid(*(centers[a] for a in "xyz"), indexing="ij")
+    values = x + 100 * y + 10_000 * z
+    array = xr.DataArray(values, dims=("x", "y", "z"), coords=centers, name="f")
+    return array.transpose(*order), centers
+
+
+@settings(deadline=None)
+@given(cubes())
+def test_values_stay_at_their_coordinates(cube):
+    array, centers = cube
+    volume = vm.from_xarray(array)
+    sorted_ = [np.sort(centers[a]) for a in "xyz"]
+    x, y, z = np.meshgrid(*sorted_, indexing="ij")
+    np.testing.assert_array_equal(volume.array("f"), x + 100 * y + 10_000 * z)
+    for edges, line in zip(volume.grid.edges, sorted_, strict=True):
+        # Edges of equal cells are put in even steps: to what a coordinate is rounded to in a file.
+        np.testing.assert_allclose(
+            0.5 * (line[1:] + line[:-1]), edges[1:-1], rtol=0, atol=1e-4 * np.ptp(line)
+        )
+        assert edges[0] < line[0] < edges[1]
+
+
+@given(st.lists(st.floats(0.01, 100.0), min_size=2, max_size=30), st.floats(-1e3, 1e3))
+def test_edges_enclose_their_centres(steps, start):
+    centers = start + np.cumsum(steps)
+    edges = edges_of_centers(centers)
+    assert np.all(np.diff(edges) > 0)
+    assert np.all((edges[:-1] < centers) & (centers < edges[1:]))
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+def test_equal_steps_give_equal_cells(dtype):
+    centers = (0.1 * np.arange(7) + 0.05).astype(dtype)
+    edges = edges_of_centers(centers)
+    np.testing.assert_allclose(edges, 0.1 * np.arange(8), atol=1e-7)  # single precision of 0.65
+    assert np.ptp(np.diff(edges)) < 1e-15
+
+
+def cube(dims=("z", "y", "x"), **options):
+    values = np.arange(24.0).reshape([N[d] for d in ("z", "y", "x")])
+    return xr.DataArray(values, dims=dims, name="rho", **options)
+
+
+def test_without_coordinates_cells_are_counted():
+    volume = vm.from_xarray(cube())
+    assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
+    np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
+    assert volume.meta["axes"]["x"]["name"] == "x"
+
+
+def test_dimensions_that_tell_nothing_are_in_order():
+    values = np.arange(24.0).reshape(2, 3, 4)
+    volume = vm.from_xarray(xr.DataArray(values))
+    assert volume.fields == ("data",)
+    np.testing.assert_array_equal(volume.array("data"), values)
+
+
+@pytest.mark.parametrize(
+    ("dim", "attributes", "axis"),
+    [
+        ("lon", {}, "x"),
+        ("nlat", {}, "y"),
+        ("level", {}, "z"),
+        ("xi_rho", {}, "x"),
+        ("south_north", {}, "y"),
+        ("bottom_top", {}, "z"),
+        ("time", {}, "t"),
+        ("foo", {"standard_name": "grid_longitude"}, "x"),
+        ("foo", {"axis": "Y"}, "y"),
+        ("x", {"axis": "Z"}, "z"),
+        ("foo", {"positive": "down"}, "z"),
+        ("foo", {"units": "degrees_north"}, "y"),
+        ("foo", {"units": "hours since 1900-01-01"}, "t"),
+        ("band", {}, ""),
+        ("other", {}, ""),
+    ],
+)
+def test_what_a_dimension_is(dim, attributes, axis):
+    assert axis_of(dim, attributes) == axis
+
+
+def test_dims_say_it_otherwise():
+    volume = vm.from_xarray(cube(), dims=("z", "y", "x"))
+    np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4))
+    same = vm.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
+    np.testing.assert_array_equal(same.array("rho"), volume.array("rho"))
+    with pytest.raises(vm.InputError, match=r"dims must name.*\('x', 'y', 'z'\)"):
+        vm.from_xarray(cube(), dims=("x", "y"))
+    with pytest.raises(vm.UnknownNameError, match="unknown dimension 'xx'"):
+        vm.from_xarray(cube(), dims=("xx", "y", "z"))
+
+
+# Coordinates
+
+
+def test_bounds_of_cells_go_before_midpoints():
+    data = cube(coords={"z": ("z", [1.0, 5.0], {"bounds": "z_bnds"})}).to_dataset()
+    data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [2.0, 8.0]])
+    assert vm.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
+    # Those that do not join up are no edges.
+    data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [3.0, 8.0]])
+    assert vm.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
+
+
+def test_bounds_of_descending_cells():
+    data = cube(coords={"z": ("z", [5.0, 1.0], {"bounds": "z_bnds"})}).to_dataset()
+    data["z_bnds"] = (("z", "nv"), [[8.0, 2.0], [2.0, 0.0]])
+    volume = vm.from_xarray(data)
+    assert volume.grid.edges[2].tolist() == [0, 2, 8]
+    np.testing.assert_array_equal(
+        volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T[..., ::-1]
+    )
+
+
+def test_lengths_of_different_units_are_converted():
+    coords = {
+        "x": ("x", np.arange(4.0), {"units": "km"}),
+        "y": ("y", np.arange(3.0), {"units": "metres"}),
+        "z": ("z", np.arange(2.0), {"units": "km"}),
+    }
+    grid = vm.from_xarray(cube(coords=coords)).grid
+    assert grid.unit == u.km
+    np.testing.assert_allclose(grid.bounds, [[-0.5, 3.5], [-0.0005, 0.0025], [-0.5, 1.5]])
+
+
+def test_depth_grows_downwards():
+    coords = {"z": ("z", [10.0, 20.0], {"units": "m", "positive": "down"})}
+    coords |= {a: (a, np.arange(float(N[a])), {"units": "m"}) for a in "xy"}
+    volume = vm.from_xarray(cube(coords=coords))
+    assert volume.grid.bounds[2].tolist() == [-25, -5]
+    top = volume.array("rho")[..., -1]
+    np.testing.assert_array_equal(top, cube().values[0].T)
+    assert volume.meta["axes"]["z"] == {"name": "z", "unit": "m", "from": 25.0, "to": 5.0}
+
+
+def atmosphere():
+    coords = {
+        "lon": ("lon", np.arange(0.0, 360.0, 30.0), {"units": "degrees_east"}),
+        "lat": ("lat", np.linspace(75.0, -75.0, 6), {"units": "degrees_north"}),
+        "plev": ("plev", [1000.0, 850.0, 500.0], {"units": "hPa"}),
+        "time": np.array(["2001-01-01", "2001-02-01"], "M8[ns]"),
+    }
+    rng = np.random.default_rng(1)
+    wind = (("time", "plev", "lat", "lon"), rng.random((2, 3, 6, 12)), {"units": "m s-1"})
+    return xr.Dataset(
+        {"u": wind, "v": wind, "ps": (("time", "lat", "lon"), rng.random((2, 6, 12)))}, coords
+    )
+
+
+def test_angles_and_pressures_are_no_lengths_and_a_warning_says_so():
+    with pytest.warns(UserWarning, match=r"z = plev: hPa\): z is fitted into 180, which is no"):
+        volume = vm.from_xarray(atmosphere(), "u", isel={"time": 1})
+    assert volume.unit is None
+    np.testing.assert_allclose(volume.grid.bounds, [[-15, 345], [-90, 90], [0, 180]])
+    # Up is where the pressure is low: 75, 350 and 150 hPa wide halves around the levels.
+    np.testing.assert_allclose(
+        volume.grid.edges[2], 180 * (1075 - np.array([1075.0, 925, 675, 325])) / 750
+    )
+    expected = atmosphere().u.values[1].transpose(2, 1, 0)[:, ::-1]
+    np.testing.assert_array_equal(volume.array("u"), expected)
+    assert volume.units["u"] == "m / s"
+    assert volume.meta["time"] == "2001-02-01T00:00:00.000000000"
+
+
+def test_the_sides_of_the_box_can_be_said():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        chosen = {"isel": {"time": 0}, "unit": "km"}
+        volume = vm.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
+        assert volume.grid.bounds.tolist() == [[0, 4], [0, 2], [0, 1]]
+        assert volume.unit == u.km
+        spaced = vm.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
+        assert spaced.grid.bounds.tolist() == [[0, 12], [0, 6], [0, 6]]
+        bounded = vm.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
+        assert bounded.grid.bounds.tolist() == [[0, 1]] * 3
+    with pytest.raises(vm.InputError, match="not bounds and aspect"):
+        vm.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
+    with pytest.raises(vm.InputError, match="aspect must be three positive"):
+        vm.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
+
+
+def test_a_coordinate_that_turns_back_is_refused():
+    with pytest.raises(vm.InputError, match=r"'y' must ascend or descend.*sortby\('y'\)"):
+        vm.from_xarray(cube(coords={"y": [0.0, 2.0, 1.0]}))
+    with pytest.raises(vm.InputError, match="'y' must ascend"):
+        vm.from_xarray(cube(coords={"y": [0.0, np.nan, 1.0]}))
+    assert vm.from_xarray(cube(coords={"y": list("abc")})).grid.bounds[1].tolist() == [0, 3]
+
+
+# Which part, which fields
+
+
+def test_other_dimensions_are_chosen():
+    with pytest.raises(vm.InputError, match=r"\(time: 2, plev: 3, lat: 6, lon: 12\); choose one of "
+                       r"time with isel=\{'time': 0\}"):  # fmt: skip
+        vm.from_xarray(atmosphere(), "u")
+    whole = {"aspect": (1, 1, 1)}
+    by_value = vm.from_xarray(atmosphere(), "u", sel={"time": "2001-02-01"}, **whole)
+    by_number = vm.from_xarray(atmosphere(), "u", isel={"time": 1}, **whole)
+    np.testing.assert_array_equal(by_value.array("u"), by_number.array("u"))
+    part = vm.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
+    np.testing.assert_array_equal(part.array("u"), by_number.array("u")[2:5])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"isel": {"tme": 0}}, "unknown dimension 'tme'; did you mean 'time'"),
+        ({"isel": {"time": 2}}, "no time = 2: it has 2 entries, 0 … 1"),
+        ({"sel": {"plev": 510.0}}, "no plev = 510.0: .*nearest is 500.0"),
+        ({"sel": {"plev": "low"}}, "no plev = 'low': it has values 1000.0 … 500.0"),
+        ({"isel": 3}, "isel must be {dimension: entry}"),
+    ],
+)
+def test_a_part_that_is_not_there(options, message):
+    with pytest.raises(vm.VoluminousError, match=message):
+        vm.from_xarray(atmosphere(), "u", **options)
+
+
+def test_fields_that_lie_elsewhere_are_left_out_and_named():
+    options = {"isel": {"time": 0}, "aspect": (1, 1, 1)}
+    data = atmosphere()
+    data["w"] = (("plev", "lat", "lon2"), np.zeros((3, 6, 13)))
+    with pytest.warns(UserWarning, match=r"left out.*than u: w \(plev: 3, lat: 6, lon2: 13\)"):
+        assert vm.from_xarray(data, **options).fields == ("u", "v")
+    with pytest.raises(vm.InputError, match=r"same three dimensions, got u .* and w"):
+        vm.from_xarray(data, ["u", "w"], **options)
+    assert vm.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
+    with pytest.raises(vm.UnknownNameError, match="unknown variable 'q'"):
+        vm.from_xarray(data, "q", **options)
+
+
+def test_a_time_is_an_axis_only_if_told():
+    with pytest.raises(vm.InputError, match=r"say dims=\('lon', 'lat', 'time'\)"):
+        vm.from_xarray(atmosphere().ps)
+    volume = vm.from_xarray(atmosphere().ps, dims=("lon", "lat", "time"), aspect=(2, 1, 1))
+    assert volume.meta["axes"]["z"] == {"name": "time", "unit": "h", "from": -372.0, "to": 1116.0}
+    # An array of three dimensions is preferred to one of times.
+    data = xr.Dataset({"ps": atmosphere().ps, "rho": cube()})
+    with pytest.warns(UserWarning, match="left out"):
+        assert vm.from_xarray(data).fields == ("rho",)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (xr.DataArray(np.zeros((2, 3))), "expected a variable of three dimensions.*data "),
+        (xr.DataArray(np.zeros((2, 3, 4), complex)), "three dimensions and of numbers"),
+        (xr.DataArray(np.zeros((2, 0, 4))), r"dim_1: 0.*no cells"),
+        (xr.Dataset(), "there are none"),
+        (np.zeros((2, 3, 4)), "takes an xarray.DataArray or Dataset, got ndarray"),
+    ],
+)
+def test_what_makes_no_volume(data, message):
+    with pytest.raises(vm.InputError, match=message):
+        vm.from_xarray(data)
+
+
+# Values
+
+
+@pytest.mark.parametrize("dtype", ["u1", "i2", "u2", "i4", "f4", "f8", "?", ">f4"])
+def test_types_stay(dtype):
+    volume = vm.from_xarray(cube().astype(dtype))
+    assert volume.array("rho").dtype == np.dtype(dtype).newbyteorder("=")
+
+
+def test_missing_values_are_nan():
+    assert np.isnan(vm.from_xarray(cube().where(cube() > 5)).array("rho")).sum() == 6
+
+
+def test_pieces_are_computed_when_they_are_used(monkeypatch):
+    dask = pytest.importorskip("dask")
+    monkeypatch.setattr(vm.io.labelled.convert, "AT_ONCE", 0)
+    computed = []
+
+    def compute(block):
+        computed.append(block.shape)
+        return 2 * block
+
+    data = xr.Dataset({"a": cube().chunk(x=2), "b": cube().chunk(x=2)})
+    data = data.map(lambda v: v.copy(data=v.data.map_blocks(compute, meta=np.empty((0, 0, 0)))))
+    volume = vm.from_xarray(data)
+    assert volume.waiting == ("a", "b")
+    assert not computed
+    with dask.config.set(scheduler="synchronous"):
+        np.testing.assert_array_equal(volume.array("b"), 2 * cube().values.T)
+    assert len(computed) == 2
+    assert volume.waiting == ("a",)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("degrees_north", u.deg),
+        ("degC", u.deg_C),
+        ("mb", u.mbar),  # to astropy a millibit
+        ("kg m-2 s-1", u.kg / u.m**2 / u.s),
+        ("m s**-1", u.m / u.s),
+        ("Kelvin", u.K),
+        ("hours", u.hour),
+        ("micrometer", u.um),
+        ("seconds since 2000-01-01", None),
+        ("dBZ", None),
+        ("dex", None),
+        ("sigma_level", None),
+        ("1", None),
+        ("", None),
+    ],
+)
+def test_units_as_files_write_them(text, unit):
+    assert known_unit(text) == ("" if unit is None else str(unit.to_string()))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.text())
+def test_no_text_breaks_the_units(text):
+    known_unit(text)
+
+
+# The accessor
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "import voluminous, xarray",
+        "import xarray, voluminous",
+        "import voluminous, importlib.util as u; u.find_spec('xarray'); import xarray",
+    ],
+    ids=["first", "second", "asked about"],
+)
+def test_the_accessor_is_there_in_any_order_of_imports(script):
+    look = "; import sys; print(hasattr(xarray.DataArray, 'voluminous'), "
+    look += "hasattr(xarray.Dataset, 'voluminous'), any('voluminous' in type(f).__module__ "
+    look += "for f in sys.meta_path))"
+    done = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", "-c", script + look],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["True", "True", "False"]
+
+
+def test_importing_voluminous_does_not_import_xarray():
+    script = "import voluminous, sys; print('xarray' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "False"
+
+
+@pytest.fixture
+def ball():
+    z, y, x = np.meshgrid(*[np.linspace(-1, 1, 12)] * 3, indexing="ij")
+    density = np.exp(-4 * (x**2 + y**2 + z**2))
+    return xr.DataArray(density, dims=("z", "y", "x"), name="rho")
+
+
+def test_pictures_of_arrays(ball):
+    image = ball.voluminous.render(bounds=(-1, 1))
+    assert image.intensity.max() > 0.1
+    assert image.unit == ""
+
+
+def test_a_picture_is_that_of_the_volume(ball):
+    camera = vm.Orthographic(resolution=8)
+    medium = vm.Coefficients("rho", 0.1)
+    options = {"scheme": "first-order", "precision": "double"}
+    mine = ball.to_dataset().voluminous.render(medium, camera, spacing=0.1, unit="pc", **options)
+    volume = vm.from_xarray(ball, spacing=0.1, unit="pc")
+    np.testing.assert_array_equal(
+        mine.intensity, vm.render(volume, medium, camera, **options).intensity
+    )
+    assert ball.voluminous.to_volume(unit="pc").unit == u.pc
+    assert "render" in repr(ball.voluminous)
+    by_field = ball.voluminous.render("rho**2", camera)
+    assert by_field.provenance["medium"] == vm.auto(vm.from_xarray(ball), "rho**2").describe()

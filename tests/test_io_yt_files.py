@@ -1,0 +1,306 @@
+"""Files of simulation codes, found by their content and read by yt."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+from reference import data_directory
+from voluminous.io import find_reader
+from voluminous.io.yt.signatures import code_output
+
+yt = pytest.importorskip("yt")
+yt.set_log_level(50)
+RNG = np.random.default_rng(5)
+ROOT, FINE = RNG.uniform(1, 2, (8, 8, 8)), RNG.uniform(1, 2, (8, 4, 8))
+
+
+def write_gdf(path):
+    """Write two grids with yt's own writer."""
+    from yt.utilities.grid_data_format.writer import write_to_gdf
+
+    boxes = [([0, 0, 0], [1, 1, 1], 0, ROOT), ([0.25] * 3, [0.75, 0.5, 0.75], 1, FINE)]
+    grids = [
+        {
+            "left_edge": left,
+            "right_edge": right,
+            "level": level,
+            "dimensions": values.shape,
+            "density": (values, "g/cm**3"),
+            "temperature": (2 * values, "K"),
+        }
+        for left, right, level, values in boxes
+    ]
+    ds = yt.load_amr_grids(grids, [8, 8, 8], length_unit="pc")
+    write_to_gdf(ds, str(path), [("gas", "density"), ("gas", "temperature")])
+    return path
+
+
+class TestContract(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        return lambda directory: write_gdf(directory / "small.gdf")
+
+    def test_damaged_bytes_give_our_errors_only(self, sample, tmp_path):
+        """The contract's test, with fewer examples: yt takes half a second for each."""
+        path = sample(tmp_path)
+        content, rng = path.read_bytes(), np.random.default_rng(6)
+        for limit in [512] * 6 + [len(content)] * 4:
+            damaged = bytearray(content)
+            for _ in range(rng.integers(1, 5)):
+                damaged[rng.integers(limit)] = rng.integers(256)
+            path.write_bytes(damaged)
+            with contextlib.suppress(vm.VoluminousError):
+                vm.open(path)
+
+
+def test_a_file_comes_back_as_it_was_written(tmp_path):
+    volume = vm.open(write_gdf(tmp_path / "x.gdf"), unit="pc")
+    whole, part = volume.grid.unpack(volume.array("density"))
+    np.testing.assert_array_equal(part, FINE)
+    seen = np.isfinite(whole)
+    assert seen.sum() == 512 - FINE.size // 8
+    np.testing.assert_array_equal(whole[seen], ROOT[seen])
+    assert volume.units == {"density": "g / cm3", "temperature": "K"}
+
+
+def test_options(tmp_path):
+    path = write_gdf(tmp_path / "x.gdf")
+    volume = vm.open(
+        path,
+        "density",
+        unit="au",
+        units={"density": "kg/m3"},
+        bounds=((0, 3e4), (0, 1e5), (0, 1e5)),
+    )
+    assert volume.units["density"] == "kg / m3"
+    au = 206264.806
+    ends = [np.round(e * 16) / 16 for e in (3e4 / au, 1e5 / au, 1e5 / au)]
+    np.testing.assert_allclose(volume.grid.bounds[:, 1] / au, ends, atol=1 / 15)
+    assert volume.grid.size < 200
+    with pytest.raises(vm.UnknownNameError, match="units"):
+        vm.open(path, unitz={})
+
+
+def write_amrex(directory):
+    """Write a plotfile of two levels, by hand: text headers, and boxes of x-fastest numbers."""
+    boxes = [((0, 0, 0), ROOT), ((4, 4, 4), FINE)]
+    lines = ["HyperCLaw-V1.1", "1", "density", "3", "0.5", "1", "0 0 0", "1 1 1", "2"]
+    lines += ["((0,0,0) (7,7,7) (0,0,0)) ((0,0,0) (15,15,15) (0,0,0))", "3 6"]
+    lines += ["0.125 0.125 0.125", "0.0625 0.0625 0.0625", "0", "0"]
+    for level, (low, values) in enumerate(boxes):
+        width, place = 0.125 / 2**level, directory / f"Level_{level}"
+        place.mkdir(parents=True)
+        lines += [f"{level} 1 0.5", "3"]
+        lines += [f"{a * width} {(a + n) * width}" for a, n in zip(low, values.shape, strict=True)]
+        lines.append(f"Level_{level}/Cell")
+        high = tuple(a + n - 1 for a, n in zip(low, values.shape, strict=True))
+        box = f"(({low[0]},{low[1]},{low[2]}) ({high[0]},{high[1]},{high[2]}) (0,0,0))"
+        form = "((8, (64 11 52 0 1 12 0 1023)),(8, (8 7 6 5 4 3 2 1)))"
+        (place / "Cell_D_00000").write_bytes(
+            f"FAB {form}{box} 1\n".encode() + values.tobytes(order="F")
+        )
+        head = f"1\n1\n1\n0\n(1 0\n{box}\n)\n1\nFabOnDisk: Cell_D_00000 0\n\n"
+        extremes = f"1,1\n{values.min()},\n\n1,1\n{values.max()},\n"
+        (place / "Cell_H").write_text(head + extremes)
+    (directory / "Header").write_text("\n".join(lines) + "\n")
+    return directory
+
+
+def test_an_amrex_plotfile(tmp_path):
+    path = write_amrex(tmp_path / "plt00010")
+    volume = vm.open(path)
+    assert find_reader(path).name == "yt"
+    assert find_reader(path / "Header").name == "yt"
+    whole, part = volume.grid.unpack(volume.array("density"))
+    np.testing.assert_array_equal(part, FINE)
+    assert np.isfinite(whole).sum() == 512 - FINE.size // 8
+    np.testing.assert_array_equal(whole[np.isfinite(whole)], ROOT[np.isfinite(whole)])
+    assert volume.meta["time"] == 0.5
+    header = (path / "Header").read_text()
+    for old, new in (("\n1\ndensity", "\n999999999\ndensity"), ("\n1 1 0.5", "\n1 88888888 0.5")):
+        (path / "Header").write_text(header.replace(old, new))
+        with pytest.raises(vm.FileFormatError, match="lines"):
+            vm.open(path)
+
+
+@pytest.mark.parametrize(
+    ("items", "attributes"),
+    [
+        (("bounding box", "node type"), {}),
+        (("Chombo_global",), {"num_levels": 1}),
+        (("gridded_data_format",), {}),
+        (("Info/KeyInfo",), {}),
+        ((), {"bounds": 1, "domain": 1, "dims": 1}),
+        ((), {"openPMD": "1.1.0", "openPMDextension": 0, "basePath": "/data/%T/"}),
+    ],
+)
+def test_layouts_are_told_without_yt(items, attributes, tmp_path):
+    path = tmp_path / "x.h5"
+    with h5py.File(path, "w") as file:
+        for item in items:
+            file.create_group(item)
+        file.attrs.update(attributes)
+    head = path.read_bytes()[:4096]
+    assert code_output(path, head) == path
+    with h5py.File(path, "w") as file:
+        file["density"] = np.zeros((2, 2, 2))
+    assert code_output(path, path.read_bytes()[:4096]) is None
+    assert find_reader(path).name == "hdf5"
+
+
+def test_without_yt_it_is_said_how_to_get_it(tmp_path):
+    path = write_amrex(tmp_path / "plt00010")
+    program = (
+        "import sys; sys.modules['yt'] = None\n"
+        "import voluminous as vm\n"
+        f"try: vm.open({str(path)!r})\n"
+        "except vm.MissingPackageError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert 'pip install "voluminous[yt]"' in done.stdout, done.stderr
+
+
+def test_unknown_files_stay_unknown(tmp_path):
+    path = tmp_path / "notes.xyz"
+    path.write_bytes(b"nothing that anybody knows" * 20)
+    with pytest.raises(vm.FileFormatError, match="does not know"):
+        vm.open(path)
+
+
+def real(place):
+    """Return the path of real data, or skip the test if it is absent."""
+    path = data_directory() / "data" / place
+    if not path.exists():
+        pytest.skip(f"no {path}; set VOLUMINOUS_TEST_DATA")
+    return path
+
+
+def copied(source, directory):
+    """Return a copy that may be damaged."""
+    shutil.copytree(source, directory)
+    for file in directory.iterdir():
+        os.chmod(file, 0o644)
+    return directory
+
+
+def compared(volume, path, fields):
+    """Compare a volume with all cells that yt reads of a file."""
+    cells = yt.load(str(path)).all_data()
+    number = volume.grid.locate(cells.fcoords.to(str(volume.unit)).d)
+    assert sorted(number) == list(range(volume.grid.size))
+    for name in fields:
+        np.testing.assert_array_equal(volume.array(name)[number], cells["gas", name].d)
+
+
+RAMSES = "ramses_hii_outflow/output_00003"
+
+
+def test_a_ramses_output():
+    path = real(RAMSES)
+    volume = vm.open(path)
+    assert volume.grid.cells_per_level == (29290, 23769, 24180, 66080)
+    compared(volume, path / "info_00003.txt", ["density", "velocity_x"])
+    cells = volume.grid.cell_volumes  # pc³, the code's unit
+    density = volume.array("density") / 1.66e-24
+    velocity_unit = 0.3085677581282e19 / 0.300468352592198e16  # unit_l / unit_t in the header
+    speed = np.sqrt(sum(volume.array(f"velocity_{c}") ** 2 for c in "xyz")) / velocity_unit
+    ionised, mass = volume.array("hydro_scalar_00"), density * cells
+    fast = speed > 600
+    sums = [mass.sum(), (mass * ionised).sum(), (cells * ionised).sum(), mass[fast].sum()]
+    sums += [(mass * speed)[fast].sum(), 0.5 * (mass * speed**2)[fast].sum()]
+    expected = [3648.8424659589, 15.943657592678, 1.25119193719e-3]
+    expected += [85.258195308724, 80009.389236728, 41559668.822444]
+    np.testing.assert_allclose(sums, expected, rtol=1e-9)  # rounding of sums over 1e5 cells
+
+
+def test_parts_of_a_ramses_output_lead_to_it():
+    path = real(RAMSES)
+    for part in ("info_00003.txt", "amr_00003.out00001", "hydro_00003.out00001"):
+        head = (path / part).read_bytes()[:100]
+        assert code_output(path / part, head) == path / "info_00003.txt"
+    derived = vm.open(path / "info_00003.txt", ["temperature", "velocity_magnitude"])
+    assert derived.units == {"temperature": "K", "velocity_magnitude": "cm / s"}
+
+
+@pytest.mark.parametrize(
+    ("part", "old", "new", "told"),
+    [
+        ("info_00003.txt", "ncpu        =          1", "ncpu        =  900000000", "ncpu"),
+        ("info_00003.txt", "levelmin    =          5", "levelmin    =         29", "levelmin"),
+        ("info_00003.txt", "ordering", "order", "ordering"),
+        ("hydro_file_descriptor.txt", "6, scalar_00, d", "", "names"),
+    ],
+)
+def test_headers_of_ramses_that_promise_too_much(part, old, new, told, tmp_path):
+    path = copied(real(RAMSES), tmp_path / "output_00003")
+    text = (path / part).read_text()
+    assert old in text
+    (path / part).write_text(text.replace(old, new))
+    with pytest.raises(vm.FileFormatError, match=told):
+        vm.open(path)
+
+
+@pytest.mark.parametrize("part", ["amr_00003.out00001", "hydro_00003.out00001", "info_00003.txt"])
+def test_a_ramses_output_cut_short(part, tmp_path):
+    path = copied(real(RAMSES), tmp_path / "output_00003")
+    content = (path / part).read_bytes()
+    for share in (0.0, 0.02, 0.5, 0.9):
+        (path / part).write_bytes(content[: int(share * len(content))])
+        if share == 0.9 and part.startswith("info"):
+            continue  # the table of domains
+        with pytest.raises(vm.FileFormatError, match="output_00003"):
+            vm.open(path)
+
+
+ENZO = "enzo_minihalo/moving7_0010"
+
+
+def test_an_enzo_output():
+    path = real(ENZO)
+    volume = vm.open(path)
+    assert volume.grid.cells_per_level == (3766, 1640, 7000, 7488, 3880, 1603, 900, 800)
+    compared(volume, path, ["density", "temperature", "velocity_x"])
+    assert volume.meta["redshift"] == pytest.approx(9.99102779566)
+    # The root grid holds averages of finer ones: its mean is that of all.
+    with h5py.File(path.with_name("moving7_0010.cpu0000")) as file:
+        mean = file["Grid00000001/Density"][()].astype(float).mean()
+        unit = volume.array("density").max() / max(file[g]["Density"][()].max() for g in file)
+    mass = (volume.array("density") * volume.grid.cell_volumes).sum()
+    assert mass / volume.grid.cell_volumes.sum() == pytest.approx(mean * unit, rel=1e-5)
+
+
+def test_parts_of_an_enzo_output_lead_to_it(tmp_path):
+    path = copied(real(ENZO).parent, tmp_path / "data") / "moving7_0010"
+    hierarchy = path.with_name("moving7_0010.hierarchy")
+    for part in (hierarchy, path.with_name("moving7_0010.cpu0000")):
+        assert code_output(part, b"") == path
+    text = hierarchy.read_text()
+    for share in (0.3, 0.7, 0.99):
+        hierarchy.write_text(text[: int(share * len(text))])
+        with pytest.raises(vm.FileFormatError, match="hierarchy"):
+            vm.open(path)
+
+
+def test_particles_keep_their_masses_and_momenta():
+    ds = yt.load(str(real("arepo_galaxies/galaxy_interaction.hdf5")))
+    volume = vm.from_yt(ds, ["density", "velocity"])
+    gas = ds.all_data()
+    mass = gas["PartType0", "particle_mass"].to("g").d
+    cells = volume.array("density") * volume.grid.cell_volumes * volume.unit.to("cm") ** 3
+    assert cells.sum() == pytest.approx(mass.sum(), rel=1e-9)  # the kiloparsec of two packages
+    for axis in "xyz":
+        speed = gas["PartType0", f"particle_velocity_{axis}"].to("cm/s").d
+        total = (cells * volume.array(f"velocity_{axis}")).sum()
+        assert total == pytest.approx((mass * speed).sum(), abs=1e-9 * (mass * abs(speed)).sum())

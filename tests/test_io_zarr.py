@@ -1,0 +1,301 @@
+"""Zarr of both versions, in directories and ZIP files: plain, with names, and of microscopes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from astropy import units as u
+
+import voluminous as vm
+from contracts import ReaderContract
+from voluminous.io import find_reader
+
+zarr = pytest.importorskip("zarr")
+
+LATER = int(zarr.__version__.split(".")[0]) >= 3
+VERSIONS = [2, 3] if LATER else [2]
+RHO = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
+TIMES, CHANNELS = 2, 3
+CELLS = np.random.default_rng(0).integers(0, 255, (TIMES, CHANNELS, 4, 6, 8)).astype(np.uint8)
+
+
+@pytest.fixture(params=VERSIONS)
+def version(request):
+    return request.param
+
+
+def group_at(path, version):
+    return zarr.open_group(str(path), mode="w", **({"zarr_format": version} if LATER else {}))
+
+
+def put(group, name, values, **options):
+    create = group.create_array if LATER else group.create_dataset
+    array = create(name, shape=values.shape, dtype=values.dtype, **options)
+    array[...] = values
+    return array
+
+
+def plain(path, version):
+    array = put(group_at(path, version), "gas/rho" if LATER else "rho", RHO, chunks=(1, 2, 2))
+    array.attrs["units"] = "g/cm3"
+    return path
+
+
+def microscope(path, version):
+    """Write an image of two levels, half a micrometre deep voxels, as the specification says."""
+    group, levels = group_at(path, version), []
+    for k in range(2):
+        f = 2**k
+        put(group, str(k), CELLS[:, :, ::f, ::f, ::f], chunks=(1, 1, 2, 4, 4))
+        scale = [1, 1, 500.0 * f, 0.25 * f, 0.25 * f]
+        shift = [0, 0, 250.0 * (f - 1), 0.125 * (f - 1), 0.125 * (f - 1)]
+        steps = [{"type": "scale", "scale": scale}, {"type": "translation", "translation": shift}]
+        levels.append({"path": str(k), "coordinateTransformations": steps})
+    units = {"z": "nanometer", "y": "micrometer", "x": "micrometer"}
+    axes = [{"name": "t", "type": "time"}, {"name": "c", "type": "channel"}]
+    axes += [{"name": a, "type": "space", "unit": unit} for a, unit in units.items()]
+    told = {
+        "multiscales": [{"axes": axes, "datasets": levels}],
+        "omero": {"channels": [{"label": "DAPI"}, {"label": "GFP 2"}, {}]},
+    }
+    group.attrs.update({"ome": {"version": "0.5", **told}} if version == 3 else told)
+    return path
+
+
+def zipped(path):
+    return shutil.make_archive(str(path), "zip", path)
+
+
+def test_plain_arrays(tmp_path, version):
+    path = plain(tmp_path / "a.zarr", version)
+    for place in (path, zipped(path)):
+        volume = vm.open(place, spacing=2, unit="pc")
+        assert volume.fields == ("rho",)
+        assert volume.units["rho"] == "g / cm3"
+        assert volume.array("rho").dtype == np.uint16
+        np.testing.assert_array_equal(volume.array("rho"), RHO)
+        assert volume.grid.bounds.tolist() == [[0, 4], [0, 6], [0, 8]]
+    assert find_reader(path).name == "zarr"
+
+
+def test_one_array_alone(tmp_path, version):
+    options = {"zarr_format": version} if LATER else {}
+    zarr.save_array(str(tmp_path / "a.zarr"), RHO, **options)
+    volume = vm.open(tmp_path / "a.zarr", axes="zyx")
+    np.testing.assert_array_equal(volume.array("a"), RHO.T)
+
+
+def test_names_of_dimensions(tmp_path, version):
+    xr = pytest.importorskip("xarray")
+    path = tmp_path / "a.zarr"
+    coords = {"z": ("z", [3.0, 1.0], {"units": "km"})}
+    coords |= {a: (a, np.arange(float(n)), {"units": "m"}) for a, n in (("y", 3), ("x", 4))}
+    data = xr.Dataset({"rho": (("z", "y", "x"), RHO)}, coords)
+    for consolidated in (True, False):
+        options = {"zarr_format": version} if LATER else {}
+        data.to_zarr(path, mode="w", consolidated=consolidated, **options)
+        assert find_reader(path).name == "zarr-xarray"
+        for place in (path, zipped(path)):
+            volume = vm.open(place)
+            np.testing.assert_array_equal(volume.array("rho"), RHO.T[:, :, ::-1])
+            assert volume.grid.unit == u.m
+            np.testing.assert_allclose(volume.grid.bounds[2], [0, 4000])
+
+
+def test_groups_with_names(tmp_path, version):
+    xr = pytest.importorskip("xarray")
+    path, data = tmp_path / "a.zarr", xr.Dataset({"rho": (("z", "y", "x"), RHO)})
+    options = {"zarr_format": version} if LATER else {}
+    data.to_zarr(path, group="sea", mode="w", consolidated=False, **options)
+    assert vm.open(path).fields == ("rho",)  # the only one there is
+    data.to_zarr(path, group="land/low", mode="a", consolidated=False, **options)
+    with pytest.raises(vm.FileFormatError, match=r"several groups.*land/low, sea"):
+        vm.open(path)
+    assert vm.open(path, group="sea").fields == ("rho",)
+    with pytest.raises(vm.UnknownNameError, match="unknown group 'see'"):
+        vm.open(path, group="see")
+
+
+# Microscopes
+
+
+def test_channels_times_and_sizes(tmp_path, version):
+    path = microscope(tmp_path / "a.ome.zarr", version)
+    assert find_reader(path).name == "ome-zarr"
+    for place in (path, zipped(path)):
+        volume = vm.open(place, time=1)
+        assert volume.fields == ("DAPI", "GFP_2", "channel_2")
+        np.testing.assert_array_equal(volume.array("GFP_2"), CELLS[1, 1].T)
+        assert volume.array("GFP_2").dtype == np.uint8
+        assert volume.unit == u.um
+        # Micrometres along x and y, nanometres along z; the first centre is at 0.
+        np.testing.assert_allclose(
+            volume.grid.bounds, [[-0.125, 1.875], [-0.125, 1.375], [-0.25, 1.75]]
+        )
+    assert vm.open(path, time=0, channel=2).fields == ("channel_2",)
+    assert [f.name for f in find_reader(path).info(path)] == ["DAPI", "GFP_2", "channel_2"]
+
+
+def test_all_levels_fill_the_same_space(tmp_path, version):
+    path = microscope(tmp_path / "a.zarr", version)
+    fine, coarse = (vm.open(path, "DAPI", time=0, level=k) for k in range(2))
+    np.testing.assert_allclose(fine.grid.bounds, coarse.grid.bounds)
+    np.testing.assert_array_equal(coarse.array("DAPI"), CELLS[0, 0, ::2, ::2, ::2].T)
+    assert (fine.meta["level"], coarse.meta["level"]) == (0, 1)
+
+
+def test_the_level_fits_into_memory(tmp_path, monkeypatch):
+    path = microscope(tmp_path / "a.zarr", VERSIONS[0])
+    cells = CELLS[0, 0].size
+    monkeypatch.setattr("voluminous.io.zarr.choice.available_memory", lambda: 2 * 17 * cells - 1)
+    assert vm.open(path, time=0).meta["level"] == 1
+    monkeypatch.setattr("voluminous.io.zarr.choice.available_memory", lambda: 2 * 17 * cells)
+    assert vm.open(path, time=0).meta["level"] == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "there are 2 times; choose one with time=0"),
+        ({"time": 2}, "time must be a number from 0 to 1, got 2"),
+        ({"time": 0, "level": 2}, "level must be a number from 0 to 1"),
+        ({"time": 0, "channel": "GFP"}, "channel must be a number from 0 to 2"),
+        ({"time": 0, "image": "x"}, "unknown image 'x'"),
+    ],
+)
+def test_a_part_that_is_not_there(tmp_path, options, message):
+    path = microscope(tmp_path / "a.zarr", VERSIONS[0])
+    with pytest.raises(vm.VoluminousError, match=message):
+        vm.open(path, **options)
+
+
+def test_images_that_bio_formats_wrote(tmp_path):
+    root = group_at(tmp_path / "a.zarr", 2)
+    root.attrs["bioformats2raw.layout"] = 3
+    for k in range(2):
+        microscope(tmp_path / "a.zarr" / str(k), 2)
+    with pytest.raises(vm.InputError, match="images 0, 1; choose one with image='0'"):
+        vm.open(tmp_path / "a.zarr", time=0)
+    assert vm.open(tmp_path / "a.zarr", time=0, image=1).fields[0] == "DAPI"
+
+
+def test_old_images_have_no_axes(tmp_path):
+    path = microscope(tmp_path / "a.zarr", 2)
+    told = json.loads((path / ".zattrs").read_text())
+    image = told["multiscales"][0]
+    del image["axes"]
+    image["datasets"] = [{"path": "0"}]
+    (path / ".zattrs").write_text(json.dumps(told))
+    assert vm.open(path, time=0).grid.bounds.tolist() == [[-0.5, 7.5], [-0.5, 5.5], [-0.5, 3.5]]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda image: image.update(axes=["y", "x"]), "not as OME-Zarr has them|expected an image"),
+        (lambda image: image.update(datasets=[]), "expected an image with axes"),
+        (lambda image: image.update(datasets=3), "not as OME-Zarr"),
+        (lambda image: image["datasets"][0].pop("path"), r"not as OME-Zarr.*KeyError: 'path'"),
+        (lambda image: _scale(image, [1, 1, 0, 1, 1]), "have size 0.0 along z.*give spacing"),
+        (lambda image: _scale(image, [1, 1]), "expected 5 numbers, got 2"),
+        (lambda image: image["axes"].pop(0), "expected 4 numbers, got 5"),
+        (lambda image: _without_time(image), r"shape \(2, 3, 4, 6, 8\), expected axes c, z"),
+    ],
+)
+def test_what_cannot_be_told(tmp_path, change, message):
+    path = microscope(tmp_path / "a.zarr", 2)
+    told = json.loads((path / ".zattrs").read_text())
+    change(told["multiscales"][0])
+    (path / ".zattrs").write_text(json.dumps(told))
+    with pytest.raises(vm.FileFormatError, match=message):
+        vm.open(path, time=0)
+
+
+def _without_time(image):
+    image["axes"].pop(0)
+    image["datasets"] = [{"path": "0"}]
+
+
+def _scale(image, numbers):
+    for data in image["datasets"]:
+        data["coordinateTransformations"] = [{"type": "scale", "scale": numbers}]
+
+
+# Damage
+
+
+def test_pieces_that_no_memory_holds(tmp_path):
+    path = tmp_path / "a.zarr"
+    plain(path, 2)
+    (place,) = path.rglob(".zarray")
+    told = json.loads(place.read_text())
+    place.write_text(json.dumps({**told, "shape": [2, 3, 10**6], "chunks": [10**4] * 3}))
+    with pytest.raises(vm.MemoryNeededError, match=r"one piece \(10000, 10000, 10000\)"):
+        vm.open(path)
+    place.write_text(json.dumps({**told, "shape": [10**5] * 3}))
+    with pytest.raises(vm.MemoryNeededError, match="2000000000000000 bytes"):
+        vm.open(path)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1]", "[" * 100_000, '{"zarr_format": 2}'])
+def test_descriptions_that_are_none(tmp_path, text):
+    path = plain(tmp_path / "a.zarr", 2)
+    (place,) = path.rglob(".zarray")
+    place.write_text(text)
+    with pytest.raises(vm.FileFormatError, match=r"a\.zarr"):
+        vm.open(path)
+
+
+def test_groups_without_end(tmp_path):
+    path = plain(tmp_path / "a.zarr", 2)
+    below = path
+    for _ in range(20):
+        below = below / "g"
+        below.mkdir()
+        (below / ".zgroup").write_text('{"zarr_format": 2}')
+    with pytest.raises(vm.FileFormatError, match="nested deeper than"):
+        vm.open(path)
+
+
+class _Contract(ReaderContract):
+    def victims(self, path):
+        """Return what describes the store, and its pieces: a piece that is not there is zeros."""
+        return sorted(p for p in path.rglob("*") if p.is_file())
+
+    def test_cut_short(self, path):
+        # A store without one of its descriptions is another store, perhaps a sound one.
+        told = [v for v in self.victims(path) if v.name in (".zarray", "zarr.json")]
+        for victim in told:
+            content = victim.read_bytes()
+            for part in (0.0, 0.3, 0.9):
+                victim.write_bytes(content[: int(part * len(content))])
+                with pytest.raises(vm.FileFormatError, match=path.name):
+                    vm.open(path, **self.options)
+            victim.write_bytes(content)
+
+
+class TestPlain(_Contract):
+    @pytest.fixture
+    def sample(self):
+        return lambda directory: plain(directory / "a.zarr", VERSIONS[-1])
+
+
+class TestMicroscope(_Contract):
+    options: dict = {"time": 0}  # noqa: RUF012
+
+    @pytest.fixture
+    def sample(self):
+        return lambda directory: microscope(directory / "a.ome.zarr", VERSIONS[-1])
+
+
+class TestZipped(ReaderContract):
+    @pytest.fixture
+    def sample(self, tmp_path_factory):
+        def write(directory):
+            made = plain(tmp_path_factory.mktemp("made") / "a.zarr", 2)
+            return type(directory)(shutil.move(zipped(made), directory / "a.zarr.zip"))
+
+        return write
