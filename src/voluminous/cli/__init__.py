@@ -9,14 +9,24 @@ import argparse
 import contextlib
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from types import ModuleType
 
 from .. import __version__
 from ..errors import VoluminousError
-from . import demo, doctor, info, render
+from . import convert, demo, doctor, formats, info, measure, probe, render
 
-COMMANDS: dict[str, ModuleType] = {"demo": demo, "render": render, "info": info, "doctor": doctor}
+COMMANDS: dict[str, ModuleType] = {
+    "demo": demo,
+    "render": render,
+    "info": info,
+    "measure": measure,
+    "probe": probe,
+    "convert": convert,
+    "formats": formats,
+    "doctor": doctor,
+}
 
 FAILED, INTERRUPTED = 2, 130
 
@@ -40,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")
     args = parser().parse_args(argv)
     try:
-        code = int(COMMANDS[args.command].run(args))
+        with _plain_warnings():
+            code = int(COMMANDS[args.command].run(args))
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
@@ -56,6 +67,17 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"voluminous: error: {str(error) or type(error).__name__}", file=sys.stderr)
         return FAILED
+
+
+@contextlib.contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Show warnings as what they say, without the line of the program."""
+    before = warnings.formatwarning
+    warnings.formatwarning = lambda message, *_, **__: f"voluminous: warning: {message}\n"
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
 
 
 def parser() -> argparse.ArgumentParser:

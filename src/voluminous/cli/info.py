@@ -3,43 +3,59 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+
+from ..errors import InputError, VoluminousError
+from .data import add_fields_option, add_reading_options, data_file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of this command."""
     parser.add_argument("file", type=Path, help="scene (.toml), volume file or image file")
+    group = parser.add_argument_group("data files")
+    add_fields_option(group, "fields to tell of; all that are read by default")
+    add_reading_options(group)
+    group.add_argument("--no-histogram", action="store_true", help="tell of ranges only")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what there is to know, and what to type next."""
-    for line in describer(args.file)(args.file):
-        print(line)
+    for line in lines(args):
+        print(line, flush=True)
     return 0
 
 
-def describer(path: Path) -> Callable[[Path], Iterator[str]]:
-    """Return the function that tells of a file, by its suffix and, where that is open, content."""
-    if path.suffix.lower() == ".toml":
+def lines(args: argparse.Namespace) -> Iterator[str]:
+    """Return the lines about a file: a scene or an image by its name and content, or a volume."""
+    path: Path = args.file
+    is_scene = path.suffix.lower() == ".toml"
+    if args.format is None and (is_scene or is_image(path)):
+        _refuse_options(args)
+        from .info_image import describe_image
         from .info_scene import describe_scene
 
-        return describe_scene
-    if is_image(path):
-        from .info_image import describe_image
-
-        return describe_image
+        return (describe_scene if is_scene else describe_image)(path)
     from .info_volume import describe_volume
 
-    return describe_volume
+    return describe_volume(data_file(path, args), histogram=not args.no_histogram)
+
+
+def _refuse_options(args: argparse.Namespace) -> None:
+    given = {"--fields": args.fields, "--set": args.set, "--no-histogram": args.no_histogram}
+    wrong = [name for name, value in given.items() if value]
+    if wrong:
+        raise InputError(f"{' and '.join(wrong)}: for data files only")
 
 
 def is_image(path: Path) -> bool:
-    """Return True for an image file; content decides where the suffix leaves it open."""
+    """Return True for an image file; content decides where volumes have the same suffix."""
     from ..image.formats import FORMATS
+    from ..io import find_reader
 
-    if path.suffix.lower() == ".npz" and path.is_file():
-        from ..io.arrays.npz import holds_image
-
-        return holds_image(path)
-    return any(path.suffix.lower() in form.suffixes for form in FORMATS)
+    if not any(path.suffix.lower() in form.suffixes for form in FORMATS):
+        return False
+    try:
+        return find_reader(path).holds_image(path)
+    except VoluminousError:  # no volume has it, or there is no such file
+        return True

@@ -2,102 +2,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..errors import VoluminousError
+from .choice import rank
+from .data import DataFile
+from .info_field import Look, look, next_steps, title, values
 from .info_grid import describe_grid
-from .statistics import Statistics, histogram, numbers, statistics
+from .info_meta import describe_meta
+from .sizes import bytes_of, in_bytes
 
 if TYPE_CHECKING:
     from ..io import FieldInfo
     from ..volume import Volume
 
-# A field whose greatest value is so many times its least is looked at logarithmically.
-_WIDE = 1e2
-# Chosen to look well: this part of the volume's width has optical depth one.
-_PART = 4
+# A field, and the volume that it can be read from; or why it cannot.
+Readable = tuple["FieldInfo", "Volume | VoluminousError"]
 
 
-def describe_volume(path: Path) -> Iterator[str]:
+def describe_volume(data: DataFile, *, histogram: bool = True) -> Iterator[str]:
     """Yield lines about a volume file; one field at a time is in memory."""
     from ..io import find_reader
-    from ..io import open as open_volume
     from ..io.guard import reading
 
-    reader = find_reader(path)
-    with reading(path, reader.description):
-        fields = reader.info(path)
-    yield f"{path}: {reader.description}, {_size(path)}"
-    scenes: list[tuple[int, list[str]]] = []
-    for number, field in enumerate(fields):
-        try:
-            volume = open_volume(path, {field.name: field.place})
-        except VoluminousError as error:
-            yield from ("", _title(field), f"  cannot be read: {error}")
+    reader = find_reader(data.path, data.format)
+    with reading(data.path, reader.description):
+        known = reader.info(data.path, **data.typed())
+    size = in_bytes(bytes_of(data.path))
+    yield f"{data.path}: {reader.description}, {size}; format {reader.name}"
+    if not known:
+        yield from _nothing(data)
+        return
+    looks: list[Look] = []
+    told: Any = None
+    for field, volume in _readable(data, known):
+        if isinstance(volume, VoluminousError):
+            yield from ("", title(field), f"  cannot be read: {volume}")
             continue
-        found = statistics(volume.array(field.name))
-        if number == 0:
-            yield from describe_grid(volume.grid)
-        yield from ("", _title(field), *_values(volume.array(field.name), found))
-        if found.least < found.greatest:
-            scenes.append((found.size - found.finite, _scene(path, field, volume, found)))
-    yield ""
-    if not fields:
-        yield "It holds no three-dimensional array of numbers."
-    if scenes:
-        yield "To see it, save this as scene.toml and type: voluminous render scene.toml"
+        if volume.grid is not told:
+            yield from _about(volume, told)
+            told = volume.grid
+        yield from ("", title(field))
+        found = look(field, volume)
+        yield from values(volume, found, histogram)
+        looks.append(found)
+        del volume[field.name]  # what was read is given back
+    yield from _rest(known, looks)
+    yield from next_steps(data, looks)
+
+
+def _nothing(data: DataFile) -> Iterator[str]:
+    """Yield why there is nothing to tell of."""
+    yield "It holds no three-dimensional array of numbers."
+    try:
+        data.open()
+    except VoluminousError as error:
+        yield str(error)
+
+
+def _about(volume: Volume, told: Any) -> Iterator[str]:
+    """Yield lines about the grid, unless the one before was the same, and what else is known."""
+    if told is None:
+        yield from describe_grid(volume.grid)
+        yield from describe_meta(volume)
+    elif volume.grid.describe() != told.describe():
         yield ""
-        # The first of those fields with the fewest values that cannot be shown.
-        yield from min(scenes, key=lambda scene: scene[0])[1]
+        yield from describe_grid(volume.grid)
 
 
-def _values(array: Any, found: Statistics) -> Iterator[str]:
-    yield f"  {numbers(found)}"
-    if found.finite:
-        scale = "logarithmic" if _is_wide(found) else "linear"
-        yield f"  {histogram(array, found, _is_wide(found))}  {scale}"
+def _readable(data: DataFile, known: Iterable[FieldInfo]) -> Iterator[Readable]:
+    """Yield the fields to be told of: those asked for, or all that are read by default.
+
+    The file is opened once; where its fields do not fit together, once for each.
+    """
+    try:
+        volume = data.open()
+    except VoluminousError:
+        if data.fields is not None:
+            raise
+        for field in known:
+            yield field, _alone(data, field)
+        return
+    by_name = {field.name: field for field in known}
+    for name in volume.fields:
+        yield by_name.get(name) or _told_by(volume, name), volume
 
 
-def _is_wide(found: Statistics) -> bool:
-    return found.least > 0 and found.greatest > _WIDE * found.least
+def _alone(data: DataFile, field: FieldInfo) -> Volume | VoluminousError:
+    try:
+        return data.open({field.name: field.place})
+    except VoluminousError as error:
+        return error
 
 
-def _title(field: FieldInfo) -> str:
-    place = "" if field.place == field.name else f" at {field.place}"
-    shape = " x ".join(map(str, field.shape))
-    return f"{field.name}{place}: {field.dtype}, {shape}, {field.unit or 'no unit'}"
+def _told_by(volume: Volume, name: str) -> FieldInfo:
+    """Return what a volume tells of a field, such as one with a name of the user's."""
+    from ..io import FieldInfo
+
+    dtype = str(volume.describe()["fields"][name]["dtype"])
+    return FieldInfo(name, name, volume.grid.shape, dtype, volume.units[name])
 
 
-def _scene(path: Path, field: FieldInfo, volume: Volume, found: Statistics) -> list[str]:
-    """Return a scene that shows a field through a colour table."""
-    import math
-
-    from ..scene.toml import dumps
-
-    wide, low, high = _is_wide(found), found.least, found.greatest
-    if wide:
-        low, high = round(math.log10(low), 3), round(math.log10(high), 3)
-    widest = float(max(b - a for a, b in volume.grid.bounds))
-    medium: dict[str, Any] = {
-        "type": "colormap",
-        "expr": f"log10({field.name})" if wide else field.name,
-        "cmap": "inferno",
-        "vmin": low,
-        "vmax": high,
-        "opacity": 1.0,
-        "path_length": widest / _PART,
-    }
-    fields = {field.name: field.place}
-    scene = {"volume": {"path": str(path), "fields": fields}, "medium": [medium]}
-    return dumps({**scene, "camera": {"incl": 60, "phi": 30}}).splitlines()
-
-
-def _size(path: Path) -> str:
-    size = float(path.stat().st_size)
-    for unit in ("bytes", "KiB", "MiB", "GiB"):
-        if size < 1024 or unit == "GiB":
-            break
-        size /= 1024
-    return f"{size:.4g} {unit}"
+def _rest(known: Iterable[FieldInfo], looks: list[Look]) -> Iterator[str]:
+    """Yield what the fields take, and the names of those that were not looked at."""
+    if looks:
+        sizes = [found.bytes for found in looks]
+        total = f"{in_bytes(sum(sizes))} for all, " if len(sizes) > 1 else ""
+        yield ""
+        yield f"memory: {total}{in_bytes(max(sizes))} for {'one field' if total else 'the field'}"
+    others = sorted({f.name for f in known} - {found.field.name for found in looks}, key=rank)
+    if others and looks:
+        yield f"more fields (--fields): {', '.join(others)}"

@@ -17,12 +17,14 @@ from .common import (
     say,
     told,
 )
+from .data import assignment
 
 if TYPE_CHECKING:
     from ..scene import Scene
 
 # Values that are paths: on the command line they are relative to the working directory.
 _PATHS = ("volume.path", "render.background")
+_PACKED = (".gz", ".bz2", ".xz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,7 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="change a value of the scene, such as camera.incl=40 or medium.2.opacity=0.3",
+        help="change a value of the scene, such as camera.incl=40 or medium.2.opacity=0.3; for a "
+        "file with data also an option of its format, such as unit=pc",
+    )
+    parser.add_argument(
+        "--annotate",
+        action="store_true",
+        help="add a scale bar, axes, colour bars with histograms and the time (.png)",
     )
     render_volume.add_arguments(parser)
     add_render_options(parser)
@@ -56,11 +64,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
-    scene = _scene(args)
-    changes = dict(_assignment(text, scene) for text in args.set) | given_options(args)
+    given = dict(assignment(text, "camera.incl=40") for text in args.set)
+    is_volume = render_volume.is_volume(args.scene, args.format)
+    chosen = args.output or [_default_output(args.scene, is_volume)]
+    outputs = [check_output(path) for path in chosen]
+    scene = _scene(args, given, is_volume)
+    changes = {place: _changed(place, v, scene) for place, v in given.items()}
+    changes |= given_options(args)
     if changes:
         scene = scene.replaced(changes)
-    outputs = [check_output(path) for path in args.output or [_default_output(args.scene)]]
+    if args.annotate:
+        _annotate(scene, outputs)
     image, seconds = render_scene(scene, args.scene.name, args.quiet)
     for path in outputs:
         image.provenance = {
@@ -72,30 +86,55 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _scene(args: argparse.Namespace) -> Scene:
-    """Return the scene in a file, or one made for the data in it."""
+def _scene(args: argparse.Namespace, given: dict[str, Any], is_volume: bool) -> Scene:
+    """Return the scene in a file, or one made for the data in it.
+
+    Takes away from what is `given` with ``--set`` the options of the data's format.
+    """
     from ..scene import Scene
 
-    if render_volume.is_volume(args.scene):
-        return render_volume.scene_of(args)
-    render_volume.refuse_options(args)
-    return Scene.load(args.scene)
+    if not is_volume:
+        render_volume.refuse_options(args)
+        return Scene.load(args.scene)
+    options = {
+        option: given.pop(place)
+        for place in list(given)
+        if (option := render_volume.reader_option(place)) is not None
+    }
+    scene, choice = render_volume.scene_of(args, options)
+    say(args.quiet, choice)
+    return scene
 
 
-def _assignment(text: str, scene: Scene) -> tuple[str, Any]:
-    """Return place and value of ``camera.incl=40``."""
-    from ..scene.toml import value
+def _annotate(scene: Scene, outputs: list[Path]) -> None:
+    """Let a scene's pictures be annotated with what its volume and medium tell.
 
-    place, equals, given = text.partition("=")
-    if not equals or not place.strip():
-        raise InputError(f"--set expects KEY=VALUE such as camera.incl=40, got {text!r}")
-    place, parsed = place.strip(), value(given.strip())
-    if place in _PATHS and isinstance(parsed, str):
-        parsed = os.path.relpath(os.path.expanduser(parsed), scene.directory)
-    return place, parsed
+    Raises
+    ------
+    InputError
+        If none of the files can be.
+    """
+    from ..image.formats import format_of
+
+    if not any("annotate" in format_of(path).options for path in outputs):
+        raise InputError("--annotate is for pictures to look at: give a .png with -o")
+    given = scene.image_options.get("annotate")
+    known = {"volume": scene.volume().seen_by(scene.camera), "medium": scene.medium}
+    annotations = {**known, **(given if isinstance(given, dict) else {})}
+    scene.image_options = {**scene.image_options, "annotate": annotations}
 
 
-def _default_output(scene: Path) -> Path:
-    if scene.suffix.lower() != ".toml" and not render_volume.is_volume(scene):
-        raise InputError(f"say with -o what to write: the scene comes from the image {scene}")
-    return Path(scene.stem + ".png")
+def _changed(place: str, value: Any, scene: Scene) -> Any:
+    """Return a value for a place in a scene."""
+    if place in _PATHS and isinstance(value, str):
+        return os.path.relpath(os.path.expanduser(value), scene.directory)
+    return value
+
+
+def _default_output(path: Path, is_volume: bool) -> Path:
+    if path.suffix.lower() != ".toml" and not is_volume:
+        raise InputError(f"say with -o what to write: the scene comes from the image {path}")
+    name = Path(os.path.abspath(path)).name
+    for suffix in _PACKED:
+        name = name.removesuffix(suffix)
+    return Path(Path(name).stem + ".png")

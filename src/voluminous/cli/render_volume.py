@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
+from .data import DataFile
 from .info import is_image
+from .opened import opened
 
 if TYPE_CHECKING:
+    from ..media import Medium
     from ..scene import Scene
+    from ..volume import Volume
 
 _INCL, _PHI, _LEVELS, _PIXELS = 60.0, 30.0, 4, 800
 # Options that belong to data files: a scene says all this itself.
-_OPTIONS = ("field", "levels", "incl", "phi")
+_OPTIONS = ("field", "levels", "incl", "phi", "format")
+# Keys of [volume] that are no options of a reader.
+_NO_OPTIONS = ("path", "model", "format", "fields", "derived", "units")
+_SHOWN = 8
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({_INCL:g})")
     group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({_PHI:g})")
+    group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
 
 
-def is_volume(path: Path) -> bool:
+def is_volume(path: Path, format: str | None = None) -> bool:
     """Return True for a file with data; False for a scene, or an image with one in it.
 
     Raises
@@ -38,10 +47,10 @@ def is_volume(path: Path) -> bool:
     """
     from ..io import find_reader
 
-    if path.suffix.lower() == ".toml" or is_image(path):
+    if format is None and (path.suffix.lower() == ".toml" or is_image(path)):
         return False
     try:
-        find_reader(path)
+        find_reader(path, format)
     except FileFormatError:
         if _is_text(path):  # a scene by another name
             return False
@@ -75,8 +84,26 @@ def refuse_options(args: argparse.Namespace) -> None:
         )
 
 
-def scene_of(args: argparse.Namespace) -> Scene:
-    """Return the scene for a data file: automatic shells, seen obliquely, all of it in the frame.
+def reader_option(place: str) -> str | None:
+    """Return the option of the reader that a place in ``--set`` is; None for one in the scene."""
+    from ..scene.settings import SECTIONS
+
+    section, dot, key = place.partition(".")
+    if not dot:
+        return None if place in SECTIONS else place
+    return key if section == "volume" and key not in _NO_OPTIONS else None
+
+
+def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, str]:
+    """Return the scene for a data file, and what was chosen in words.
+
+    Automatic shells of one field, seen obliquely, all of it in the frame.
+
+    Parameters
+    ----------
+    args : Namespace
+    options : dict
+        The reader's.
 
     Raises
     ------
@@ -84,21 +111,58 @@ def scene_of(args: argparse.Namespace) -> Scene:
         If the file cannot be read, or the expression names something that is not there.
     """
     from ..calibration import auto
-    from ..io import open as open_volume
     from ..scene import Scene
+    from .choice import first_field
 
-    path: Path = args.scene
-    volume = open_volume(path)
-    levels = _LEVELS if args.levels is None else args.levels
-    medium = auto(volume, args.field, levels)
-    source: dict[str, Any] = {"path": path.name}
-    fields = [name for name in medium.names if name in volume]
-    if fields:
-        source["fields"] = fields
+    data = DataFile(args.scene, args.format, options)
+    found = opened(data, args.field)
+    volume, there = found.volume, found.volume.fields
+    shown = args.field or first_field(volume)
+    medium = auto(volume, shown, _LEVELS if args.levels is None else args.levels)
+    fields = found.keep(volume.given(medium.names))
     camera = {
         "incl": _INCL if args.incl is None else args.incl,
         "phi": _PHI if args.phi is None else args.phi,
         "resolution": _PIXELS,
     }
+    path: Path = args.scene
+    source = data.section(fields, path.name or str(path.resolve()))
     settings = {"volume": source, "medium": medium, "camera": camera}
-    return Scene(settings, path.parent, volume=volume)
+    if _shows_labels(medium):  # between two labels there are no others
+        settings["render"] = {"scheme": "first-order"}
+    told = _told(volume, medium, camera, [name for name in there if name not in volume])
+    return Scene(settings, path.parent, volume=volume), told
+
+
+def _shows_labels(medium: Medium) -> bool:
+    """Return True if every part of a medium shows one whole number."""
+    from ..media import Rectangle
+
+    parts: list[Any] = list(medium.components())
+    return all(
+        isinstance(part, Rectangle) and part.width == 0.5 and float(part.center).is_integer()
+        for part in parts
+    )
+
+
+def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterable[str]) -> str:
+    """Return field, levels and camera in words, and how to change them."""
+    parts: list[Any] = list(medium.components())
+    text = f"{parts[0].expr.text}: {_count(medium)} {_listed(f'{p.center:.4g}' for p in parts)}"
+    units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]
+    text += f" ({', '.join(units)})" if units else ""
+    text += f", seen from incl {camera['incl']:g}, phi {camera['phi']:g}"
+    rest = list(others)
+    return f"{text}\nother fields (--field): {_listed(rest)}" if rest else text
+
+
+def _count(medium: Medium) -> str:
+    count = len(list(medium.components()))
+    if _shows_labels(medium):
+        return "label" if count == 1 else f"{count} labels, cell by cell:"
+    return "shell at" if count == 1 else f"{count} shells at"
+
+
+def _listed(texts: Iterable[str]) -> str:
+    known = list(texts)
+    return ", ".join([*known[:_SHOWN], *["…"][: len(known) > _SHOWN]])

@@ -11,18 +11,44 @@ import numpy as np
 _PIECE = 1 << 20
 _BARS = " ▁▂▃▄▅▆▇█"
 _WIDTH = 48
+# Values enough for bars; of more, evenly spread ones are counted (the range is that of all).
+_COUNTED = 1 << 24
 
 
 @dataclass
 class Statistics:
-    """What there is in an array: numbers of values, and the range of the finite ones."""
+    """What there is in an array: numbers of values, and the range of the finite ones.
+
+    Attributes
+    ----------
+    positive : float
+        The least value above zero.
+    first_nan, first_infinite : int or None
+        Flat index of the first one.
+    """
 
     size: int = 0
     finite: int = 0
     nan: int = 0
     least: float = np.inf
     greatest: float = -np.inf
+    positive: float = np.inf
     total: float = 0.0
+    first_nan: int | None = None
+    first_infinite: int | None = None
+
+    def add(self, good: np.ndarray, total: float) -> None:
+        """Take finite values and their sum into account."""
+        least, greatest = good.min(), good.max()
+        if greatest > 0:
+            above = least if least > 0 else good.min(where=good > 0, initial=greatest)
+            self.positive = min(self.positive, float(above))
+        self.least, self.greatest = (
+            min(self.least, float(least)),
+            max(self.greatest, float(greatest)),
+        )
+        self.finite += good.size
+        self.total += total
 
     @property
     def infinite(self) -> int:
@@ -31,45 +57,89 @@ class Statistics:
 
 
 def statistics(array: np.ndarray) -> Statistics:
-    """Return range, mean and number of NaN of an array."""
+    """Return range, mean, and numbers and first places of NaN and infinities of an array."""
     found = Statistics()
     for piece in _pieces(array):
-        good = piece[np.isfinite(piece)]
+        # Infinite only if something is that, or beyond: most pieces are passed over once.
+        total = _sum(piece)
+        good = piece if np.isfinite(total) else _finite(found, piece)
         found.size += piece.size
-        found.finite += good.size
-        found.nan += int(np.isnan(piece).sum())
         if good.size:
-            found.least = min(found.least, float(good.min()))
-            found.greatest = max(found.greatest, float(good.max()))
-            found.total += float(good.sum())
+            found.add(good, total if good is piece else _sum(good))
     return found
 
 
-def numbers(found: Statistics) -> str:
-    """Return range, mean and what is not finite in words."""
+def _sum(values: np.ndarray) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(values.sum(dtype=np.float64))
+
+
+def _finite(found: Statistics, piece: np.ndarray) -> np.ndarray:
+    """Return the finite values of a piece; count the others."""
+    nan, finite = np.isnan(piece), np.isfinite(piece)
+    found.nan += int(np.count_nonzero(nan))
+    if found.first_nan is None and nan.any():
+        found.first_nan = found.size + int(np.argmax(nan))
+    infinite = ~(nan | finite)
+    if found.first_infinite is None and infinite.any():
+        found.first_infinite = found.size + int(np.argmax(infinite))
+    return piece[finite]
+
+
+def numbers(found: Statistics, shape: tuple[int, ...] | None = None) -> str:
+    """Return range, mean and what is not finite in words, with first places in an array of a shape.
+
+    Examples
+    --------
+    >>> numbers(statistics(np.array([[1.0, 3.0], [np.nan, np.nan]])), (2, 2))
+    '1 … 3, mean 2, 2 NaN (first at [1, 0])'
+    """
+    bad = [
+        f"{count} {what}{_place(first, shape)}"
+        for count, what, first in (
+            (found.nan, "NaN", found.first_nan),
+            (found.infinite, "infinite", found.first_infinite),
+        )
+        if count
+    ]
     if not found.finite:
-        return f"no finite value, {found.nan} NaN, {found.infinite} infinite"
+        return ", ".join(["no finite value", *bad])
     text = f"{found.least:.6g} … {found.greatest:.6g}, mean {found.total / found.finite:.6g}"
-    bad = [f"{n} {what}" for n, what in ((found.nan, "NaN"), (found.infinite, "infinite")) if n]
-    return ", ".join([text, *bad]) if bad else f"{text}, all finite"
+    return ", ".join([text, *(bad or ["all finite"])])
+
+
+def _place(first: int | None, shape: tuple[int, ...] | None) -> str:
+    if first is None or shape is None:
+        return ""
+    place = ", ".join(str(int(i)) for i in np.unravel_index(first, shape))
+    return f" (first at [{place}])"
 
 
 def histogram(array: np.ndarray, found: Statistics, logarithmic: bool) -> str:
-    """Return bars that show how often values between least and greatest occur; any is visible."""
+    """Return bars that show how often values between least and greatest occur; any is visible.
+
+    Logarithmic ones show those above zero.
+    """
     low, high = found.least, found.greatest
     if logarithmic:
-        low, high = np.log10(low), np.log10(high)
+        low, high = np.log10(found.positive), np.log10(high)
     counts = np.zeros(_WIDTH, dtype=np.int64)
-    for piece in _pieces(array):
-        good = piece[np.isfinite(piece)]
-        values = np.log10(good) if logarithmic else good
+    for piece in _pieces(array, stride(array.size)):
+        good = piece[np.isfinite(piece)].astype(np.float64)
+        values = np.log10(good[good > 0]) if logarithmic else good
         # Rounding must not push the ends out of the range.
         counts += np.histogram(np.clip(values, low, high), _WIDTH, (low, high))[0]
     heights = np.ceil(counts / max(1, counts.max()) * (len(_BARS) - 1)).astype(int)
     return f"|{''.join(_BARS[h] for h in heights)}|"
 
 
-def _pieces(array: np.ndarray) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
+def stride(size: int) -> int:
+    """Return of how many values one is counted in a histogram."""
+    step = -(-size // _COUNTED)
+    return step + (step > 1 and step % 2 == 0)  # odd: it does not go along one axis
+
+
+def _pieces(array: np.ndarray, step: int = 1) -> Iterator[np.ndarray[Any, np.dtype[Any]]]:
     flat = array.reshape(-1)
-    for start in range(0, flat.size, _PIECE):
-        yield flat[start : start + _PIECE].astype(np.float64)
+    for start in range(0, flat.size, step * _PIECE):
+        yield flat[start : start + step * _PIECE : step]

@@ -64,6 +64,19 @@ def _quantity(value: Any) -> Any:
     return float(match[1]) if unit is None else float(match[1]) * unit
 
 
+def _plain_quantity(value: Any) -> Any:
+    """Return the quantity in a text that cannot be anything else; else the text is a name."""
+    if not isinstance(value, str):
+        return _number(value)
+    match = _NUMBER_THEN_UNIT.fullmatch(value)
+    if match is None or not match[2][:1].isalpha():  # such as "1.2.840", or "2024-01-01"
+        raise _UnfitError
+    try:
+        return _quantity(value)
+    except UnitsError:
+        raise _UnfitError from None
+
+
 def _listed(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """Return what takes one value, or a list of them, or a list of lists …"""
 
@@ -120,6 +133,7 @@ QUANTITIES = Kind("numbers or texts such as '0.1 pc'", _listed(_quantity))
 EXPRESSION = Kind("an expression", _either(_text, _number))
 EXPRESSIONS = Kind("an expression, or a list of them", _listed(_either(_text, _number)))
 NUMBER_OR_TEXT = Kind("a number or a text", _either(_number, _text))
+COLORS = Kind("a name, a number or a list of them", _listed(_either(_text, _number)))
 NUMBERS_OR_TEXT = Kind("a text, a number or a list of numbers", _either(_text, _listed(_number)))
 FIELDS = Kind(
     "a name, a list of names, or a table name = place", _either(_listed(_text), _table(_text))
@@ -127,7 +141,7 @@ FIELDS = Kind(
 EXPRESSION_TABLE = Kind("a table name = expression", _table(_either(_text, _number)))
 TEXT_TABLE = Kind("a table name = text", _table(_text))
 # Of a key nobody described: quantities become quantities, all else stays what it is.
-ANYTHING = Kind("a value", _either(_listed(_quantity), lambda value: value))
+ANYTHING = Kind("a value", _either(_listed(_plain_quantity), lambda value: value))
 
 _ANNOTATED = {"int": WHOLE, "float": NUMBER, "bool": BOOLEAN, "str": TEXT}
 

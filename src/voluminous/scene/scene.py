@@ -12,7 +12,13 @@ from ..errors import FileFormatError, InputError
 from ..files import MissingPathError, replacing
 from ..io.guard import placed
 from . import toml
-from .sections import build_camera, build_medium, image_options, render_options
+from .sections import (
+    build_camera,
+    build_medium,
+    build_objects,
+    image_options,
+    render_options,
+)
 from .settings import plain_sections, plain_values, relative_path, set_value
 from .source import read_source
 
@@ -27,8 +33,9 @@ class Scene:
     Parameters
     ----------
     settings : mapping
-        The sections ``volume``, ``medium`` (a list), and optionally ``camera``, ``render`` and
-        ``image``, as in a scene file. Media and cameras may also be given as objects.
+        The sections ``volume``, ``medium`` (a list), and optionally ``object`` (a list),
+        ``camera``, ``render`` and ``image``, as in a scene file. Media, objects and cameras may
+        also be given as what they describe.
     directory : str or Path
         What relative paths are relative to.
     volume : Volume, optional
@@ -38,6 +45,8 @@ class Scene:
     ----------
     medium : Medium
         The sum of all media.
+    objects : list of SceneObject
+        Stars, spheres, lines, …
     camera : Camera
         By default an `Orthographic` that frames the volume.
     render_options, image_options : dict
@@ -71,9 +80,12 @@ class Scene:
         self._settings = plain_sections(settings)
         self._source = read_source(self._settings["volume"])
         self.medium = build_medium(self._settings["medium"])
+        self.objects = build_objects(self._settings["object"])
         self.camera = build_camera(self._settings["camera"])
         self.render_options = render_options(self._settings["render"])
-        self.image_options = image_options(self._settings["image"], self.medium.channels)
+        last = [one.channel for one in self.objects if one.channel is not None]
+        channels = max([self.medium.channels, *(channel + 1 for channel in last)])
+        self.image_options = image_options(self._settings["image"], channels)
         self._volume = volume
 
     @classmethod
@@ -133,12 +145,15 @@ class Scene:
         """
         from ..rendering import render
 
+        objects = overrides.pop("objects", self.objects)
         options = {**self.render_options, **overrides}
         background = options.get("background")
         if isinstance(background, str):
             options["background"] = self._background(background)
-        image = render(self.volume(), self.medium, self.camera, **options)
+        image = render(self.volume(), self.medium, self.camera, objects=objects, **options)
         told = self.to_dict()
+        if objects is not self.objects:
+            told["object"] = [one.describe() for one in objects]
         told["render"] = {**self._settings["render"], **plain_values(overrides)}
         image.provenance = {**(image.provenance or {}), "scene": told}
         return image

@@ -33,6 +33,14 @@ _CAMERA: dict[str, Kind] = {
     "resolution": kinds.WHOLES,
     "projection": kinds.TEXT,
 }
+_OBJECT: dict[str, Kind] = {
+    **dict.fromkeys(("color", "colors"), kinds.COLORS),
+    **dict.fromkeys(("position", "positions", "points", "origin", "length"), kinds.QUANTITIES),
+    **dict.fromkeys(("radius", "radii", "luminosity", "luminosities"), kinds.QUANTITIES),
+    **dict.fromkeys(("width", "psf"), kinds.QUANTITIES),
+    **dict.fromkeys(("opacity", "limb_darkening"), kinds.NUMBERS),
+    "channel": kinds.WHOLE,
+}
 _RENDER: dict[str, Kind] = {
     **dict.fromkeys(("scheme", "precision", "device", "order"), kinds.TEXT),
     "background": kinds.NUMBERS_OR_TEXT,
@@ -69,6 +77,24 @@ def build_medium(sections: list[Mapping[str, Any]]) -> Any:
             parts.append(make(**arguments(make, rest, _MEDIUM)))
     with placed("[[medium]]"):
         return sum(parts[1:], parts[0])
+
+
+def build_objects(sections: list[Mapping[str, Any]]) -> list[Any]:
+    """Return the stars, lines, … in ``[[object]]``.
+
+    Raises
+    ------
+    VoluminousError
+        If one cannot be made; names its number.
+    """
+    from ..objects import OBJECTS
+
+    found = []
+    for number, section in enumerate(sections, start=1):
+        with placed(f"[[object]] {number}"):
+            make, rest = _typed(section, OBJECTS)
+            found.append(make(**arguments(make, rest, _OBJECT)))
+    return found
 
 
 def _color_by(section: Mapping[str, Any]) -> Any:
@@ -110,7 +136,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     known = {
         name: parameter
         for name, parameter in inspect.signature(render).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name != "progress"
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in ("objects", "progress")
     }
     choices = {
         "scheme": SCHEMES,

@@ -10,7 +10,9 @@ from typing import Any
 
 from ..errors import InputError, unknown_name
 
-SECTIONS = ("volume", "medium", "camera", "render", "image")
+SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
+# Sections of which there may be several.
+_LISTS = ("medium", "object")
 
 
 def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -30,23 +32,24 @@ def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
         if not settings.get(name):
             raise InputError(f"the section {name!r} is missing or empty; a scene needs it")
     sections = {name: settings.get(name, {}) for name in SECTIONS}
-    sections["medium"] = _media(sections["medium"])
+    for name in _LISTS:
+        sections[name] = _tables(name, sections[name])
     sections["camera"] = _described(sections["camera"])
     for name, section in sections.items():
-        if name != "medium" and not isinstance(section, Mapping):
+        if name not in _LISTS and not isinstance(section, Mapping):
             raise InputError(f"expected a table [{name}], got {name} = {section!r}")
     return copy.deepcopy(sections)
 
 
-def _media(given: Any) -> list[dict[str, Any]]:
-    """Return the tables of all media, from tables or objects."""
+def _tables(name: str, given: Any) -> list[dict[str, Any]]:
+    """Return the tables of all media, or stars and lines, from tables or objects."""
     if hasattr(given, "components"):
         given = list(given.components())
-    tables = given if isinstance(given, list) else [given]
-    plain = [_described(medium) for medium in tables]
+    tables = list(given) if isinstance(given, (list, tuple)) else [given] if given else []
+    plain = [_described(one) for one in tables]
     for number, table in enumerate(plain, start=1):
         if not isinstance(table, Mapping):
-            raise InputError(f"expected tables [[medium]], got {table!r} as number {number}")
+            raise InputError(f"expected tables [[{name}]], got {table!r} as number {number}")
     return plain
 
 

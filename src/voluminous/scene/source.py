@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
+from ..io.contract import Reader
 from ..io.guard import placed
 from ..units import parse_unit
 from ..volume import Volume
@@ -53,16 +54,28 @@ class Source:
         """Return the volume; a relative path is relative to `directory`."""
         with placed("[volume]"):
             if self.path is not None:
-                from ..io import open as open_volume
-
-                where = directory / os.path.expanduser(self.path)
-                volume = open_volume(where, self.fields, format=self.format, **self.options)
+                volume = self._opened(directory / os.path.expanduser(self.path))
             else:
-                volume = models()[str(self.model)](**self.options)
-            for name, unit in self.units.items():
-                volume.set_unit(name, unit)
+                volume = self._named(models()[str(self.model)](**self.options))
             for name, expression in self.derived.items():
                 volume[name] = Expression(expression)
+        return volume
+
+    def _opened(self, path: Path) -> Volume:
+        from ..io import find_reader
+        from ..io import open as open_volume
+
+        options = self.options
+        converts = bool(self.units) and "units" in find_reader(path, self.format).options
+        if converts:  # such a reader knows units, and gives values in others
+            options = {**options, "units": self.units}
+        volume = open_volume(path, self.fields, format=self.format, **options)
+        return volume if converts else self._named(volume)
+
+    def _named(self, volume: Volume) -> Volume:
+        """Return the volume, once its plain fields have the units that are given."""
+        for name, unit in self.units.items():
+            volume.set_unit(name, unit)
         return volume
 
 
@@ -104,22 +117,39 @@ def models() -> dict[str, Any]:
 
 
 def _file(section: Mapping[str, Any], options: dict[str, Any]) -> Source:
-    from ..io.registry import reader_for_suffix, readers
+    from ..io.registry import readers
 
     path = kinds.TEXT("path", section["path"])
     form = kinds.TEXT("format", section["format"]) if "format" in section else None
     known = {reader.name: reader for reader in readers()}
     if form is not None and form not in known:
         raise unknown_name("format", form, known)
-    reader = known[form] if form else reader_for_suffix(Path(path))
-    if reader is not None:  # else the content decides, when the file is opened
-        kinds.check_keys(options, {*reader.options, *_OWN})
+    asked = [known[form]] if form else _named_like(Path(path), known.values())
+    if asked:  # else the content decides, when the file is opened
+        kinds.check_keys(options, {*_OWN}.union(*(reader.options for reader in asked)))
     return Source(
         path=path,
         format=form,
         fields=kinds.FIELDS("fields", section["fields"]) if "fields" in section else None,
-        options={key: _FILE.get(key, kinds.ANYTHING)(key, v) for key, v in options.items()},
+        options=typed_options(options),
     )
+
+
+def typed_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a reader's options as it takes them, from plain values.
+
+    Raises
+    ------
+    InputError
+        If one is of the wrong kind.
+    """
+    return {key: _FILE.get(key, kinds.ANYTHING)(key, value) for key, value in options.items()}
+
+
+def _named_like(path: Path, among: Iterable[Reader]) -> list[Reader]:
+    """Return the readers that a file of this name, packed or not, may be for."""
+    endings = {suffix.lower() for suffix in path.suffixes}
+    return [reader for reader in among if endings & set(reader.suffixes)]
 
 
 def _model(section: Mapping[str, Any], options: dict[str, Any]) -> Source:

@@ -1,0 +1,101 @@
+"""List the formats of data files, or the options of one."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from ..errors import unknown_name
+
+if TYPE_CHECKING:
+    from ..io import Reader
+
+_WIDTH = 100
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of this command."""
+    parser.add_argument("name", nargs="?", metavar="NAME", help="format to tell the options of")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the table, or what there is to know of one format."""
+    from ..io import readers
+
+    known = {reader.name: reader for reader in readers()}
+    if args.name is None:
+        print(*_table(sorted(known.values(), key=lambda r: r.name.lower())), sep="\n")
+    elif args.name in known:
+        print(*_one(known[args.name]), sep="\n")
+    else:
+        raise unknown_name("format", args.name, known)
+    return 0
+
+
+def _table(readers: list[Reader]) -> Iterator[str]:
+    """Yield one line per format, in columns."""
+    rows = [("format", "", "files", "needs", "what it is")]
+    rows += [(r.name, _modes(r), _files(r), _needs(r), _what(r)) for r in readers]
+    widths = [max(len(row[k]) for row in rows) for k in range(4)]
+    for row in rows:
+        cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
+        yield "  ".join([*cells, row[-1]]).rstrip()
+    yield ""
+    yield "r: can be read (voluminous.open), w: can be written (voluminous convert)."
+    yield "Options of a format: voluminous formats NAME. What a file is its content tells."
+
+
+def _one(reader: Reader) -> Iterator[str]:
+    """Yield all that is known of a format."""
+    yield f"{reader.name}: {_what(reader)}"
+    yield f"  files: {_files(reader)}; {'read and written' if _writes(reader) else 'read'}"
+    if needs := _needs(reader):
+        yield f"  needs: {needs}"
+        yield f'    pip install "voluminous[{reader.extra}]"' if reader.extra else ""
+    yield from _options("options (--set KEY=VALUE, voluminous.open)", reader.options)
+    yield from _options(
+        "options for writing (voluminous.io.save)", getattr(reader, "write_options", {})
+    )
+
+
+def _options(title: str, options: dict[str, str]) -> Iterator[str]:
+    if not options:
+        return
+    yield ""
+    yield f"{title}:"
+    width = max(map(len, options))
+    for name, line in options.items():
+        indent = " " * (width + 4)
+        yield textwrap.fill(f"  {name:{width}}  {line}", _WIDTH, subsequent_indent=indent)
+
+
+def _what(reader: Reader) -> str:
+    foreign = "" if type(reader).__module__.startswith("voluminous.") else " (from another package)"
+    return reader.description + foreign
+
+
+def _writes(reader: Reader) -> bool:
+    return bool(getattr(reader, "writes", False))
+
+
+def _modes(reader: Reader) -> str:
+    return "rw" if _writes(reader) else "r"
+
+
+def _files(reader: Reader) -> str:
+    directory = getattr(reader, "writes_directory", False) or not reader.suffixes
+    return " ".join(reader.suffixes) if not directory else "by content"
+
+
+def _needs(reader: Reader) -> str:
+    """Return the packages that a format needs, and whether they are there."""
+    from ..packages import is_installed
+
+    packages = getattr(reader, "packages", ())
+    if not packages:
+        return ""
+    missing = [name for name in packages if not is_installed(name)]
+    state = "installed" if not missing else f"{', '.join(missing)} not installed"
+    return f"{', '.join(packages)} ({state})"

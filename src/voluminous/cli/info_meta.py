@@ -1,0 +1,34 @@
+"""What `voluminous info` tells of a volume besides grid and fields: time, redshift, the sky."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ..volume import Volume
+
+_LONGEST = 100
+
+
+def describe_meta(volume: Volume) -> Iterator[str]:
+    """Yield what a file told besides."""
+    for key, value in volume.meta.items():
+        yield f"{key}: {_short(value)}"
+    if volume.wcs is not None:
+        yield from _sky(volume.wcs)
+
+
+def _short(value: Any) -> str:
+    text = f"{value:.10g}" if isinstance(value, float) else str(value)
+    first, *more = text.splitlines() or [""]
+    return first if not more and len(first) <= _LONGEST else f"{first[:_LONGEST]} …"
+
+
+def _sky(wcs: Any) -> Iterator[str]:
+    """Yield the world axes, and where on them the reference is."""
+    for name, kind, unit, value in zip(
+        wcs.wcs.ctype, wcs.world_axis_physical_types, wcs.wcs.cunit, wcs.wcs.crval, strict=True
+    ):
+        told = f" ({kind})" if kind else ""
+        yield f"world axis {name or 'without name'}{told}: reference {value:.8g} {unit}".rstrip()

@@ -1,0 +1,157 @@
+"""Measure totals in a scene or a data file: mass, momentum and energy, from any side."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .common import say
+from .data import add_reading_options, assignment, data_file
+
+if TYPE_CHECKING:
+    from ..cameras import Camera
+    from ..volume import Volume
+
+# A name and its value: not a comparison, which is an expression without a name.
+_NAMED = re.compile(r"\s*([A-Za-z_]\w*)\s*=(?!=)(.*)", re.DOTALL)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of this command."""
+    parser.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE",
+        help="file with data, scene file (TOML), or an image that was rendered from one",
+    )
+    parser.add_argument(
+        "--quantity",
+        action="append",
+        default=[],
+        metavar="NAME=EXPR",
+        help="what to add up over all cells times their volumes, such as "
+        "momentum=\"density * los('velocity')\"; may be given several times; the density by "
+        "default",
+    )
+    parser.add_argument(
+        "--where",
+        metavar="COND",
+        help="only cells in which this holds, such as \"los('velocity') > 5 km/s\"",
+    )
+    parser.add_argument(
+        "--angles",
+        nargs="+",
+        action="extend",
+        metavar="INCL,PHI",
+        help="from where it is seen, in degrees, for los(…): one row for each (--angles=-30,0 "
+        "for one that begins with a minus); a scene's own camera by default",
+    )
+    parser.add_argument(
+        "--unit",
+        action="append",
+        default=[],
+        metavar="NAME=UNIT",
+        help="unit of a total, such as mass=Msun",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="table to write (.ecsv, .csv, .fits)"
+    )
+    add_reading_options(parser)
+    parser.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print and save."""
+    from .measure_table import check_table, one_row, text_of, with_units, write_table
+
+    if args.output is not None:
+        check_table(args.output)
+    asked = _quantities(args.quantity)
+    units = dict(_named(text, "--unit", "mass=Msun") for text in args.unit)
+    volume, camera = _opened(args, asked)
+    asked = asked or _density(volume)
+    cameras = _cameras(args.angles) or ([] if camera is None else [camera])
+    table = _measured(volume, asked, args.where, cameras)
+    table = with_units(table if cameras else one_row(table), units, list(asked))
+    say(args.quiet, text_of(table))
+    if args.output is not None:
+        write_table(table, args.output)
+        say(args.quiet, f"{args.output}: {len(table)} row{'s' * (len(table) != 1)}")
+    return 0
+
+
+def _quantities(given: Iterable[str]) -> dict[str, str]:
+    """Return name → expression; an expression without a name is called what it is."""
+    found: dict[str, str] = {}
+    for text in given:
+        match = _NAMED.fullmatch(text)
+        name, expression = (match[1], match[2].strip()) if match else (text.strip(), text.strip())
+        if name in found:
+            raise InputError(f"--quantity names {name!r} twice")
+        if not expression:
+            raise InputError(f"--quantity expects NAME=EXPR such as mass=density, got {text!r}")
+        found[name] = expression
+    return found
+
+
+def _named(text: str, option: str, example: str) -> tuple[str, str]:
+    """Return both sides of ``mass=Msun``."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
+        raise InputError(f"{option} expects something like {example}, got {text!r}")
+    return name.strip(), value.strip()
+
+
+def _opened(args: argparse.Namespace, asked: dict[str, str]) -> tuple[Volume, Camera | None]:
+    """Return the volume, and the camera if a scene has one."""
+    from ..scene import Scene
+    from .opened import opened
+    from .render_volume import is_volume
+
+    if is_volume(args.file, args.format):
+        joined = " + ".join(f"({expression})" for expression in asked.values())
+        return opened(data_file(args.file, args), joined or None).volume, None
+    scene = Scene.load(args.file)
+    changes = dict(assignment(text, "camera.incl=40") for text in args.set)
+    scene = scene.replaced(changes) if changes else scene
+    return scene.volume(), scene.camera
+
+
+def _density(volume: Volume) -> dict[str, str]:
+    """Return what is measured by default."""
+    from .choice import first_field
+
+    name = first_field(volume)
+    if name is None:
+        raise InputError("the volume has no fields to measure; say what with --quantity NAME=EXPR")
+    return {name: name}
+
+
+def _cameras(angles: Iterable[str] | None) -> list[Camera]:
+    """Return one camera for each pair of angles."""
+    from ..cameras import Orthographic
+
+    cameras: list[Camera] = []
+    for text in angles or ():
+        try:
+            incl, phi = (float(word) for word in text.split(","))
+        except ValueError:
+            raise InputError(
+                f"--angles expects INCL,PHI in degrees such as 60,30, got {text!r}"
+            ) from None
+        cameras.append(Orthographic(incl, phi))
+    return cameras
+
+
+def _measured(volume: Volume, asked: dict[str, str], where: str | None, cameras: Any) -> Any:
+    """Return a table with a row for each camera; without one, one measurement."""
+    from ..measuring import measure
+
+    texts = [*asked.values(), where or ""]
+    if not cameras and any(re.search(r"\blos\s*\(", text) for text in texts):
+        raise InputError("los(…) depends on from where it is seen: give --angles INCL,PHI")
+    return measure(volume, asked, where, cameras or None)

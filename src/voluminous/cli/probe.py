@@ -1,0 +1,117 @@
+"""Tell what one ray of a picture saw, cell by cell."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from . import render_volume
+from .common import add_render_options, given_options, say
+from .data import assignment
+from .render import _changed, _scene
+
+if TYPE_CHECKING:
+    from ..measuring import Probe
+    from ..scene import Scene
+
+# What of a scene's [render] concerns a single ray.
+_OPTIONS = ("scheme", "tolerance", "background", "precision", "device", "order", "cutoff")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of this command."""
+    parser.add_argument(
+        "scene",
+        type=Path,
+        metavar="FILE",
+        help="scene file (TOML), an image that was rendered from one, or a file with data",
+    )
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "--pixel",
+        type=int,
+        nargs=2,
+        metavar=("X", "Y"),
+        help="the ray through this pixel, counted from 0 at the lower left",
+    )
+    where.add_argument(
+        "--at",
+        type=float,
+        nargs=2,
+        metavar=("U", "V"),
+        help="the ray through this point of the image plane, in the unit of its coordinates",
+    )
+    parser.add_argument(
+        "--also",
+        action="append",
+        default=[],
+        metavar="EXPR",
+        help="another field or expression to tell, as it is in the cells; may be given often",
+    )
+    parser.add_argument("--all", action="store_true", help="print all segments, however many")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="write all columns (.csv, .ecsv, .fits) or a plot (.png, .pdf, .svg); may be given "
+        "several times",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change a value of the scene, such as camera.incl=40; for a file with data also an "
+        "option of its format, such as unit=pc",
+    )
+    render_volume.add_arguments(parser)
+    add_render_options(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Follow the ray, and tell what it saw."""
+    for path in args.output:
+        _check(path)
+    given = dict(assignment(text, "camera.incl=40") for text in args.set)
+    scene = _scene(args, given, render_volume.is_volume(args.scene, args.format))
+    changes = {place: _changed(place, v, scene) for place, v in given.items()}
+    changes |= given_options(args)
+    found = _probe(scene.replaced(changes) if changes else scene, args)
+    say(args.quiet, found.text(None if args.all else 20))
+    for path in args.output:
+        found.save(path)
+        say(args.quiet, f"{path}: {len(found)} segments")
+    return 0
+
+
+def _check(path: Path) -> None:
+    """Refuse, before any work, a file that cannot be written in the end."""
+    from ..measuring.probing.saving import check_suffix
+
+    check_suffix(path)
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"the directory {path.parent} does not exist; create it first")
+
+
+def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
+    """Follow one ray of a scene."""
+    from ..measuring import probe
+    from ..progress import progress_bar
+
+    options: dict[str, Any] = {k: v for k, v in scene.render_options.items() if k in _OPTIONS}
+    if isinstance(options.get("background"), str):
+        options["background"] = _background(scene, options["background"])
+    options |= {"pixel": args.pixel, "at": args.at, "also": args.also}
+    with progress_bar(args.scene.name, show=False if args.quiet else None) as progress:
+        return probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
+
+
+def _background(scene: Scene, path: str) -> Any:
+    from ..image import Image
+
+    return Image.load(scene.directory / Path(path).expanduser())

@@ -1,0 +1,572 @@
+"""Data files on the command line: info, render, convert and formats."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.wcs import WCS
+
+import voluminous as vm
+from voluminous.cli import choice, info_volume, main
+from voluminous.cli import statistics as stats
+from voluminous.cli.data import chosen_fields
+from voluminous.io import Reader, readers, registry
+
+# Small pictures, quickly made.
+FAST = ["--set", "camera.resolution=8", "--scheme", "first-order"]
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    """All paths are relative to an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def snapshot():
+    """A file with several fields, of which the density is not the first."""
+    rng = np.random.default_rng(0)
+    volume = vm.Volume(vm.CartesianGrid.uniform((4, 5, 6), (-1, 1), unit="pc"))
+    volume["velocity_x"] = rng.normal(size=(4, 5, 6)) * u.km / u.s
+    volume["level"] = np.zeros((4, 5, 6), np.uint8)
+    volume["temperature"] = rng.lognormal(5, 2, (4, 5, 6)) * u.K
+    volume["rho"] = rng.lognormal(0, 3, (4, 5, 6)).astype(np.float32) * u.g / u.cm**3
+    volume.meta.update(time=1.5, redshift=0.25, note="first\nsecond")
+    vm.io.save(volume, "snapshot.h5")
+    return volume
+
+
+def run(*arguments):
+    return main([str(argument) for argument in arguments])
+
+
+def process(script):
+    """Run a script in a Python of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
+    )
+
+
+def told(capsys, *arguments):
+    """Return what a command says; it must succeed."""
+    assert run(*arguments) == 0
+    return capsys.readouterr().out
+
+
+def refused(capsys, *arguments):
+    """Return the error of a command that must fail."""
+    before = sorted(Path().rglob("*"))
+    assert run(*arguments) == 2
+    assert sorted(Path().rglob("*")) == before
+    return capsys.readouterr().err
+
+
+# Which field is looked at first
+
+
+@pytest.mark.parametrize(
+    ("names", "first"),
+    [
+        (("pressure", "density"), "density"),
+        (("dust_density", "rho"), "rho"),
+        (("temperature", "dust_density"), "dust_density"),
+        (("velocity_x", "pressure", "temperature"), "pressure"),
+        (("ra", "velocity", "flux"), "flux"),
+        (("x_", "velocity_x"), "velocity_x"),
+        (("level", "index"), "level"),
+        (("Density", "n"), "Density"),
+    ],
+)
+def test_the_first_field(names, first):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
+    for name in names:
+        volume[name] = np.arange(8.0).reshape(2, 2, 2)
+    assert choice.first_field(volume) == first
+
+
+def test_constant_fields_come_last():
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
+    assert choice.first_field(volume) is None
+    volume["density"] = np.where(np.eye(2)[None] > 0, np.full((2, 2, 2), 3.0), np.nan)
+    assert choice.first_field(volume) == "density"  # there is no other
+    volume["b"] = np.arange(8).reshape(2, 2, 2)
+    assert choice.first_field(volume) == "b"
+
+
+def test_only_the_field_that_is_shown_is_read(snapshot, monkeypatch):
+    from voluminous.io.native import reader
+
+    seen, values = [], reader.field_values
+
+    def counted(path, group, name):
+        seen.append(name)
+        return values(path, group, name)
+
+    monkeypatch.setattr(reader, "field_values", counted)
+    assert run("render", "snapshot.h5", *FAST) == 0
+    assert seen == ["rho"]
+
+
+# render
+
+
+def test_render_says_what_it_chose(snapshot, capsys):
+    out = told(capsys, "render", "snapshot.h5", *FAST)
+    first, second, third = out.splitlines()
+    assert re.match(r"log10\(rho\): 4 shells at .* \(rho in g / cm3\), seen from incl 60", first)
+    assert second == "other fields (--field): velocity_x, level, temperature"
+    assert third.startswith("snapshot.png: 8 x 8 pixels")
+    scene = vm.Scene.load("snapshot.png").to_dict()
+    assert scene["volume"] == {"path": "snapshot.h5", "fields": ["rho"]}
+
+
+def test_render_takes_options_of_the_format_and_of_the_scene(capsys):
+    np.save("cube.npy", np.random.default_rng(0).random((4, 4, 4)))
+    options = ["--set", "unit=pc", "--set", "volume.spacing=0.5", "--format", "npy"]
+    assert run("render", "cube.npy", *options, *FAST, "-q") == 0
+    made = vm.Scene.load("cube.png")
+    assert made.to_dict()["volume"] == {
+        "path": "cube.npy",
+        "format": "npy",
+        "fields": ["cube"],
+        "unit": "pc",
+        "spacing": 0.5,
+    }
+    assert made.volume().unit == u.pc
+    assert made.volume().grid.bounds.tolist() == [[0, 2]] * 3
+    assert vm.Image.load("cube.png").unit == "pc"
+    # The picture is a scene with all that, wherever it is rendered again.
+    assert run("render", "cube.png", "-o", "again.png", "-q") == 0
+    assert Path("again.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_labels_are_shown_cell_by_cell(capsys):
+    labels = np.zeros((6, 6, 6), np.uint8)
+    labels[1:3, 1:5, 1:5], labels[3:5, 2:4, 2:4] = 1, 4
+    labels[1, 1, 1], labels[1, 1, 2] = 2, 3
+    np.save("organs.npy", labels)
+    out = told(capsys, "render", "organs.npy", "--set", "camera.resolution=8")
+    assert out.startswith("organs: 4 labels, cell by cell: 1, 2, 3, 4, seen from")
+    assert "first-order" in out
+    out = told(capsys, "render", "organs.npy", *FAST[:2], "--scheme", "second-order")
+    assert "second-order" in out
+
+
+def test_fields_that_do_not_fit_together(capsys):
+    rng = np.random.default_rng(0)
+    with h5py.File("mixed.h5", "w") as file:
+        file["coarse/temperature"] = rng.random((2, 2, 2))
+        file["fine/density"] = rng.random((4, 4, 4))
+        file["other/density"] = rng.random((3, 3, 3))
+    out = told(capsys, "render", "mixed.h5", *FAST)
+    assert out.startswith("density: 4 shells")
+    fields = vm.Scene.load("mixed.png").to_dict()["volume"]["fields"]
+    assert fields == {"density": "fine/density"}
+    out = told(capsys, "render", "mixed.h5", "--field", "2 * temperature", *FAST)
+    assert out.startswith("2 * temperature: 4 shells")
+    out = told(capsys, "info", "mixed.h5")
+    assert out.count("grid: cartesian") == 3
+    assert "2 x 2 x 2 cells" in out
+
+
+def test_a_directory_gives_its_name(snapshot, capsys):
+    grid = vm.CartesianGrid.uniform(4, (-1e13, 1e13), unit="cm")
+    values = np.random.default_rng(0).lognormal(size=grid.shape)
+    vm.io.save(vm.Volume(grid, density=values * u.g / u.cm**3), "disc.model", format="radmc3d")
+    out = told(capsys, "render", "disc.model/", *FAST)
+    assert "disc.png: 8 x 8 pixels" in out
+    assert vm.Scene.load("disc.png").to_dict()["volume"]["path"] == "disc.model"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["--format", "npz"], "snapshot.h5"),
+        (["--format", "hd5"], "unknown format 'hd5'; did you mean 'hdf5'"),
+        (["--set", "unti=pc"], "unknown voluminous option 'unti'"),
+        (["--set", "camra.incl=3"], "unknown section 'camra'"),
+        (["--field", "rhoo"], "did you mean 'rho'"),
+        (["--set", "camera"], "--set expects KEY=VALUE"),
+        (["-o", "a.pgn"], "did you mean '.png'"),
+    ],
+)
+def test_mistakes_in_rendering_data(snapshot, capsys, arguments, expected):
+    assert expected in refused(capsys, "render", "snapshot.h5", *arguments)
+
+
+def test_the_format_belongs_to_data(capsys):
+    Path("scene.toml").write_text('[volume]\nmodel = "sphere"\n')
+    vm.Image(np.ones((1, 1, 3))).save("a.png")
+    assert "--set: for data files only" in refused(capsys, "info", "a.png", "--set", "unit=pc")
+    assert "--fields: for data" in refused(capsys, "info", "scene.toml", "--fields", "a")
+
+
+def test_warnings_are_one_line():
+    np.save("cube.npy", np.arange(8.0).reshape(2, 2, 2))
+    script = (
+        "import warnings\nfrom voluminous.cli import main\nfrom voluminous.io.arrays import npy\n"
+        "read = npy.NPYReader.read\n"
+        "def careful(*arguments, **options):\n"
+        "    warnings.warn('the cells are turned')\n"
+        "    return read(*arguments, **options)\n"
+        "npy.NPYReader.read = careful\n"
+        "main(['info', 'cube.npy'])\n"
+    )
+    assert process(script).stderr == "voluminous: warning: the cells are turned\n"
+
+
+# info
+
+
+def test_info_tells_all_there_is(snapshot, capsys):
+    wcs = WCS(naxis=3)
+    wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN", "VRAD"], [12.5, -30, 1000]
+    wcs.wcs.cunit = ["deg", "deg", "m/s"]
+    wcs.wcs.set()
+    snapshot.wcs = wcs
+    vm.io.save(snapshot, "snapshot.h5")
+    out = told(capsys, "info", "snapshot.h5")
+    assert "snapshot.h5: a volume saved by voluminous (HDF5), " in out
+    for line in ("time: 1.5", "redshift: 0.25", "note: first …"):
+        assert f"\n{line}\n" in out
+    assert "world axis RA---TAN (pos.eq.ra): reference 12.5 deg" in out
+    assert "rho: float32, 4 x 5 x 6, g / cm3" in out
+    assert "\nmemory: 2.461 KiB for all, 960 bytes for one field\n" in out
+    assert out.count("|  l") == 4
+
+
+def test_what_info_says_to_type_works(snapshot, capsys):
+    np.savez("b.npz", rho=snapshot.array("rho"), y=np.ones((2, 2)))
+    options = ["--set", "bounds=[[0, 1], [0, 2], [0, 3]]", "--set", "unit=pc"]
+    out = told(capsys, "info", "b.npz", *options, "--format", "npz")
+    command = re.search(r"^  voluminous (render .*)$", out, re.MULTILINE)[1]
+    assert main([*shlex.split(command), *FAST, "-q"]) == 0
+    assert vm.Scene.load("b.png").volume().grid.bounds.tolist() == [[0, 1], [0, 2], [0, 3]]
+    names = {"vm": vm}
+    exec(re.search(r"^  (volume = .*)$", out, re.MULTILINE)[1], names)
+    assert names["volume"].unit == u.pc
+    Path("scene.toml").write_text(out[out.index("[volume]") :])
+    scene = vm.Scene.load("scene.toml")
+    assert scene.volume().grid.bounds.tolist() == [[0, 1], [0, 2], [0, 3]]
+    assert scene.render(scheme="first-order").intensity.max() > 0
+
+
+def test_info_of_some_fields(snapshot, capsys):
+    out = told(capsys, "info", "snapshot.h5", "--fields", "rho,temperature", "--no-histogram")
+    assert "|" not in out
+    assert "\nrho: " in out
+    assert "velocity_x:" not in out
+    assert "\nmore fields (--fields): velocity_x, level\n" in out
+    out = told(capsys, "info", "snapshot.h5", "--fields", "n=rho")
+    assert "\nn: float32, 4 x 5 x 6, g / cm3\n" in out
+    assert "did you mean 'rho'" in refused(capsys, "info", "snapshot.h5", "--fields", "roh")
+
+
+def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
+    opened, held = [], []
+    lazily = registry.open_lazily
+
+    def counted(*arguments, **options):
+        opened.append(lazily(*arguments, **options))
+        return opened[-1]
+
+    look = info_volume.look
+
+    def watched(field, volume):
+        found = look(field, volume)
+        held.append(len(volume.fields) - len(volume.waiting))
+        return found
+
+    monkeypatch.setattr(registry, "open_lazily", counted)
+    monkeypatch.setattr(info_volume, "look", watched)
+    assert run("info", "snapshot.h5") == 0
+    assert len(opened) == 1
+    assert held == [1, 1, 1, 1]  # the one that is looked at
+
+
+def test_info_tells_of_a_field_that_is_damaged(snapshot, capsys):
+    vm.io.save(snapshot, "snapshot.h5", compress=True)
+    with h5py.File("snapshot.h5", "r+") as file:
+        file["fields/temperature"].id.write_direct_chunk((0, 0, 0), b"no gzip at all")
+    out = told(capsys, "info", "snapshot.h5")
+    assert "temperature: float64, 4 x 5 x 6, K\n  cannot be read: snapshot.h5" in out
+    assert "\nrho: float32" in out
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8", "i2", "u1", "?"])
+def test_statistics_in_pieces_are_those_of_the_whole(monkeypatch, dtype):
+    monkeypatch.setattr(stats, "_PIECE", 7)
+    values = (np.random.default_rng(1).random((5, 4, 3)) * 9).astype(dtype)
+    if values.dtype.kind == "f":
+        values[1, 2, 0] = values[2, 0, 0] = np.nan
+        values[3, 0, 1] = -np.inf
+    good = values[np.isfinite(values)]
+    found = stats.statistics(values)
+    assert (found.size, found.finite, found.nan) == (60, good.size, int(np.isnan(values).sum()))
+    assert (found.least, found.greatest) == (good.min(), good.max())
+    assert found.positive == good[good > 0].min()
+    # Sums of 60 numbers, in another order.
+    assert found.total == pytest.approx(good.sum(dtype=float), rel=1e-14)
+    if values.dtype.kind == "f":
+        text = stats.numbers(found, values.shape)
+        assert "2 NaN (first at [1, 2, 0]), 1 infinite (first at [3, 0, 1])" in text
+
+
+def test_a_sum_that_overflows_is_no_infinity():
+    found = stats.statistics(np.full((2, 2), 1.7e308))
+    assert (found.finite, found.infinite) == (4, 0)
+
+
+def test_histograms_of_many_values_are_of_some(monkeypatch):
+    array = np.random.default_rng(0).normal(size=100_000)
+    found = stats.statistics(array)
+    whole = stats.histogram(array, found, False)
+    monkeypatch.setattr(stats, "_COUNTED", 20_000)
+    assert stats.stride(array.size) == 5
+    sampled = stats.histogram(array, found, False)
+    assert len(sampled) == len(whole)
+    # Bars have 9 heights: where thousands of values are, a fifth of them gives the same but one.
+    heights = [["▁▂▃▄▅▆▇█ ".find(c) for c in bars[15:35]] for bars in (whole, sampled)]
+    assert np.abs(np.subtract(*heights)).max() <= 1
+
+
+# convert
+
+
+def test_convert_keeps_everything(snapshot, capsys):
+    out = told(capsys, "convert", "snapshot.h5", "copy.h5")
+    assert out.startswith("copy.h5: a volume saved by voluminous (HDF5), ")
+    again = vm.open("copy.h5")
+    assert again.meta == snapshot.meta
+    assert again.units == snapshot.units
+    for name in snapshot.fields:
+        np.testing.assert_array_equal(again.array(name), snapshot.array(name))
+    assert "left out" not in out
+
+
+def test_convert_says_what_was_left_out(snapshot, capsys):
+    out = told(capsys, "convert", "snapshot.h5", "copy.npz")
+    assert "  left out: time, redshift, note" in out
+    assert "unit" not in out
+
+
+class Lossy(Reader):
+    """Numbers alone, in single precision."""
+
+    name, description, suffixes, writes = "lossy", "a file of numbers", (".los",), True
+
+    def matches(self, path, head):
+        return False
+
+    def read(self, path, fields=None, **options):
+        values = np.frombuffer(path.read_bytes(), np.float32)
+        grid = vm.OctreeGrid([0, 1], [0, 1], np.arange(len(values) + 1.0))
+        return vm.Volume(grid, values=values)
+
+    def write(self, volume, path):
+        path.write_bytes(volume.array(volume.fields[0]).astype(np.float32).tobytes())
+
+
+def test_convert_tells_of_all_that_changed(snapshot, capsys, monkeypatch):
+    monkeypatch.setattr(registry, "_foreign", lambda: (Lossy(),))
+    out = told(
+        capsys, "convert", "snapshot.h5", "a.los", "--fields", "temperature", "--to", "lossy"
+    )
+    assert out.splitlines()[2:] == [
+        "  the grid is octree there, cartesian here",
+        "  temperature is called values there",
+        "  temperature: dtype float64 became float32",
+        "  temperature: unit K became none",
+        "  left out: time, redshift, note",
+    ]
+    out = told(capsys, "convert", "snapshot.h5", "b.los", "-q")
+    assert out == ""
+
+
+def test_convert_computes_and_chooses(snapshot, capsys):
+    options = ["--expr", "mass=rho * 2", "--expr", "heavy=mass * 3", "--fields", "rho,heavy"]
+    assert run("convert", "snapshot.h5", "a.h5", *options) == 0
+    again = vm.open("a.h5")
+    assert again.fields == ("rho", "mass", "heavy")
+    assert again.units["heavy"] == "g / cm3"
+    np.testing.assert_array_equal(again.array("heavy"), snapshot.array("rho") * 2 * 3)
+    named = ["--fields", "n=rho"]
+    error = refused(capsys, "convert", "snapshot.h5", "b.h5", "--expr", "a=rho", *named)
+    assert "unknown field 'rho'" in error
+    assert run("convert", "snapshot.h5", "b.h5", "--expr", "a=2 * n", *named) == 0
+    assert vm.open("b.h5").fields == ("n", "a")
+
+
+def test_convert_resamples(snapshot, capsys):
+    x = np.linspace(0, 1, 3)
+    tree = vm.OctreeGrid(x, x, x, [1] + 15 * [0], unit="kpc")
+    volume = vm.Volume(tree, density=np.arange(15.0) * u.K)
+    volume.meta["time"] = 2.0
+    vm.io.save(volume, "tree.h5")
+    assert "holds Cartesian grids only" in refused(capsys, "convert", "tree.h5", "tree.npz")
+    assert run("convert", "tree.h5", "tree.npz", "--resample", "4x4x4") == 0
+    again = vm.open("tree.npz")
+    assert (again.grid.shape, again.unit) == ((4, 4, 4), u.kpc)
+    # Means over cells keep the integral, to rounding.
+    whole = float((volume.array("density") * tree.cell_volumes).sum())
+    assert float(again.array("density").mean()) == pytest.approx(whole, rel=1e-14)
+    for wrong in ("4x4", "0x4x4", "axbxc", "4x4x-4"):
+        assert "three numbers" in refused(capsys, "convert", "tree.h5", "a.h5", "--resample", wrong)
+
+
+def test_convert_overwrites_only_when_told(snapshot, capsys):
+    Path("a.h5").write_bytes(b"precious")
+    assert "--overwrite" in refused(capsys, "convert", "snapshot.h5", "a.h5")
+    assert Path("a.h5").read_bytes() == b"precious"
+    assert run("convert", "snapshot.h5", "a.h5", "--overwrite", "-q") == 0
+    assert capsys.readouterr().out == ""
+    assert vm.open("a.h5").fields == snapshot.fields
+    assert run("convert", "a.h5", "a.h5", "--overwrite", "--fields", "rho") == 0  # onto itself
+    np.testing.assert_array_equal(vm.open("a.h5").array("rho"), snapshot.array("rho"))
+
+
+@pytest.mark.filterwarnings("ignore:RADMC-3D will refuse this grid")  # its cells are no cubes
+def test_convert_writes_directories_whole_or_not_at_all(snapshot, capsys, monkeypatch):
+    expr = ["--expr", "gas_density=rho", "--fields", "gas_density", "--to", "radmc3d"]
+    assert run("convert", "snapshot.h5", "model", *expr) == 0
+    again = vm.open("model")
+    np.testing.assert_allclose(again.array("gas_density"), snapshot.array("rho"), rtol=1e-15)
+    assert "is there already" in refused(capsys, "convert", "snapshot.h5", "model", *expr)
+    assert "or remove it first" in refused(
+        capsys, "convert", "snapshot.h5", "model", *expr, "--overwrite"
+    )
+    writer = next(reader for reader in readers() if reader.name == "radmc3d")
+
+    def broken(self, volume, path, **options):
+        (path / "amr_grid.inp").write_text("1\n")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(type(writer), "write", broken)
+    assert "No space left" in refused(capsys, "convert", "snapshot.h5", "other", *expr)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["a.xyz"], "unknown volume format '.xyz'"),
+        (["a.h55"], "did you mean '.h5'"),
+        (["a.h5", "--to", "hdf"], "format that can be written"),
+        (["a.npz", "--compress"], "the format npz has no such option"),
+        (["no/a.h5"], "the directory no does not exist"),
+        (["a.h5", "--expr", "rho"], "--expr expects NAME=EXPRESSION"),
+        (["a.h5", "--expr", "n=roh"], "did you mean 'rho'"),
+        (["a.h5", "--fields", ","], "--fields expects"),
+        (["a.h5", "--set", "unti=pc"], "unknown voluminous option"),
+        (["."], "is there already"),
+    ],
+)
+def test_mistakes_in_converting(snapshot, capsys, arguments, expected):
+    assert expected in refused(capsys, "convert", "snapshot.h5", *arguments)
+
+
+def test_fields_by_name_and_by_place():
+    assert chosen_fields(None) is None
+    assert chosen_fields(["a, b", "c"]) == ["a", "b", "c"]
+    assert chosen_fields(["a=/gas/rho,b"]) == {"a": "/gas/rho", "b": "b"}
+
+
+# formats
+
+
+def test_formats_are_listed(capsys):
+    out = told(capsys, "formats")
+    lines = out.splitlines()
+    names = [line.split()[0] for line in lines[1 : lines.index("")]]
+    assert names == sorted((reader.name for reader in readers()), key=str.lower)
+    assert re.search(r"^voluminous +rw +\.h5 \.hdf5 +a volume saved", out, re.MULTILINE)
+    for reader in readers():
+        page = told(capsys, "formats", reader.name)
+        assert all(f"\n  {name} " in page for name in reader.options)
+    assert "did you mean 'npz'" in refused(capsys, "formats", "npzz")
+
+
+class Bricks(Reader):
+    name, description, suffixes = "bricks", "a file of bricks", (".brk",)
+    packages, extra = ("no_such_package",), "bricks"
+
+
+def test_formats_of_other_packages_are_marked(capsys, monkeypatch):
+    monkeypatch.setattr(registry, "_foreign", lambda: (Bricks(),))
+    line = next(line for line in told(capsys, "formats").splitlines() if line.startswith("bricks"))
+    expected = "r .brk no_such_package (no_such_package not installed) a file of bricks"
+    assert " ".join(line.split()) == f"bricks {expected} (from another package)"
+    assert 'pip install "voluminous[bricks]"' in told(capsys, "formats", "bricks")
+
+
+def test_formats_import_nothing_heavy():
+    script = (
+        "import sys\nfrom voluminous.cli import main\nmain(['formats'])\n"
+        "heavy = {'yt', 'xarray', 'zarr', 'nibabel', 'pydicom', 'h5py', 'astropy', 'matplotlib'}\n"
+        "sys.exit(', '.join(heavy & set(sys.modules)) or 0)\n"
+    )
+    done = process(script)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+# Scenes
+
+
+def test_scenes_give_options_to_readers(snapshot):
+    values = np.arange(24, dtype="<i2").reshape(2, 3, 4)
+    Path("data").mkdir()
+    values.transpose().tofile("data/cube.raw")
+    Path("scene.toml").write_text(
+        """
+        [volume]
+        path = "data/cube.raw"
+        format = "raw"
+        shape = [2, 3, 4]
+        dtype = "int16"
+        unit = "kpc"
+        spacing = ["1 kpc", "500 pc", 2.0]
+
+        [[medium]]
+        type = "coefficients"
+        emissivity = "cube"
+        extinction = 0
+        """
+    )
+    volume = vm.Scene.load("scene.toml").volume()
+    assert volume.unit == u.kpc
+    np.testing.assert_array_equal(volume.array("cube"), values.transpose().reshape(4, 3, 2).T)
+
+
+def test_scenes_take_relative_directories(tmp_path, monkeypatch):
+    grid = vm.CartesianGrid.uniform(2, (-1e13, 1e13), unit="cm")
+    (tmp_path / "models").mkdir()
+    volume = vm.Volume(grid, density=np.arange(8.0).reshape(2, 2, 2) * u.g / u.cm**3)
+    vm.io.save(volume, "models/disc", format="radmc3d")
+    Path("models/scene.toml").write_text(
+        '[volume]\npath = "disc"\nunit = "au"\n\n[[medium]]\ntype = "coefficients"\n'
+        'emissivity = "gas_density"\nextinction = 0\n'
+    )
+    scene = vm.Scene.load("models/scene.toml")
+    assert scene.volume().unit == u.au
+    moved = vm.Scene.load("models/scene.toml")
+    moved.save(tmp_path / "elsewhere.toml")
+    assert vm.Scene.load(tmp_path / "elsewhere.toml").to_dict()["volume"]["path"] == "models/disc"
+
+
+def test_names_that_look_like_quantities_stay_names():
+    from voluminous.scene.source import typed_options
+
+    given = {"series": "1.2.840.113", "date": "2024-01-01", "size": "2 kpc", "n": [1, 2]}
+    taken = typed_options(given)
+    assert taken == {**given, "size": 2 * u.kpc}

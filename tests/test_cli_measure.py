@@ -1,0 +1,119 @@
+"""Totals on the command line: the same numbers as in Python, shown and written with units."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import QTable
+
+import voluminous as vm
+from voluminous.cli import main
+
+MOMENTUM = "density * los('velocity')"
+
+
+@pytest.fixture(autouse=True)
+def gas(tmp_path, monkeypatch):
+    """Gas in an HDF5 file, and a scene of it, in an empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    volume = vm.Volume(vm.CartesianGrid.uniform((4, 5, 6), (-1, 1), unit="pc"))
+    volume["temperature"] = rng.lognormal(5, 2, (4, 5, 6)) * u.K
+    volume["density"] = (rng.random((4, 5, 6)) + 0.1) * u.g / u.cm**3
+    for axis in "xyz":
+        volume[f"velocity_{axis}"] = rng.normal(size=(4, 5, 6)) * u.km / u.s
+    vm.io.save(volume, "gas.h5")
+    medium = [{"type": "coefficients", "emissivity": "density / 1e20", "extinction": "0"}]
+    camera = {"incl": 60.0, "phi": 30.0, "resolution": 8}
+    vm.Scene({"volume": {"path": "gas.h5"}, "medium": medium, "camera": camera}).save("gas.toml")
+    return volume
+
+
+def told(capsys, *arguments):
+    """Return what the command says; it must succeed."""
+    assert main(["measure", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def refused(capsys, *arguments):
+    """Return the error of a command that must fail."""
+    assert main(["measure", *arguments]) == 2
+    return capsys.readouterr().err
+
+
+def test_the_mass_is_measured_by_default(gas, capsys):
+    names, units, _, row = told(capsys, "gas.h5", "--unit", "density=Msun").splitlines()
+    mass = vm.measure(gas, "density")["density"]
+    assert names.split() == ["density", "volume", "cells"]
+    assert units.split() == ["solMass", "pc3"]
+    assert float(row.split()[0]) == pytest.approx(mass.to_value("Msun"), rel=1e-7)  # 8 digits
+    assert row.split()[1:] == ["8", "120"]
+
+
+def test_angles_conditions_and_tables(gas, capsys):
+    asked = ["--quantity", f"p={MOMENTUM}", "--quantity", "0.5 * density == 1"]
+    where = "los('velocity') > 500 m/s and density < 900 kg/m3"
+    views = ["--angles", "0,0", "60,30", "--angles=-30,1e1"]
+    out = told(capsys, "gas.h5", *asked, "--where", where, *views, "-o", "table.ecsv")
+    assert "g km / s" in out
+    assert out.splitlines()[-1] == "table.ecsv: 3 rows"
+    table = QTable.read("table.ecsv")
+    cameras = [vm.Orthographic(*angles) for angles in ((0, 0), (60, 30), (-30, 10))]
+    expected = vm.measure(gas, {"p": MOMENTUM}, where, cameras)
+    assert table.colnames == ["incl", "phi", "p", "0.5 * density == 1", "volume", "cells"]
+    for name in ("incl", "phi", "p", "volume"):
+        assert u.allclose(table[name], expected[name], rtol=1e-12)
+    assert list(table["cells"]) == list(expected["cells"])
+
+
+def test_a_scene_is_seen_by_its_camera(gas, capsys):
+    told(capsys, "gas.toml", "--quantity", f"p={MOMENTUM}", "-o", "one.fits")
+    told(
+        capsys, "gas.toml", "--quantity", f"p={MOMENTUM}", "--set", "camera.incl=20", "-o", "b.fits"
+    )
+    for path, incl in (("one.fits", 60), ("b.fits", 20)):
+        table = QTable.read(path)
+        momentum = vm.measure(gas, {"p": MOMENTUM}, camera=vm.Orthographic(incl, 30))["p"]
+        assert table["incl"][0] == incl * u.deg
+        assert u.isclose(table["p"][0], momentum, rtol=1e-12)
+
+
+def test_commas_have_the_units_in_the_names(capsys):
+    assert told(capsys, "gas.h5", "--unit", "volume=cm3", "-q", "-o", "table.csv") == ""
+    with open("table.csv", newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert list(row) == ["density [g]", "volume [cm3]", "cells"]
+    assert float(row["volume [cm3]"]) == pytest.approx(8 * (1 * u.pc).to_value("cm") ** 3)
+
+
+def test_options_of_the_format_are_those_of_the_other_commands(gas, capsys):
+    np.save("plain.npy", gas.array("density"))
+    bounds = json.dumps([[0, 4], [0, 5], [0, 6]])
+    out = told(capsys, "plain.npy", "--set", "name=rho", "--set", f"bounds={bounds}")
+    assert out.splitlines()[0].split() == ["rho", "volume", "cells"]
+    total = gas.array("density").sum()  # of unit cells
+    assert float(out.splitlines()[-1].split()[0]) == pytest.approx(total, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--quantity", f"p={MOMENTUM}"], "give --angles INCL,PHI"),
+        (["--quantity", "mass="], "--quantity expects NAME=EXPR"),
+        (["--quantity", "a=density", "--quantity", "a=density"], "names 'a' twice"),
+        (["--quantity", "mass=densty"], "did you mean 'density'"),
+        (["--angles", "60"], "--angles expects INCL,PHI"),
+        (["--unit", "density=km"], "density is in g, not km"),
+        (["--unit", "mass=Msun"], "unknown total 'mass'"),
+        (["--unit", "Msun"], "--unit expects"),
+        (["-o", "table.txt"], ".ecsv, .csv, .fits"),
+        (["-o", "no/where.csv"], "does not exist"),
+        (["--where", "density > 5 km"], "5 km"),
+    ],
+)
+def test_what_cannot_be_measured(arguments, words, capsys):
+    assert words in refused(capsys, "gas.h5", *arguments)
