@@ -97,6 +97,32 @@ class Camera:
             "it a method lines_of_sight(points, grid)"
         )
 
+    def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return where points are seen on the image plane, and how far away: the inverse of `rays`.
+
+        Parameters
+        ----------
+        points : float64 array, shape (3, n)
+            In the grid's unit.
+        grid : grid
+            What is looked at.
+
+        Returns
+        -------
+        u, v, depth : float64 arrays, shape (n,)
+            Image-plane coordinates, and the distance along the ray through them from its origin;
+            NaN where a point is on no ray, such as behind the observer.
+
+        Raises
+        ------
+        InputError
+            If the camera has no such method: pictures with stars and lines need it.
+        """
+        raise InputError(
+            f"{type(self).__name__} does not tell where points are seen, which objects in pictures "
+            "need; give it a method project(points, grid)"
+        )
+
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values: what a scene file says of the camera."""
         raise NotImplementedError

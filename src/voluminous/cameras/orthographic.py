@@ -8,10 +8,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..grids.contract import Ray
+from ..rotation import angles_towards, cosine_sine, image_axes, position_angle
 from ..units import degrees, is_quantity, plain, unit_of
 from .contract import Camera, Frame, pixel_counts, plane_size
 from .lengths import as_vector, described, point, vector_of
-from .rotation import angles_towards, cosine_sine, image_axes, position_angle
 
 
 class Orthographic(Camera):
@@ -119,6 +119,12 @@ class Orthographic(Camera):
         """Return the direction of view, the same at all points."""
         away = -image_axes(self.incl, self.phi, self.posang)[2]
         return np.broadcast_to(away[:, None], np.shape(points))
+
+    def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return coordinates of points on the image plane, and how far they are behind it."""
+        center, *axes = self.frame(grid).vectors[:4]
+        u, v, depth = np.stack(axes) @ (np.asarray(points, dtype=np.float64) - center[:, None])
+        return u, v, depth
 
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values."""

@@ -9,10 +9,10 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError, unknown_name
 from ..grids.contract import Ray
+from ..rotation import angles_towards, image_axes, position_angle
 from ..units import degrees, is_quantity, radians
 from .contract import Camera, Frame, pixel_counts, plane_size
 from .lengths import described, point, vector_of
-from .rotation import angles_towards, image_axes, position_angle
 
 PROJECTIONS = ("flat", "spherical")
 # RADMC-3D's degree for the zenith angle.
@@ -131,6 +131,21 @@ class Perspective(Camera):
         away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
         distance = np.linalg.norm(away, axis=0)
         return np.asarray(away / np.where(distance > 0, distance, 1.0))
+
+    def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return where points are seen on the screen, and how far they are from the observer."""
+        position, *axes = self.frame(grid).vectors
+        away = np.asarray(points, dtype=np.float64) - position[:, None]
+        across, along, back = np.stack(axes) @ away
+        aside = np.hypot(across, along)
+        if self.projection == "flat":
+            ahead = np.where(back < 0.0, -back, np.nan)
+            return across / ahead, along / ahead, np.hypot(aside, ahead)
+        angle = np.arctan2(aside, -back)
+        # Straight ahead the angle's sine is the angle; straight behind there is no direction.
+        stretch = np.where(aside > 0.0, angle, np.where(back < 0.0, 1.0, np.nan))
+        stretch /= np.where(aside > 0.0, aside, np.where(back < 0.0, -back, 1.0))
+        return across * stretch, along * stretch, np.hypot(aside, back)
 
     def describe(self) -> dict[str, Any]:
         """Return type and arguments as plain values."""

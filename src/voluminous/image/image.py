@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import coordinates, planes
+from . import coordinates, planes, sky
+from .made import Made
 from .metadata import json_value
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating[Any]]
 
 
-class Image:
+class Image(Made):
     """A picture: intensity per pixel and channel, with coordinates, units and provenance.
 
     Parameters
@@ -44,6 +45,9 @@ class Image:
     pixel_size : (float, float), optional
         Width and height of a pixel in `unit`. Follows from `x` and `y`, unless there is but one
         column or row; then pixels are taken as square if it is not given.
+    wcs : astropy.wcs.WCS, optional
+        World coordinates of the pixels (the lower left one is 0, 0), of two axes: right ascension
+        and declination, or an offset and a velocity. `plot` shows them, and all formats keep them.
     camera : dict, optional
         What saw the scene (type, angles, …).
     provenance : dict, optional
@@ -77,6 +81,7 @@ class Image:
         unit: Any = "",
         intensity_unit: Any = "",
         pixel_size: Sequence[float] | None = None,
+        wcs: Any = None,
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
     ) -> None:
@@ -94,6 +99,7 @@ class Image:
         self.x = coordinates.axis(x, self.shape[1], self.unit, "x")
         self.y = coordinates.axis(y, self.shape[0], self.unit, "y")
         self.pixel_size = coordinates.pixel_size(self.x, self.y, pixel_size)
+        self.wcs = sky.as_wcs(wcs, self.shape)
         self.camera = json_value(camera, "camera")
         self.provenance = json_value(provenance, "provenance")
 
@@ -243,8 +249,9 @@ class Image:
             ``.fits``, ``.npz`` everything as it is. All carry coordinates, units, camera and
             provenance.
         **options
-            PNG: all of `to_rgb`, ``bits=16`` and ``transparent=True`` (alpha from the
-            transparency). EXR: ``half=True`` (16-bit floats).
+            PNG: all of `to_rgb`, ``bits=16``, ``transparent=True`` (alpha from the transparency),
+            and ``annotate``: True, or options of `annotate`. EXR: ``half=True`` (16-bit floats).
+            FITS: ``distance``, ``position`` and ``position_angle`` of `on_sky`.
 
         Raises
         ------
@@ -277,6 +284,8 @@ class Image:
 
     def plot(self, ax: Axes | None = None, *, scale_bar: bool = False, **options: Any) -> Axes:
         """Draw the image with axes in its unit; a colour bar where one channel is shown.
+
+        An image with world coordinates is drawn in these, unless `ax` is an ordinary one.
 
         Parameters
         ----------

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from .sky import text_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -55,6 +56,8 @@ def dumps(image: Image, *, coordinates: bool = True) -> str:
     if coordinates:
         # Decimal numbers as Python writes them come back with the same bits.
         entries |= {"x": image.x.tolist(), "y": image.y.tolist()}
+    if image.wcs is not None:
+        entries["wcs"] = text_of(image.wcs)
     return json.dumps(entries)
 
 
@@ -84,4 +87,4 @@ def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _without_coordinates(entries: dict[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in entries.items() if k not in ("x", "y", "unit", "pixel_size")}
+    return {k: v for k, v in entries.items() if k not in ("x", "y", "unit", "pixel_size", "wcs")}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from ..colormaps import get_colormap
 from . import mixing
 from .colormap import scale
 from .options import check_options
+from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .stretch import curve, finite
 from .tone import OPTIONS, display, white_level
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from .image import Image
 
+Extent = tuple[float, float, float, float]
 _BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
 _MARGIN = 0.05
 
@@ -29,30 +31,59 @@ _MARGIN = 0.05
 def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> Axes:
     """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
     check_options("display option", options, OPTIONS)
-    axes = _new_axes() if ax is None else ax
-    place: dict[str, Any] = {"origin": "lower", "extent": image.extent}
-    if _shows_one_channel(image, options):
-        shown = axes.imshow(**_one_channel(image, **options), **place)
+    axes = _new_axes(image.wcs) if ax is None else ax
+    extent, labels = _coordinates(image, axes)
+    place: dict[str, Any] = {"origin": "lower", "extent": extent}
+    place["aspect"] = _aspect(image, extent)
+    if shows_one_channel(image, options):
+        shown = axes.imshow(**one_channel(image, **options), **place)
         _add_colorbar(axes, shown, image.intensity_unit)
     else:
         axes.imshow(display(image.intensity, image.transparency, **options), **place)
-    axes.set_xlabel(_label("x", image.unit))
-    axes.set_ylabel(_label("y", image.unit))
-    if scale_bar:
-        _add_scale_bar(axes, image)
+    if labels:
+        axes.set(xlabel=labels[0], ylabel=labels[1])
+    else:
+        label_axes(axes, image.wcs)
+    if scale_bar and (image.wcs is None or has_lengths(image.wcs)):
+        _add_scale_bar(axes, image, extent)
     return axes
 
 
-def _new_axes() -> Axes:
+def _coordinates(image: Image, axes: Axes) -> tuple[Extent, list[str]]:
+    """Return the outer edges as axes count them, and labels; none if they know their own."""
+    if image.wcs is not None and is_sky_axes(axes):
+        ny, nx, _ = image.shape
+        return (-0.5, nx - 0.5, -0.5, ny - 0.5), []
+    if image.wcs is not None and is_linear(image.wcs):
+        return plain_axes(image.wcs)
+    return image.extent, [_label("x", image.unit), _label("y", image.unit)]
+
+
+def _aspect(image: Image, extent: Extent) -> float:
+    """Return the height of a unit of y over the width of a unit of x."""
+    if extent == image.extent:
+        return 1.0
+    left, right, bottom, top = extent
+    x0, x1, y0, y1 = image.extent
+    return abs((y1 - y0) / (x1 - x0) * (right - left) / (top - bottom))
+
+
+def _new_axes(wcs: Any) -> Axes:
     # pyplot keeps every figure alive and chooses a window system; only a program or a notebook
     # that uses it already wants that.
     if "matplotlib.pyplot" in sys.modules or _in_notebook():
         import matplotlib.pyplot as plt
 
-        return plt.subplots(layout="constrained")[1]
-    from matplotlib.figure import Figure
+        figure: Any = plt.figure(layout="constrained")
+    else:
+        from matplotlib.figure import Figure
 
-    return Figure(layout="constrained").add_subplot()
+        figure = Figure(layout="constrained")
+    if wcs is None:
+        return cast("Axes", figure.add_subplot())
+    from astropy.visualization.wcsaxes import WCSAxes
+
+    return cast("Axes", figure.add_subplot(axes_class=WCSAxes, wcs=wcs))
 
 
 def _in_notebook() -> bool:
@@ -60,7 +91,8 @@ def _in_notebook() -> bool:
     return shell is not None and shell.get_ipython() is not None
 
 
-def _shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
+def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
+    """Return True if display options show one channel, in grey or through a colormap."""
     if options.get("mix") is not None or options.get("background") is not None:
         return False
     if options.get("colormap") is not None:
@@ -69,7 +101,7 @@ def _shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
     return len(shown) == 1 and options.get("norm") is None
 
 
-def _one_channel(image: Image, **options: Any) -> dict[str, Any]:
+def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
     index = mixing.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
@@ -116,17 +148,18 @@ def round_length(longest: float) -> float:
     return float(max((s for s in steps if s <= longest), default=steps[0]))
 
 
-def _add_scale_bar(axes: Axes, image: Image) -> None:
+def _add_scale_bar(axes: Axes, image: Image, extent: Extent) -> None:
     from matplotlib.patheffects import withStroke
 
-    left, right, bottom, top = image.extent
+    left, right, bottom, top = extent
     width, height = right - left, top - bottom
-    length = round_length(_BAR_PART * abs(width))
+    shown = image.extent[1] - image.extent[0]
+    length = round_length(_BAR_PART * abs(shown))
     start = left + _MARGIN * width
     level = bottom + _MARGIN * height
     # White with a dark rim can be read on any picture.
     rim: dict[str, Any] = {"path_effects": [withStroke(linewidth=4, foreground="black", alpha=0.6)]}
-    end = start + math.copysign(length, width)
+    end = start + width * length / abs(shown)
     axes.plot([start, end], [level, level], color="white", linewidth=2, gid="scale-bar", **rim)
     axes.annotate(
         _length_text(length, image.unit),

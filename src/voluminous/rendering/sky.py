@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..cameras import Orthographic
+from ..geometry import is_uniform
 from ..grids import CartesianGrid
-from ..grids.axes import is_uniform
 from ..image.sky import of_pixels
 from ..units import parse_unit
 from ..volume import Volume
@@ -55,23 +55,33 @@ def _of_slit(
 
     if not wcs.has_celestial and wcs.wcs.spec < 0:
         return None
+    third, scale = _third(grid, wcs, first[2])
+    # Kind, unit, value at the first pixel and step of each side of the picture.
+    sides = [
+        (*third, scale * float(steps[k, 2]))
+        if alone[k]
+        else ("OFFSET", grid.unit, float(frame.coordinates()[k][0]), frame.pixel[k])
+        for k in (0, 1)
+    ]
     new = WCS(naxis=2)
     new.wcs.crpix = [1.0, 1.0]
-    third = wcs.sub([3])
-    low, high = third.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
-    scale = (high - low) / float(np.ptp(grid.edges[2]))
-    kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]
-    here = low + scale * (first[2] - grid.edges[2][0])
-    step = [scale * float(steps[k, 2]) if alone[k] else frame.pixel[k] for k in (0, 1)]
-    new.wcs.cdelt = step
-    new.wcs.crval = [here if alone[k] else float(c[0]) for k, c in enumerate(frame.coordinates())]
-    new.wcs.ctype = [kind if is_third else "OFFSET" for is_third in alone]
-    new.wcs.cunit = [_unit(third.wcs.cunit[0] if t else grid.unit) for t in alone]
+    new.wcs.ctype, units, new.wcs.crval, new.wcs.cdelt = (list(s) for s in zip(*sides, strict=True))
+    new.wcs.cunit = [_unit(unit) for unit in units]
     for name in ("restfrq", "restwav", "specsys"):
         setattr(new.wcs, name, getattr(wcs.wcs, name))
     new.pixel_shape = [int(n) for n in frame.pixels]
     new.wcs.set()
     return new
+
+
+def _third(grid: Any, wcs: Any, z: float) -> tuple[tuple[str, Any, float], float]:
+    """Return kind, unit and value of the third coordinate at z, and how fast it grows with z."""
+    single = wcs.sub([3])
+    low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
+    scale = float((high - low) / np.ptp(grid.edges[2]))
+    # In what z is proportional to: not in what channels are even in, which the rest tells.
+    kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]
+    return (kind, single.wcs.cunit[0], float(low + scale * (z - grid.edges[2][0]))), scale
 
 
 def _unit(unit: Any) -> str:

@@ -9,13 +9,21 @@ from typing import TYPE_CHECKING, Any
 from ...errors import unknown_name
 from ...files import check_start, expecting, replacing
 from ..options import check_options
-from . import exr, fits, npz, png, tiff
+from . import exr, fits, npz, png, radmc3d, tiff
 from .contract import Format
 
 if TYPE_CHECKING:
     from ..image import Image
 
-FORMATS: tuple[Format, ...] = (png.FORMAT, tiff.FORMAT, exr.FORMAT, fits.FORMAT, npz.FORMAT)
+FORMATS: tuple[Format, ...] = (
+    png.FORMAT,
+    tiff.FORMAT,
+    exr.FORMAT,
+    fits.FORMAT,
+    npz.FORMAT,
+    radmc3d.TEXT,
+    radmc3d.BINARY,
+)
 
 
 def format_of(path: Path) -> Format:

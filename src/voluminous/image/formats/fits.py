@@ -12,51 +12,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
-from .. import metadata
-from ..planes import PLANES, gathered
-from . import fits_axes
+from .. import fits_axes, metadata
+from ..changed import plane
+from ..hdu import TEXT as _TEXT
+from ..hdu import channels_first, to_hdu
+from ..planes import PLANES
+from ..sky import wcs_of_header
 from .contract import Format
 
 if TYPE_CHECKING:
     from ..image import Image
 
-_TEXT = "VOLMETA"
 _COUNT = "NEXTEND"
 
 
-def write(image: Image, path: Path) -> None:
-    """Write intensities into the primary HDU, all else that is known into image extensions."""
+def write(image: Image, path: Path, **sky: Any) -> None:
+    """Write intensities into the primary HDU, all else that is known into image extensions.
+
+    Parameters
+    ----------
+    image : Image
+    path : Path
+    **sky
+        ``distance``, ``position`` and ``position_angle``, as in `Image.on_sky`.
+    """
     from astropy.io import fits
 
-    hdus = [fits.PrimaryHDU(_channels_first(image.intensity), header=_header(image))]
+    hdus = [to_hdu(image, **sky)]
     for name in PLANES:
-        plane = getattr(image, name)
-        if plane is not None:
-            hdus.append(fits.ImageHDU(_channels_first(gathered(plane)), name=name.upper()))
+        found = plane(image, name)
+        if found is not None:
+            hdus.append(fits.ImageHDU(channels_first(found), name=name.upper()))
     # A header has room for an even spacing only; these hold the coordinates bit for bit.
     hdus += [fits.ImageHDU(image.x, name="X"), fits.ImageHDU(image.y, name="Y")]
     hdus[0].header[_COUNT] = (len(hdus) - 1, "number of extensions")
     fits.HDUList(hdus).writeto(path)
-
-
-def _channels_first(planes: NDArray[Any]) -> NDArray[Any]:
-    if planes.ndim == 2:
-        return planes
-    return planes[..., 0] if planes.shape[-1] == 1 else np.moveaxis(planes, -1, 0)
-
-
-def _header(image: Image) -> Any:
-    from astropy.io import fits
-
-    header = fits.Header()
-    header["CREATOR"] = metadata.KEY
-    header["BUNIT"] = (fits_axes.unit_card(image.intensity_unit), "unit of intensity")
-    for keyword, value, comment in fits_axes.cards(image):
-        header[keyword] = (value, comment)
-    # Quotes and ampersands have a meaning of their own in FITS strings; JSON can spell them.
-    text = metadata.dumps(image, coordinates=False)
-    header[_TEXT] = text.replace("'", "\\u0027").replace("&", "\\u0026")
-    return header
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -119,7 +109,15 @@ def _known(header: Any, extras: dict[str, NDArray[Any]], shape: tuple[int, ...])
     if axes and axes["unit"] == fits_axes.unit_card(unit):
         axes["unit"] = unit
     card = str(header.get("BUNIT", ""))
+    ours["wcs"] = wcs_of_header(header)
     return ours | axes | {"intensity_unit": bright if card == fits_axes.unit_card(bright) else card}
 
 
-FORMAT = Format("a FITS image", (".fits", ".fit", ".fts"), (b"SIMPLE  =",), write, read)
+FORMAT = Format(
+    "a FITS image",
+    (".fits", ".fit", ".fts"),
+    (b"SIMPLE  =",),
+    write,
+    read,
+    frozenset({"distance", "position", "position_angle"}),
+)

@@ -20,7 +20,14 @@ _TYPES: dict[int, type[np.uint8] | type[np.uint16]] = {8: np.uint8, 16: np.uint1
 _BIT_DEPTH_AT = 24  # its place in the file: signature, chunk head, width, height
 
 
-def encode(image: Image, *, bits: int = 8, transparent: bool = False, **display: Any) -> bytes:
+def encode(
+    image: Image,
+    *,
+    bits: int = 8,
+    transparent: bool = False,
+    annotate: bool | dict[str, Any] = False,
+    **display: Any,
+) -> bytes:
     """Return a PNG file of the display values.
 
     Parameters
@@ -32,6 +39,8 @@ def encode(image: Image, *, bits: int = 8, transparent: bool = False, **display:
     transparent : bool
         Add alpha = 1 − mean transparency, or as much more as the colours need: light that comes
         from a fully transparent place cannot be told by alpha 0.
+    annotate : bool or dict
+        Add what `Image.annotate` does; a dict has its options.
     **display
         Options of `Image.to_rgb`.
 
@@ -42,12 +51,28 @@ def encode(image: Image, *, bits: int = 8, transparent: bool = False, **display:
     """
     if bits not in _TYPES:
         raise InputError(f"bits must be 8 or 16, got {bits!r}")
-    shown = image.to_rgb(**display)
-    if transparent:
-        shown = _with_alpha(shown, image.transparency)
+    if annotate is not False:
+        return _annotated(image, bits, annotate, {**display, "transparent": transparent})
+    shown = display_values(image, transparent, display)
     top = 2**bits - 1
     pixels = np.rint(shown[::-1] * np.float32(top)).astype(_TYPES[bits])
     return png_code.encode(pixels, {"Software": metadata.KEY, metadata.KEY: metadata.dumps(image)})
+
+
+def _annotated(
+    image: Image, bits: int, annotate: bool | dict[str, Any], options: dict[str, Any]
+) -> bytes:
+    if bits != 8:
+        raise InputError("annotated pictures have 8 bits; leave bits= out, or annotate=")
+    if annotate is not True and not isinstance(annotate, dict):
+        raise InputError(f"annotate must be True or a dict of options, got {annotate!r}")
+    return image.annotate(**options, **({} if annotate is True else annotate)).png()
+
+
+def display_values(image: Image, transparent: bool, display: dict[str, Any]) -> NDArray[Any]:
+    """Return what is shown, from 0 to 1, shape (ny, nx, 3), or 4 with alpha."""
+    shown = image.to_rgb(**display)
+    return _with_alpha(shown, image.transparency) if transparent else shown
 
 
 def _with_alpha(rgb: NDArray[np.float32], transparency: NDArray[Any] | None) -> NDArray[Any]:
@@ -106,5 +131,5 @@ FORMAT = Format(
     (png_code.SIGNATURE,),
     write,
     read,
-    frozenset({"bits", "transparent"}) | tone.OPTIONS,
+    frozenset({"bits", "transparent", "annotate"}) | tone.OPTIONS,
 )

@@ -9,10 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from ..image import Image
+    from .image import Image
 
 Card = tuple[str, Any, str]
 Linear = tuple[NDArray[np.float64], float]  # coordinates and their step
+# Key and name of the WCS of the image plane in files whose first one is of the sky.
+_PLANE, _PLANE_NAME = "A", "image plane"
+# As radio astronomers' programs write it and look for it.
+_PER_BEAM = "Jy/beam"
 # Coordinates this near to a linear axis (in pixels) are told by it; rounding is far below.
 _LINEAR_TO = 1e-6
 
@@ -21,26 +25,37 @@ def cards(image: Image) -> Iterator[Card]:
     """Give the cards for x, y and, if there are several, the channels."""
     axes = 2 if image.channels == 1 else 3
     yield "WCSAXES", axes, "number of axes"
-    yield from _axis_cards(1, "X", image.x, image.pixel_size[0], image.unit)
-    yield from _axis_cards(2, "Y", image.y, image.pixel_size[1], image.unit)
+    if image.wcs is not None:
+        world = image.wcs.to_header(relax=True).cards
+        yield from (tuple(card) for card in world if card.keyword != "WCSAXES")
+    yield from _plane_cards(image, "" if image.wcs is None else _PLANE)
     if axes == 3:
         indices = np.arange(image.channels, dtype=np.float64)
         yield from _axis_cards(3, "CHANNEL", indices, 1.0, "")
 
 
+def _plane_cards(image: Image, key: str) -> Iterator[Card]:
+    """Give the cards for x and y, as the WCS of this key."""
+    if key:
+        yield f"WCSAXES{key}", 2, "number of axes"
+        yield f"WCSNAME{key}", _PLANE_NAME, "coordinates on the image plane"
+    yield from _axis_cards(1, "X", image.x, image.pixel_size[0], image.unit, key)
+    yield from _axis_cards(2, "Y", image.y, image.pixel_size[1], image.unit, key)
+
+
 def _axis_cards(
-    number: int, name: str, centres: NDArray[np.float64], step: float, unit: str
+    number: int, name: str, centres: NDArray[np.float64], step: float, unit: str, key: str = ""
 ) -> Iterator[Card]:
     middle = (centres.size + 1) / 2
     value = (centres[0] + centres[-1]) / 2
     if not _agree(centres, _linear(centres.size, middle, value, step), step):
         return  # uneven: no card can tell it
-    yield f"CTYPE{number}", name, "linear"
-    yield f"CRPIX{number}", middle, "reference pixel; centre of the first is 1"
-    yield f"CRVAL{number}", float(value), "coordinate there"
-    yield f"CDELT{number}", step, "size of a pixel"
+    yield f"CTYPE{number}{key}", name, "linear"
+    yield f"CRPIX{number}{key}", middle, "reference pixel; centre of the first is 1"
+    yield f"CRVAL{number}{key}", float(value), "coordinate there"
+    yield f"CDELT{number}{key}", step, "size of a pixel"
     if unit:
-        yield f"CUNIT{number}", unit_card(unit), "unit"
+        yield f"CUNIT{number}{key}", unit_card(unit), "unit"
 
 
 def _linear(count: int, pixel: float, value: float, step: float) -> NDArray[np.float64]:
@@ -58,7 +73,8 @@ def unit_card(unit: str) -> str:
     from astropy import units as u
 
     try:
-        return u.Unit(unit).to_string("fits")
+        parsed = u.Unit(unit)
+        return _PER_BEAM if parsed == u.Unit(_PER_BEAM) else parsed.to_string("fits")
     except (ValueError, TypeError):
         return unit.encode("ascii", "replace").decode()[:68]
 
@@ -72,8 +88,11 @@ def read(
     For a projection of the sky the plane of projection is meant: offsets from the reference
     point. Rotated axes have no coordinates of their own and are left as pixel indices.
     """
-    across, up = (_linear_axis(header, n, shape[2 - n]) for n in (1, 2))
-    units = {str(header.get(f"CUNIT{n}", "")).strip() for n in (1, 2)}
+    # Where the first WCS is that of the sky, ours is another, unless the picture was cut since.
+    whole = [extras[axis].shape for axis in "XY" if axis in extras] == [shape[1:2], shape[:1]]
+    key = _PLANE if whole and header.get(f"WCSNAME{_PLANE}") == _PLANE_NAME else ""
+    across, up = (_linear_axis(header, n, shape[2 - n], key) for n in (1, 2))
+    units = {str(header.get(f"CUNIT{n}{key}", "")).strip() for n in (1, 2)}
     if len(units) != 1:
         return {}
     x = _untouched(extras.get("X"), across, shape[1])
@@ -93,12 +112,12 @@ def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDA
     return own if axis is None or _agree(own, *axis) else None
 
 
-def _linear_axis(header: Any, number: int, count: int) -> Linear | None:
-    step = header.get(f"CDELT{number}", header.get(f"CD{number}_{number}"))
+def _linear_axis(header: Any, number: int, count: int, key: str) -> Linear | None:
+    step = header.get(f"CDELT{number}{key}", header.get(f"CD{number}_{number}{key}"))
     other = 3 - number
-    rotated = any(header.get(f"{m}{number}_{other}", 0.0) for m in ("CD", "PC"))
+    rotated = any(header.get(f"{m}{number}_{other}{key}", 0.0) for m in ("CD", "PC"))
     if not step or rotated:
         return None
-    projected = "-" in str(header.get(f"CTYPE{number}", ""))
-    value = 0.0 if projected else header.get(f"CRVAL{number}", 0.0)
-    return _linear(count, header.get(f"CRPIX{number}", 0.0), value, step), step
+    projected = "-" in str(header.get(f"CTYPE{number}{key}", ""))
+    value = 0.0 if projected else header.get(f"CRVAL{number}{key}", 0.0)
+    return _linear(count, header.get(f"CRPIX{number}{key}", 0.0), value, step), step

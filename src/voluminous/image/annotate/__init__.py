@@ -1,0 +1,10 @@
+"""Pictures with a scale bar, axes, colour bars, a title …, their own pixels unchanged.
+
+`sheet.py` is what is drawn on: decorations in pixels of the picture, put over it in the end. There
+is one file for each decoration, and `picture.py` holds the result.
+"""
+
+from .annotate import OPTIONS, annotate
+from .picture import Annotated
+
+__all__ = ["OPTIONS", "Annotated", "annotate"]

@@ -1,0 +1,92 @@
+"""A bar of a round length."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ...errors import InputError
+from ...units import is_quantity, parse_unit, plain
+from .lengths import bar_length, readable, with_unit
+
+if TYPE_CHECKING:
+    from ..image import Image
+    from .sheet import Sheet
+
+# The longest that it is by itself, in widths of the picture.
+_PART = 0.25
+# Pictures of wider angles (radians) have no one scale: 0.3 % between middle and edge.
+_WIDE = 0.2
+
+
+def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
+    """Return length in the image's unit, and text; None where no bar says the truth.
+
+    Parameters
+    ----------
+    image : Image
+    wanted : bool, Quantity, str or float
+        True: a round length that fits. A length: this one, such as ``"100 au"``.
+
+    Raises
+    ------
+    InputError
+        If it is longer than the picture.
+    """
+    left, right, _, _ = image.extent
+    across = abs(right - left)
+    if wanted is False or wanted is None:
+        return None
+    if wanted is True:
+        return None if _is_wide(image, across) else bar_length(_PART * across, image.unit)
+    length, text = _given(image, wanted)
+    if not 0 < length <= across:
+        most = f"{across:g} {image.unit}".strip()
+        raise InputError(f"scale_bar must be a length up to {most}, got {wanted!r}")
+    return length, text
+
+
+def _is_wide(image: Image, across: float) -> bool:
+    unit = parse_unit(image.unit)
+    return unit is not None and unit.is_equivalent("rad") and across * unit.to("rad") > _WIDE
+
+
+def _given(image: Image, wanted: Any) -> tuple[float, str]:
+    from astropy import units as u
+
+    if isinstance(wanted, str):
+        try:
+            wanted = u.Quantity(wanted)
+        except (ValueError, TypeError) as error:
+            raise InputError(
+                f"scale_bar must be a length such as '100 au', got {wanted!r}"
+            ) from error
+    if is_quantity(wanted):
+        length = float(plain(wanted, parse_unit(image.unit), "scale_bar"))
+        # The unit the user chose is the one to read.
+        _, name = readable(1.0, str(wanted.unit))
+        return length, with_unit(float(wanted.value), name)
+    factor, name = readable(float(wanted), image.unit)
+    return float(wanted), with_unit(float(wanted) * factor, name)
+
+
+def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None:
+    """Draw the bar at the lower left, as long as it is in the picture."""
+    from matplotlib.patches import Rectangle
+
+    long, thick = length / abs(image.pixel_size[0]), max(1.0, round(0.16 * sheet.em))
+    x = y = float(round(sheet.pad))
+    ink, rim = sheet.inks(x, y, long, 2 * sheet.em)
+    look: dict[str, Any] = {
+        "facecolor": ink,
+        "path_effects": sheet.rim(rim),
+        "linewidth": 0.0,
+        "gid": "scale-bar",
+    }
+    sheet.patch(Rectangle((x, y), long, thick, **look))
+    place = {"ha": "center", "va": "bottom"}
+    up = y + thick + 0.3 * sheet.em
+    draft = sheet.text(0.0, up, text, **place)
+    wide = draft.get_window_extent(sheet.canvas.get_renderer()).width
+    draft.remove()
+    # In the middle of its bar, unless it is longer than that.
+    sheet.rimmed(x + 0.5 * max(long, wide), up, text, (ink, rim), **place)

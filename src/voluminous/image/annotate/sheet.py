@@ -1,0 +1,213 @@
+"""What annotations are drawn on: a transparent figure around a picture, in its pixels.
+
+Pixels of the picture are not drawn by matplotlib. The annotations are, alone; then they are put
+over the picture, so that where they are not, its pixels are what they were.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.text import Text
+
+Margins = tuple[int, int, int, int]
+# A point of matplotlib's is a pixel: sizes of letters and lines are in pixels.
+_DPI = 72
+# Width of the lines of axes, in heights of letters.
+LINE = 0.06
+# Width and alpha of the rims around what stands in the picture.
+_RIM, _RIM_ALPHA = 0.22, 0.55
+# Keeps a number of pixels from being rounded to the one below.
+_WHOLE = 1e-3
+# Letters of this height (in roots of the picture's area), and at least so many pixels.
+_LETTERS, _LEAST = 0.026, 8.0
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+_LIGHT, _DARK = "#f4f4f4", "#101010"
+
+
+class Sheet:
+    """A figure with a picture at a place in it.
+
+    Parameters
+    ----------
+    pixels : uint8 array, shape (ny, nx, 4)
+        The picture; row 0 at the bottom.
+    margins : (int, int, int, int)
+        Pixels around it: left, right, bottom, top.
+    letters : float
+        Height of letters in pixels.
+    paper : (float, float, float) or None
+        Colour of the margins; None is transparent.
+    """
+
+    def __init__(
+        self,
+        pixels: NDArray[np.uint8],
+        margins: Margins,
+        letters: float,
+        paper: tuple[float, ...] | None,
+    ) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.pixels, self.margins, self.em, self.paper = pixels, margins, letters, paper
+        self.height, self.width = pixels.shape[:2]
+        left, right, bottom, top = margins
+        self.size = (self.width + left + right, self.height + bottom + top)
+        wide, high = self.size
+        self.figure = Figure(((wide + _WHOLE) / _DPI, (high + _WHOLE) / _DPI), dpi=_DPI)
+        self.figure.patch.set_alpha(0.0)
+        self.canvas = FigureCanvasAgg(self.figure)
+        # What stands on the margins; on transparent ones the paper is likely to be white.
+        self.ink = _DARK if paper is None or luminance(np.array(paper)) > 0.5 else _LIGHT
+
+    @property
+    def pad(self) -> float:
+        """Distance of annotations from the edges of the picture."""
+        return 0.9 * self.em
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """Where the picture is: left, right, bottom, top."""
+        left, _, bottom, _ = self.margins
+        return left, left + self.width, bottom, bottom + self.height
+
+    def inks(self, x: float, y: float, width: float, height: float) -> tuple[str, str]:
+        """Return colours that can be read on a part of the picture: for lines, and their rims."""
+        rows = slice(max(0, int(y)), max(1, math.ceil(y + height)))
+        columns = slice(max(0, int(x)), max(1, math.ceil(x + width)))
+        part = self.pixels[rows, columns] / 255.0
+        behind = np.array(self.paper if self.paper is not None else (1.0, 1.0, 1.0))
+        seen = part[..., :3] * part[..., 3:] + (1.0 - part[..., 3:]) * behind
+        light = seen.size > 0 and float(np.median(luminance(seen))) > 0.5
+        return (_DARK, _LIGHT) if light else (_LIGHT, _DARK)
+
+    def rim(self, color: str) -> list[Any]:
+        """Return path effects that set lines off from what is behind them."""
+        from matplotlib.patheffects import withStroke
+
+        return [withStroke(linewidth=_RIM * self.em, foreground=color, alpha=_RIM_ALPHA)]
+
+    def text(self, x: float, y: float, words: str, **look: Any) -> Text:
+        """Write at a place in the picture, in its pixels."""
+        from matplotlib.transforms import IdentityTransform
+
+        left, _, bottom, _ = self.box
+        given: dict[str, Any] = {
+            "fontsize": self.em,
+            "color": self.ink,
+            "transform": IdentityTransform(),
+        } | look
+        return self.figure.text(x + left, y + bottom, words, **given)
+
+    def rimmed(self, x: float, y: float, words: str, inks: tuple[str, str], **look: Any) -> Text:
+        """Write in the picture, in letters with a rim: two texts, the upper one is returned.
+
+        As effects of one text, matplotlib would draw letters as outlines, whose thin strokes it
+        moves to whole pixels: an E becomes an L.
+        """
+        from matplotlib.patheffects import Stroke
+
+        ink, rim = inks
+        effect: dict[str, Any] = {"linewidth": _RIM * self.em, "foreground": rim, "snap": False}
+        below = self.text(x, y, words, color=rim, alpha=_RIM_ALPHA, **look)
+        below.set_path_effects([Stroke(**effect)])
+        return self.text(x, y, words, color=ink, **look)
+
+    def line(self, xs: Any, ys: Any, **look: Any) -> Any:
+        """Draw a line in pixels of the picture."""
+        from matplotlib.lines import Line2D
+        from matplotlib.transforms import IdentityTransform
+
+        left, _, bottom, _ = self.box
+        places = np.asarray(xs) + left, np.asarray(ys) + bottom
+        drawn = Line2D(*places, transform=IdentityTransform(), **look)
+        return self.figure.add_artist(drawn)
+
+    def patch(self, patch: Any) -> Any:
+        """Add a patch in pixels of the picture."""
+        from matplotlib.transforms import Affine2D
+
+        left, _, bottom, _ = self.box
+        patch.set_transform(Affine2D().translate(left, bottom))
+        return self.figure.add_artist(patch)
+
+    def axes(self, x: float, y: float, width: float, height: float, **kind: Any) -> Axes:
+        """Return axes at a place in pixels of the picture, with letters and lines that fit."""
+        left, _, bottom, _ = self.box
+        place = np.array([x + left, y + bottom, width, height]) / (self.size * 2)
+        axes: Axes = self.figure.add_axes(tuple(place), **kind)
+        axes.patch.set_alpha(0.0)
+        for spine in axes.spines.values():
+            spine.set_linewidth(LINE * self.em)
+            spine.set_edgecolor(self.ink)
+        axes.tick_params(
+            which="both",
+            colors=self.ink,
+            labelsize=0.85 * self.em,
+            width=LINE * self.em,
+            length=0.35 * self.em,
+            pad=0.25 * self.em,
+        )
+        axes.tick_params(which="minor", length=0.2 * self.em)
+        return axes
+
+    def end(self, artist: Any) -> float:
+        """Return how far to the right something reaches, in pixels of the picture."""
+        bounds = artist.get_tightbbox(self.canvas.get_renderer())
+        return float(bounds.x1) - self.box[0]
+
+    def overhang(self) -> Margins:
+        """Return the margins that are needed for all that was drawn."""
+        drawn = self.figure.get_tightbbox(self.canvas.get_renderer())
+        left, right, bottom, top = self.box
+        x0, y0, x1, y1 = (v * _DPI for v in (drawn.x0, drawn.y0, drawn.x1, drawn.y1))
+        beyond = (left - x0, x1 - right, bottom - y0, y1 - top)
+        return tuple(math.ceil(b + 0.6 * self.em) if b > 0.5 else 0 for b in beyond)  # type: ignore[return-value]
+
+    def pixels_drawn(self) -> NDArray[np.uint8]:
+        """Return the whole sheet, shape (height, width, 4), row 0 at the bottom."""
+        self.canvas.draw()
+        drawn = np.asarray(self.canvas.buffer_rgba())[::-1]
+        return over(drawn, self._below())
+
+    def _below(self) -> NDArray[np.uint8]:
+        """Return the picture on its paper."""
+        base = np.zeros((self.size[1], self.size[0], 4), dtype=np.uint8)
+        if self.paper is not None:
+            base[...] = [*np.rint(np.array(self.paper) * 255), 255]
+        left, right, bottom, top = self.box
+        place = base[bottom:top, left:right]
+        place[...] = over(self.pixels, place)
+        return base
+
+
+def letter_height(pixels: NDArray[np.uint8]) -> float:
+    """Return the height of letters for a picture: the same part of it at every size."""
+    return max(_LEAST, _LETTERS * math.sqrt(pixels.shape[0] * pixels.shape[1]))
+
+
+def luminance(colors: NDArray[Any]) -> Any:
+    """Return how bright colours look, from 0 to 1, without regard to their gamma."""
+    return colors @ np.array(_LUMINANCE)
+
+
+def over(front: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return one picture over another (straight alpha), exactly the same where it is transparent.
+
+    Porter & Duff (1984), "Compositing digital images", for straight alpha.
+    """
+    mixed = front[..., 3] > 0
+    result = behind.copy()
+    f, b = front[mixed] / 255.0, behind[mixed] / 255.0
+    part = b[:, 3:] * (1.0 - f[:, 3:])
+    alpha = f[:, 3:] + part
+    colors = (f[:, :3] * f[:, 3:] + b[:, :3] * part) / alpha
+    result[mixed] = np.rint(np.concatenate([colors, alpha], axis=1) * 255.0).astype(np.uint8)
+    return result

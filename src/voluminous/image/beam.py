@@ -1,0 +1,190 @@
+"""What a telescope's beam makes of a picture: an elliptical Gaussian on the plane or on the sky.
+
+A Gaussian of covariance C in one frame has the covariance M C Mᵀ in another that M leads to; so one
+beam serves lengths, angles, oblong pixels and pictures that are turned on the sky.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError, UnitsError
+from ..units import degrees, parse_unit, plain, unit_of
+from .changed import changed, plane
+
+if TYPE_CHECKING:
+    from .image import Image
+
+# Standard deviation of a Gaussian over its full width at half maximum.
+_SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
+# A kernel reaches so many standard deviations: what lies beyond is 4e-7 of it.
+_REACH = 5.5
+# Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
+_NARROW, _FINER = 2.0, 10
+
+
+def convolve(image: Image, beam: Any) -> Image:
+    """Return the image as seen with a beam; see `Image.convolve`."""
+    how = image.provenance or {}
+    _check_sums(how)
+    if "beam" in how:
+        raise InputError(f"the image was convolved before, with {how['beam']}")
+    beam = as_beam(beam)
+    kernel = _kernel(_in_pixels(image, beam))
+    planes = {name: plane(image, name) for name in ("transparency", "error", "lower", "upper")}
+    seen = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
+    return changed(
+        image,
+        intensity=_smoothed(image.intensity, kernel),
+        optical_depth=None,  # no mean of transparencies has the mean depth
+        provenance={**how, "beam": _told(beam)},
+        **seen,
+    )
+
+
+def _check_sums(how: dict[str, Any]) -> None:
+    """Refuse maps whose numbers do not add up: means, extremes, depths."""
+    kind = how.get("map", how.get("kind", "mean" if "weight" in how else "column"))
+    if kind != "column":
+        raise InputError(
+            f"a map of the {kind} cannot be convolved: its numbers do not add up. Convolve "
+            "columns, such as those of a weight and of what is weighted, and divide"
+        )
+
+
+def as_beam(beam: Any) -> tuple[float, float, float, Any]:
+    """Return full widths along the major and minor axis, position angle in degrees, and unit.
+
+    Parameters
+    ----------
+    beam : float, Quantity, (major, minor) or (major, minor, pa), or a radio_beam.Beam
+
+    Raises
+    ------
+    InputError
+        If it is something else, or not positive.
+    """
+    if hasattr(beam, "major") and hasattr(beam, "minor"):
+        beam = (beam.major, beam.minor, beam.pa)
+    if isinstance(beam, dict):
+        unit = parse_unit(beam["unit"])
+        return beam["major"], beam["minor"], beam["pa"], unit
+    parts = list(beam) if isinstance(beam, (tuple, list)) or np.ndim(beam) > 0 else [beam]
+    if not 1 <= len(parts) <= 3:
+        raise InputError(f"beam must be a width or (major, minor, pa), got {beam!r}")
+    unit = unit_of(parts[0])
+    widths = [float(plain(w, unit, "beam")) for w in parts[:2]]
+    widths = sorted(widths * (3 - len(widths)), reverse=True)[:2]
+    angle = degrees(parts[2], "the beam's position angle") if len(parts) == 3 else 0.0
+    if not (all(math.isfinite(w) and w > 0 for w in widths) and math.isfinite(angle)):
+        raise InputError(f"the widths of a beam must be positive and finite, got {beam!r}")
+    return widths[0], widths[1], angle, unit
+
+
+def beam_area(image: Image, beam: Any) -> float:
+    """Return the solid angle of a beam on the sky in steradians: 2π σ₁ σ₂.
+
+    Raises
+    ------
+    UnitsError
+        If the image is not on the sky and the beam is a length.
+    """
+    major, minor, _, unit = beam
+    if unit is not None and unit.is_equivalent("rad"):
+        return float(2.0 * np.pi * (_SIGMA * unit.to("rad")) ** 2 * major * minor)
+    to_sky = sky_matrix(image)
+    if to_sky is None:
+        raise UnitsError(
+            "the beam's solid angle is not known: give its width as an angle such as "
+            "0.5 * u.arcsec, or put the image on the sky with image.on_sky(distance=, position=)"
+        )
+    on_sky = to_sky @ _in_pixels(image, beam) @ to_sky.T
+    return float(2.0 * np.pi * math.sqrt(np.linalg.det(on_sky)) * np.deg2rad(1.0) ** 2)
+
+
+def fits_beam(image: Image) -> tuple[float, float, float] | None:
+    """Return BMAJ, BMIN and BPA in degrees of what an image on the sky was convolved with."""
+    told, to_sky = (image.provenance or {}).get("beam"), sky_matrix(image)
+    if told is None or to_sky is None:
+        return None
+    covariance = to_sky @ _in_pixels(image, as_beam(told)) @ to_sky.T
+    (minor, major), axes = np.linalg.eigh(covariance)
+    east, north = axes[:, 1]
+    angle = np.rad2deg(np.arctan2(east, north)) % 180.0
+    return math.sqrt(major) / _SIGMA, math.sqrt(minor) / _SIGMA, float(angle)
+
+
+def sky_matrix(image: Image) -> np.ndarray | None:
+    """Return what leads from pixels to degrees east and north; None without celestial axes."""
+    if image.wcs is None or not image.wcs.has_celestial:
+        return None
+    return np.asarray(image.wcs.celestial.pixel_scale_matrix, dtype=np.float64)
+
+
+def _in_pixels(image: Image, beam: tuple[float, float, float, Any]) -> np.ndarray:
+    """Return the covariance of a beam in pixels along x and y.
+
+    Position angles run from north to east on the sky; on a plane from up to the left, likewise.
+    """
+    major, minor, angle, unit = beam
+    to_plane, own = _frame(image, unit)
+    factor = _SIGMA if unit is None else _SIGMA * float(unit.to(own))
+    c, s = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    axes = np.array([[s, c], [c, -s]]).T * (factor * np.array([major, minor]))
+    from_plane = np.linalg.inv(to_plane) @ axes
+    return np.asarray(from_plane @ from_plane.T)
+
+
+def _frame(image: Image, unit: Any) -> tuple[np.ndarray, Any]:
+    """Return what leads from pixels to the frame that a beam is told in, and its unit."""
+    own, to_sky = parse_unit(image.unit), sky_matrix(image)
+    if unit is not None and unit.is_equivalent("rad") and to_sky is not None:
+        return to_sky, parse_unit("deg")
+    if unit is not None and (own is None or not unit.is_equivalent(own)):
+        raise UnitsError(
+            f"the beam is in {unit}, the image's plane in {image.unit or 'no unit'}"
+            + (
+                "; put the image on the sky first: image.on_sky(distance=, position=)"
+                if unit.is_equivalent("rad")
+                else ""
+            )
+        )
+    width, height = image.pixel_size
+    return np.diag([-width, height]), own
+
+
+def _kernel(covariance: np.ndarray) -> Any:
+    """Return a Gaussian kernel, averaged over pixels where it is narrow."""
+    from astropy.convolution import Gaussian2DKernel
+
+    (minor, major), axes = np.linalg.eigh(covariance)
+    angle = math.atan2(axes[1, 1], axes[0, 1])
+    sigmas = math.sqrt(major), math.sqrt(max(minor, 0.0))
+    reach = [2 * math.ceil(_REACH * math.sqrt(v) + 0.5) + 1 for v in np.diag(covariance)]
+    fine = {"mode": "oversample", "factor": _FINER} if sigmas[1] < _NARROW else {}
+    return Gaussian2DKernel(*sigmas, theta=angle, x_size=reach[0], y_size=reach[1], **fine)
+
+
+def _smoothed(planes: np.ndarray, kernel: Any) -> np.ndarray:
+    """Return planes convolved one by one; black beyond the edges, holes filled from around them."""
+    from astropy.convolution import convolve_fft
+
+    if planes.ndim == 2:
+        return _smoothed(planes[..., None], kernel)[..., 0]
+    # astropy takes NaN as missing, and normalises what remains of the kernel there.
+    found = [
+        convolve_fft(planes[..., k], kernel, boundary="fill", allow_huge=True)
+        for k in range(planes.shape[-1])
+    ]
+    smooth = np.stack(found, axis=-1)
+    if np.nanmin(planes) >= 0.0:
+        np.maximum(smooth, 0.0, out=smooth)  # Fourier's rounding leaves none of it below
+    return smooth.astype(planes.dtype)
+
+
+def _told(beam: tuple[float, float, float, Any]) -> dict[str, Any]:
+    major, minor, angle, unit = beam
+    return {"major": major, "minor": minor, "pa": angle, "unit": "" if unit is None else str(unit)}

@@ -1,0 +1,78 @@
+"""Intensities in other units: per beam, per pixel, per solid angle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import UnitsError
+from ..units import parse_unit
+from .beam import as_beam, beam_area, sky_matrix
+from .changed import changed, plane
+
+if TYPE_CHECKING:
+    from .image import Image
+
+_SCALED = ("error", "lower", "upper")
+
+
+def to_unit(image: Image, unit: Any, beam: Any = None) -> Image:
+    """Return the image with intensities in another unit; see `Image.to`."""
+    own, target = parse_unit(image.intensity_unit), parse_unit(unit)
+    if own is None:
+        raise UnitsError(
+            f"the image's intensities have no unit, so they cannot be told in {unit}; give "
+            "Image(..., intensity_unit=), or emissivities with units (vm.Coefficients)"
+        )
+    factor = _factor(image, own, target, beam)
+    planes = {name: plane(image, name) for name in _SCALED}
+    scaled = {name: p * p.dtype.type(factor) for name, p in planes.items() if p is not None}
+    intensity = (image.intensity * factor).astype(image.intensity.dtype)
+    return changed(image, intensity=intensity, intensity_unit=target, **scaled)
+
+
+def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
+    """Return how many of the new unit one of the old is."""
+    from astropy import units as u
+
+    target = u.dimensionless_unscaled if target is None else target
+    if own.is_equivalent(target):  # per beam is both, or neither
+        return float(own.to(target))
+    told = f"intensities in {own} cannot be told in {target or 'no unit'}"
+    for base, area in ((u.beam, _beam_area), (u.pix, _pixel_area)):
+        powers = [_power(unit, base) for unit in (own, target)]
+        if any(powers):
+            angle = u.Unit(area(image, beam) * u.sr / base)
+            own, target = (x * angle**p for x, p in zip((own, target), powers, strict=True))
+    try:
+        return float((own / target).to(u.dimensionless_unscaled))
+    except u.UnitConversionError as error:
+        raise UnitsError(
+            f"{told}: a beam or a pixel is a solid angle, and leads from Jy / sr to Jy / beam"
+        ) from error
+
+
+def _power(unit: Any, base: Any) -> float:
+    """Return the power of a base in a unit."""
+    plain = unit.decompose()
+    return float(dict(zip(plain.bases, plain.powers, strict=True)).get(base, 0.0))
+
+
+def _beam_area(image: Image, beam: Any) -> float:
+    """Return the steradians of a beam: the one given, or the one it was convolved with."""
+    told = (image.provenance or {}).get("beam") if beam is None else beam
+    if told is None:
+        raise UnitsError("per beam needs to know which: give beam=, or convolve the image first")
+    return beam_area(image, as_beam(told))
+
+
+def _pixel_area(image: Image, beam: Any) -> float:
+    """Return the steradians of a pixel."""
+    to_sky = sky_matrix(image)
+    if to_sky is None:
+        raise UnitsError(
+            "per pixel needs to know the pixels' solid angle: put the image on the sky with "
+            "image.on_sky(distance=, position=)"
+        )
+    return abs(float(np.linalg.det(to_sky))) * np.deg2rad(1.0) ** 2

@@ -1,0 +1,282 @@
+"""Pictures on the sky: FITS headers and beams, against spherical trigonometry and closed forms."""
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.coordinates import SkyCoord
+from astropy.io import fits
+from astropy.wcs import WCS
+from astropy.wcs.utils import proj_plane_pixel_scales
+
+import voluminous as vm
+from voluminous.errors import InputError, UnitsError
+from voluminous.image.beam import fits_beam
+
+HERE = SkyCoord(83.8, -5.4, unit="deg")
+
+
+def plane(values=None, nx=41, ny=31, step=(2.0, 2.0), unit="au", **known):
+    values = np.zeros((ny, nx)) if values is None else values
+    ny, nx = values.shape[:2]
+    x, y = ((np.arange(n) - 0.5 * (n - 1)) * s for n, s in zip((nx, ny), step, strict=True))
+    return vm.Image(values, x=x, y=y, unit=unit, **{"intensity_unit": "Jy / sr", **known})
+
+
+def spot(nx=41, ny=31, **known):
+    values = np.zeros((ny, nx))
+    values[ny // 2, nx // 2] = 1.0
+    return plane(values, **known)
+
+
+@pytest.mark.parametrize("distance", [140 * u.pc, "140 pc", (140 * u.pc).to_value("au")])
+def test_pixels_are_as_wide_as_they_are_seen(distance):
+    header = plane(step=(2.0, 3.0)).to_hdu(distance=distance, position=HERE).header
+    found = proj_plane_pixel_scales(WCS(header)) * u.deg
+    seen = np.arctan([2.0, 3.0] * u.au / (140 * u.pc)).to("arcsec")
+    assert found.to_value("arcsec") == pytest.approx(seen.value, rel=1e-9)
+    assert header["CTYPE1"] == "RA---TAN"
+    assert header["CDELT1"] < 0 < header["CDELT2"]
+
+
+@pytest.mark.parametrize("angle", [0.0, 37.0, -120.0])
+@pytest.mark.parametrize("step", [(1e5, 1e5), (5e4, 2e5)])
+def test_places_on_the_plane_are_seen_where_trigonometry_says(angle, step):
+    # A plane at a distance: the angle from its middle is atan(r / d), its direction that on it.
+    image = plane(step=step).on_sky(distance=140 * u.pc, position=HERE, position_angle=angle)
+    columns, rows = np.array([3, 20, 40, 11]), np.array([29, 15, 0, 7])
+    x, y = image.x[columns] * u.au, image.y[rows] * u.au
+    expected = HERE.directional_offset_by(
+        angle * u.deg + np.arctan2(-x, y), np.arctan(np.hypot(x, y) / (140 * u.pc))
+    )
+    found = image.wcs.pixel_to_world(columns, rows)
+    assert found.separation(expected).to_value("arcsec").max() < 1e-6  # rounding of degrees
+
+
+@pytest.mark.parametrize(("projection", "kind"), [("flat", "TAN"), ("spherical", "ARC")])
+def test_perspective_pictures_are_measured_in_angles(projection, kind):
+    camera = vm.Perspective((0, -9, 0), (0, 0, 0), 60, projection=projection, resolution=(41, 21))
+    frame = camera.frame(vm.CartesianGrid.uniform(2, (-1, 1)))
+    x, y = frame.coordinates()
+    image = vm.Image(np.ones((21, 41)), x=x, y=y, unit="rad", camera=camera.describe())
+    sky = image.on_sky(position=HERE)
+    assert sky.wcs.wcs.ctype[0] == f"RA---{kind}"
+    off = np.hypot(x[3], y[17])
+    angle = np.arctan(off) if projection == "flat" else off
+    found = sky.wcs.pixel_to_world(3, 17).separation(HERE).rad
+    assert found == pytest.approx(angle, rel=1e-9)
+    with pytest.raises(InputError, match="leave distance"):
+        image.on_sky(distance=3 * u.pc, position=HERE)
+
+
+@pytest.mark.parametrize(
+    ("position", "kind"),
+    [
+        (HERE.galactic, "GLON-TAN"),
+        ((83.8, -5.4), "RA---TAN"),
+        ((83.8 * u.deg, -5.4 * u.deg), "RA---TAN"),
+        ("05h35m12s -05d24m00s", "RA---TAN"),
+        (HERE.fk5, "RA---TAN"),
+        (HERE.supergalactic, "RA---TAN"),
+    ],
+)
+def test_positions_in_any_form(position, kind):
+    sky = plane().on_sky(distance=140 * u.pc, position=position)
+    assert sky.wcs.wcs.ctype[0] == kind
+    middle = sky.wcs.pixel_to_world(20, 15)
+    assert middle.separation(HERE).to_value("arcsec") < 1e-2  # FK5 and ICRS differ by that
+
+
+def test_the_origin_of_the_plane_is_at_the_position():
+    image = vm.Image(np.ones((4, 5)), x=np.arange(5) + 10.0, y=np.arange(4) - 7.0, unit="au")
+    sky = image.on_sky(distance=1 * u.pc, position=HERE)
+    assert sky.wcs.world_to_pixel(HERE) == pytest.approx((-10.0, 7.0), abs=1e-6)
+
+
+def test_headers_are_linear_by_themselves():
+    camera = vm.Orthographic(60, 30, 10).describe()
+    image = plane(intensity_unit="g / cm2", camera=camera)
+    header = image.to_hdu().header
+    assert (header["BUNIT"], header["CUNIT1"]) == ("g cm-2", "AU")
+    assert (header["CAMERA"], header["INCL"], header["POSANG"]) == ("orthographic", 60.0, 10.0)
+    x, y = WCS(header).wcs_pix2world([[0, 0], [40, 30]], 0).T
+    assert x == pytest.approx(image.x[[0, -1]])
+    assert y == pytest.approx(image.y[[0, -1]])
+
+
+def test_channels_are_a_cube_and_the_plane_is_kept():
+    image = plane(np.random.default_rng(1).random((4, 6, 3)))
+    hdu = image.to_hdu(distance=140 * u.pc, position=HERE)
+    assert hdu.data.shape == (3, 4, 6)
+    assert np.array_equal(hdu.data[1], image.intensity[..., 1])
+    linear = WCS(hdu.header, key="A", naxis=2)
+    assert linear.wcs_pix2world([[0, 0]], 0)[0] == pytest.approx([image.x[0], image.y[0]])
+    hdu.verify("exception")
+
+
+def test_files_keep_sky_plane_and_camera(tmp_path):
+    image = plane(np.random.default_rng(1).random((4, 6)), camera={"type": "orthographic"})
+    image.save(tmp_path / "a.fits", distance=140 * u.pc, position=HERE, position_angle=20)
+    again = vm.Image.load(tmp_path / "a.fits")
+    assert np.array_equal(again.intensity, image.intensity)
+    assert np.array_equal(again.x, image.x)
+    assert (again.unit, again.camera) == (image.unit, image.camera)
+    assert again.wcs.pixel_to_world(2.5, 1.5).separation(HERE).arcsec < 1e-6
+    assert fits.getheader(tmp_path / "a.fits")["BUNIT"] == "Jy sr-1"
+
+
+def test_spectral_cube_opens_them(tmp_path):
+    spectral_cube = pytest.importorskip("spectral_cube")
+    image = spot().on_sky(distance=140 * u.pc, position=HERE)
+    image = image.convolve((0.1 * u.arcsec, 0.05 * u.arcsec, 30)).to("Jy/beam")
+    image.save(tmp_path / "a.fits")
+    found = spectral_cube.Projection.from_hdu(fits.open(tmp_path / "a.fits")[0])
+    assert found.unit == u.Jy / u.beam
+    assert found.beam.major.to_value("arcsec") == pytest.approx(0.1)
+    assert found.beam.pa.to_value("deg") == pytest.approx(30)
+    scale = proj_plane_pixel_scales(found.wcs)[0] * 3600
+    assert scale == pytest.approx(2 / 140)  # 1 au at 1 pc is an arcsecond
+
+
+@pytest.mark.parametrize("step", [(2.0, 2.0), (1.0, 3.0)])
+@pytest.mark.parametrize("beam", [(12.0, 12.0, 0.0), (20.0, 9.0, 25.0)])
+def test_a_point_becomes_the_beam(step, beam):
+    image = spot(101, 81, step=step).convolve((beam[0] * u.au, beam[1] * u.au, beam[2]))
+    major, minor, angle = beam
+    x, y = np.meshgrid(image.x, image.y)
+    turned = np.deg2rad(angle)  # from up to the left
+    along = y * np.cos(turned) - x * np.sin(turned)
+    across = x * np.cos(turned) + y * np.sin(turned)
+    expected = np.exp(-4 * np.log(2) * ((along / major) ** 2 + (across / minor) ** 2))
+    expected *= 4 * np.log(2) / np.pi / (major * minor) * step[0] * step[1]
+    # A mean over pixels that are at most 0.8 standard deviations wide, in place of their middle:
+    # (0.8)² / 24 = 3 % of the peak.
+    found = image.intensity[..., 0]
+    assert np.abs(found - expected).max() < 0.03 * expected.max()
+    assert found.sum() == pytest.approx(1.0, abs=1e-6)
+    assert found.min() >= 0
+
+
+def test_beams_on_the_plane_and_on_the_sky_are_the_same():
+    image = spot().on_sky(distance=140 * u.pc, position=HERE, position_angle=70)
+    on_sky = image.convolve((0.15 * u.arcsec, 0.1 * u.arcsec, 80))
+    on_plane = image.convolve(((21 * u.au), 14 * u.au, 10))  # up is at 70 degrees
+    assert on_sky.intensity == pytest.approx(on_plane.intensity, abs=1e-12)
+    for found in (on_sky, on_plane):
+        assert np.array(fits_beam(found)) * (3600, 3600, 1) == pytest.approx((0.15, 0.1, 80))
+        header = found.to_hdu().header
+        assert header["BMAJ"] * 3600 == pytest.approx(0.15)
+
+
+def test_plain_numbers_and_beams_as_objects():
+    class Beam:
+        major, minor, pa = 12 * u.au, 8 * u.au, 30 * u.deg
+
+    first = spot().convolve((12, 8, 30))
+    assert np.array_equal(first.intensity, spot().convolve(Beam()).intensity)
+    assert np.array_equal(first.intensity, spot().convolve((12, 8, 30 * u.deg)).intensity)
+    assert np.array_equal(spot().convolve([8, 8] * u.au).intensity, spot().convolve(8).intensity)
+    assert np.array_equal(spot().convolve(8).intensity, spot().convolve((8, 8)).intensity)
+
+
+def test_what_is_convolved_besides():
+    half = np.full((31, 41), 0.5)
+    image = spot(transparency=half, error=half, optical_depth=half).convolve(6 * u.au)
+    assert image.transparency[15, 20] == pytest.approx(0.5)
+    assert image.error[15, 20] == pytest.approx(0.5)
+    assert image.optical_depth is None
+    assert image.provenance["beam"] == {"major": 6.0, "minor": 6.0, "pa": 0.0, "unit": "AU"}
+
+
+def test_missing_pixels_are_filled_from_around_them():
+    values = np.ones((31, 41))
+    values[15, 20] = np.nan
+    assert plane(values).convolve(6 * u.au).intensity[15, 20] == pytest.approx(1.0)
+
+
+def test_intensities_per_beam_and_per_pixel():
+    beam = (0.2 * u.arcsec, 0.1 * u.arcsec, 0)
+    flat = plane(np.full((31, 41), 5.0)).on_sky(distance=140 * u.pc, position=HERE)
+    # Solid angle of a Gaussian: π / (4 ln 2) · major · minor.
+    area = (np.pi / (4 * np.log(2)) * 0.02 * u.arcsec**2).to_value("sr")
+    assert flat.to("Jy/beam", beam=beam).intensity == pytest.approx(5 * area)
+    assert flat.to("mJy/beam", beam=beam).intensity == pytest.approx(5e3 * area)
+    pixel = ((2 / 140) * u.arcsec).to_value("rad") ** 2
+    assert flat.to("Jy/pix").intensity == pytest.approx(5 * pixel)
+    back = flat.to("Jy/beam", beam=beam).to("MJy/sr", beam=beam)
+    assert back.intensity == pytest.approx(5e-6)
+
+
+def test_the_peak_of_a_point_per_beam_is_its_flux():
+    image = spot(81, 81).on_sky(distance=140 * u.pc, position=HERE)
+    flux = image.to("Jy/pix").intensity.sum()
+    seen = image.convolve(0.2 * u.arcsec).to("Jy/beam")
+    # The pixel is 0.17 standard deviations wide: 0.17² / 12 below the peak.
+    assert seen.intensity.max() == pytest.approx(flux, rel=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"position": HERE}, InputError, "distance="),
+        ({"distance": 3 * u.pc}, InputError, "position="),
+        ({"distance": 3 * u.K, "position": HERE}, UnitsError, "must be a length"),
+        ({"distance": "far", "position": HERE}, UnitsError, "must be a length"),
+        ({"distance": -3 * u.pc, "position": HERE}, InputError, "positive"),
+        ({"distance": 3 * u.pc, "position": "nowhere"}, InputError, "SkyCoord"),
+        ({"distance": 3 * u.pc, "position": (1, 2, 3)}, InputError, "SkyCoord"),
+        (
+            {"distance": 3 * u.pc, "position": SkyCoord([1, 2], [3, 4], unit="deg")},
+            InputError,
+            "one",
+        ),
+    ],
+)
+def test_places_that_cannot_be(options, error, message):
+    with pytest.raises(error, match=message):
+        plane().to_hdu(**options)
+
+
+def test_uneven_pixels_have_no_place_on_the_sky():
+    image = vm.Image(np.ones((2, 3)), x=[0, 1, 5], y=[0, 1], unit="au")
+    with pytest.raises(InputError, match="evenly"):
+        image.on_sky(distance=3 * u.pc, position=HERE)
+
+
+@pytest.mark.parametrize(
+    ("beam", "error", "message"),
+    [
+        (0.1 * u.arcsec, UnitsError, "on_sky"),
+        (3 * u.K, UnitsError, "plane in au"),
+        ((1, 2, 3, 4), InputError, "major, minor"),
+        (-1, InputError, "positive"),
+        ((3, 0), InputError, "positive"),
+    ],
+)
+def test_beams_that_cannot_be(beam, error, message):
+    with pytest.raises(error, match=message):
+        spot().convolve(beam)
+
+
+def test_maps_that_do_not_add_up_are_not_convolved():
+    for told in ({"map": "depth"}, {"kind": "maximum"}, {"quantity": "T", "weight": "rho"}):
+        with pytest.raises(InputError, match="do not add up"):
+            spot(provenance=told).convolve(4)
+    with pytest.raises(InputError, match="before"):
+        spot().convolve(4).convolve(4)
+
+
+@pytest.mark.parametrize(
+    ("known", "unit", "beam", "message"),
+    [
+        ({"intensity_unit": ""}, "Jy/beam", 1 * u.arcsec, "have no unit"),
+        ({"intensity_unit": "g / cm2"}, "Jy/beam", 1 * u.arcsec, "cannot be told"),
+        ({}, "Jy/beam", None, "give beam="),
+        ({}, "Jy/beam", 4 * u.au, "on_sky"),
+        ({}, "Jy/pix", None, "on_sky"),
+        ({}, "Jy", None, "cannot be told"),
+        ({}, "no unit", None, "not a unit"),
+    ],
+)
+def test_units_that_cannot_be(known, unit, beam, message):
+    with pytest.raises(UnitsError, match=message):
+        spot(**known).to(unit, beam=beam)
