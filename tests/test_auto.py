@@ -12,6 +12,7 @@ import voluminous as vm
 from voluminous.calibration.histogram import histogram, sampled_values
 from voluminous.calibration.labels import labels_of
 from voluminous.calibration.levels import levels
+from voluminous.calibration.noise import noise_of
 from voluminous.calibration.scalar import is_wide, main_scalar
 from voluminous.cli import main
 from voluminous.expressions import Expression
@@ -66,6 +67,43 @@ def test_both_ends_of_signed_data_are_seen():
     centers = [shell.center for shell in shells(vm.auto(vm.Volume(grid, v=np.sign(z) * speed)))]
     assert centers == pytest.approx([-c for c in reversed(centers)], abs=0.05)  # few cells
     assert centers[-1] > 0.4
+
+
+def test_levels_are_above_noise_around_zero():
+    # A source of 30 σ in noise, as telescopes see it.
+    volume = cube(lambda r: 3.0 * np.exp(-((r / 0.4) ** 2)))
+    noise = np.random.default_rng(2).normal(0, 0.1, volume.grid.shape)
+    noisy = vm.Volume(volume.grid, a=volume.array("a") + noise)
+    assert noise_of(sampled_values(noisy, Expression("a"))) == pytest.approx(0.1, rel=0.05)
+    centers = [shell.center for shell in shells(vm.auto(noisy))]
+    assert min(centers) > 0.4
+    assert max(centers) > 1.5
+    # Without the noise nothing is negative, and the range begins at zero.
+    assert min(shell.center for shell in shells(vm.auto(volume))) < 0.4
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.random.default_rng(3).normal(0, 1, 10_000),  # noise alone, or a velocity
+        np.concatenate([np.full(5000, -1000.0), np.linspace(-200, 2000, 5000)]),  # air and bones
+        np.concatenate([np.linspace(-1, 0, 1000), np.linspace(0, 9, 1000)]),  # a ramp
+        np.concatenate([-np.abs(np.random.default_rng(4).normal(0, 1, 900)), np.full(9, 20.0)]),
+        np.linspace(0, 1, 100),
+        np.array([-1.0, 5.0]),
+    ],
+    ids=["signed", "ct", "ramp", "holes", "positive", "few"],
+)
+def test_negative_values_that_are_no_noise(values):
+    assert noise_of(np.sort(values)) == 0
+
+
+def test_velocities_of_a_cube_of_spectra_are_not_what_is_shown():
+    volume = cube(lambda r: np.exp(-3 * r))
+    volume["velocity"] = "z"
+    assert main_scalar(volume).text == "a"
+    del volume["a"]
+    assert main_scalar(volume).text == "velocity"
 
 
 @given(st.floats(-3, 3), st.floats(0.01, 100))

@@ -16,6 +16,7 @@ from ..volume import Volume
 from .histogram import histogram, sampled_values
 from .labels import labels_of
 from .levels import levels
+from .noise import noise_of
 from .profile import profile_of
 from .scalar import is_wide, main_scalar
 from .thickness import Thickness, thicknesses
@@ -26,6 +27,9 @@ _SIGMA = 0.12
 _COOL, _WARM = 0.12, 0.88
 # Opacity of the largest shell as a part of that of the smallest.
 _VEIL = 0.08
+# Of data with noise around zero, what is below so many σ is not looked at: all of a volume's cells
+# together hold a few tens of such peaks.
+_NOISE = 4.0
 # A closed shell is crossed twice.
 _TWICE = 2.0
 _GOLDEN = 0.5 * (5**0.5 - 1)
@@ -75,8 +79,9 @@ def auto(
     -----
     Levels are where the mean gradient as a function of the value is greatest (Kindlmann & Durkin
     1998, "Semi-automatic generation of transfer functions for direct volume rendering"), one in
-    each of n equal parts of the range of values whose isosurfaces are large enough to be seen. Of
-    more than 4 million cells, evenly spread parts are looked at.
+    each of n equal parts of the range of values whose isosurfaces are large enough to be seen.
+    Where negative values are noise around zero, as in cubes of telescopes, levels are above four σ.
+    Of more than 4 million cells, evenly spread parts are looked at.
 
     Examples
     --------
@@ -109,13 +114,14 @@ def _shells(
         positions = _WARM - (_WARM - _COOL) * (np.arange(len(labels)) * _GOLDEN % 1.0)
         return [_shell(Rectangle, expr, label, 0.5) for label in labels], positions
     wide = is_wide(values)
-    signed = bool(values[0] < 0) and not wide
+    floor = _NOISE * noise_of(values)
+    signed = bool(values[0] < 0) and not wide and not floor
     if wide:
         expr, values = Expression(f"log10({expr.text})"), np.log10(values[values > 0])
     if values[0] == values[-1]:
         value = float(values[0])
         return [_shell(Rectangle, expr, value, 0.5 * abs(value) or 1.0)], np.array([_WARM])
-    centers, distance = levels(histogram(volume, expr, values), n, signed=signed)
+    centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)
     positions = np.linspace(_WARM, _COOL, n)[::-1]  # a single one is warm
     return [_shell(Gaussian, expr, center, _SIGMA * distance) for center in centers], positions
 

@@ -15,7 +15,9 @@ _LOWEST = 0.01
 _SMOOTHING = 0.12
 
 
-def levels(found: Histogram, n: int, *, signed: bool = False) -> tuple[np.ndarray, float]:
+def levels(
+    found: Histogram, n: int, *, signed: bool = False, floor: float = 0.0
+) -> tuple[np.ndarray, float]:
     """Return n increasing levels and their typical distance.
 
     The range of values whose isosurfaces are large enough to be seen is cut into n equal slots,
@@ -32,8 +34,12 @@ def levels(found: Histogram, n: int, *, signed: bool = False) -> tuple[np.ndarra
         Number of levels.
     signed : bool
         True if both ends of the range are of interest, as of a component of a velocity.
+    floor : float
+        If positive, what is below is noise.
     """
     low, high = _worth_showing(found, signed)
+    if floor > 0:
+        low = min(max(low, floor), 0.5 * (low + high))
     slot = (high - low) / n
     steep, x = found.steepness(_SMOOTHING * slot), found.centers
     chosen = []

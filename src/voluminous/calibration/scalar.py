@@ -16,6 +16,8 @@ _FIRST = ("density", "gas_density", "rho", "dens", "number_density", "n", "nh", 
 _COMPONENT = re.compile(
     r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
 )
+# Coordinates that cubes of telescopes bring along.
+_COORDINATE = re.compile(r"velocity|frequency|wavelength|wavenumber|redshift", re.I)
 # Data that spans more than this factor is looked at logarithmically …
 _DECADES = 2.0
 # … from this quantile of its positive values to that (compact cores are what one looks for).
@@ -34,8 +36,8 @@ def main_scalar(volume: Volume) -> Expression:
     """Return the field to look at first.
 
     It is the one called density, rho, … if there is one; else that with the most structure (the
-    entropy of its histogram, linear or logarithmic as it will be shown). Components of vectors
-    are left out where there are other fields.
+    entropy of its histogram, linear or logarithmic as it will be shown). Components of vectors, and
+    velocity or frequency in a cube of spectra, are left out where there are other fields.
 
     Raises
     ------
@@ -49,6 +51,7 @@ def main_scalar(volume: Volume) -> Expression:
         if name in lower:
             return Expression(lower[name])
     scalars = [f for f in volume.fields if not _COMPONENT.fullmatch(f)]
+    scalars = [f for f in scalars if not _COORDINATE.fullmatch(f)] or scalars
     candidates = scalars or list(volume.fields)
     if len(candidates) == 1:
         return Expression(candidates[0])
