@@ -13,15 +13,18 @@ from pathlib import Path
 import numpy as np
 from convergence import CELLS, VIEWS, convergence
 from drawing import compressed, saved
+from figures_data import DATA_FIGURES
 from figures_grids import GRID_FIGURES
+from figures_images import IMAGE_FIGURES
 from figures_media import MEDIA_FIGURES, outflow_walls
+from figures_probe import PROBE_FIGURES
 from figures_schemes import raw_or_derived, thin_shell
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import voluminous as vm
-from voluminous.cameras.rotation import image_axes
 from voluminous.cli import main as command
+from voluminous.rotation import image_axes
 
 FOLDER = Path(__file__).parent / "_static"
 
@@ -177,6 +180,9 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     "raw_or_derived": raw_or_derived,
     **MEDIA_FIGURES,
     **GRID_FIGURES,
+    **DATA_FIGURES,
+    **IMAGE_FIGURES,
+    **PROBE_FIGURES,
 }
 
 
