@@ -11,6 +11,7 @@ from astropy import units as u
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
 from voluminous.backend import dr
+from voluminous.rendering import source
 from voluminous.schemes import SCHEMES
 
 PARSEC = 3.0856775814913674e18
@@ -165,3 +166,25 @@ def test_number_of_threads_changes_no_bit(scheme, precision, threads):
         pictures.append((image.intensity, image.optical_depth))
     for picture in pictures[1:]:
         np.testing.assert_array_equal(picture, pictures[0])
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("size", [1e-6, 1e-12, 1e-24, 1e-31, 1e15])
+@pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
+def test_faint_coefficients_make_the_same_picture_only_fainter(
+    scheme, size, precision, monkeypatch
+):
+    grid = vm.CartesianGrid.uniform(12, (-1, 1))
+    camera = vm.Orthographic(40, 20, resolution=16)
+
+    def picture(factor):
+        volume = vm.Volume(grid)
+        volume["a"] = volume.evaluate("exp(-4 * r**2)") * factor
+        medium = vm.Coefficients("a", f"a / {factor!r}")
+        image = vm.render(volume, medium, camera, scheme=scheme, precision=precision)
+        return image.intensity / factor
+
+    for on_ray in (False, True):
+        monkeypatch.setattr(source, "_crowded", lambda *a, on_ray=on_ray: on_ray)
+        # Rays stop at 1e-4 of what they have gathered; numbers are scaled by a power of two.
+        np.testing.assert_allclose(picture(size), picture(1.0), rtol=3e-4)

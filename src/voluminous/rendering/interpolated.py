@@ -43,7 +43,7 @@ class Interpolated:
         # for some ten path lengths.
         neglected = 10.0 * context.faint * self.numbers.one_path()
         self.neglected = min(neglected, 1e-3 * float(np.finfo(self.backend.dtype).max))
-        self.largest = classifier.largest()
+        self.largest = self.numbers.in_units(classifier.largest())
         self.looks_inside = classifier.medium.looks_inside
         self.scalars: tuple[Expression, ...] = classifier.medium.scalars()
         self.units = {

@@ -84,6 +84,11 @@ class Direct:
         if 0.0 < most < np.inf and not 2.0**-40 < most < 2.0**40:
             self.unit = 2.0 ** float(np.clip(np.round(np.log2(most)), -900, 900))
 
+    def in_units(self, largest: list[float]) -> list[float]:
+        """Return bounds of the numbers as they are in kernels."""
+        k = self.emissions
+        return [*(value / self.unit for value in largest[:k]), *largest[k:]]
+
     def reuse(self, earlier: Direct) -> Direct:
         """Return what an earlier table of the same medium was made with."""
         return earlier
@@ -176,6 +181,10 @@ class Shapes:
 
     def normalise(self, largest: list[float]) -> None:
         """Do nothing: shapes are near one, and colours are mixed in afterwards."""
+
+    def in_units(self, largest: list[float]) -> list[float]:
+        """Return bounds of the numbers as they are in kernels: the same."""
+        return largest
 
     def reuse(self, earlier: Shapes) -> Shapes:
         """Return these: colours and opacities are not in the table, they may have been turned."""
