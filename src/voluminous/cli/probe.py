@@ -38,10 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     where.add_argument(
         "--at",
-        type=float,
-        nargs=2,
-        metavar=("U", "V"),
-        help="the ray through this point of the image plane, in the unit of its coordinates",
+        metavar="U,V",
+        help="the ray through this point of the image plane, in the unit of its coordinates or "
+        "with one, such as 0.1pc,0.2pc (--at=-1,0 for one that begins with a minus)",
     )
     parser.add_argument(
         "--also",
@@ -106,9 +105,16 @@ def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
     options: dict[str, Any] = {k: v for k, v in scene.render_options.items() if k in _OPTIONS}
     if isinstance(options.get("background"), str):
         options["background"] = _background(scene, options["background"])
-    options |= {"pixel": args.pixel, "at": args.at, "also": args.also}
+    options |= {"pixel": args.pixel, "at": _point(args.at), "also": args.also}
     with progress_bar(args.scene.name, show=False if args.quiet else None) as progress:
         return probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
+
+
+def _point(text: str | None) -> Any:
+    """Return the two numbers or quantities of ``0.1pc,0.2pc``."""
+    from ..scene.kinds import QUANTITIES
+
+    return None if text is None else QUANTITIES("--at", [part.strip() for part in text.split(",")])
 
 
 def _background(scene: Scene, path: str) -> Any:

@@ -2,6 +2,7 @@
 
 from .columns import column
 from .extremes import Extreme, extreme, first_hit
+from .probing import Probe, probe
 from .surface import TauSurface, tau_surface
 from .totals import Measurement, measure
 from .velocities import Moments, moments
@@ -10,11 +11,13 @@ __all__ = [
     "Extreme",
     "Measurement",
     "Moments",
+    "Probe",
     "TauSurface",
     "column",
     "extreme",
     "first_hit",
     "measure",
     "moments",
+    "probe",
     "tau_surface",
 ]

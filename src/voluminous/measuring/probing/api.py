@@ -1,0 +1,90 @@
+"""probe(): what one ray saw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ...rendering import prepare
+from ...rendering.options import background_array
+from .assembly import assembled
+from .fields import wanted
+from .follow import ProbeJob, follow
+from .place import Place
+from .result import Probe
+
+
+def probe(
+    volume: Any,
+    medium: Any,
+    camera: Any,
+    pixel: Any = None,
+    *,
+    at: Any = None,
+    also: Any = (),
+    scheme: Any = "post-classified",
+    tolerance: float | None = 1e-3,
+    background: Any = 0.0,
+    precision: str = "single",
+    device: str = "auto",
+    order: str = "front-to-back",
+    cutoff: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Probe:
+    """Return what one ray saw: every segment that `render` solves, as it solves it.
+
+    It is one ray (``samples=1``), through the medium alone: objects are left out.
+
+    Parameters
+    ----------
+    volume, medium, camera
+        As for `render`.
+    pixel : (int, int)
+        ix and iy, counted from 0 at the lower left: the ray through the centre of
+        ``image.intensity[iy, ix]``.
+    at : (float, float) or Quantity, optional
+        A point of the image plane instead, in the unit of its coordinates.
+    also : str, Expression or sequence of them
+        More fields or expressions to tell, as they are in the cells.
+    scheme, tolerance, background, precision, device, order, cutoff
+        As for `render`. With a tolerance the whole picture is drawn once, since its brightest pixel
+        says what is good enough in this one. With ``tolerance=None`` steps are as wide as those of
+        the picture: up to eight cells, and none in empty space. ``cutoff=0`` follows the ray to its
+        end.
+    progress : callable, optional
+        As for `render`.
+
+    Returns
+    -------
+    Probe
+        Arrays per segment; `Probe.table`, `Probe.plot`, and ``print(probe)``.
+
+    Raises
+    ------
+    InputError, UnknownNameError, UnitsError
+        For a pixel, point, field … that does not exist, and what cannot be rendered.
+    """
+    told, _ = prepare(
+        volume,
+        medium,
+        camera,
+        scheme=scheme,
+        tolerance=tolerance,
+        precision=precision,
+        device=device,
+        order=order,
+        cutoff=cutoff,
+        progress=progress,
+    )
+    place = Place.of(pixel, at, told.frame, camera.plane_unit or volume.unit)
+    ix, iy = place.pixel
+    flat = iy * told.frame.pixels[0] + ix
+    job, seen = ProbeJob(**vars(told), watched=flat), volume.seen_by(camera)
+    more = wanted(seen, also)
+    behind = background_array(background, job.frame.pixels, job.medium.channels)
+    names = job.medium.names if job.scheme.place == "field" else ()
+    found = follow(job, (flat, *place.offset), names, float(np.max(np.abs(behind))))
+    full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
+    return assembled(job, seen, place, found, more, full[iy, ix])

@@ -1,0 +1,337 @@
+"""What one ray saw: the pixel of the picture, and every segment as it should be."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import QTable
+
+import voluminous as vm
+from voluminous.cli import main
+from voluminous.measuring.probing import follow
+
+SCHEMES = [
+    ("first-order", None),
+    ("second-order", None),
+    ("olson-kunasz", None),
+    ("post-classified", None),
+    ("post-classified", 1e-4),
+]
+# Rounding of some forty segments; the march itself is the same.
+EXACT = {"single": 3e-6, "double": 1e-13}
+WALLS = np.linspace(0, 8, 9)
+
+
+def near(x, y, z, level):
+    return np.hypot(np.hypot(x - 2.5, y - 4.5), z - 3.0) < 3.0 / (level + 1)
+
+
+RADII, PHI = np.geomspace(0.5, 4, 7), np.linspace(0, 2 * np.pi, 9)
+GRIDS = {
+    "cartesian": vm.CartesianGrid(WALLS, WALLS, WALLS[:7]),
+    "octree": vm.OctreeGrid.from_function(WALLS[::2], WALLS[::2], WALLS[::2], near, 2),
+    "patches": vm.PatchGrid.from_boxes(
+        WALLS, WALLS, WALLS, [0, 1], [[0, 0, 0], [4, 6, 2]], [[8, 8, 8], [6, 4, 8]]
+    ),
+    "spherical": vm.SphericalGrid(RADII, np.linspace(0, np.pi, 7), PHI),
+    "mirrored": vm.SphericalGrid(RADII, np.linspace(0, np.pi / 2, 4), PHI, mirror=True),
+    "cylindrical": vm.CylindricalGrid(RADII, PHI, np.linspace(-2, 3, 6)),
+}
+MEDIUM = vm.Coefficients(["a", "a * a"], ["0.3 * a", "0.5 * b"])
+SIDE = vm.Orthographic(63, 21, resolution=(7, 5))
+
+
+def volume_on(grid, missing=0.0):
+    rng = np.random.default_rng(2)
+    a, b = rng.random((2, *grid.shape)) + 0.1
+    a[rng.random(grid.shape) < missing] = np.nan
+    return vm.Volume(grid, a=a, b=b)
+
+
+def check_pixel(found, image, precision):
+    """The march, and the fold of its segments from both ends, are the picture's pixel."""
+    exact = EXACT[precision]
+    ix, iy = found.pixel
+    expected = image.intensity[iy, ix]
+    bright = np.abs(expected).max()
+    np.testing.assert_allclose(found.intensity, expected, rtol=exact, atol=exact * bright)
+    through = found.transparency
+    if len(found):
+        np.testing.assert_allclose(found.arriving[0], expected, atol=10 * exact * bright)
+        last = found.gathered[-1] + through * found.background
+        np.testing.assert_allclose(last, expected, atol=10 * exact * bright)
+        np.testing.assert_allclose(found.depth[-1], found.optical_depth, rtol=10 * exact)
+        # Wherever one stands, what is in front and what comes from behind make the pixel.
+        theta = np.cumprod(found.theta, axis=0)
+        whole = found.gathered[:-1] + theta[:-1] * found.arriving[1:]
+        np.testing.assert_allclose(
+            whole, np.broadcast_to(found.arriving[0], whole.shape), atol=10 * exact * bright
+        )
+    np.testing.assert_allclose(
+        np.broadcast_to(found.optical_depth, expected.shape),
+        image.optical_depth[iy, ix],
+        rtol=exact,
+    )
+
+
+@pytest.mark.parametrize("precision", EXACT)
+@pytest.mark.parametrize(("scheme", "tolerance"), SCHEMES)
+def test_a_ray_gathers_what_the_picture_shows(scheme, tolerance, precision):
+    volume = volume_on(GRIDS["cartesian"])
+    options = {"scheme": scheme, "tolerance": tolerance, "precision": precision}
+    options |= {"background": [0.3, 0.1], "cutoff": 0.0}
+    image = vm.render(volume, MEDIUM, SIDE, **options)
+    for pixel in ((3, 2), (1, 3)):
+        found = vm.probe(volume, MEDIUM, SIDE, pixel, **options)
+        check_pixel(found, image, precision)
+        assert len(found) > 6
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+@pytest.mark.parametrize("kind", GRIDS)
+def test_on_every_grid_with_missing_cells(kind, scheme):
+    volume = volume_on(GRIDS[kind], missing=0.4)
+    tolerance = 1e-4 if kind == "patches" else None
+    options = {"scheme": scheme, "tolerance": tolerance, "background": 0.2, "cutoff": 0.0}
+    image = vm.render(volume, MEDIUM, SIDE, **options)
+    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), also="b", **options)
+    check_pixel(found, image, "single")
+    missing = np.isnan(volume.array("a").reshape(-1)[found.cell])
+    np.testing.assert_array_equal(found.hidden, missing)
+    assert found.hidden.any()
+    np.testing.assert_array_equal(found.b[found.hidden], 0)
+    np.testing.assert_array_equal(found.theta[found.hidden], 1)
+    np.testing.assert_array_equal(np.isnan(found.fields["a"]), missing)
+    # The middle of a segment is in its cell; of very short ones rounding may put it beside.
+    long = found.end - found.begin > 1e-4
+    located = volume.grid.locate(found.position)
+    np.testing.assert_array_equal(found.cell[long], located[long])
+    np.testing.assert_array_equal(found.level, volume.grid.levels.reshape(-1)[found.cell])
+
+
+@pytest.mark.parametrize("precision", EXACT)
+def test_first_order_cell_by_cell(precision):
+    # Straight through six cells: everything is known.
+    volume = volume_on(vm.CartesianGrid(WALLS, WALLS, [0, 1, 3, 3.5, 4, 6, 8], unit="pc"))
+    volume.set_unit("a", "erg / (s cm2 sr pc)")
+    medium = vm.Coefficients("a", "b")
+    down = vm.Orthographic(width=8, resolution=8)
+    found = vm.probe(
+        volume, medium, down, (2, 5), scheme="first-order", precision=precision, background=0.7
+    )
+    z, a, b = volume.grid.edges[2], *(volume.array(n)[2, 5] for n in "ab")
+    exact = {"rtol": EXACT[precision], "atol": EXACT[precision]}
+    # From above: the last cell comes first; distances count from the volume's middle.
+    np.testing.assert_allclose(found.begin, 4 - z[:0:-1], **exact)
+    np.testing.assert_allclose(found.end, 4 - z[-2::-1], **exact)
+    np.testing.assert_allclose(found.position[:, :2], [[2.5, 5.5]] * 6, **exact)
+    np.testing.assert_array_equal(found.index, [[2, 5, k] for k in range(5, -1, -1)])
+    np.testing.assert_array_equal(found.fields["a"], a[::-1])
+    np.testing.assert_allclose(found.j[:, 0], a[::-1], **exact)
+    np.testing.assert_allclose(found.alpha[:, 0], b[::-1], **exact)
+    tau = (b * np.diff(z))[::-1]
+    np.testing.assert_allclose(found.tau[:, 0], tau, **exact)
+    np.testing.assert_allclose(found.theta[:, 0], np.exp(-tau), **exact)
+    emitted = (a / b)[::-1] * -np.expm1(-tau)
+    np.testing.assert_allclose(found.b[:, 0], emitted, **exact)
+    np.testing.assert_allclose(found.depth[:, 0], np.cumsum(tau), **exact)
+    before = np.exp(-(np.cumsum(tau) - tau))
+    np.testing.assert_allclose(found.gathered[:, 0], np.cumsum(before * emitted), **exact)
+    table = found.table()
+    assert table["a"].unit == table["j"].unit == u.Unit("erg / (s cm2 sr pc)")
+    assert table["alpha"].unit == u.pc**-1
+    assert table["b"].unit == u.Unit("erg / (s cm2 sr)")
+    assert table["begin"].unit == u.pc
+
+
+@pytest.mark.parametrize("scheme", ["second-order", "post-classified"])
+def test_mean_coefficients_are_those_that_are_integrated(scheme):
+    volume = volume_on(GRIDS["cartesian"])
+    medium = vm.Coefficients("a", "0")
+    options = {"scheme": scheme, "precision": "double", "tolerance": 1e-6}
+    found = vm.probe(volume, medium, SIDE, (3, 2), **options)
+    # Without extinction b = <j> s: exactly, for j linear or cubic along a segment.
+    expected = found.j * (found.end - found.begin)[:, None]
+    np.testing.assert_allclose(found.b, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
+def test_both_directions_tell_the_same(scheme):
+    volume = volume_on(GRIDS["cartesian"])
+    one, other = (
+        vm.probe(volume, MEDIUM, SIDE, (4, 2), scheme=scheme, precision="double", order=order)
+        for order in ("front-to-back", "back-to-front")
+    )
+    np.testing.assert_array_equal(one.cell, other.cell)
+    for name in ("begin", "end", "position", "j", "alpha", "tau", "b", "gathered", "arriving"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-11)
+
+
+def test_distances_are_from_the_observer():
+    volume = volume_on(GRIDS["cartesian"])
+    place = np.array([3.2, 4.1, 2.3])
+    inside = vm.Perspective(place, (8, 1, 6), resolution=9)
+    image = vm.render(volume, MEDIUM, inside, scheme="first-order", precision="double")
+    found = vm.probe(volume, MEDIUM, inside, (6, 1), scheme="first-order", precision="double")
+    check_pixel(found, image, "double")
+    assert found.begin[0] == 0
+    away = np.linalg.norm(found.position - place, axis=1)
+    np.testing.assert_allclose(away, 0.5 * (found.begin + found.end), rtol=1e-12)
+
+
+def test_points_of_the_image_plane():
+    volume = volume_on(vm.CartesianGrid(WALLS, WALLS, WALLS, unit="pc"))
+    x, y = SIDE.frame(volume.grid).coordinates()
+    by_pixel = vm.probe(volume, MEDIUM, SIDE, (5, 1), scheme="first-order")
+    assert by_pixel.at == (x[5], y[1])
+    at = (np.array([x[5], y[1]]) * u.pc).to("AU")
+    by_point = vm.probe(volume, MEDIUM, SIDE, at=at, scheme="first-order")
+    assert by_point.pixel == (5, 1)
+    np.testing.assert_allclose(by_point.intensity, by_pixel.intensity, rtol=1e-5)
+    # Between pixels: the centre of the fourth sub-pixel of two by two.
+    sixteenth = vm.Orthographic(63, 21, resolution=(14, 10))
+    fine = vm.render(volume, MEDIUM, sixteenth, scheme="first-order")
+    u2, v2 = fine.x[7], fine.y[5]
+    found = vm.probe(volume, MEDIUM, SIDE, at=(u2, v2), scheme="first-order")
+    np.testing.assert_allclose(found.intensity, fine.intensity[5, 7], rtol=1e-5)
+
+
+def test_a_ray_that_misses_sees_the_background():
+    volume = volume_on(GRIDS["cartesian"])
+    wide = vm.Orthographic(width=100, resolution=10)
+    found = vm.probe(volume, MEDIUM, wide, (0, 0), background=[0.25, 2.0])
+    assert len(found) == len(found.table()) == 0
+    np.testing.assert_array_equal(found.intensity, [0.25, 2.0])
+    assert "meets nothing" in str(found)
+    found.plot()
+
+
+def test_a_ray_stops_where_the_picture_stops():
+    volume = volume_on(GRIDS["cartesian"])
+    thick = vm.Coefficients("a", "9 * b")
+    image = vm.render(volume, thick, SIDE, scheme="first-order", background=1.0)
+    found = vm.probe(volume, thick, SIDE, (3, 2), scheme="first-order", background=1.0)
+    whole = vm.probe(volume, thick, SIDE, (3, 2), scheme="first-order", cutoff=0, background=1.0)
+    assert found.stopped
+    assert not whole.stopped
+    assert len(found) < len(whole)
+    np.testing.assert_allclose(found.intensity, image.intensity[2, 3], rtol=1e-6)
+
+
+def test_there_is_room_for_all_segments(monkeypatch):
+    volume = vm.Volume(vm.CartesianGrid(np.arange(201), [0, 1], [0, 1]), a=np.ones((200, 1, 1)))
+    along = vm.Orthographic(90, 90, width=1, resolution=1)
+    monkeypatch.setattr(follow, "_ROOM", 0)
+    found = vm.probe(volume, vm.Coefficients("a", 0), along, (0, 0), scheme="first-order")
+    np.testing.assert_array_equal(found.index[:, 0], np.arange(200))
+    np.testing.assert_allclose(found.gathered[:, 0], np.arange(1, 201), rtol=1e-5)
+
+
+def test_empty_cells_are_told_and_wide_steps_are_those_of_the_picture():
+    core = vm.models.prestellar_core(48)
+    shell = vm.Gaussian("log10(density)", 4.2, 0.3, [1, 0.5], 1.0, 1e17)
+    camera = vm.Orthographic(50, 20, resolution=16)
+    first = vm.probe(core, shell, camera, (8, 8), scheme="first-order")
+    np.testing.assert_allclose(first.begin[1:], first.end[:-1], atol=1e-4 * core.grid.scale)
+    narrow = vm.Gaussian("log10(density)", 4.2, 0.05, [1, 0.5], 1.0, 1e17)
+    told = vm.probe(core, narrow, camera, (8, 8), scheme="first-order")
+    np.testing.assert_array_equal(told.cell, first.cell)  # pictures leap over most of them
+    assert (told.tau < 1e-12).any()
+    image = vm.render(core, shell, camera, tolerance=None)
+    found = vm.probe(core, shell, camera, (8, 8), tolerance=None)
+    check_pixel(found, image, "single")
+    assert len(found) < 0.7 * len(first)
+    assert np.all(found.begin[1:] > found.end[:-1] - 1e-4 * core.grid.scale)
+    np.testing.assert_allclose(found.scalars["log10(density)"], np.log10(found.fields["density"]))
+
+
+def test_tables_and_plots(tmp_path):
+    volume = volume_on(vm.CartesianGrid(WALLS, WALLS, WALLS, unit="pc"))
+    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), also=["a + x", "r"], scheme="first-order")
+    center = volume.grid.cell_centers()[:, found.cell]
+    np.testing.assert_allclose(found.fields["a + x"], found.fields["a"] + center[0])
+    assert found.units["r"] == "pc"
+    for name in ("ray.ecsv", "ray.fits", "ray.csv"):
+        found.save(tmp_path / name)
+        again = QTable.read(tmp_path / name)
+        assert again.colnames == found.table().colnames
+        np.testing.assert_array_equal(again["b_1"], found.b[:, 1])
+    assert QTable.read(tmp_path / "ray.fits")["alpha_0"].unit == u.pc**-1
+    figure = found.plot(show=["a", "b", "r"])
+    assert sum(axes.get_title(loc="left") != "" for axes in figure.axes) == 4
+    found.save(tmp_path / "ray.png")
+    assert (tmp_path / "ray.png").read_bytes().startswith(b"\x89PNG")
+    pandas = pytest.importorskip("pandas")
+    frame = found.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    np.testing.assert_array_equal(frame["gathered_0"], found.gathered[:, 0])
+
+
+def test_the_text_is_short_unless_all_is_asked_for():
+    volume = volume_on(GRIDS["cartesian"])
+    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), scheme="first-order")
+    short, long = found.text(4).splitlines(), found.text(None).splitlines()
+    assert len(long) - len(short) == len(found) - 5
+    assert f"… {len(found) - 4} segments …" in found.text(4)
+    assert all(",".join(map(str, index)) in found.text(None) for index in found.index)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "say which ray"),
+        ({"pixel": (1, 1), "at": (0, 0)}, "say which ray"),
+        ({"pixel": (7, 0)}, "7 x 5 pixels"),
+        ({"pixel": (-1, 0)}, "counted from 0"),
+        ({"pixel": 3}, "two whole numbers"),
+        ({"at": (np.nan, 0)}, "two finite numbers"),
+        ({"pixel": (0, 0), "also": "c"}, "'c'"),
+        ({"pixel": (0, 0), "background": [1, 2, 3]}, "background"),
+    ],
+)
+def test_what_cannot_be_asked(arguments, message):
+    volume = volume_on(GRIDS["cartesian"])
+    with pytest.raises(vm.VoluminousError, match=message):
+        vm.probe(volume, MEDIUM, SIDE, **arguments)
+    found = vm.probe(volume, MEDIUM, SIDE, (0, 0), scheme="first-order")
+    with pytest.raises(vm.UnknownNameError, match="'c'"):
+        found.plot(show=["c"])
+
+
+SCENE = """
+[volume]
+model = "sphere"
+resolution = 8
+[[medium]]
+type = "coefficients"
+emissivity = ["inside", "0.5 * inside"]
+extinction = "0.1 * inside"
+[camera]
+width = 2.5
+resolution = 6
+[render]
+scheme = "first-order"
+background = 0.5
+samples = 2
+"""
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    asked = ["probe", "scene.toml", "--pixel", "2", "3", "--set", "camera.incl=20"]
+    assert main([*asked, "--also", "x", "-o", "ray.ecsv", "-o", "ray.svg"]) == 0
+    told = capsys.readouterr().out
+    assert "Pixel (2, 3)" in told
+    assert "ray.svg" in told
+    scene = vm.Scene.load("scene.toml").replaced({"camera.incl": 20})
+    image = scene.render(samples=1)
+    table = QTable.read("ray.ecsv")
+    assert table["arriving_1"][0] == pytest.approx(image.intensity[3, 2, 1], rel=1e-6)
+    assert "x" in table.colnames
+    assert main(["probe", "scene.toml", "--at=-0.2,0.2", "-q"]) == 0
+    assert main(["probe", "scene.toml", "--at", "1,2,3"]) == 2
+    assert main(["probe", "scene.toml", "--pixel", "9", "0"]) == 2
+    assert main([*asked, "-o", "ray.txt"]) == 2
+    assert main([*asked, "-o", "no/ray.csv"]) == 2
