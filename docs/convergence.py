@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 import voluminous as vm
-from voluminous.cameras.rotation import image_axes
+from voluminous.rotation import image_axes
 from voluminous.schemes import SCHEMES
 
 CELLS = (16, 32, 64, 128)

@@ -639,8 +639,8 @@ def test_permissions_and_links_are_kept(tmp_path):
     [
         ("image.pgn", "did you mean '.png'"),
         ("image.npy", "did you mean '.npz'"),
-        ("image", "known image formats: .exr"),
-        ("image.", "known image formats: .exr"),
+        ("image", r"known image formats: .*\.exr"),
+        ("image.", r"known image formats: .*\.exr"),
     ],
 )
 def test_unknown_suffixes(tmp_path, name, message):

@@ -32,6 +32,8 @@ _PUBLIC = {
     "Image": "image",
     "InputError": "errors",
     "Isosurface": "media",
+    "Lines": "objects",
+    "Measurement": "measuring",
     "Medium": "media",
     "MemoryNeededError": "errors",
     "MissingPackageError": "errors",
@@ -40,9 +42,13 @@ _PUBLIC = {
     "Orthographic": "cameras",
     "PatchGrid": "grids",
     "Perspective": "cameras",
+    "Probe": "measuring",
     "Rectangle": "media",
     "Scene": "scene",
+    "Spheres": "objects",
     "SphericalGrid": "grids",
+    "Star": "objects",
+    "Stars": "objects",
     "Table": "media",
     "TauSurface": "measuring",
     "UnitsError": "errors",
@@ -50,6 +56,8 @@ _PUBLIC = {
     "Volume": "volume",
     "VoluminousError": "errors",
     "auto": "calibration",
+    "axes": "objects",
+    "boxes": "objects",
     "calibrate": "calibration",
     "column": "measuring",
     "extreme": "measuring",
@@ -58,12 +66,14 @@ _PUBLIC = {
     "from_pyvista": "io.vtk.objects",
     "from_xarray": "io",
     "from_yt": "io.yt",
+    "measure": "measuring",
     "moments": "measuring",
     "open": "io",
+    "probe": "measuring",
     "render": "rendering",
     "tau_surface": "measuring",
 }
-_MODULES = ("io", "math", "models")
+_MODULES = ("io", "math", "models", "regions")
 
 __all__ = [
     "CartesianGrid",
@@ -80,6 +90,8 @@ __all__ = [
     "Image",
     "InputError",
     "Isosurface",
+    "Lines",
+    "Measurement",
     "Medium",
     "MemoryNeededError",
     "MissingPackageError",
@@ -88,9 +100,13 @@ __all__ = [
     "Orthographic",
     "PatchGrid",
     "Perspective",
+    "Probe",
     "Rectangle",
     "Scene",
+    "Spheres",
     "SphericalGrid",
+    "Star",
+    "Stars",
     "Table",
     "TauSurface",
     "UnitsError",
@@ -99,6 +115,8 @@ __all__ = [
     "VoluminousError",
     "__version__",
     "auto",
+    "axes",
+    "boxes",
     "calibrate",
     "column",
     "extreme",
@@ -109,15 +127,18 @@ __all__ = [
     "from_yt",
     "io",
     "math",
+    "measure",
     "models",
     "moments",
     "open",
+    "probe",
+    "regions",
     "render",
     "tau_surface",
 ]
 
 if TYPE_CHECKING:
-    from . import io, math, models
+    from . import io, math, models, regions
     from .calibration import auto, calibrate
     from .cameras import Orthographic, Perspective
     from .errors import (
@@ -139,12 +160,16 @@ if TYPE_CHECKING:
     from .io.yt import from_yt
     from .measuring import (
         Extreme,
+        Measurement,
         Moments,
+        Probe,
         TauSurface,
         column,
         extreme,
         first_hit,
+        measure,
         moments,
+        probe,
         tau_surface,
     )
     from .media import (
@@ -157,6 +182,7 @@ if TYPE_CHECKING:
         Rectangle,
         Table,
     )
+    from .objects import Lines, Spheres, Star, Stars, axes, boxes
     from .particles import from_particles
     from .rendering import render
     from .scene import Scene
