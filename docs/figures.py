@@ -17,8 +17,10 @@ from figures_data import DATA_FIGURES
 from figures_grids import GRID_FIGURES
 from figures_images import IMAGE_FIGURES
 from figures_media import MEDIA_FIGURES, outflow_walls
+from figures_outflow import OUTFLOW_FIGURES
 from figures_probe import PROBE_FIGURES
 from figures_schemes import raw_or_derived, thin_shell
+from figures_stars import STAR_FIGURES
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -182,7 +184,9 @@ FIGURES: dict[str, Callable[[Path, int], None]] = {
     **GRID_FIGURES,
     **DATA_FIGURES,
     **IMAGE_FIGURES,
+    **OUTFLOW_FIGURES,
     **PROBE_FIGURES,
+    **STAR_FIGURES,
 }
 
 

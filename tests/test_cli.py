@@ -272,6 +272,16 @@ def test_demo_draws_three_panels_and_says_so(tmp_path, monkeypatch, capsys):
     assert not np.array_equal(first, third)
 
 
+def test_demo_shows_more_when_asked_for_all(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("demo", "--all", "--resolution", "20", "--cells", "16") == 0
+    assert sorted(p.name for p in tmp_path.glob("core-*.png")) == [
+        f"core-{k}.png" for k in range(1, 7)
+    ]
+    assert vm.Image.load("core-5.png").intensity.max() > 0
+    assert vm.Image.load("core-6.png").intensity.max() > 0
+
+
 def test_what_demo_tells_to_type_works(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run("demo", "--resolution", "10", "--cells", "10", "--scheme", "first-order")

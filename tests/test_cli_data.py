@@ -570,3 +570,17 @@ def test_names_that_look_like_quantities_stay_names():
     given = {"series": "1.2.840.113", "date": "2024-01-01", "size": "2 kpc", "n": [1, 2]}
     taken = typed_options(given)
     assert taken == {**given, "size": 2 * u.kpc}
+
+
+def test_the_frame_is_drawn_around_what_shows(tmp_path, capsys):
+    grid = vm.CartesianGrid.uniform(48, (-10, 10), unit="pc")
+    volume = vm.Volume(grid)
+    volume["density"] = "max(0, 4 - ((x - 5)**2 + y**2 + z**2))"
+    vm.io.save(volume, tmp_path / "a.h5")
+    assert main(["render", str(tmp_path / "a.h5"), "-o", str(tmp_path / "a.png")]) == 0
+    assert "pc wide" in capsys.readouterr().out
+    scene = vm.Scene.load(tmp_path / "a.png")
+    camera = scene.to_dict()["camera"]
+    assert 2 < camera["width"] < 12
+    across = vm.Orthographic(60, 30).frame(grid).vectors[1] @ [5, 0, 0]
+    assert camera["shift"][0] == pytest.approx(across, abs=0.5)

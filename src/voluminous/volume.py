@@ -337,13 +337,19 @@ class Volume(OnOtherCells):
         assert out is not None
         return out.reshape(self.grid.shape)
 
-    def evaluate_cells(self, expression: Expression, first: int, last: int) -> np.ndarray:
-        """Return an expression on the cells with flat numbers from `first` to `last`."""
+    def evaluate_cells(
+        self, expression: Expression, first: int, last: int, *, double: bool = False
+    ) -> np.ndarray:
+        """Return an expression on the cells with flat numbers from `first` to `last`.
+
+        Computed in double precision whatever the fields are, if `double` is true: for sums.
+        """
         others = [n for n in expression.names if n in self.coordinates and n not in self._fields]
         values = coordinates(self.grid, others, first, last) if others else {}
         for name in expression.names:
             if name not in values:
-                values[name] = self._cells(name, first, last)
+                own = self._cells(name, first, last)
+                values[name] = own.astype(np.float64) if double else own
         result = np.asarray(expression.evaluate(NumpyOps(), values))
         return np.broadcast_to(result, (last - first,))  # a constant has no axes
 

@@ -1,4 +1,4 @@
-"""Render three pictures of a prestellar core, and one of them side by side."""
+"""Render three pictures of a prestellar core (--all: six), and one of them side by side."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ _OUTER = {"center": 3.5, "width": 0.05, "color": [0.4, 0.4, 0.8]}
 _INNER = {"center": 4.0, "width": 0.10, "color": [0.89, 0.47, 0.06]}
 _PATH_LENGTH = "2.5e16 cm"
 _LENGTH_UNIT = "pc"
+_IN_A_ROW = 3
 
 
 def _shells(kind: str, width: str, opacity: float) -> list[dict[str, Any]]:
@@ -43,7 +44,34 @@ PANELS: dict[str, list[dict[str, Any]]] = {
     "the same, opacity 0.3: the outer shell absorbs": _shells("gaussian", "sigma", 0.3),
     "rectangle functions: shells with sharp edges": _shells("rectangle", "half_width", 0.001),
 }
-"""Title and media of each panel."""
+"""Title and media of each panel: the first figure of the note."""
+
+MORE_PANELS: dict[str, list[dict[str, Any]]] = {
+    "Gaussian shells, opacity 3: the outer shell hides": _shells("gaussian", "sigma", 3.0),
+    "isosurfaces without thickness": [
+        {
+            "type": "isosurface",
+            "expr": "log10(density)",
+            "level": shell["center"],
+            "color": shell["color"],
+            "opacity": 0.4,
+            "shading": 0.8,
+        }
+        for shell in (_OUTER, _INNER)
+    ],
+    "seven isosurfaces, cut open": [
+        {
+            "type": "isosurface",
+            "expr": "log10(density)",
+            "levels": [3.4, 3.6, 3.8, 4.0, 4.2, 4.4, 4.6],
+            "color": {"expr": "log10(density)", "cmap": "plasma", "vmin": 3.2, "vmax": 4.6},
+            "opacity": 1.0,
+            "shading": 0.8,
+            "where": "z < 0",
+        }
+    ],
+}
+"""Other ways to see the same core, for ``--all``."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +83,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("core.png"),
         metavar="FILE.png",
         help="the labelled picture (default core.png); its panels become core-1.png, …",
+    )
+    parser.add_argument(
+        "--all", action="store_true", help="six panels: the same core in other ways, too"
     )
     parser.add_argument("--resolution", type=int, default=400, help="pixels per side (400)")
     parser.add_argument("--cells", type=int, default=100, help="cells per side (100)")
@@ -73,13 +104,14 @@ def run(args: argparse.Namespace) -> int:
     say(
         args.quiet, f"A prestellar core of {args.cells}^3 cells, density ~ 1/r^2, seen face-on:", ""
     )
+    panels = {**PANELS, **MORE_PANELS} if args.all else PANELS
     images, paths = [], []
-    for number, (title, media) in enumerate(PANELS.items(), start=1):
+    for number, (title, media) in enumerate(panels.items(), start=1):
         paths.append(output.with_name(f"{output.stem}-{number}.png"))
         scene = scene.replaced({"medium": media})
         images.append(_panel(scene, paths[-1], title, args.quiet))
-    _draw(images, output)
-    say(args.quiet, f"  {output}: all three side by side", "")
+    _draw(dict(zip(panels, images, strict=True)), output)
+    say(args.quiet, f"  {output}: all of them side by side", "")
     say(args.quiet, *_outlook(paths[0], time.perf_counter() - start))
     return 0
 
@@ -99,14 +131,16 @@ def _panel(scene: Scene, path: Path, title: str, quiet: bool) -> Image:
     return image
 
 
-def _draw(images: list[Image], output: Path) -> None:
-    """Draw the panels side by side with axes; matplotlib without windows."""
+def _draw(images: dict[str, Image], output: Path) -> None:
+    """Draw the panels with axes, three in a row; matplotlib without windows."""
     from matplotlib.figure import Figure
 
     from ..files import replacing
 
-    figure = Figure(figsize=(4 * len(images), 4.4), layout="constrained")
-    for axes, title, image in zip(figure.subplots(1, len(images)), PANELS, images, strict=True):
+    rows = len(images) // _IN_A_ROW
+    figure = Figure(figsize=(4 * _IN_A_ROW, 4.4 * rows), layout="constrained")
+    places = figure.subplots(rows, _IN_A_ROW, squeeze=False).ravel()
+    for axes, (title, image) in zip(places, images.items(), strict=True):
         _in_parsec(image).plot(axes, scale_bar=True)
         axes.set_title(title, fontsize=9)
         axes.label_outer()

@@ -97,7 +97,7 @@ def reader_option(place: str) -> str | None:
 def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, str]:
     """Return the scene for a data file, and what was chosen in words.
 
-    Automatic shells of one field, seen obliquely, all of it in the frame.
+    Automatic shells of one field, seen obliquely, all that shows in the frame.
 
     Parameters
     ----------
@@ -113,6 +113,7 @@ def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, 
     from ..calibration import auto
     from ..scene import Scene
     from .choice import first_field
+    from .framing import framed
 
     data = DataFile(args.scene, args.format, options)
     found = opened(data, args.field)
@@ -125,11 +126,14 @@ def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, 
         "phi": _PHI if args.phi is None else args.phi,
         "resolution": _PIXELS,
     }
+    labels = _shows_labels(medium)  # between two labels there are no others
+    scheme = "first-order" if labels else "post-classified"
+    camera |= framed(volume, medium, camera, scheme)
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     settings = {"volume": source, "medium": medium, "camera": camera}
-    if _shows_labels(medium):  # between two labels there are no others
-        settings["render"] = {"scheme": "first-order"}
+    if labels:
+        settings["render"] = {"scheme": scheme}
     told = _told(volume, medium, camera, [name for name in there if name not in volume])
     return Scene(settings, path.parent, volume=volume), told
 
@@ -152,6 +156,8 @@ def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterab
     units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]
     text += f" ({', '.join(units)})" if units else ""
     text += f", seen from incl {camera['incl']:g}, phi {camera['phi']:g}"
+    if "width" in camera:
+        text += f", {camera['width']:g} {volume.unit or ''}".rstrip() + " wide"
     rest = list(others)
     return f"{text}\nother fields (--field): {_listed(rest)}" if rest else text
 

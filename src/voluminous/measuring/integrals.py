@@ -85,7 +85,9 @@ def exact_maps(
         sizes = np.asarray(grid.cell_sizes(first, last))
         share = np.prod(sizes, axis=0) * (1.0 if parts is None else parts.of(first, last))
         values = [
-            np.ones(last - first) if e is None else volume.evaluate_cells(e, first, last)
+            np.ones(last - first)
+            if e is None
+            else volume.evaluate_cells(e, first, last, double=True)
             for e in expressions
         ]
         amounts = np.where(share > 0, np.nan_to_num(values, nan=0.0), 0.0) * share

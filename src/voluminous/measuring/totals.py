@@ -148,7 +148,7 @@ def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measureme
         share = parts.of(first, last) * volumes[first:last]
         space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
         for name, quantity in what.items():
-            values = volume.evaluate_cells(quantity.expression, first, last).astype(np.float64)
+            values = volume.evaluate_cells(quantity.expression, first, last, double=True)
             unknown = np.isnan(values) & (share > 0)
             missing[name] += int(np.count_nonzero(unknown))
             sums[name] += float(np.sum(np.where(unknown | (share == 0), 0.0, values) * share))
@@ -231,6 +231,8 @@ def _table(volume: Any, quantities: Any, where: Any, cameras: Any, *options: Any
     table["volume"] = u.Quantity([row.volume for row in found])
     table["cells"] = [row.cells for row in found]
     table.meta["where"] = "" if where is None else str(where)
+    if any(row.missing for row in found):
+        table.meta["missing"] = [row.missing for row in found]
     if maps:
         table.meta["maps"] = [row.maps for row in found]
     return table

@@ -47,8 +47,8 @@ def from_pyvista(dataset: Any, fields: Any = None, *, unit: Any = None) -> Volum
 
     Examples
     --------
-    >>> mesh = pyvista.examples.load_uniform()
-    >>> volume = vm.from_pyvista(mesh, "Spatial Point Data")
+    >>> mesh = pyvista.examples.load_uniform()  # doctest: +SKIP
+    >>> volume = vm.from_pyvista(mesh, "Spatial Point Data")  # doctest: +SKIP
     """
     return volume_of(_dataset(dataset), fields, unit).load()
 

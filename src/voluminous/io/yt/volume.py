@@ -76,8 +76,8 @@ def from_yt(
 
     Examples
     --------
-    >>> ds = yt.load("output_00080")
-    >>> volume = vm.from_yt(ds, [("gas", "density"), ("gas", "velocity_x")], unit="kpc")
+    >>> ds = yt.load("output_00080")  # doctest: +SKIP
+    >>> volume = vm.from_yt(ds, ["density", "velocity_x"], unit="kpc")  # doctest: +SKIP
     """
     volume = volume_of(data, fields, unit=unit, units=units)
     return volume.load() if volume.bytes_waiting <= _AT_ONCE else volume
