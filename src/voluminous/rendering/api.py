@@ -11,11 +11,14 @@ from ..errors import InputError
 from ..image import Image
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
+from ..objects.values import MANY
 from ..units import unit_name
 from ..volume import Volume
 from .bounds import bracket, check_bounds
 from .job import Job, Planes
+from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import background_array
+from .pairs import with_channels
 from .prepare import prepare, silent
 from .sky import image_wcs
 
@@ -34,6 +37,7 @@ def render(
     cutoff: float | None = None,
     samples: Any = 1,
     bounds: bool | int = False,
+    objects: Any = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
@@ -72,13 +76,17 @@ def render(
         certainty, per pixel and channel; for media of expressions, and ``"post-classified"``. They
         are brought within the tolerance of each other unless that takes more than 1024 panels, or
         so many as given, on a segment of a ray.
+    objects : sequence of SceneObject
+        Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
+        `Star`, `Stars`, `Spheres`, `Lines`, `boxes`, `axes`.
     progress : callable, optional
         Called as ``progress(done, total)`` now and then; may raise to cancel.
 
     Returns
     -------
     Image
-        Intensity (ny, nx, channel), transparency and optical depth.
+        Intensity (ny, nx, channel), transparency and optical depth. An opaque object makes the
+        transparency zero; optical depths are always those of the medium alone.
 
     Raises
     ------
@@ -89,6 +97,7 @@ def render(
     MemoryNeededError
         If it does not fit into memory, before any is taken.
     """
+    things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,
         medium,
@@ -105,20 +114,29 @@ def render(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
+    _check_finite(planes)
     told = {"samples": samples, "order": order}
+    if things:
+        channels = channel_count(things, job)
+        behind = wide_background(behind, job.medium.channels, channels)
+        planes = with_objects(planes, job, things, behind, channels)
+        told["objects"] = [one.describe(MANY) for one in things]
     if missing:
         told["missing"] = missing
     return _image(job, planes, behind, budget, told)
 
 
-def _image(
-    job: Job, planes: Planes, behind: np.ndarray, budget: int, told: dict[str, Any]
-) -> Image:
+def _check_finite(planes: Planes) -> None:
     if not np.all(np.isfinite(planes.emission)) or not np.all(np.isfinite(planes.depth)):
         raise InputError(
             "the picture is not finite: the medium gives coefficients that are not, or a negative "
             "extinction, in cells that rays visit; look at the fields with `volume.evaluate(...)`"
         )
+
+
+def _image(
+    job: Job, planes: Planes, behind: np.ndarray, budget: int, told: dict[str, Any]
+) -> Image:
     intensity = planes.emission
     if np.any(behind):
         intensity = (intensity + planes.transparency * behind).astype(intensity.dtype)
@@ -127,7 +145,7 @@ def _image(
     return Image(
         intensity,
         transparency=planes.transparency,
-        optical_depth=_full_depth(job) if planes.stopped else planes.depth,
+        optical_depth=_full_depth(job, planes) if planes.stopped else planes.depth,
         error=planes.error,
         lower=lower,
         upper=upper,
@@ -148,12 +166,13 @@ def _intensity_unit(job: Job) -> str:
     return unit_name(job.medium.intensity_unit(context))
 
 
-def _full_depth(job: Job) -> Callable[[], np.ndarray]:
+def _full_depth(job: Job, planes: Planes) -> Callable[[], np.ndarray]:
     """Return what computes the optical depth through everything, for rays that stopped early."""
+    channels = planes.emission.shape[2]
 
     def compute() -> np.ndarray:
         job.cutoff, job.progress = 0.0, silent
-        return job.run(0.0).depth
+        return with_channels(job.run(0.0).depth, channels, 0.0)
 
     return compute
 

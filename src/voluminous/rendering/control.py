@@ -55,10 +55,13 @@ def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> n
 
 def _add_floor(drawing: Drawing, paths: Paths) -> None:
     """Add to the errors what rounding, faint places and rays that stop early may have lost."""
-    bright = paths.error[2]
+    paths.error[0] += lost_share(drawing) * paths.error[2] + drawing.source.neglected
+
+
+def lost_share(drawing: Drawing) -> float:
+    """Return what rounding and rays that stop early may have lost, as a fraction of brightness."""
     lost = drawing.job.early_error if drawing.ending is not None else 0.0
-    lost += _ROUNDING[drawing.backend.precision]
-    paths.error[0] += lost * bright + drawing.source.neglected
+    return lost + _ROUNDING[drawing.backend.precision]
 
 
 def _replace(paths: Paths, index: np.ndarray, new: Paths) -> None:

@@ -30,6 +30,8 @@ class Planes:
     ----------
     error : array, shape (ny, nx), or None
         How far an intensity may be off in its worst channel.
+    drawing : Drawing
+        What drew them, for rays still to come.
     """
 
     emission: np.ndarray
@@ -37,6 +39,7 @@ class Planes:
     depth: np.ndarray
     error: np.ndarray | None
     stopped: bool
+    drawing: Drawing
 
 
 @dataclass
@@ -118,10 +121,9 @@ class Job:
                 paths, _ = controlled(drawing, self.tolerance, brightest_background)
         else:
             paths = drawing.frame()
-        source = drawing.source
         if self.adaptive:
             refine(drawing, paths, self.tolerance)
-        return self._planes(paths, source, brightest_background)
+        return self._planes(paths, drawing, brightest_background)
 
     def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Drawing:
         kind = FluxConserving if self.recursive else Drawing
@@ -152,8 +154,8 @@ class Job:
         """Progress of classification: reported as work not begun."""
         self.progress(0, 1)
 
-    def _planes(self, paths: Paths, source: Any, brightest_background: float) -> Planes:
-        nx, ny = self.frame.pixels
+    def _planes(self, paths: Paths, drawing: Drawing, brightest_background: float) -> Planes:
+        (nx, ny), source = self.frame.pixels, drawing.source
 
         def stacked(rows: np.ndarray) -> np.ndarray:
             return np.stack([row.reshape(ny, nx) for row in rows], axis=-1)
@@ -166,5 +168,10 @@ class Job:
             error = error.reshape(ny, nx)
         emission = source.numbers.mix([row.reshape(ny, nx) for row in paths.emission])
         return Planes(
-            emission, stacked(paths.transparency), stacked(paths.depth), error, paths.stopped
+            emission,
+            stacked(paths.transparency),
+            stacked(paths.depth),
+            error,
+            paths.stopped,
+            drawing,
         )

@@ -1,0 +1,128 @@
+"""Balls as they are seen: the pixels that their images cover, and where rays meet them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .ellipses import Ellipses
+from .view import View
+
+# How far the image of a ball may be off an ellipse, as a fraction of its size.
+_ROUND = 0.02
+# Where in a pixel rays tell how much of it is covered.
+_PARTS = (-0.375, -0.125, 0.125, 0.375)
+# Images of fewer pixels are too small for a ray to tell where on the ball it is.
+_FEW = 12.0
+# The mean of the cosine between rays and normals over the image of a ball.
+_MEAN_COSINE = 2.0 / 3.0
+
+Seen = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass
+class Balls:
+    """Centres (n, 3) and radii (n,), as plain numbers, and how they are looked at."""
+
+    center: np.ndarray
+    radius: np.ndarray
+    view: View
+
+    def seen(self) -> Seen:
+        """Return which ball, x, y and the covered part of all pixels where there is one."""
+        outline, whole = self._outline()
+        parts = [outline.coverage(self.view.frame.pixels)]
+        parts += [self._by_rays(int(ball)) for ball in np.flatnonzero(whole)]
+        owner, x, y, covered = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+        return owner, x, y, covered
+
+    def _outline(self) -> tuple[Ellipses, np.ndarray]:
+        """Return the images of the circles in which rays touch balls; and which are no ellipses.
+
+        The diameter of the circle towards the picture's middle is seen as one axis of an ellipse,
+        in parallel and in flat projection. The other axis follows from any third point of it.
+        """
+        direction = self.view.directions(self.center)
+        sine = self._sines()
+        middle = self.center - (self.radius * sine)[:, None] * direction
+        half = (self.radius * np.sqrt(1.0 - sine**2))[:, None]
+        e, f = (half * side for side in self.view.across(direction))
+        more = np.sqrt(0.5) * (e + f), np.sqrt(0.5) * (e - f), -np.sqrt(0.5) * (e + f)
+        ends = [self._image(middle + way) for way in (e, -e, f, -f, *more)]
+        found = _ellipses(*ends[:4])
+        off = np.max([np.abs(found.distance(end) - 1.0) for end in ends[4:]], axis=0)
+        # Of one that reaches behind a dome's observer, the outline is around everything else.
+        around = found.distance(self._image(self.center)) < 1.0
+        odd = ~(off < _ROUND) | ~around | (sine >= 1.0)
+        unseen = np.all(np.isnan(ends[:4]), axis=0) & (sine < 1.0)
+        found.center[odd] = np.nan
+        return found, odd & ~unseen
+
+    def _sines(self) -> np.ndarray:
+        """Return the sines of the angles between the centres of balls and their edges."""
+        if self.view.observer is None:
+            return np.zeros(len(self.radius))
+        distance = np.linalg.norm(self.center - self.view.observer, axis=1)
+        return np.asarray(self.radius / np.maximum(distance, self.radius))
+
+    def _image(self, points: np.ndarray) -> np.ndarray:
+        x, y, _ = self.view.place(points)
+        return np.asarray(x + 1j * y)
+
+    def _by_rays(self, ball: int) -> Seen:
+        """Return what `seen` does for one ball, by which rays meet it."""
+        y, x = (a.ravel().astype(float) for a in np.indices(self.view.frame.pixels[::-1]))
+        owner = np.full(len(x), ball)
+        way, miss, _ = self._nearest(owner, x, y)
+        inside = self._sines()[ball] >= 1.0
+        covered = np.where(inside | self._met(way, miss, ball), 1.0, 0.0)
+        footprint = np.abs(way) * max(self.view.frame.pixel)
+        edge = np.flatnonzero((np.abs(self.radius[ball] - miss) < footprint) & ~inside)
+        covered[edge] = np.mean(
+            [
+                self._met(*self._nearest(owner[edge], x[edge] + du, y[edge] + dv)[:2], ball)
+                for du in _PARTS
+                for dv in _PARTS
+            ],
+            axis=0,
+        )
+        some = np.flatnonzero(covered)
+        return owner[some], x[some].astype(np.int64), y[some].astype(np.int64), covered[some]
+
+    def _met(self, way: np.ndarray, miss: np.ndarray, ball: int) -> np.ndarray:
+        return np.asarray((miss < self.radius[ball]) & (way > 0.0))
+
+    def _nearest(
+        self, owner: np.ndarray, x: np.ndarray, y: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return how far it is to the point nearest to the centre, its distance, half a chord."""
+        origin, direction = self.view.rays(x, y)
+        away = self.center[owner] - origin
+        way = np.einsum("ij,ij->i", away, direction)
+        off = away - way[:, None] * direction
+        miss = np.sqrt(np.einsum("ij,ij->i", off, off))
+        radius = self.radius[owner]
+        return way, miss, np.sqrt(np.maximum((radius - miss) * (radius + miss), 0.0))
+
+    def meet(self, found: Seen) -> tuple[np.ndarray, np.ndarray]:
+        """Return the depths at which the rays of pixels meet balls, and cosines to the normal.
+
+        From inside it is where they leave.
+        """
+        owner, x, y, covered = found
+        way, _, half = self._nearest(owner, x.astype(float), y.astype(float))
+        near, far = way - half, way + half
+        if self.view.observer is not None:
+            near = np.where(near > 0.0, near, np.where(far > 0.0, far, np.nan))
+        few = np.bincount(owner, covered, len(self.radius))[owner] < _FEW
+        return near, np.where(few, _MEAN_COSINE, half / self.radius[owner])
+
+
+def _ellipses(right: np.ndarray, left: np.ndarray, up: np.ndarray, down: np.ndarray) -> Ellipses:
+    """Return the ellipses with one axis from `left` to `right`, through `up` and `down`."""
+    center, a = 0.5 * (right + left), 0.5 * (right - left)
+    b, off = 0.5 * (up - down), 0.5 * (up + down) - center
+    with np.errstate(invalid="ignore", divide="ignore"):
+        part = (off * a.conj()).real / np.abs(a) ** 2
+        return Ellipses(center, a, b / np.sqrt(np.maximum(1.0 - part**2, 1e-12)))

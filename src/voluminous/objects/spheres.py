@@ -1,0 +1,110 @@
+"""Spheres that shine or hide: discs in the picture, antialiased by the area they cover."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..units import plain, unit_of
+from .balls import Balls
+from .colors import check_colors, intensities
+from .contract import Layers, SceneObject
+from .values import merged, positions_of
+from .view import View
+
+
+class Spheres(SceneObject):
+    """Spheres of given radii.
+
+    A sphere is a layer where a ray meets it first: an intensity `colors`, which hides the fraction
+    `opacity` of what is behind, the medium in it included. The edge of its image is antialiased:
+    exactly, by the covered part of each pixel.
+
+    Parameters
+    ----------
+    positions : array_like or Quantity, shape (n, 3)
+        Centres, in the volume's unit.
+    radii : float, array_like or Quantity, shape (n,)
+    colors : str, float, Quantity or array_like
+        Intensity: one for all, or a list; each a number, one per channel, or a name for red, green
+        and blue. A list of numbers is one per channel; one per sphere has shape (n, 1).
+    opacity : float or array_like, shape (n,)
+        From 0 (it only shines) to 1 (nothing behind is seen).
+    limb_darkening : float
+        u in I(μ) = I(1) (1 - u (1 - μ)), μ being the cosine between the ray and the surface's
+        normal. With 1 spheres look like balls that are lit from the observer.
+    depth, channel, relative
+        As for `SceneObject`.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not fit, or radii that are not positive.
+    """
+
+    def __init__(
+        self,
+        positions: Any,
+        radii: Any,
+        colors: Any = 1.0,
+        *,
+        opacity: Any = 1.0,
+        limb_darkening: float = 0.0,
+        depth: str = "true",
+        channel: int | None = None,
+        relative: bool = False,
+    ) -> None:
+        super().__init__(depth=depth, channel=channel, relative=relative)
+        self.positions = positions_of(positions, "positions", (None, 3))
+        self.count = len(self.positions)
+        self.radii = self._positive(radii, "radii")
+        self.opacity, self.limb_darkening = opacity, limb_darkening
+        self.opacities = self._fraction(opacity, "opacity")
+        self.darkening = self._fraction(limb_darkening, "limb_darkening")
+        check_colors(colors, self.count, "colors")
+        self.colors = colors
+
+    def _numbers(self, value: Any, what: str) -> np.ndarray:
+        """Return one number for all, or one for each."""
+        array = np.asarray(plain(value, unit_of(value), what))
+        if array.shape not in ((), (self.count,)):
+            raise InputError(
+                f"{what} must be a number or one for each of {self.count}, got shape {array.shape}"
+            )
+        return array
+
+    def _positive(self, value: Any, what: str) -> Any:
+        """Return what was given, once it is seen to be positive and finite."""
+        value = merged(value)
+        array = self._numbers(value, what)
+        if not np.all((array > 0.0) & np.isfinite(array)):
+            raise InputError(f"{what} must be positive and finite, got {value!r}")
+        return value
+
+    def _fraction(self, value: Any, what: str) -> np.ndarray:
+        """Return numbers from 0 to 1."""
+        array = self._numbers(value, what)
+        if not np.all((array >= 0.0) & (array <= 1.0)):
+            raise InputError(f"{what} must be from 0 to 1, got {value!r}")
+        return np.asarray(np.broadcast_to(array, self.count))
+
+    def layers(self, view: View) -> Layers | None:
+        """Return the layers that are in view."""
+        if not self.count:
+            return None
+        radius = np.broadcast_to(view.length(self.radii, "radii"), self.count)
+        balls = Balls(np.asarray(view.length(self.positions, "positions")), radius, view)
+        found = balls.seen()
+        depth, cosine = balls.meet(found)
+        owner, x, y, covered = found
+        shade = 1.0 - self.darkening[owner] * (1.0 - cosine)
+        color = self._surface(view, radius)[owner] * shade[:, None]
+        pixel = y * view.frame.pixels[0] + x
+        layers = Layers.of(pixel, depth, covered, color, self.opacities[owner])
+        return layers.some(np.flatnonzero(np.isfinite(depth)))
+
+    def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
+        """Return the intensities in the middle of spheres, shape (n, channel)."""
+        return intensities(self, self.colors, self.count, view, view.intensity_unit)

@@ -1,0 +1,238 @@
+"""Stars: discs of a radius, or points that carry a flux to the pixel they are in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..units import is_quantity, plain, unit_of
+from .colors import intensities
+from .contract import REACH, Layers, Points
+from .spheres import Spheres
+from .tables import column, is_column
+from .values import merged, positions_of
+from .view import View
+
+# Full width at half maximum of a Gaussian of unit width.
+_FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
+
+
+class Stars(Spheres):
+    """Stars with radii, or points with luminosities.
+
+    A star of radius R and intensity I has the luminosity L = π R² I: the integral of the intensity
+    over its disc. One without a radius is the limit of small R: all of L is seen in the pixel that
+    it is in, dimmed by what is in front of the star itself. The sum of all pixels times their area
+    is L for an orthographic camera, and L/D² at a distance D in the middle of a perspective
+    picture (elsewhere as the projection magnifies). A point hides nothing.
+
+    Parameters
+    ----------
+    positions : array_like or Quantity, shape (n, 3)
+        In the volume's unit.
+    colors : str, float, Quantity or array_like
+        As for `Spheres`: intensities; or, where there are luminosities, what these are multiplied
+        by in each channel.
+    radii : float, array_like or Quantity, shape (n,), optional
+    luminosities : float, array_like or Quantity, shape (n,), optional
+        Intensity times area, in the volume's unit of length.
+    psf : float, Quantity or pair of them, optional
+        Spread points over a Gaussian of this full width at half maximum: plain numbers are pixels,
+        quantities in the unit of the image plane. Cut off at 4 standard deviations; its sum is 1.
+    opacity, limb_darkening
+        As for `Spheres`; of stars with radii.
+    depth, channel, relative
+        As for `SceneObject`.
+
+    Raises
+    ------
+    InputError
+        If there are neither radii nor luminosities, or a number cannot be used.
+    """
+
+    def __init__(
+        self,
+        positions: Any,
+        colors: Any = 1.0,
+        *,
+        radii: Any = None,
+        luminosities: Any = None,
+        psf: Any = None,
+        opacity: Any = 1.0,
+        limb_darkening: Any = 0.0,
+        depth: str = "true",
+        channel: int | None = None,
+        relative: bool = False,
+    ) -> None:
+        if radii is None and luminosities is None:
+            raise InputError("give a star a radius, or, as a point of light, a luminosity")
+        if psf is not None and radii is not None:
+            raise InputError("a psf is for points: stars with a luminosity and without a radius")
+        options = {"opacity": opacity, "limb_darkening": limb_darkening}
+        placed: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
+        super().__init__(positions, 1.0 if radii is None else radii, colors, **options, **placed)
+        if radii is None:
+            self.radii = None
+        if luminosities is not None:
+            luminosities = self._positive(luminosities, "luminosities")
+        self.luminosities, self.psf = luminosities, _widths(psf)
+
+    @classmethod
+    def from_table(
+        cls,
+        table: Any,
+        position: Sequence[str] = ("x", "y", "z"),
+        *,
+        color: Any = 1.0,
+        radius: Any = None,
+        luminosity: Any = None,
+        opacity: Any = 1.0,
+        **options: Any,
+    ) -> Stars:
+        """Return the stars in a table: of astropy, pandas, or a dictionary of columns.
+
+        Parameters
+        ----------
+        table : table
+            Its columns may have units.
+        position : three str
+            Names of the columns of x, y and z.
+        color, radius, luminosity, opacity : str, or as for `Stars`
+            The name of a column (of `color`: one, or a list with one per channel), or one value
+            for all.
+        **options
+            ``psf``, ``depth``, ``channel`` …
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such column; names the nearest.
+        """
+        x, y, z = (column(table, name) for name in position)
+        unit = unit_of(x)
+        positions = np.stack([plain(c, unit, "position") for c in (x, y, z)], axis=-1)
+        given = {"radii": radius, "luminosities": luminosity, "opacity": opacity}
+        found = {k: column(table, v) if isinstance(v, str) else v for k, v in given.items()}
+        return cls(
+            positions if unit is None else positions * unit,
+            _colors_in(table, color),
+            **found,
+            **options,
+        )
+
+    def layers(self, view: View) -> Layers | None:
+        """Return the discs that are in view."""
+        return None if self.radii is None else super().layers(view)
+
+    def lights(self, view: View) -> Points | None:
+        """Return the points of light that are in view."""
+        if self.radii is not None or not self.count:
+            return None
+        positions = np.asarray(view.length(self.positions, "positions"))
+        x, y, depth = view.place(positions)
+        sigma, (nx, ny) = self._sigma(view), view.frame.pixels
+        reach = REACH * sigma
+        seen = (np.abs(x - 0.5 * (nx - 1)) < 0.5 * nx + reach[0]) & (
+            np.abs(y - 0.5 * (ny - 1)) < 0.5 * ny + reach[1]
+        )
+        some = np.flatnonzero(seen)  # never where x is NaN
+        flux = self._luminosity(view)[some]
+        flux = flux * view.pixels_per_area(positions[some])[:, None]
+        return Points(x[some], y[some], depth[some], flux, sigma)
+
+    def _sigma(self, view: View) -> np.ndarray:
+        """Return the standard deviations of the PSF in pixels, along x and y."""
+        if self.psf is None:
+            return np.zeros(2)
+        width = self.psf
+        if is_quantity(width):
+            unit = view.camera.plane_unit or view.grid.unit
+            width = np.asarray(plain(width, unit, "psf")) / np.abs(view.frame.pixel)
+        return np.asarray(np.broadcast_to(width, 2), dtype=np.float64) / _FWHM
+
+    def _luminosity(self, view: View) -> np.ndarray:
+        """Return luminosities in all channels, shape (n, channel)."""
+        unit = view.intensity_unit
+        if view.grid.unit is not None:
+            unit = view.grid.unit**2 * (1 if unit is None else unit)
+        total = plain(self.luminosities, unit, "luminosities")
+        color = intensities(self, self.colors, self.count, view, None)
+        return np.asarray(np.broadcast_to(total, self.count)[:, None] * color)
+
+    def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
+        """Return the intensities in the middle of discs, shape (n, channel)."""
+        if self.luminosities is None:
+            return super()._surface(view, radius)
+        # The mean over a disc of 1 - u (1 - μ) is 1 - u/3.
+        area = np.pi * radius**2 * (1.0 - self.darkening / 3.0)
+        return self._luminosity(view) / area[:, None]
+
+
+class Star(Stars):
+    """A star with a radius, or a point with a luminosity.
+
+    Parameters
+    ----------
+    position : three floats or Quantity
+    color, radius, luminosity, …
+        As for `Stars`: one of each.
+    """
+
+    def __init__(
+        self,
+        position: Any,
+        color: Any = 1.0,
+        *,
+        radius: Any = None,
+        luminosity: Any = None,
+        psf: Any = None,
+        opacity: float = 1.0,
+        limb_darkening: float = 0.0,
+        depth: str = "true",
+        channel: int | None = None,
+        relative: bool = False,
+    ) -> None:
+        self.position = positions_of(position, "position", (3,))
+        self.color, self.radius, self.luminosity = color, merged(radius), merged(luminosity)
+        unit = unit_of(self.position)
+        place = np.asarray(plain(self.position, unit, "position"))[None]
+        super().__init__(
+            place if unit is None else place * unit,
+            color,
+            radii=radius,
+            luminosities=luminosity,
+            psf=psf,
+            opacity=opacity,
+            limb_darkening=limb_darkening,
+            depth=depth,
+            channel=channel,
+            relative=relative,
+        )
+
+
+def _widths(psf: Any) -> Any:
+    """Return the width of a PSF as it was given, once it is seen to be one or two."""
+    psf = merged(psf)
+    if psf is not None:
+        array = np.asarray(plain(psf, unit_of(psf), "psf"))
+        if array.shape not in ((), (2,)) or not np.all((array > 0.0) & np.isfinite(array)):
+            raise InputError(f"psf must be a positive width or a pair of them, got {psf!r}")
+    return psf
+
+
+def _colors_in(table: Any, color: Any) -> Any:
+    """Return the colours of the stars in a table."""
+    names = [color] if isinstance(color, str) else color
+    if not isinstance(names, (list, tuple)) or not all(isinstance(n, str) for n in names):
+        return color
+    if not any(is_column(table, name) for name in names):
+        return color
+    columns = [column(table, name) for name in names]
+    if len(columns) == 1 and np.asarray(columns[0]).dtype.kind in "OUS":
+        return [str(name) for name in columns[0]]
+    unit = unit_of(columns[0])
+    values = np.stack([plain(c, unit, "color") for c in columns], axis=-1)
+    return values if unit is None else values * unit

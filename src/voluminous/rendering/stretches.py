@@ -1,0 +1,110 @@
+"""Rays in stretches: between two depths each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..grids.axes import NEVER
+from ..grids.contract import Ray
+from ..objects.contract import Layers
+from .drawing import Drawing, Paths, _Gathered
+from .pairs import Pairs, with_channels
+
+if TYPE_CHECKING:
+    from .job import Job
+
+
+class Stretches(Drawing):
+    """A job's rays, confined to parts of their way.
+
+    Parameters
+    ----------
+    brightest_background : float
+        The brightest thing that may be behind a stretch: rays must not stop before they know how
+        much of it comes through.
+    """
+
+    def __init__(self, job: Job, source: Any, brightest_background: float) -> None:
+        super().__init__(job, source, brightest_background)
+        if job.reckoned:  # these begin outside of the domain, whatever they are told
+            self.walk = job.volume.grid.walk(job.backend, "cells")
+        self.far = NEVER * job.volume.grid.scale
+
+    def at(
+        self, offsets: list[tuple[float, float]], layers: Layers, pixel: np.ndarray
+    ) -> list[Pairs]:
+        """Return the stretches before, between and behind layers, for rays through some pixels.
+
+        Parameters
+        ----------
+        offsets : list of (float, float)
+            Where in pixels rays go through, from their centres: each gives stretches of its own.
+        layers : Layers
+            Sorted by pixel and depth; `pixel` has each pixel once.
+        """
+        end = np.searchsorted(layers.pixel, pixel, side="right")
+        rays = np.insert(layers.pixel, end, pixel)
+        until = np.insert(layers.depth, end, self.far)
+        begin = np.roll(until, 1)
+        begin[np.concatenate([[0], end[:-1] + np.arange(1, len(end))])] = -self.far
+        du, dv = (np.repeat(d, len(rays)) for d in np.transpose(offsets))
+        rays, begin, until = (np.tile(a, len(offsets)) for a in (rays, begin, until))
+        found = self.between(rays, du, dv, begin, until, layers.emission.shape[1])
+        return found.parts(len(offsets))
+
+    def to(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, depth: np.ndarray) -> Pairs:
+        """Return the stretches from the observer to depths."""
+        order = np.argsort(pixel, kind="stable")  # neighbours in a vector walk the same cells
+        begin = np.full(len(pixel), -self.far)
+        channels = self.job.medium.channels
+        found = self.between(pixel[order], du[order], dv[order], begin, depth[order], channels)
+        back = np.empty_like(order)
+        back[order] = np.arange(len(order))
+        return found.some(back)
+
+    def between(
+        self,
+        pixel: np.ndarray,
+        du: np.ndarray,
+        dv: np.ndarray,
+        begin: np.ndarray,
+        end: np.ndarray,
+        channels: int,
+    ) -> Pairs:
+        """Return the pairs of rays between two depths each, in intensities of all channels."""
+        UInt, gathered = self.backend.UInt, _Gathered(self, len(pixel))
+        for first in range(0, len(pixel), self.batch):
+            part = slice(first, first + self.batch)
+            x, y, offset = self._places(pixel[part], du[part], dv[part])
+            ray = self._confined(self._ray(x, y, offset, x == x), begin[part], end[part])
+            state = self._followed(ray)
+            target = dr.arange(UInt, len(x)) + dr.opaque(UInt, first)
+            gathered.add(state.path, state.cursor.inside, target, x == x)
+        return self._pairs(gathered.paths(), channels)
+
+    def _confined(self, ray: Ray, begin: np.ndarray, end: np.ndarray) -> Ray:
+        """Return rays between depths, which count from the observer whichever way they run."""
+        first, last = (self.backend.Wide(np.ascontiguousarray(d, float)) for d in (begin, end))
+        if self.job.backward:
+            first, last = -last, -first
+        if ray.first is not None:
+            first = dr.select(ray.first > first, ray.first, first)
+        if ray.last is not None:
+            last = dr.select(ray.last < last, ray.last, last)
+        return replace(ray, first=first, last=last)
+
+    def _pairs(self, paths: Paths, channels: int) -> Pairs:
+        """Return paths as pairs; channels beyond the medium's are empty."""
+        numbers = self.source.numbers
+        emission = numbers.mix(list(paths.emission)).astype(np.float64)
+        more = channels - emission.shape[1]
+        transparency = with_channels(paths.transparency.T.astype(np.float64), channels, 1.0)
+        error = np.zeros((emission.shape[0], 3))
+        if len(paths.error):
+            error[:] = paths.error.T
+            error[:, [0, 2]] *= numbers.unit
+        return Pairs(np.pad(emission, ((0, 0), (0, more))), transparency, error)
