@@ -103,11 +103,16 @@ def test_a_gate_narrower_than_a_cell_is_not_missed():
 
 
 def test_a_gate_hides_what_has_no_value():
-    volume = line(b="x", c="log10(x - 0.5)")  # NaN below a half
-    medium = vm.Gaussian("c", -1.0, 0.5, 1.0, 0.1, 0.2, where="b > 0.5")
-    assert np.isfinite(seen(medium, volume, scheme="first-order")).all()
+    volume, shell = line(b="x"), ("log10(b - 0.5)", -1.0, 0.5, 1.0, 0.1, 0.2)  # NaN below a half
+    gated = seen(vm.Gaussian(*shell, where="b > 0.5"), volume, scheme="first-order")
+    assert np.isfinite(gated).all()
     with pytest.raises(vm.InputError, match="cannot be used"):
-        seen(vm.Gaussian("c", -1.0, 0.5, 1.0, 0.1, 0.2), volume, scheme="first-order")
+        seen(vm.Gaussian(*shell), volume, scheme="first-order")
+    # A field that is NaN there is missing there: it needs no gate.
+    volume["c"] = "log10(b - 0.5)"
+    np.testing.assert_allclose(
+        seen(vm.Gaussian("c", *shell[1:]), volume, scheme="first-order"), gated, rtol=1e-6
+    )
 
 
 def test_blocks_behind_a_closed_gate_are_leapt_over():
@@ -179,8 +184,8 @@ def test_a_table_by_colour_is_opacity_times_colour():
 
 
 def test_undefined_colours_emit_nothing():
-    volume = line(b="where(x > 0.5, 0/0 * x, x)")
-    medium = vm.Rectangle("a", 0.75, 0.2, vm.ColorBy("b", "viridis", 0, 1), 0.3, 0.2)
+    volume, undefined = line(), "where(a > 0.5, 0/0 * a, a)"
+    medium = vm.Rectangle("a", 0.75, 0.2, vm.ColorBy(undefined, "viridis", 0, 1), 0.3, 0.2)
     found = vm.render(volume, medium, ALONG_X, scheme="first-order")
     np.testing.assert_array_equal(found.intensity, 0)
     assert found.transparency.max() < 1

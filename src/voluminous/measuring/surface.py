@@ -29,7 +29,7 @@ class TauSurface:
     depth : Image
         One channel per extinction: the distance from the observer, or, for an orthographic camera,
         from the plane through its centre, away from the observer. NaN where it is not reached.
-    points : float64 array, shape (ny, nx, channel, 3)
+    points : float64 array (ny, nx, channel, 3)
         Its places, in the volume's coordinates.
     tau : float
     """

@@ -28,45 +28,45 @@ class Probe:
 
     Attributes
     ----------
-    begin, end : float64 array, shape (n,)
+    begin, end : float64 array (n,)
         Distances at which each segment begins and ends, in the volume's unit.
-    position : float64 array, shape (n, 3)
+    position : float64 array (n, 3)
         The segments' middles.
-    cell : int array, shape (n,)
+    cell : int array (n,)
         Flat number of the cell; of schemes that interpolate fields, of that in which the middle is.
-    index : int array, shape (n, 3) or None
+    index : int array (n, 3) or None
         The cell's number along each axis, if the grid has three.
-    level : int array, shape (n,)
+    level : int array (n,)
         How often the base cell was refined.
-    hidden : bool array, shape (n,)
+    hidden : bool array (n,)
         Cells that lack a value are transparent.
-    fields : dict of str to array, shape (n,)
+    fields : dict of str to array (n,)
         Fields that the medium looks at, and what was asked for: in the cell, or, of schemes that
         interpolate, in the middle of the segment.
-    scalars : dict of str to array, shape (n,)
+    scalars : dict of str to array (n,)
         The medium's expressions.
-    j : float64 array, shape (n, c)
+    j : float64 array (n, c)
         Emissivity per length: in the cell, or its mean over the segment. Where fields are
         interpolated, the mean of two halves.
-    alpha : float64 array, shape (n, e)
+    alpha : float64 array (n, e)
         Extinction per length, in the same way.
-    tau : float64 array, shape (n, e)
+    tau : float64 array (n, e)
         Optical depth of the segment.
-    theta : float64 array, shape (n, e)
+    theta : float64 array (n, e)
         Its transparency θ.
-    b : float64 array, shape (n, c)
+    b : float64 array (n, c)
         What it emits at its front.
-    depth : float64 array, shape (n, e)
+    depth : float64 array (n, e)
         Optical depth from the observer to the end of the segment.
-    gathered : float64 array, shape (n, c)
+    gathered : float64 array (n, c)
         What the observer sees of all up to the end of the segment.
-    arriving : float64 array, shape (n, c)
+    arriving : float64 array (n, c)
         Intensity that comes out of the front of the segment: of it, of all behind it, and of the
         background.
-    background : float64 array, shape (c,)
-    intensity : array, shape (c,)
+    background : float64 array (c,)
+    intensity : array (c,)
         The pixel: what `render` gives.
-    transparency, optical_depth : array, shape (e,)
+    transparency, optical_depth : array (e,)
         Of all that the ray met.
     stopped : bool
         The ray stopped before it had crossed everything: nothing behind matters.
