@@ -28,7 +28,7 @@ class Annotated:
 
     Attributes
     ----------
-    rgba : uint8 array, shape (ny, nx, 4)
+    rgba : uint8 array (ny, nx, 4)
         Red, green, blue and alpha (straight) of the whole sheet; row 0 is at the bottom.
     box : (int, int, int, int)
         Where the picture is in it: left, right, bottom, top, in pixels.
