@@ -76,7 +76,7 @@ class ReaderContract:
         victims = self.victims(clean)
 
         @settings(
-            max_examples=50, deadline=None, suppress_health_check=list(HealthCheck), database=None
+            max_examples=150, deadline=None, suppress_health_check=list(HealthCheck), database=None
         )
         @given(data=st.data())
         def run(data):
