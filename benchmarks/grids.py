@@ -17,6 +17,7 @@ import numpy as np
 import voluminous as vm
 from timing import summary, table, take_turns
 from voluminous.backend import dr
+from voluminous.schemes.cellwise import Cellwise
 from voluminous.schemes.path import Path
 
 CAMERA = vm.Orthographic(60, 30, width=2.2, resolution=400, center=(0, 0, 0))
@@ -30,20 +31,10 @@ SCHEMES = {
 }
 
 
-class Steps:
+class Steps(Cellwise):
     """Counts the cells that rays visit, as optical depth."""
 
-    name, order, place = "steps", 1, "cell"
-    linear = True
-    controlled = reckoned = False
-
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry nothing."""
-        return []
-
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
-        """Carry nothing."""
-        return carried
+    name = "steps"
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

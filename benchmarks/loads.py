@@ -16,25 +16,16 @@ from our_scene import camera_of, medium_of, volume_of
 from scenes import SCENES
 from timing import ratios, summary, table, take_turns
 from voluminous.schemes import get_scheme
+from voluminous.schemes.cellwise import Cellwise
 from voluminous.schemes.path import Path
 
 
-class Loads:
+class Loads(Cellwise):
     """Look-ups of another scheme, and nothing else."""
-
-    controlled, reckoned, linear = False, False, True
 
     def __init__(self, scheme: Any) -> None:
         self.name, self.order, self.place = f"loads of {scheme.name}", scheme.order, scheme.place
         self.coarseness = getattr(scheme, "coarseness", 0.0)
-
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry nothing."""
-        return []
-
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
-        """Carry nothing."""
-        return carried
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -10,7 +10,7 @@ from ..errors import InputError
 from . import render_volume
 from .common import add_render_options, given_options, say
 from .data import assignment
-from .render import _changed, _scene
+from .render import changed_value, scene_from
 
 if TYPE_CHECKING:
     from ..measuring import Probe
@@ -77,8 +77,8 @@ def run(args: argparse.Namespace) -> int:
     for path in args.output:
         _check(path)
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
-    scene = _scene(args, given, render_volume.is_volume(args.scene, args.format))
-    changes = {place: _changed(place, v, scene) for place, v in given.items()}
+    scene = scene_from(args, given, render_volume.is_volume(args.scene, args.format))
+    changes = {place: changed_value(place, v, scene) for place, v in given.items()}
     changes |= given_options(args)
     found = _probe(scene.replaced(changes) if changes else scene, args)
     say(args.quiet, found.text(None if args.all else 20))

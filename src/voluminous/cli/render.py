@@ -68,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
     is_volume = render_volume.is_volume(args.scene, args.format)
     chosen = args.output or [_default_output(args.scene, is_volume)]
     outputs = [check_output(path) for path in chosen]
-    scene = _scene(args, given, is_volume)
-    changes = {place: _changed(place, v, scene) for place, v in given.items()}
+    scene = scene_from(args, given, is_volume)
+    changes = {place: changed_value(place, v, scene) for place, v in given.items()}
     changes |= given_options(args)
     if changes:
         scene = scene.replaced(changes)
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _scene(args: argparse.Namespace, given: dict[str, Any], is_volume: bool) -> Scene:
+def scene_from(args: argparse.Namespace, given: dict[str, Any], is_volume: bool) -> Scene:
     """Return the scene in a file, or one made for the data in it.
 
     Takes away from what is `given` with ``--set`` the options of the data's format.
@@ -124,7 +124,7 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
     scene.image_options = {**scene.image_options, "annotate": annotations}
 
 
-def _changed(place: str, value: Any, scene: Scene) -> Any:
+def changed_value(place: str, value: Any, scene: Scene) -> Any:
     """Return a value for a place in a scene."""
     if place in _PATHS and isinstance(value, str):
         return os.path.relpath(os.path.expanduser(value), scene.directory)

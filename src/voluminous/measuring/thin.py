@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..schemes.cellwise import Cellwise
 from ..schemes.contract import Solution
 
 
-class Thin:
+class Thin(Cellwise):
     """Nothing is absorbed: b = j s. Quantities may be negative.
 
     Exact, up to rounding, for what is constant in cells. A third faster than first order with an
@@ -15,21 +16,7 @@ class Thin:
     """
 
     name = "column"
-    order = 1
-    place = "cell"
-    linear = True
-    controlled = False
-    reckoned = False
-    coarseness = 0.0
     complete = True
-
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry nothing: a segment knows its cell."""
-        return []
-
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
-        """Carry nothing."""
-        return carried
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

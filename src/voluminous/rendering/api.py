@@ -156,7 +156,7 @@ def _image(
         unit=job.camera.plane_unit or unit_name(job.volume.unit),
         wcs=image_wcs(job.volume, job.camera, job.frame),
         camera=job.camera.describe(),
-        provenance=_provenance(job, told),
+        provenance={**job.provenance(), **told},
     )
 
 
@@ -175,17 +175,3 @@ def _full_depth(job: Job, planes: Planes) -> Callable[[], np.ndarray]:
         return with_channels(job.run(0.0).depth, channels, 0.0)
 
     return compute
-
-
-def _provenance(job: Job, told: dict[str, Any]) -> dict[str, Any]:
-    from .. import __version__
-
-    return {
-        "software": f"voluminous {__version__}",
-        "scheme": job.scheme.name,
-        "precision": job.backend.precision,
-        "device": job.backend.device,
-        "medium": job.medium.describe(),
-        "volume": job.volume.describe(),
-        **told,
-    }

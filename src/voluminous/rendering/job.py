@@ -143,6 +143,19 @@ class Job:
             whole=self.hidden is None,
         )
 
+    def provenance(self) -> dict[str, Any]:
+        """Return what is drawn, and how, as plain values."""
+        from .. import __version__
+
+        return {
+            "software": f"voluminous {__version__}",
+            "scheme": self.scheme.name,
+            "precision": self.backend.precision,
+            "device": self.backend.device,
+            "medium": self.medium.describe(),
+            "volume": self.volume.describe(),
+        }
+
     def advance(self, rays: int, lanes: int) -> None:
         """Wait for rays and report them; an interrupt is heard here."""
         dr.sync_thread()

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from ..backend.functions import attenuation
+from .cellwise import Cellwise
 from .contract import Solution
 
 
-class FirstOrder:
+class FirstOrder(Cellwise):
     """Solve a homogeneous segment: θ = e^{-α s}, b = j (1 - e^{-α s}) / α.
 
     The formal solution of the transfer equation with constant coefficients (e.g. Rybicki &
@@ -17,19 +18,6 @@ class FirstOrder:
     """
 
     name = "first-order"
-    order = 1
-    place = "cell"
-    linear = True
-    controlled = False
-    reckoned = False
-
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry nothing: a segment knows its cell."""
-        return []
-
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
-        """Carry nothing."""
-        return carried
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -19,11 +19,11 @@ from ..trees.octree_order import levels_from_flags
 from ..trees.octree_places import Places
 from ..trees.octree_tree import octree_tree
 from ..trees.tree import Tree
+from ..trees.vertices import cells_around
 from .cylindrical import CylindricalGrid
 from .edges import FULL_CIRCLE
 from .grid import CurvilinearGrid
 from .refined_surroundings import RefinedSurroundings
-from .refined_vertices import cells_around
 from .spherical import SphericalGrid
 
 # Finest cells along one axis: kernels hold a table of their walls.

@@ -4,37 +4,25 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from ..payload import mapped
+from .opened import OpenedFile
 
 _REALS = {4: "f4", 8: "f8"}
 # The byte order in which the format number is small is the right one.
 _LARGEST_FORMAT = 1 << 16
 
 
-class BinaryFile:
+class BinaryFile(OpenedFile):
     """A binary file, read from its beginning; of either byte order."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file = path.open("rb")
+        super().__init__(path)
         self._order, self._precision = "<", 8
-
-    def __enter__(self) -> BinaryFile:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
 
     def format(self, precision: bool) -> int:
         """Return the format number; in files with data the precision follows."""

@@ -4,43 +4,31 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
+from .opened import OpenedFile
 
 _MARK = 4
 # The first record holds one or two whole numbers: that tells the byte order.
 _FIRST = (4, 8, 16)
 
 
-class RecordFile:
+class RecordFile(OpenedFile):
     """An unformatted file, read from its beginning; of either byte order.
 
     Whole numbers in grids have four bytes, those in files with data eight.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file = path.open("rb")
+        super().__init__(path)
         self._size = os.fstat(self._file.fileno()).st_size
         first = self._file.read(_MARK)
         self._file.seek(0)
         self._order = ">" if int.from_bytes(first, "big") in _FIRST else "<"
         self._whole, self._left = "i4", b""
-
-    def __enter__(self) -> RecordFile:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
 
     def format(self, precision: bool) -> int:
         """Return the format number; in files with data the length of records follows."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
+from .opened import OpenedFile
 
 if TYPE_CHECKING:
     from .blocks import NumbersInText
@@ -69,28 +69,16 @@ def _check_end(path: Path) -> None:
         raise FileFormatError(f"it is cut short: it ends within a number, {_shown(numbers[-1])}")
 
 
-class TextFile:
+class TextFile(OpenedFile):
     """A text file, read from its beginning.
 
     What is read is told in `what`, for error messages, all of which name the line.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
         _check_end(path)
-        self._file = path.open("rb")
+        super().__init__(path)
         self._line = 0
-
-    def __enter__(self) -> TextFile:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
 
     def format(self, precision: bool) -> int:
         """Return the format number that all files begin with."""

@@ -65,7 +65,7 @@ def assembled(
         at=place.at,
         axes=tuple(grid.coordinates),
         units=units,
-        provenance=_provenance(job),
+        provenance={**job.provenance(), "camera": job.camera.describe()},
     )
 
 
@@ -153,17 +153,3 @@ def _values(
     fields |= {e.text: in_cells(volume, e, cell) for e in more if e.text not in fields}
     scalars = {e.text: values(e) for e in expressions if e.text not in fields}
     return fields, scalars, units_of(volume, [*names, *more, *expressions])
-
-
-def _provenance(job: ProbeJob) -> dict[str, Any]:
-    from ... import __version__
-
-    return {
-        "software": f"voluminous {__version__}",
-        "scheme": job.scheme.name,
-        "precision": job.backend.precision,
-        "device": job.backend.device,
-        "medium": job.medium.describe(),
-        "volume": job.volume.describe(),
-        "camera": job.camera.describe(),
-    }

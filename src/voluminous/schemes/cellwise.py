@@ -1,0 +1,24 @@
+"""What schemes share whose segments know nothing of each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Cellwise:
+    """Carry nothing from one segment to the next: a segment knows its cell."""
+
+    order = 1
+    place = "cell"
+    linear = True
+    controlled = False
+    reckoned = False
+    coarseness = 0.0
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry nothing; see `schemes.contract.Scheme`."""
+        return []
+
+    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+        """Carry nothing over empty space either."""
+        return carried
