@@ -20,6 +20,7 @@ from .contract import Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
+from .hdf5 import check, is_hdf5
 from .labelled.netcdf import NetCDFReader
 from .native.reader import NativeReader
 from .openvdb import OpenVDBReader
@@ -152,11 +153,13 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
     MissingPathError
         If there is no such file.
     FileFormatError
-        If no reader wants it.
+        If no reader wants it, or it makes libhdf5 crash or hang.
     UnknownNameError
         If there is no reader of the name `format`.
     """
     head = _head(path)
+    if is_hdf5(head):
+        check(path)  # here too: other packages' readers open the file their own way
     if format is not None:
         return _named(format, readers())
     for reader in readers():

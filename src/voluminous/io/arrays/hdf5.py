@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
+from ..hdf5 import is_hdf5, opened
 from ..payload import inside
 from ..unit_texts import known_unit
 from .entry import Entry
 from .named_arrays import NamedArraysReader
 
-_MAGIC = b"\x89HDF\r\n\x1a\n"
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 
 
@@ -28,8 +28,7 @@ class HDF5Reader(NamedArraysReader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a file that starts as HDF5 files do (a user block may come first)."""
-        starts = (0, 512, 1024, 2048)
-        return any(head[start:].startswith(_MAGIC) for start in starts)
+        return is_hdf5(head)
 
     @contextmanager
     def entries(
@@ -38,7 +37,7 @@ class HDF5Reader(NamedArraysReader):
         """Give all data sets; each is read when it is asked for."""
         import h5py
 
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             found: dict[str, Entry] = {}
 
             def visit(place: str, item: Any) -> None:

@@ -12,6 +12,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import unit_name
 from ..contract import FieldInfo, Reader
+from ..hdf5 import is_hdf5, opened
 from ..lengths import round_unit
 from ..names import chosen_fields
 from .mesh import Mesh, checked, read_mesh
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from ...volume import Volume
     from .arrange import Arrange
 
-_MAGIC = b"\x89HDF\r\n\x1a\n"
 _MARKS = ("RootGridSize", "MeshBlockSize", "VariableNames", "Coordinates")
 _LENGTHS = {"cartesian": (0, 1, 2), "spherical": (0,), "cylindrical": (0, 2)}
 
@@ -43,12 +43,11 @@ class AthenaReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for HDF5 with the attributes that Athena++ gives it."""
-        if not head.startswith(_MAGIC):
+        if not is_hdf5(head):
             return False
-        import h5py
 
         try:
-            with h5py.File(path, "r") as file:
+            with opened(path) as file:
                 return all(mark in file.attrs for mark in _MARKS)
         except Exception:  # damaged: whoever reads it says so
             return path.suffix.lower() in self.suffixes
@@ -57,13 +56,11 @@ class AthenaReader(Reader):
         self, path: Path, fields: Any = None, *, unit: Any = None, **code_units: Any
     ) -> Volume:
         """Return the volume; a field is read when it is used."""
-        import h5py
-
         from ...volume import Volume
         from .arrange import grid_of_mesh
 
         units = CodeUnits(**code_units)
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             mesh = read_mesh(file)
             known = {v.place: v for v in variables(file.attrs, mesh.kind)}
             edges, own = _in_unit(mesh, units, unit)
@@ -81,11 +78,9 @@ class AthenaReader(Reader):
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         """Return all variables."""
-        import h5py
-
         options.pop("unit", None)
         units = CodeUnits(**options)
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             mesh = read_mesh(file)
             return tuple(
                 FieldInfo(
@@ -115,9 +110,7 @@ def _dataset(file: Any, variable: Variable, mesh: Mesh) -> Any:
 
 def _load(path: Path, variable: Variable, mesh: Mesh, arrange: Arrange, factor: float) -> Any:
     """Return the values of a variable, as they can be given to the volume."""
-    import h5py
-
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         values = _dataset(file, variable, mesh)[variable.row]
     values = values.astype(_native(values.dtype), copy=False)
     return arrange((values if factor == 1 else values * factor).transpose(0, 3, 2, 1))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import FileFormatError, MissingPackageError, unknown_name
 from ...packages import is_installed, require
+from ..hdf5 import is_hdf5, opened
 from .classic import check_length
 from .reader import LabelledReader
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     import xarray
 
 _CLASSIC = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
-_HDF5 = b"\x89HDF\r\n\x1a\n"
 # What the libraries write into the root of their files, or beside each dimension.
 _MARKS = {"_NCProperties"}
 _DIMENSION_MARKS = {"_Netcdf4Dimid", "_Netcdf4Coordinates"}
@@ -31,7 +31,7 @@ class NetCDFReader(LabelledReader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for the classic format, and for HDF5 with the marks of NetCDF-4."""
-        if not head.startswith(_HDF5):
+        if not is_hdf5(head):
             return head.startswith(_CLASSIC)
         marked = _is_netcdf4(path)
         # What is so damaged that it cannot be told is what it is called.
@@ -51,7 +51,7 @@ class NetCDFReader(LabelledReader):
         options: dict[str, Any] = {"engine": _engine(head), "cache": False}
         options |= {} if group is None else {"group": group}
         with _decoded(xarray, path, options) as data:
-            if group is None and not _has_fields(data) and head.startswith(_HDF5):
+            if group is None and not _has_fields(data) and is_hdf5(head):
                 _tell_groups(path)
             yield data
 
@@ -72,7 +72,7 @@ def _engine(head: bytes) -> str:
     MissingPackageError
         If nothing does.
     """
-    if head.startswith(_HDF5):
+    if is_hdf5(head):
         able, advice = ["h5netcdf", "netcdf4"], "h5netcdf"
     elif head.startswith(_CLASSIC[2]):
         able, advice = ["netcdf4"], "netCDF4"
@@ -93,7 +93,7 @@ def _is_netcdf4(path: Path) -> bool | None:
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             if _MARKS & file.attrs.keys():
                 return True
             # Links may lead to other files, which are none of our business.
@@ -109,10 +109,9 @@ def _has_fields(data: xarray.Dataset) -> bool:
 
 
 def _groups(path: Path) -> list[str]:
-    import h5py
 
     found: list[str] = []
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         file.visititems(lambda place, item: found.append(place) if hasattr(item, "keys") else None)
     return found
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...memory import check_memory
+from ..hdf5 import opened
 from ..payload import mapped
 
 # What gzip can make of repeated bytes: more than that many times what is stored is no data.
@@ -71,9 +72,7 @@ def is_plain(item: Any) -> bool:
 
 def field_values(path: Path, group: str, name: str) -> np.ndarray:
     """Return a field: mapped where it lies as it is in memory, else read."""
-    import h5py
-
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         item = sound_array(file[group], name)
         if not is_plain(item):
             return loaded(file[group], name)

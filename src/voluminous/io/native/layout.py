@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import FileFormatError
+from ..hdf5 import is_hdf5, opened
 
 MARK = "voluminous volume"
 VERSION = 1
@@ -20,17 +21,14 @@ ABOUT = (
     "/fields/NAME holds one value per cell in 'units'. Read it with voluminous.open(path)."
 )
 
-_MAGIC = b"\x89HDF\r\n\x1a\n"
-
 
 def is_native(path: Path, head: bytes) -> bool:
     """Return True for a file with the mark; never raises."""
-    if not head.startswith(_MAGIC):
+    if not is_hdf5(head):
         return False
-    import h5py
 
     try:
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             return bool(_text(file.attrs.get("format")) == MARK)
     except Exception:  # a damaged file is for the general reader to explain
         return False

@@ -11,6 +11,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import parse_unit, unit_name
 from ..contract import FieldInfo, Reader
+from ..hdf5 import opened
 from ..names import chosen_fields
 from . import layout
 from .arrays import ALIGNMENT, field_values, is_plain, loaded, sound_array
@@ -39,11 +40,9 @@ class NativeReader(Reader):
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         """Return the volume; fields stay in the file until they are used."""
-        import h5py
-
         from ...volume import Volume
 
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             layout.check_version(file)
             volume = Volume(_read_grid(_group(file, layout.GRID)))
             read_extras(file, volume)
@@ -54,9 +53,7 @@ class NativeReader(Reader):
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         """Return all fields."""
-        import h5py
-
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             layout.check_version(file)
             group = _group(file, layout.FIELDS)
             return tuple(_info(name, sound_array(group, name)) for name in group)

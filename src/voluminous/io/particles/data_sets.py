@@ -11,7 +11,6 @@ from ...errors import FileFormatError
 from ...memory import check_memory
 from ..payload import inside
 
-MAGIC = b"\x89HDF\r\n\x1a\n"
 # What deflate can pack at most, and a little more: 1 to 1032.
 _MOST_PACKED = 2000
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from ...units import parse_unit
 from ..contract import FieldInfo, Reader
+from ..hdf5 import is_hdf5, opened
 from .columns import OPTIONS, Density, placed, volume_of
-from .data_sets import MAGIC
 from .gadget_snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -39,12 +39,11 @@ class GadgetReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for HDF5 with a header and particles."""
-        if not head.startswith(MAGIC):
+        if not is_hdf5(head):
             return False
-        import h5py
 
         try:
-            with h5py.File(path, "r") as file:
+            with opened(path) as file:
                 return "Header" in file and any(f"PartType{k}" in file for k in range(7))
         except Exception:  # damaged: whoever reads it says so
             return False

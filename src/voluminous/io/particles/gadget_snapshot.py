@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import FileFormatError, unknown_name
+from ..hdf5 import opened
 from .columns import Column, with_unit
 from .data_sets import data_set, number, read
 from .gadget_header import TYPES, files_of, read_header
@@ -61,9 +62,8 @@ class Snapshot:
     """
 
     def __init__(self, path: Path, particle_type: Any, units: tuple[Any, Any, Any]) -> None:
-        import h5py
 
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             self.header = read_header(file, units)
             number_of_files = number(file["Header"].attrs, "NumFilesPerSnapshot") or 1
             self.kernel = kernel_of(file)
@@ -79,9 +79,7 @@ class Snapshot:
 
     def _add(self, path: Path) -> None:
         """Add a file, if it has such particles."""
-        import h5py
-
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             if self.group not in file or "Coordinates" not in file[self.group]:
                 return
             shape = data_set(path, file[self.group], "Coordinates").shape
@@ -103,7 +101,7 @@ class Snapshot:
         path, count = self.files[0]
         self.data: dict[str, str] = {}
         self.items: dict[str, Item] = {}
-        with h5py.File(path, "r") as file:
+        with opened(path) as file:
             for name in file[self.group]:
                 item = file[self.group].get(name, getlink=True)
                 item = file[self.group][name] if isinstance(item, h5py.HardLink) else None
@@ -132,11 +130,9 @@ class Snapshot:
 
     def values(self, name: str, factor: float = 1.0, column: int | None = None) -> np.ndarray:
         """Return a data set of all files, or a column of it, times a factor: float64."""
-        import h5py
-
         parts = []
         for path, count in self.files:
-            with h5py.File(path, "r") as file:
+            with opened(path) as file:
                 item = data_set(path, file[self.group], name)
                 self._check_length(name, item.shape, count)
                 parts.append(read(item, column))

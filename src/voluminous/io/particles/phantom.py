@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import FileFormatError
 from ...units import parse_unit
 from ..contract import FieldInfo, Reader
+from ..hdf5 import MAGIC, is_hdf5, opened
 from ..payload import mapped
 from .columns import OPTIONS, placed, volume_of
-from .data_sets import MAGIC
 from .phantom_columns import columns_of, density_of
 from .phantom_dump import Array, byte_order, read_dump
 from .phantom_hdf5 import is_dump, source_in
@@ -37,12 +37,11 @@ class PhantomReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a file that starts as native dumps do, or with their names in HDF5."""
-        if not head.startswith(MAGIC):
+        if not is_hdf5(head):
             return byte_order(head) is not None
-        import h5py
 
         try:
-            with h5py.File(path, "r") as file:
+            with opened(path) as file:
                 return is_dump(file)
         except Exception:  # damaged: whoever reads it says so
             return False

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
+from ..hdf5 import opened
 from .data_sets import data_set, read
 from .phantom_source import Property, Source
 
@@ -27,9 +28,7 @@ def is_dump(file: Any) -> bool:
 
 def source_in(path: Path) -> Source:
     """Return what is in a dump in HDF5; no values of particles are read."""
-    import h5py
-
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         if not is_dump(file):
             raise FileFormatError("expected groups 'header' and 'particles' as Phantom writes them")
         header = _numbers(path, file["header"])
@@ -71,8 +70,7 @@ def _properties(path: Path, group: Any) -> dict[str, Property]:
 
 
 def _load(path: Path, place: str, column: int | None = None) -> np.ndarray:
-    import h5py
 
     group, _, name = place.rpartition("/")
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         return read(data_set(path, file[group], name), column)

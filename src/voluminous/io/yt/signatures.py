@@ -6,7 +6,8 @@ import re
 import struct
 from pathlib import Path
 
-_HDF5 = b"\x89HDF\r\n\x1a\n"
+from ..hdf5 import is_hdf5, opened
+
 # What must be in the root of an HDF5 file: groups or data sets, and attributes.
 _HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
     "FLASH": ({"bounding box", "node type"}, set()),
@@ -76,11 +77,10 @@ def _amrex(path: Path, head: bytes) -> Path | None:
 
 
 def _hdf5(path: Path, head: bytes) -> Path | None:
-    if not head.startswith(_HDF5):
+    if not is_hdf5(head):
         return None
-    import h5py
 
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         for places, attributes in _HDF5_CODES.values():
             if all(p in file for p in places) and all(a in file.attrs for a in attributes):
                 return path
