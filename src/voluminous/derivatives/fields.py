@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..digest import digest
 from ..expressions import DerivedField, required_names
 from ..memory import fits
 from ..units import parse_unit
@@ -79,7 +80,7 @@ class Derivatives:
         if self._kept and not fits(_SPARE * volume.grid.size):
             self._kept.clear()
         used = {name for kept in self._kept.values() for name in kept.source}
-        now = {name: _hash(volume, name) for name in used}
+        now = {name: digest(volume.array(name)) for name in used}
         for name in [n for n, kept in self._kept.items() if not kept.source.items() <= now.items()]:
             del self._kept[name]
 
@@ -100,10 +101,4 @@ def _sources(volume: Any, derived: DerivedField) -> dict[str, bytes]:
     """Return the fields that something is made of, and a hash of each."""
     names = {n for a in derived.arguments for n in required_names(a)}
     given = volume.given(names)
-    return {name: _hash(volume, name) for name in given}
-
-
-def _hash(volume: Any, name: str) -> bytes:
-    import xxhash
-
-    return bytes(xxhash.xxh3_64_digest(volume.array(name).data))
+    return {name: digest(volume.array(name)) for name in given}

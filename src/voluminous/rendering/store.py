@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..digest import digest
 from ..memory import fits
 from .classify import extremes_of
 
@@ -21,7 +22,7 @@ class Store:
     Parameters
     ----------
     volume : Volume
-        Its fields' contents are hashed, once per picture (at 30 GB/s), since arrays are not copied
+        Its fields' contents are hashed, once per picture, since arrays are not copied
         and may have been changed in place.
     """
 
@@ -33,9 +34,7 @@ class Store:
     def digest(self, name: str) -> bytes:
         """Return a hash of a field's contents."""
         if name not in self._digests:
-            import xxhash
-
-            self._digests[name] = xxhash.xxh3_64_digest(self.volume.array(name).data)
+            self._digests[name] = digest(self.volume.array(name))
         return self._digests[name]
 
     def digests(self, names: Any) -> tuple[Any, ...]:
