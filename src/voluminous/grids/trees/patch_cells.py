@@ -20,7 +20,7 @@ from .tree import ABSENT, NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 
 # Marks patches that are seen partly: the numbers of their cells are looked up.
 TABLED = 1 << 31
-_CELLS = 1 << 20
+_CELLS = 1 << 18
 
 
 @dataclass(frozen=True)

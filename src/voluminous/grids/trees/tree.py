@@ -110,29 +110,31 @@ class Tree:
 
     def root_place(self, index: np.ndarray) -> np.ndarray:
         """Return where the root's entries with indices (3, n) are."""
-        size = 1 << np.array(self.bricks)
-        brick = _flat(index // size[:, None], np.array(self.shape) // size)
-        return brick * size.prod() + _flat(index % size[:, None], size)
+        bits = np.array(self.bricks)[:, None]
+        size = 1 << bits[:, 0]
+        # Shifts in place of divisions: a third of the time.
+        brick = _flat(index >> bits, np.array(self.shape) // size)
+        return brick * size.prod() + _flat(index & ((1 << bits) - 1), size)
 
     def find(self, place: np.ndarray) -> Found:
         """Return the cells that contain places inside the domain, an integer array (3, n)."""
         place = np.asarray(place, np.int64)
-        entry, unit = self.descend(place)
-        number, size = self.numbering.cells(entry, place, unit)
+        entry, level = self.descend(place)
+        number, size = self.numbering.cells(entry, place, self.units[level].T)
         return Found(number, place // size * size, size)
 
     def descend(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the entries around places that are no blocks, and their sizes (3, n)."""
-        unit = np.repeat(self.units[0][:, None], place.shape[1], axis=1)
-        entry = self.entries[self.root_place(place // unit)]
-        for unit_here, ratio in zip(self.units[1:], self.ratios, strict=True):
+        """Return the entries around places (3, n) that are no blocks, and their tree levels."""
+        level = np.zeros(place.shape[1], np.uint8)
+        entry = self.entries[self.root_place(place // self.units[0][:, None])]
+        for unit, ratio in zip(self.units[1:], self.ratios, strict=True):
             below = np.flatnonzero(entry >> NUMBER_BITS == 0)
             if len(below) == 0:
                 break
-            unit[:, below] = unit_here[:, None]
-            local = place[:, below] // unit_here[:, None] % ratio[:, None]
+            level[below] += 1
+            local = place[:, below] // unit[:, None] % ratio[:, None]
             entry[below] = self.entries[entry[below] + _flat(local, ratio)]
-        return entry, unit
+        return entry, level
 
 
 def _flat(index: np.ndarray, shape: np.ndarray) -> np.ndarray:
