@@ -328,3 +328,33 @@ def test_stent():
     assert volume.array("arr_0").dtype == np.int16
     np.testing.assert_array_equal(volume.array("arr_0"), truth.array("ct"))
     np.testing.assert_array_equal(volume.grid.bounds, truth.grid.bounds)
+
+
+@pytest.mark.parametrize("down", ["x", "yz"])
+@pytest.mark.parametrize("walls", [True, False], ids=["walls", "centres"])
+@pytest.mark.parametrize("way", ["npz", "hdf5", "scales", "options"])
+def test_arrays_are_turned_where_coordinates_decrease(tmp_path, down, walls, way):
+    shape, width = (2, 3, 4), 0.5
+    values = np.arange(24.0).reshape(shape)
+    lines = {}
+    for axis, count in zip("xyz", shape, strict=True):
+        ticks = 10 + width * (np.arange(count + 1) if walls else np.arange(count) + 0.5)
+        lines[axis] = ticks[::-1].copy() if axis in down else ticks
+    path, options = tmp_path / ("a.npz" if way in ("npz", "options") else "a.h5"), {}
+    if way == "npz":
+        np.savez(path, s=values, **lines)
+    elif way == "options":
+        np.savez(path, s=values)
+        options = lines
+    else:
+        with h5py.File(path, "w") as file:
+            file["s"] = values
+            for k, (axis, line) in enumerate(lines.items()):
+                file[axis] = line
+                if way == "scales" and not walls:
+                    file[axis].make_scale(axis)
+                    file["s"].dims[k].attach_scale(file[axis])
+    volume = vm.open(path, "s", **options)
+    turns = tuple(slice(None, None, -1 if axis in down else None) for axis in "xyz")
+    np.testing.assert_array_equal(volume.array("s"), values[turns])
+    assert volume.grid.bounds.tolist() == [[10, 11], [10, 11.5], [10, 12]]

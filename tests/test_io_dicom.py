@@ -184,7 +184,7 @@ def test_slices_that_make_no_volume(tmp_path, pydicom, changes, told):
         vm.open(path)
 
 
-def test_colors_and_tables_of_contents_are_refused(tmp_path, pydicom):
+def test_colors_are_refused(tmp_path, pydicom):
     path = series(tmp_path)
     for file in path.iterdir():
         head = pydicom.dcmread(file)
@@ -192,11 +192,67 @@ def test_colors_and_tables_of_contents_are_refused(tmp_path, pydicom):
         head.save_as(file)
     with pytest.raises(vm.FileFormatError, match="coloured"):
         vm.open(path)
-    head = pydicom.dcmread(path / "IM03")
-    head.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.1.3.10"
-    head.save_as(tmp_path / "DICOMDIR")
-    with pytest.raises(vm.FileFormatError, match="table of contents"):
-        vm.open(tmp_path / "DICOMDIR")
+
+
+def disc(directory, **series):
+    """Write an export: its table of contents, and slices in directories below; return the table."""
+    from pydicom.fileset import FileSet
+
+    files = FileSet()
+    for number, (text, values) in enumerate(series.items(), start=1):
+        for k in range(values.shape[2]):
+            head = dicom_slice(values[:, :, k], ORIGIN + k * UPRIGHT[2], UPRIGHT, f"1.2.{number}")
+            head.PatientID, head.PatientName, head.StudyInstanceUID = "A", "B", "1.2.3"
+            head.SeriesNumber, head.SeriesDescription = number, text
+            head.InstanceNumber, head.StudyID = k + 1, "C"
+            head.StudyDate, head.StudyTime = "20200101", "120000"
+            files.add(head)
+    files.write(directory)
+    return directory / "DICOMDIR"
+
+
+def test_tables_of_contents(tmp_path, pydicom):
+    path = disc(tmp_path, axial=VALUES)
+    assert not list(tmp_path.glob("IM*"))  # the slices lie in directories of their own
+    for given in (path, tmp_path):
+        volume = vm.open(given)
+        np.testing.assert_array_equal(volume.array("ct"), VALUES)
+        check_places(volume, VALUES, ORIGIN, UPRIGHT)
+    for file in [*tmp_path.rglob("IM*")]:
+        file.rename(file.with_name(file.name.lower()))
+    with pytest.raises(vm.InputError, match="no such file"):
+        vm.open(path)
+
+
+def test_several_series_in_a_table_of_contents(tmp_path, pydicom):
+    path = disc(tmp_path, axial=VALUES, late=VALUES + 1)
+    with pytest.raises(vm.InputError, match=r"several series; choose(.|\n)*series='2': 'late', CT"):
+        vm.open(path)
+    for chosen in (2, "late"):
+        np.testing.assert_array_equal(vm.open(path, series=chosen).array("ct"), VALUES + 1)
+
+
+def test_tables_of_contents_in_other_letters(tmp_path, pydicom):
+    path = disc(tmp_path, axial=VALUES)
+    for file in sorted(tmp_path.rglob("*"), key=lambda f: -len(f.parts)):
+        if file != path:
+            file.rename(file.with_name(file.name.lower()))
+    np.testing.assert_array_equal(vm.open(path).array("ct"), VALUES)
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [(["..", "x"], "outside of its directory"), (["GONE"], "no such file"), (None, "of 0 images")],
+)
+def test_tables_of_contents_that_lead_nowhere(tmp_path, pydicom, names, told):
+    path = disc(tmp_path, axial=VALUES)
+    head = pydicom.dcmread(path)
+    for record in head.DirectoryRecordSequence:
+        if "ReferencedFileID" in record:
+            record.ReferencedFileID = names
+    head.save_as(path)
+    with pytest.raises(vm.InputError, match=told):
+        vm.open(path)
 
 
 def test_packed_pixels(tmp_path, pydicom):
@@ -308,3 +364,10 @@ class TestDICOMFrames(ReaderContract):
             return directory / "frames.dcm"
 
         return write
+
+
+class TestTableOfContents(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        pytest.importorskip("pydicom")
+        return lambda directory: disc(directory, axial=VALUES)

@@ -132,6 +132,10 @@ def test_several_files_are_one_snapshot(tmp_path):
     whole = vm.open(gadget(tmp_path / "whole.hdf5", smoothed()))
     for path in paths:
         same(vm.open(path), whole)
+    (tmp_path / "snapdir_001").mkdir()
+    for k, part in enumerate(parts):
+        gadget(tmp_path / "snapdir_001" / f"s_1.{k}.hdf5", part, files=3)
+    same(vm.open(tmp_path / "snapdir_001"), whole)
     told = find_reader(paths[0]).info(paths[0])
     assert {t.shape[0] for t in told} == {COUNT}
     paths[1].unlink()

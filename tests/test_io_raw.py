@@ -170,10 +170,67 @@ def test_vtkjs(tmp_path):
     np.testing.assert_array_equal(volume.array("a"), CELLS)
     # Points are the centres of cells: the first of this extent is at 10 + 1 · 2.
     assert volume.grid.bounds.tolist() == [[11, 21], [-0.5, 3.5], [-0.5, 2.5]]
+
+
+def test_the_axes_of_vtkjs_are_undone_if_they_can_be(tmp_path):
+    path = write(tmp_path / "a.raw", ">u2")
+    # Column by column: the first axis runs along y, the second against x.
     turned = vtkjs(direction=[0, 1, 0, -1, 0, 0, 0, 0, 1])
     (tmp_path / "a.index.json").write_text(json.dumps(turned))
-    with pytest.warns(UserWarning, match="turned against x, y and z"):
-        assert vm.open(path).meta["direction"] == turned["direction"]
+    volume = vm.open(path)
+    assert "direction" not in volume.meta
+    np.testing.assert_array_equal(volume.array("a"), CELLS.transpose(1, 0, 2)[::-1])
+    # Point (1, 0, 0) is at (10, 0, 0) + 2 (0, 1, 0), and the second axis goes down to x = 7.
+    assert volume.grid.bounds.tolist() == [[6.5, 10.5], [1, 11], [-0.5, 2.5]]
+
+
+@pytest.mark.parametrize("suffix", [".vti", ".nrrd", ".mha", ".h5"])
+def test_oblique_numbers_are_turned_alike_in_all_formats(tmp_path, suffix):
+    path = write(tmp_path / "a.raw", ">u2")
+    angle = np.radians(30)
+    matrix = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    turned = vtkjs(direction=matrix.T.reshape(-1).tolist())
+    (tmp_path / "a.index.json").write_text(json.dumps(turned))
+    volume = vm.open(path)
+    np.testing.assert_allclose(volume.meta["direction"], matrix)
+    # The middle point of the array is the centre of the turned cells.
+    middle = [10, 0, 0] + matrix @ [3 * 2, 1.5, 1]
+    np.testing.assert_allclose(volume.grid.bounds.mean(axis=1), middle)
+    vm.io.save(volume, tmp_path / f"b{suffix}")
+    again = vm.open(tmp_path / f"b{suffix}")
+    np.testing.assert_allclose(again.meta["direction"], matrix, atol=1e-12)
+    np.testing.assert_allclose(again.grid.bounds, volume.grid.bounds)
+    np.testing.assert_array_equal(again.array(again.fields[0]), volume.array("a"))
+
+
+@pytest.mark.parametrize("name", ["a.json", "a.index.json", "a.plist"])
+def test_what_describes_numbers_opens_them(tmp_path, name):
+    told = {
+        "a.json": json.dumps({"type": ">u2", "size": SHAPE}).encode(),
+        "a.index.json": json.dumps(vtkjs()).encode(),
+        "a.plist": plistlib.dumps(
+            {"matrix": {"shape": SHAPE[::-1], "dtype": "uint16"}, "spacing": [1, 1, 2]}
+        ),
+    }
+    (tmp_path / name).write_bytes(told[name])
+    with pytest.raises(vm.InputError, match=r"no file beside it with them: expected a\.raw"):
+        vm.open(tmp_path / name)
+    path = write(tmp_path / "a_5x4x3.raw.gz", "<u2" if name == "a.plist" else ">u2", packed=True)
+    assert vm.open(tmp_path / name).fields == ("a",)
+    np.testing.assert_array_equal(vm.open(tmp_path / name).array("a"), vm.open(path).array("a"))
+    write(tmp_path / "a.raw")
+    with pytest.raises(vm.InputError, match=r"open a\.raw, a_5x4x3\.raw\.gz"):
+        vm.open(tmp_path / name)
+
+
+def test_other_descriptions_are_none_of_ours(tmp_path):
+    write(tmp_path / "a.raw")
+    for name, text in {"a.json": '{"some": "notes"}', "a.plist": "<plist", "b.json": "{"}.items():
+        (tmp_path / name).write_text(text)
+        with pytest.raises(vm.FileFormatError, match="does not know"):
+            vm.open(tmp_path / name)
 
 
 def test_invesalius(tmp_path):
@@ -279,12 +336,22 @@ class TestRaw(ReaderContract):
         return lambda directory: write(directory / request.param, "<i2", packed)
 
 
+class TestDescription(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        def write_both(directory):
+            write(directory / "a.raw", ">u2")
+            (directory / "a.index.json").write_text(json.dumps(vtkjs()))
+            return directory / "a.index.json"
+
+        return write_both
+
+
 # Real data
 
 
 @pytest.mark.parametrize("name", ["cranium", "headsq"])
 @pytest.mark.parametrize("described", [True, False], ids=["beside", "by name"])
-@pytest.mark.filterwarnings("ignore:.*turned against")
 def test_heads(tmp_path, name, described):
     truth = real_data.load(name)
     directory = data_directory() / "data" / "medical"

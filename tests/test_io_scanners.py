@@ -227,3 +227,23 @@ def test_the_frog_is_read_as_it_is():
     assert volume.array("frogtissue").dtype == np.uint8
     np.testing.assert_array_equal(volume.array("frogtissue"), expected.array("tissue"))
     np.testing.assert_array_equal(np.ptp(volume.grid.bounds, axis=1), [500, 470, 204])
+
+
+@pytest.mark.parametrize("steps", [UPRIGHT, SAGITTAL], ids=["upright", "sagittal"])
+def test_itk_in_hdf5(tmp_path, steps):
+    itk = pytest.importorskip("SimpleITK")
+    image = itk.GetImageFromArray(VALUES.T)
+    widths = np.linalg.norm(steps, axis=1)
+    image.SetOrigin(ORIGIN.tolist())
+    image.SetSpacing(widths.tolist())
+    image.SetDirection((np.asarray(steps) / widths[:, None]).T.ravel().tolist())
+    itk.WriteImage(image, str(tmp_path / "a.hdf5"))
+    volume = vm.open(tmp_path / "a.hdf5")
+    check_places(volume, VALUES, ORIGIN, steps)
+    assert volume.array("a").dtype == VALUES.dtype
+    assert (str(volume.unit), volume.meta["space"]) == ("mm", "LPS")
+    parts = np.stack([VALUES, VALUES + 1, -VALUES], axis=-1).astype(np.float32)
+    several = itk.GetImageFromArray(parts.transpose(2, 1, 0, 3), isVector=True)
+    several.CopyInformation(image)
+    itk.WriteImage(several, str(tmp_path / "v.hdf5"))
+    check_places(vm.open(tmp_path / "v.hdf5"), parts[..., 1], ORIGIN, steps, "v_y")

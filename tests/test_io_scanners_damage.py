@@ -266,3 +266,15 @@ class TestPackedMetaImage(ReaderContract):
 
     def victims(self, path):
         return [path.with_suffix(".zraw")]
+
+
+class TestITK(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        itk = pytest.importorskip("SimpleITK")
+
+        def write(directory):
+            itk.WriteImage(itk.GetImageFromArray(VALUES.T), str(directory / "a.hdf5"))
+            return directory / "a.hdf5"
+
+        return write

@@ -54,6 +54,65 @@ def test_nrrd_components(tmp_path, kind, endings, axis):
     np.testing.assert_array_equal(volume.grid.bounds[:, 0], -1.0)
 
 
+@pytest.mark.parametrize(
+    ("count", "dtype", "endings"),
+    [
+        (1, "f4", ("",)),
+        (2, "f4", ("_0", "_1")),
+        (3, "f4", ("_x", "_y", "_z")),
+        (3, "u1", ("_red", "_green", "_blue")),
+        (4, "u1", ("_red", "_green", "_blue", "_alpha")),
+    ],
+)
+@pytest.mark.parametrize("axis", [0, 3])
+def test_a_short_axis_without_a_kind_is_components(tmp_path, count, dtype, endings, axis):
+    nrrd = pytest.importorskip("nrrd")
+    parts = RNG.integers(0, 255, (count, 5, 6, 7)).astype(dtype)
+    nrrd.write(str(tmp_path / "v.nrrd"), np.moveaxis(parts, 0, axis))
+    volume = vm.open(tmp_path / "v.nrrd")
+    assert volume.fields == tuple(f"v{ending}" for ending in endings)
+    for name, part in zip(volume.fields, parts, strict=True):
+        np.testing.assert_array_equal(volume.array(name), part)
+
+
+def test_four_axes_of_which_nothing_is_told(tmp_path):
+    nrrd = pytest.importorskip("nrrd")
+    values = RNG.random((5, 6, 7, 8)).astype(np.float32)
+    path = tmp_path / "v.nrrd"
+    nrrd.write(str(path), values)
+    with pytest.raises(vm.InputError, match=r"four axes.*one of its 8 steps with time=0.*kinds:"):
+        vm.open(path)
+    volume = vm.open(path, time=-1)
+    np.testing.assert_array_equal(volume.array("v"), values[..., 7])
+    assert volume.meta["times"] == 8
+    # A user who knows better than the sizes.
+    nrrd.write(str(path), values[..., :3])
+    np.testing.assert_array_equal(vm.open(path, time=1).array("v"), values[..., 1])
+    nrrd.write(str(path), values[:4, :3, :4, :3])  # either could be
+    with pytest.raises(vm.InputError, match="four axes"):
+        vm.open(path)
+
+
+@pytest.mark.parametrize("space", ["4", "left-posterior-superior-time", "LPST"])
+def test_nrrd_in_space_and_time(tmp_path, space):
+    values = RNG.random((4, 5, 6, 3)).astype(np.float32)
+    told = f"space dimension: {space}" if space == "4" else f"space: {space}"
+    lines = [
+        *("NRRD0004", "type: float", "dimension: 4", told, "sizes: 4 5 6 3", "endian: little"),
+        "space directions: (0.5,0,0,0) (0,0.75,0,0) (0,0,2,0) (0,0,0,9)",
+        *("kinds: domain domain domain domain", "space origin: (-10,20,30,7)", "encoding: raw"),
+    ]
+    path = tmp_path / "v.nrrd"
+    path.write_bytes("\n".join(lines).encode() + b"\n\n" + values.tobytes("F"))
+    volume = vm.open(path, time=2)
+    np.testing.assert_array_equal(volume.array("v"), values[..., 2])
+    np.testing.assert_allclose(volume.grid.bounds[:, 0], [-10.25, 19.625, 29])
+    assert volume.meta.get("space") == (None if space == "4" else "LPS")
+    path.write_bytes(path.read_bytes().replace(b"(0,0,2,0)", b"(0,0,2,1)"))
+    with pytest.raises(vm.FileFormatError, match="along space or time"):
+        vm.open(path)
+
+
 def test_vectors_turn_with_the_coordinates(tmp_path):
     pytest.importorskip("nrrd")
     parts = RNG.random((3, 4, 5, 6)).astype(np.float32)

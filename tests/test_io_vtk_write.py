@@ -207,3 +207,14 @@ def test_hidden_cells_of_objects():
     data.GetCellData().AddArray(ghosts)
     hidden = np.isnan(vm.from_pyvista(data).array("c"))
     assert np.flatnonzero(hidden.T).tolist() == [3]
+
+
+def test_what_a_rectilinear_grid_cannot_say_is_said(tmp_path):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)), a=np.ones((2, 2, 2)))
+    volume.meta["direction"] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    with pytest.warns(UserWarning, match=r"cannot be turned.*\.vti file keeps it"):
+        vm.io.save(volume, tmp_path / "a.vtr")
+    volume.meta["direction"] = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    for suffix in (".vti", ".vtr"):
+        with pytest.raises(vm.InputError, match="matrix of 3 x 3"):
+            vm.io.save(volume, tmp_path / f"a{suffix}")

@@ -17,6 +17,7 @@ from contracts import ReaderContract
 from reference import data_directory
 from voluminous.io import find_reader
 from voluminous.io.yt.signatures import code_output
+from voluminous.io.yt.strangers import may_be_of_yt
 
 yt = pytest.importorskip("yt")
 yt.set_log_level(50)
@@ -179,6 +180,46 @@ def test_unknown_files_stay_unknown(tmp_path):
         vm.open(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("notes.txt", "Grüße\n".encode() * 1000),
+        ("data.parameters", b"a = 1\n"),
+        ("photo.dat", b"\xff\xd8\xff\xe0" + bytes(100)),
+        ("archive", b"PK\x03\x04" + bytes(100)),
+    ],
+)
+def test_what_yt_cannot_know_is_not_shown_to_it(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    assert not may_be_of_yt(tmp_path / name, content[:4096])
+    program = (
+        "import sys\nimport voluminous as vm\n"
+        f"try: vm.open({str(tmp_path / name)!r})\n"
+        "except vm.FileFormatError as error: print(error, 'yt' in sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip().endswith("False"), done.stderr
+    assert "does not know" in done.stdout
+
+
+def test_what_yt_may_know_is_shown_to_it(tmp_path):
+    (tmp_path / "DD0010.hierarchy").touch()
+    for name, head in {
+        "halos.parameter": b"text",
+        "a.hierarchy": b"text",
+        "DD0010": b"text",
+        "a.sdf": b"# SDF 1.0",
+        "any": bytes(range(256)),
+        "text": b"one\x00two",
+    }.items():
+        assert may_be_of_yt(tmp_path / name, head)
+    assert not may_be_of_yt(tmp_path, b"")
+    (tmp_path / "snapshot_000.0").touch()
+    assert may_be_of_yt(tmp_path, b"")
+
+
 def real(place):
     """Return the path of real data, or skip the test if it is absent."""
     path = data_directory() / "data" / place
@@ -279,6 +320,41 @@ def test_an_enzo_output():
         unit = volume.array("density").max() / max(file[g]["Density"][()].max() for g in file)
     mass = (volume.array("density") * volume.grid.cell_volumes).sum()
     assert mass / volume.grid.cell_volumes.sum() == pytest.approx(mean * unit, rel=1e-5)
+
+
+def enzo_names(directory, *stems):
+    """Write files that are called as Enzo's are."""
+    directory.mkdir()
+    for stem in stems:
+        for ending in ("", ".hierarchy", ".boundary", ".cpu0000"):
+            (directory / (stem + ending)).write_text("InitialCycleNumber = 1\n")
+    return directory
+
+
+def test_the_directory_of_an_enzo_output_leads_to_it(tmp_path):
+    path = enzo_names(tmp_path / "DD0010", "data0010")
+    assert code_output(path, b"") == path / "data0010"
+    several = enzo_names(tmp_path / "run", "DD0010", "DD0011")
+    assert code_output(several, b"") is None
+    # Of several the user has to choose, and is told of which.
+    with pytest.raises(vm.FileFormatError, match=r"open what is in it:(.|\n)*DD0010: an output"):
+        vm.open(several)
+    with pytest.raises(vm.FileFormatError, match=r"open what is in it:(.|\n)*DD0010: an output"):
+        vm.open(tmp_path)
+
+
+def test_the_directory_of_an_enzo_e_output_leads_to_it(tmp_path):
+    (tmp_path / "Dir_0010").mkdir()
+    path = tmp_path / "Dir_0010" / "Dir_0010.block_list"
+    path.write_text("B0_0 Dir_0010.h5\n")
+    (tmp_path / "Dir_0010" / "Dir_0010.h5").touch()
+    assert code_output(path.parent, b"") == code_output(path, path.read_bytes()) == path
+
+
+def test_a_directory_of_real_data_is_its_output():
+    path = real(ENZO)
+    volume = vm.open(path.parent, "density")
+    np.testing.assert_array_equal(volume.array("density"), vm.open(path).array("density"))
 
 
 def test_parts_of_an_enzo_output_lead_to_it(tmp_path):

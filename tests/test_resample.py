@@ -132,6 +132,17 @@ CURVED = {
 }
 
 
+def test_what_is_told_besides_is_kept_as_far_as_it_holds():
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 2)), a=np.ones((4, 4, 4)))
+    turned = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    volume.meta = {"time": 3.0, "space": "LPS", "direction": turned}
+    finer = volume.resample(vm.CartesianGrid.uniform(8, (0, 2)))
+    assert finer.meta == volume.meta
+    assert volume.resample(vm.CartesianGrid.uniform(4, (-1, 3))).meta == volume.meta
+    # Turned about another centre it would be elsewhere.
+    assert volume.resample(vm.CartesianGrid.uniform(4, (0, 1))).meta == {"time": 3.0}
+
+
 @pytest.mark.parametrize("kind", CURVED)
 def test_curvilinear_grids_keep_constants_and_nearly_the_integral(kind):
     grid = CURVED[kind]()

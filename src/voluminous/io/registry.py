@@ -22,6 +22,7 @@ from .fits.reader import FITSReader
 from .guard import placed, reading
 from .hdf5 import check, is_hdf5
 from .labelled.netcdf import NetCDFReader
+from .listing import openable
 from .native.reader import NativeReader
 from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
@@ -29,11 +30,13 @@ from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
 from .raw.reader import RawReader
 from .scanners.dicom import DICOMReader
+from .scanners.itk import ITKReader
 from .scanners.metaimage import MetaImageReader
 from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
 from .scanners.pictures import PicturesReader
 from .scanners.tiff import TIFFReader
+from .vtk.hdf import VTKHDFReader
 from .vtk.legacy import VTKReader
 from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
 from .yt.reader import AnyYtReader, YtReader
@@ -52,6 +55,7 @@ READERS: tuple[Reader, ...] = (
     VTRReader(),
     VTKXMLReader(),
     VTKReader(),
+    VTKHDFReader(),
     OpenVDBReader(),
     CASAReader(),
     FITSReader(),
@@ -64,6 +68,7 @@ READERS: tuple[Reader, ...] = (
     LabelledZarrReader(),
     ZarrReader(),
     DICOMReader(),
+    ITKReader(),
     NIfTIReader(),
     NRRDReader(),
     MetaImageReader(),
@@ -221,9 +226,20 @@ def _head(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
 
+def _quick_reader(path: Path) -> Reader | None:
+    """Return the reader for a path without asking yt, which takes seconds to import."""
+    head = _head(path)
+    asked = (reader for reader in readers() if not isinstance(reader, AnyYtReader))
+    return next((reader for reader in asked if reader.matches(path, head)), None)
+
+
 def _unknown_format(path: Path, head: bytes) -> FileFormatError:
     by_name = reader_for_suffix(path)
     if path.is_dir():
+        inside = openable(path, _quick_reader)
+        if inside:
+            known = f"{path} is a directory that no reader knows as a whole"
+            return FileFormatError(f"{known}; open what is in it:\n{inside}")
         told = f"{path} is a directory that no reader knows"
     elif not head:
         told = f"{path} is empty"

@@ -42,7 +42,8 @@ class OnOtherCells:
         Returns
         -------
         Volume
-            Fields are float32 where they were, else float64.
+            Fields are float32 where they were, else float64. `meta` is kept; how scans are turned
+            (``meta["direction"]``) only if the new grid has the same centre, about which they are.
 
         Raises
         ------
@@ -69,6 +70,7 @@ class OnOtherCells:
         for name in names:
             other[name] = found[name].astype(np.float32) if name in single else found[name]
             other.set_unit(name, self.field_unit(name))
+        other.meta |= _meta_on(self, grid)
         return other
 
     def slice(
@@ -155,6 +157,17 @@ class OnOtherCells:
             chosen = self.evaluate(where).reshape(-1) != 0
             columns = {name: (values[chosen], unit) for name, (values, unit) in columns.items()}
         return table(columns, kind)
+
+
+def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
+    """Return what is told besides and holds on another grid."""
+    meta = dict(volume.meta)
+    old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
+    if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):
+        # Where the patient's axes are is then not known either.
+        del meta["direction"]
+        meta.pop("space", None)
+    return meta
 
 
 def _named(volume: Any, fields: Iterable[str] | None) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ...grids import CartesianGrid
     from .entry import Entry
 
+_AS_IT_IS = (slice(None),) * 3
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
 
 
@@ -51,8 +52,8 @@ def make_grid(
     shape: tuple[int, ...],
     order: tuple[int, ...],
     options: Mapping[str, Any],
-) -> CartesianGrid:
-    """Return the grid of a file of named arrays.
+) -> tuple[CartesianGrid, tuple[slice, ...]]:
+    """Return the grid of a file of named arrays, and what turns arrays where coordinates fall.
 
     Parameters
     ----------
@@ -68,6 +69,12 @@ def make_grid(
     options : mapping
         What the user gave (edges, bounds or spacing, and the unit); goes before the file.
 
+    Returns
+    -------
+    CartesianGrid
+    tuple of three slice
+        Of arrays along x, y and z: backwards where the coordinates decrease.
+
     Raises
     ------
     InputError
@@ -82,17 +89,26 @@ def make_grid(
     if len(given) > 1:
         raise InputError("give the edges x, y and z, or bounds, or spacing, not several of them")
     if given and given[0] == _KINDS[0]:
-        return CartesianGrid(*_given_edges(entries, shape, options), unit=unit)
+        edges, turns = _rising(_given_edges(entries, shape, options))
+        return CartesianGrid(*edges, unit=unit), turns
     if given:
-        return equal_cells(shape, options, unit)
+        return equal_cells(shape, options, unit), _AS_IT_IS
     lines = _lines(entries, place, order)
     if lines:
         edges = [_edges(entries, p, a, n) for p, a, n in zip(lines, AXES, shape, strict=True)]
+        edges, turns = _rising(edges)
         with _explained(lines):
-            return CartesianGrid(*edges, unit=unit)
-    if "bounds" in entries and entries["bounds"].shape in ((2,), (3, 2)):
-        return CartesianGrid.uniform(shape, _loaded(entries["bounds"]), unit=unit)
-    return CartesianGrid.uniform(shape, [(0, n) for n in shape], unit=unit)
+            return CartesianGrid(*edges, unit=unit), turns
+    told = "bounds" in entries and entries["bounds"].shape in ((2,), (3, 2))
+    bounds = _loaded(entries["bounds"]) if told else [(0, n) for n in shape]
+    return CartesianGrid.uniform(shape, bounds, unit=unit), _AS_IT_IS
+
+
+def _rising(edges: list[Any]) -> tuple[list[Any], tuple[slice, ...]]:
+    """Return edges from low to high, and what turns arrays in the same way."""
+    down = [bool(len(line) > 1 and line[0] > line[-1]) for line in edges]
+    turns = tuple(slice(None, None, -1 if d else None) for d in down)
+    return [line[turn] for line, turn in zip(edges, turns, strict=True)], turns
 
 
 def _lines(entries: Mapping[str, Entry], place: str, order: tuple[int, ...]) -> tuple[str, ...]:

@@ -57,10 +57,11 @@ class NamedArraysReader(Reader):
             orders = {name: _order(name, entries[place], axes) for name, place in chosen.items()}
             shape = _common_shape({n: entries[place] for n, place in chosen.items()}, orders)
             place, order = next(iter(chosen.values())), next(iter(orders.values()))
-            volume = Volume(make_grid(entries, place, shape, order, options))
+            grid, turns = make_grid(entries, place, shape, order, options)
+            volume = Volume(grid)
             for name, place in chosen.items():
                 entry = entries[place]
-                asked = (path, place, entry.part_of or place, orders[name], components, own)
+                asked = (path, place, entry.part_of or place, orders[name], turns, components, own)
                 load = functools.partial(self._load, *asked)
                 volume[name] = Deferred(load, entry.dtype, entry.unit, entry.mapped)
         return volume
@@ -71,12 +72,13 @@ class NamedArraysReader(Reader):
         place: str,
         whole: str,
         order: tuple[int, ...],
+        turns: tuple[slice, ...],
         components: Any,
         own: dict[str, Any],
     ) -> np.ndarray:
         """Return the values of a field, which may be a component of a whole array."""
         with self.entries(path, whole, **own) as entries:
-            return with_components(entries, components)[place].load().transpose(order)
+            return with_components(entries, components)[place].load().transpose(order)[turns]
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         """Return all numeric arrays of three dimensions, whether or not they fit together."""

@@ -10,6 +10,7 @@ from ...units import parse_unit
 from ..contract import FieldInfo, Reader
 from ..hdf5 import is_hdf5, opened
 from .columns import OPTIONS, Density, placed, volume_of
+from .gadget_header import first_file
 from .gadget_snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -38,12 +39,12 @@ class GadgetReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with a header and particles."""
-        if not is_hdf5(head):
-            return False
-
+        """Return True for HDF5 with a header and particles, or a directory of its pieces."""
         try:
-            with opened(path) as file:
+            first = first_file(path)
+            if first == path and not is_hdf5(head):
+                return False
+            with opened(first) as file:
                 return "Header" in file and any(f"PartType{k}" in file for k in range(7))
         except Exception:  # damaged: whoever reads it says so
             return False

@@ -70,6 +70,14 @@ def read_header(file: Any, given: tuple[Any, Any, Any]) -> Header:
     )
 
 
+def first_file(path: Path) -> Path:
+    """Return the first file of a snapshot in a directory of its own; a file as it is."""
+    if not path.is_dir():
+        return path
+    found = [*path.glob("*.0.hdf5"), *path.glob("*.0.h5")]
+    return found[0] if len(found) == 1 else path
+
+
 def files_of(path: Path, count: int) -> list[Path]:
     """Return all files of a snapshot.
 

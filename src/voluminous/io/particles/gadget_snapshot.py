@@ -13,7 +13,7 @@ from ...errors import FileFormatError, unknown_name
 from ..hdf5 import opened
 from .columns import Column, with_unit
 from .data_sets import data_set, number, read
-from .gadget_header import TYPES, files_of, read_header
+from .gadget_header import TYPES, files_of, first_file, read_header
 from .gadget_kernel import kernel_of
 from .names import common_name
 
@@ -38,7 +38,7 @@ class Snapshot:
     Parameters
     ----------
     path : Path
-        The file, or one of several.
+        The file, one of several, or the directory that these are in.
     particle_type : int or str
     units : tuple of three
         The code's units of length, mass and velocity, None where the file tells.
@@ -62,7 +62,7 @@ class Snapshot:
     """
 
     def __init__(self, path: Path, particle_type: Any, units: tuple[Any, Any, Any]) -> None:
-
+        path = first_file(path)
         with opened(path) as file:
             self.header = read_header(file, units)
             number_of_files = number(file["Header"].attrs, "NumFilesPerSnapshot") or 1

@@ -108,6 +108,12 @@ def split(path: Path) -> tuple[str, str]:
     return inner.suffix.lower(), inner.stem
 
 
+def stems_of(path: Path) -> tuple[str, ...]:
+    """Return the names, without ending, that the description of a file may have."""
+    stem = split(path)[1]
+    return tuple(dict.fromkeys((stem, told_by_name(stem)[1])))
+
+
 def content_of(path: Path, options: Mapping[str, Any]) -> Content:
     """Return what is in a file: what the user tells goes before a file beside it, and its name.
 
@@ -119,7 +125,7 @@ def content_of(path: Path, options: Mapping[str, Any]) -> Content:
         If what is told does not fit the file's size.
     """
     by_name, rest = told_by_name(split(path)[1])
-    stems = tuple(dict.fromkeys((split(path)[1], rest)))
+    stems = stems_of(path)
     told = told_by_options(options).over(told_beside(path, stems).over(by_name))
     offset = _offset(options.get("offset"))
     with open(path, "rb") as file:

@@ -61,6 +61,22 @@ def told_beside(path: Path, stems: tuple[str, ...]) -> Told:
     return Told()
 
 
+def described_by(path: Path) -> bool:
+    """Return True for a file that describes a raw one, as far as can be told."""
+    parse = _PARSERS.get(path.suffix.lower())
+    try:
+        if parse is None or path.stat().st_size > _LONGEST:
+            return False
+        return parse(path.read_bytes()) is not None
+    except Exception:  # what is damaged, or something else of that name
+        return False
+
+
+def is_description_of(described: Path, stems: tuple[str, ...]) -> bool:
+    """Return True if the name of a description goes with one of these."""
+    return any(described.name == stem + ending for stem in stems for ending in _ENDINGS)
+
+
 def header_beside(path: Path, stems: tuple[str, ...]) -> str:
     """Return the name of a header of another format beside a file, empty if there is none."""
     names = [stem + ending for stem in stems for ending in _HEADERS]
@@ -71,10 +87,10 @@ def _descriptions(
     path: Path, stems: tuple[str, ...]
 ) -> Iterator[tuple[Path, Callable[[bytes], Told | None]]]:
     for stem in stems:
-        for ending, parse in ((".json", _json), (".index.json", _json), (".plist", _plist)):
+        for ending in _ENDINGS:
             beside = path.with_name(stem + ending)
             if beside.is_file():
-                yield beside, parse
+                yield beside, _PARSERS[beside.suffix]
 
 
 def _json(text: bytes) -> Told | None:
@@ -99,7 +115,9 @@ def _vtkjs(found: Mapping[str, Any]) -> Told:
     """Return what an image of vtk.js (a directory with index.json) tells."""
     extent = [int(n) for n in found["extent"]]
     spacing = _three(found.get("spacing", (1, 1, 1)))
-    origin = _three(found.get("origin", (0, 0, 0)))
+    origin = np.array(_three(found.get("origin", (0, 0, 0))))
+    direction = _direction(found.get("direction"))
+    steps = spacing * np.array(np.eye(3) if direction is None else direction)
     data = found["pointData"]["arrays"][0]["data"]
     kind = str(data["dataType"]).removesuffix("Array").lower().replace("clamped", "")
     big = data.get("ref", {}).get("encode") == "BigEndian"
@@ -107,16 +125,17 @@ def _vtkjs(found: Mapping[str, Any]) -> Told:
         given_shape([extent[k + 1] - extent[k] + 1 for k in (0, 2, 4)]),
         given_dtype(kind).newbyteorder(">" if big else "<"),
         spacing,
-        _three([o + n * d for o, n, d in zip(origin, extent[::2], spacing, strict=True)]),
-        _direction(found.get("direction")),
+        _three(origin + steps @ extent[::2]),
+        direction,
     )
 
 
-def _direction(given: Any) -> tuple[float, ...] | None:
-    """Return nine numbers, None for the axes x, y and z themselves."""
+def _direction(given: Any) -> tuple[tuple[float, ...], ...] | None:
+    """Return a matrix, None for the axes x, y and z themselves; vtk.js lists it by columns."""
     if given is None or np.allclose(given, np.eye(3).reshape(-1)):
         return None
-    return tuple(float(n) for n in given)
+    matrix = np.array([float(n) for n in given]).reshape(3, 3).T
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def _plist(text: bytes) -> Told | None:
@@ -142,3 +161,8 @@ def _three(values: Any) -> Any:
     if len(numbers) != 3 or not np.all(np.isfinite(numbers)):
         raise ValueError(f"expected three numbers, got {values!r}")
     return numbers
+
+
+# Endings of descriptions, and what reads them.
+_ENDINGS = (".json", ".index.json", ".plist")
+_PARSERS: dict[str, Callable[[bytes], Told | None]] = {".json": _json, ".plist": _plist}

@@ -47,8 +47,9 @@ class Told:
         With the order of bytes.
     spacing, origin : tuple of three float
         Size of a cell, and the centre of the first.
-    direction : tuple of nine float
-        Unit vectors along the axes of the cells, where these are not x, y and z.
+    direction : tuple of three tuples of three float
+        A matrix: column a is the unit vector along axis a of the cells, where these are not x, y
+        and z.
     unit : str
         Of length.
     turnable : bool
@@ -61,7 +62,7 @@ class Told:
     dtype: np.dtype[Any] | None = None
     spacing: tuple[float, float, float] | None = None
     origin: tuple[float, float, float] | None = None
-    direction: tuple[float, ...] | None = None
+    direction: tuple[tuple[float, ...], ...] | None = None
     unit: str = ""
     turnable: bool = False
     source: str = ""

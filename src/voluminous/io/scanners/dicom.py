@@ -1,4 +1,4 @@
-"""DICOM: a directory of slices, one slice of it, or a file with many frames."""
+"""DICOM: a directory of slices, one of them, a file with many frames, or a table of contents."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 from ...errors import FileFormatError, InputError
 from ..guard import reading
+from .dicom_directory import images_named, is_directory
 from .dicom_file import MAGIC, PREAMBLE, is_dicom, quiet, read_head
 from .dicom_frames import Frame, frames_of
 from .dicom_pixels import read_values, value_type
@@ -22,13 +23,12 @@ _ENDINGS = (".dcm", ".dicom", ".ima")
 _UNITS = {"BQML": "Bq / ml", "GY": "Gy"}
 # What all slices of a volume must agree in.
 _COMMON = ("Rows", "Columns", "BitsAllocated", "BitsStored", "PixelRepresentation")
-_DIRECTORY = "1.2.840.10008.1.3.10"
 
 _Heads = list[tuple[Path, Any]]
 
 
 class DICOMReader(VoxelReader):
-    """One series: of a directory (not those below it), or the one that a file belongs to."""
+    """One series: of a directory (not those below it), of a DICOMDIR, or that of a file."""
 
     name = "dicom"
     description = "a DICOM series (a directory, or one of its files)"
@@ -97,14 +97,12 @@ def _chosen(path: Path, series: Any) -> _Heads:
     FileFormatError
         If there is none.
     """
-    if path.is_dir():
-        groups = _by_series(path, path)
+    head = None if path.is_dir() else read_head(path)
+    if head is None or is_directory(head):
+        groups = _by_series(path, path) if head is None else _of_contents(path)
         return groups[_named(groups, series)]
-    head = read_head(path)
     if series is not None:
         raise InputError("a file tells its series; give series for a directory only")
-    if _class(head) == _DIRECTORY:
-        raise FileFormatError("it is a table of contents; open one of the directories with slices")
     if not _is_image(head):
         raise FileFormatError("expected a DICOM image, but there are no rows and columns of pixels")
     if int(head.get("NumberOfFrames") or 1) > 1:
@@ -115,15 +113,31 @@ def _chosen(path: Path, series: Any) -> _Heads:
 def _by_series(directory: Path, asked: Path) -> dict[str, _Heads]:
     """Return all images of a directory by their series, files in the order of their names."""
     groups: dict[str, _Heads] = {}
+    contents = None
     for file in sorted(_files(directory)):
         if is_dicom(file):
             head = read_head(file)
+            contents = file if is_directory(head) else contents
             if _is_image(head):
                 groups.setdefault(_uid(head), []).append((file, head))
         elif file == asked or file.suffix.lower() in _ENDINGS:
             raise FileFormatError(f"{file.name} is named like a DICOM file, but is none")
+    if not groups and contents is not None:
+        return _of_contents(contents)
     if not groups:
         raise FileFormatError(f"there is no DICOM image in {directory}")
+    return groups
+
+
+def _of_contents(path: Path) -> dict[str, _Heads]:
+    """Return all images that a table of contents names by their series."""
+    groups: dict[str, _Heads] = {}
+    for file in images_named(path):
+        head = read_head(file)
+        if _is_image(head):
+            groups.setdefault(_uid(head), []).append((file, head))
+    if not groups:
+        raise FileFormatError("it is a table of contents of files that hold no images")
     return groups
 
 
@@ -139,9 +153,7 @@ def _named(groups: dict[str, _Heads], series: Any) -> str:
         for uid, heads in groups.items()
     )
     asked = "several series" if series is None else f"{len(found)} series {series!r}"
-    raise InputError(
-        f"the directory holds {asked}; choose one by its number, text or UID:\n{listed}"
-    )
+    raise InputError(f"there are {asked}; choose one by its number, text or UID:\n{listed}")
 
 
 def _names(uid: str, head: Any) -> tuple[str, str, str]:
@@ -176,10 +188,6 @@ def _is_image(head: Any) -> bool:
 
 def _uid(head: Any) -> str:
     return str(head.get("SeriesInstanceUID") or "")
-
-
-def _class(head: Any) -> str:
-    return str(head.file_meta.get("MediaStorageSOPClassUID", ""))
 
 
 def _meta(head: Any) -> dict[str, Any]:

@@ -90,6 +90,11 @@ def read_whole(path: Path) -> Any:
     return _read(path, (*_KEYWORDS, *_PIXELS), stop_before_pixels=False)
 
 
+def read_parts(path: Path, *keywords: str) -> Any:
+    """Return those elements of a file, which are otherwise passed over."""
+    return _read(path, keywords, stop_before_pixels=True)
+
+
 def is_native(head: Any) -> bool:
     """Return True if the pixels lie in the file as they are."""
     return str(head.file_meta.get("TransferSyntaxUID", _NATIVE[0])) in _NATIVE

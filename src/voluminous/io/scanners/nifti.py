@@ -122,8 +122,11 @@ def _beside(path: Path, ending: str) -> Path | None:
 
 def _has_head(path: Path) -> bool:
     head = _beside(path, ".hdr")
+    if head is None:
+        return False
     try:
-        return head is not None and is_head(_plain_start(head.open("rb").read(_HEAD_AND_GAP)))
+        with open(head, "rb") as file:
+            return is_head(_plain_start(file.read(_HEAD_AND_GAP)))
     except OSError:
         return False
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ..unit_texts import known_unit
 from .heads import data_files, named_files, whole_numbers
-from .nrrd_head import MAGIC, Axes, Head, axes_of, placement_of, read_head
+from .nrrd_head import MAGIC, SHORT, Axes, Head, axes_of, placement_of, read_head
 from .stored import AT_THE_END, BZIP2, GZIP, PLAIN, TEXT, Stored
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
 from .written import lattice, single_field, slabs
@@ -65,14 +65,14 @@ class NRRDReader(VoxelReader):
         """Return True for a file that starts as they do."""
         return head.startswith(MAGIC)
 
-    def voxels(self, path: Path, *, time: int = 0) -> Voxels:
+    def voxels(self, path: Path, *, time: int | None = None) -> Voxels:
         """Return what the head tells."""
         head = read_head(path)
-        sizes, axes, dtype = head.sizes, axes_of(head), _dtype(head)
+        sizes, axes, dtype = head.sizes, axes_of(head, time is not None), _dtype(head)
         stored = _stored(path, head, dtype).check()
         others = 1 if axes.other is None else sizes[axes.other]
         timed = axes.kind == "time"
-        step = time_step(time, others if timed else 1)
+        step = time_step(0 if time is None else time, others if timed else 1)
 
         def load(number: int) -> np.ndarray:
             return _component(stored, sizes, axes.other, step if timed else number)
@@ -82,7 +82,7 @@ class NRRDReader(VoxelReader):
             dtype=dtype.newbyteorder("="),
             placement=placement_of(head, axes),
             load=load,
-            components=("",) if timed else _components(head, axes, others),
+            components=("",) if timed else _components(head, axes, others, dtype),
             unit=known_unit(head.get("sampleunits").strip('"')),
             meta={"times": others, "time_step": step} if timed else {},
         )
@@ -109,11 +109,13 @@ def _component(
     return stored.read(0, sizes[::-1]).transpose()[(slice(None),) * other + (number,)]
 
 
-def _components(head: Head, axes: Axes, count: int) -> tuple[str, ...]:
+def _components(head: Head, axes: Axes, count: int, dtype: np.dtype[Any]) -> tuple[str, ...]:
     if axes.other is None or count == 1:
         return ("",)
     frame = head.get("measurementframe").replace(" ", "")
     endings = _ENDINGS.get(axes.kind, ())
+    if axes.kind == SHORT and count >= len(VECTOR):
+        endings = COLORS if dtype == np.uint8 else VECTOR[:count]
     # In a frame of their own, x, y and z would be others.
     return components(count, () if endings == VECTOR and frame not in ("", _IDENTITY) else endings)
 

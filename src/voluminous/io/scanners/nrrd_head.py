@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import FileFormatError
+from ...errors import FileFormatError, InputError
 from ..payload import checked_shape
 from .heads import head_lines, real_numbers, whole_numbers
 from .lengths import conversion, length_unit
@@ -24,9 +24,14 @@ _SPACES = {
     "left-posterior-superior": LPS,
     "lps": LPS,
 }
+# The kind of a short axis of which nothing is told: components, by all experience.
+SHORT = "short"
+_SHORTEST, _SHORT = 1, 4
 # Kinds of an axis along which one goes through space.
 _SPATIAL = ("domain", "space", "none", "???", "")
 _VECTOR_OR_NONE = re.compile(r"\(([^()]*)\)|(none)", re.IGNORECASE)
+# Spaces such as right-anterior-superior-time, or RAST.
+_TIMED = re.compile(r"-time$|(?<=s)t$")
 _QUOTED = re.compile(r'"([^"]*)"')
 
 
@@ -106,13 +111,21 @@ class Axes:
     kind: str
 
 
-def axes_of(head: Head) -> Axes:
+def axes_of(head: Head, timed: bool = False) -> Axes:
     """Return which axes are space.
+
+    Parameters
+    ----------
+    head : Head
+    timed : bool
+        True if the user says that there is an axis of time: the last, if the file does not tell.
 
     Raises
     ------
     FileFormatError
         If they are not three, or more than one is left.
+    InputError
+        If there are four, and nothing tells which is none.
     """
     count = len(head.sizes)
     kinds = [kind.lower() for kind in head.words("kinds", count)]
@@ -125,6 +138,8 @@ def axes_of(head: Head) -> Axes:
         and spacings[axis].lower() != "nan"
         and (directions is None or directions[axis] is not None)
     )
+    if len(space) == 4:
+        return _of_four(head.sizes, space, timed)
     others = [axis for axis in range(count) if axis not in space]
     if len(space) != 3 or len(others) > 1:
         raise FileFormatError(
@@ -132,17 +147,42 @@ def axes_of(head: Head) -> Axes:
             f"kinds {head.get('kinds') or '(none)'!r}; a line such as 'kinds: vector domain domain "
             "domain' tells what they are"
         )
-    return Axes(space, others[0] if others else None, kinds[others[0]] if others else "")
+    kind = kinds[others[0]] if others else ""
+    # An axis along no direction, and yet a domain, is what four-dimensional spaces have: time.
+    timed = kind in _SPATIAL[:2] and _dimensions(head) == 4
+    return Axes(space, others[0] if others else None, "time" if timed else kind)
+
+
+def _of_four(sizes: tuple[int, ...], space: tuple[int, ...], timed: bool) -> Axes:
+    """Return which of four axes is not space, by their sizes if the user does not say."""
+    if len(sizes) > 4:
+        raise FileFormatError(f"expected three axes of space and at most one other, got {sizes}")
+    if timed:
+        return Axes(space[:3], 3, "time")
+    for axis in (0, 3):
+        rest = tuple(k for k in space if k != axis)
+        single = sizes[axis] == _SHORTEST
+        if single or (sizes[axis] <= _SHORT < min(sizes[k] for k in rest)):
+            return Axes(rest, axis, SHORT)
+    raise InputError(
+        f"it has four axes, of sizes {sizes}, and does not tell what they are. If the last is "
+        f"time, choose one of its {sizes[3]} steps with time=0; else add a line to its head such "
+        "as 'kinds: vector domain domain domain'"
+    )
 
 
 def placement_of(head: Head, axes: Axes) -> Placement:
     """Return where the voxels are."""
     directions = _directions(head, len(head.sizes))
-    space = _SPACES.get(head.get("space").lower(), "")
+    space = _SPACES.get(_TIMED.sub("", head.get("space").lower()), "")
     if directions is None:
         return _along_axes(head, axes, space)
-    origin = _vector(head.get("spaceorigin").strip("()") or "0,0,0", "space origin")
-    units = [length_unit(unit) for unit in head.words("spaceunits", 3)]
+    dimensions = _dimensions(head)
+    origin = np.zeros(3)
+    if head.get("spaceorigin"):
+        told = _vector(head.get("spaceorigin").strip("()"), "space origin", dimensions)
+        origin = told[:3]
+    units = [length_unit(unit) for unit in head.words("spaceunits", dimensions)[:3]]
     factors = np.array([conversion(unit, units[0]) for unit in units])
     steps = np.array([directions[axis] for axis in axes.space])
     # Patients are measured in mm.
@@ -175,15 +215,32 @@ def _directions(head: Head, count: int) -> list[np.ndarray | None] | None:
     text = head.get("spacedirections")
     if not text:
         return None
+    dimensions = _dimensions(head)
     found: list[Any] = [
-        None if none else _vector(numbers, "space directions")
+        None if none else _vector(numbers, "space directions", dimensions)
         for numbers, none in _VECTOR_OR_NONE.findall(text)
     ]
     if len(found) != count:
         raise FileFormatError(f"space directions must be {count} vectors, got {text[:80]!r}")
     # Older programs write a vector of NaN for none.
-    return [None if step is None or np.all(np.isnan(step)) else step for step in found]
+    steps = [None if step is None or np.all(np.isnan(step)) else step for step in found]
+    return [_in_space(step) for step in steps] if dimensions == 4 else steps
 
 
-def _vector(text: str, what: str) -> np.ndarray:
-    return np.array(real_numbers(text.replace(",", " "), what, 3))
+def _in_space(step: np.ndarray | None) -> np.ndarray | None:
+    """Return the part of a step that is in space; None for one in time."""
+    if step is None or not step[:3].any():
+        return None
+    if step[3]:
+        raise FileFormatError(f"expected an axis along space or time, got {step.tolist()}")
+    return step[:3]
+
+
+def _dimensions(head: Head) -> int:
+    """Return of how many numbers places are: 3, or 4 if the last is time."""
+    timed = _TIMED.search(head.get("space").lower())
+    return 4 if timed or head.get("spacedimension") == "4" else 3
+
+
+def _vector(text: str, what: str, count: int) -> np.ndarray:
+    return np.array(real_numbers(text.replace(",", " "), what, count))

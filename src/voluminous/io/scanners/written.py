@@ -75,7 +75,7 @@ def lattice(volume: Volume, unit: str = "") -> Lattice:
         )
     bounds = grid.bounds * _factor(grid.unit, unit)
     widths = np.ptp(bounds, axis=1) / grid.shape
-    direction, middle = _direction(volume), bounds.mean(axis=1)
+    direction, middle = direction_of(volume), bounds.mean(axis=1)
     first = bounds[:, 0] + widths / 2
     if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
         first = middle + direction @ (first - middle)
@@ -88,7 +88,14 @@ def _factor(own: Any, unit: str) -> float:
     return float(plain(1.0 * own, parse_unit(unit), "the cell edges"))
 
 
-def _direction(volume: Volume) -> np.ndarray:
+def direction_of(volume: Volume) -> np.ndarray:
+    """Return how the cells are turned: column a is the true unit vector along axis a.
+
+    Raises
+    ------
+    InputError
+        If ``meta["direction"]`` is no matrix.
+    """
     direction = np.asarray(volume.meta.get("direction", np.eye(3)), float)
     if direction.shape != (3, 3):
         raise InputError(

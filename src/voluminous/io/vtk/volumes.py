@@ -69,19 +69,37 @@ def volume_of(dataset: Dataset, fields: Any = None, unit: Any = None) -> Volume:
     from ...volume import Volume
 
     chosen = chosen_arrays(dataset, fields)
-    at = _common_place(chosen)
+    at = common_place(chosen)
     arrangement = dataset.arrange(at, unit or dataset.meta.get("length_unit"))
     volume = Volume(arrangement.grid)
     volume.meta |= {name: v for name, v in dataset.meta.items() if name != "length_unit"}
     if arrangement.direction is not None:
         volume.meta["direction"] = arrangement.direction.tolist()
         chosen = chosen_arrays(dataset, fields, upright=False)
-    hidden = next((a for a in dataset.arrays if a.name == _GHOSTS and a.at == at), None)
-    parts = _parts(chosen)
-    for name, (array, component) in chosen.items():
-        load = functools.partial(_load, parts[array.place], component, arrangement, hidden)
-        volume[name] = Deferred(load, array.dtype, array.unit)
+    source = Source(dataset, chosen, arrangement)
+    for name, (array, _) in chosen.items():
+        volume[name] = Deferred(functools.partial(source.load, name), array.dtype, array.unit)
     return volume
+
+
+class Source:
+    """What reads the fields that are chosen of a dataset, each as an array on its grid."""
+
+    def __init__(
+        self, dataset: Dataset, chosen: dict[str, tuple[Array, int]], arrangement: Arrangement
+    ) -> None:
+        at = common_place(chosen)
+        self._hidden = next((a for a in dataset.arrays if (a.name, a.at) == (_GHOSTS, at)), None)
+        self._chosen, self._parts, self._arrangement = chosen, _parts(chosen), arrangement
+
+    def load(self, name: str) -> np.ndarray:
+        """Return the values of a field; NaN where VTK hides them."""
+        array, component = self._chosen[name]
+        values, hidden = self._parts[array.place].take(component), self._hidden
+        if hidden is not None and values.dtype.kind == "f":
+            blank = (hidden.load()[..., 0] & _HIDDEN[hidden.at]) != 0
+            values = np.where(blank, values.dtype.type(np.nan), values)
+        return self._arrangement.put(values.transpose())
 
 
 def _parts(chosen: dict[str, tuple[Array, int]]) -> dict[str, Parts]:
@@ -137,8 +155,14 @@ def chosen_arrays(
     return {name: known[place][1:] for name, place in places.items()}
 
 
-def _common_place(chosen: dict[str, tuple[Array, int]]) -> str:
-    """Return where the values of all fields are."""
+def common_place(chosen: dict[str, tuple[Array, int]]) -> str:
+    """Return where the values of all fields are.
+
+    Raises
+    ------
+    InputError
+        If some are at points, and some in cells.
+    """
     found = {array.at for array, _ in chosen.values()}
     if len(found) > 1:
         listed = "; ".join(
@@ -150,13 +174,3 @@ def _common_place(chosen: dict[str, tuple[Array, int]]) -> str:
             f"({listed})"
         )
     return found.pop()
-
-
-def _load(
-    parts: Parts, component: int, arrangement: Arrangement, hidden: Array | None
-) -> np.ndarray:
-    values = parts.take(component)
-    if hidden is not None and values.dtype.kind == "f":
-        blank = (hidden.load()[..., 0] & _HIDDEN[hidden.at]) != 0
-        values = np.where(blank, values.dtype.type(np.nan), values)
-    return arrangement.put(values.transpose())

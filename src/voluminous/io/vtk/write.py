@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Real
@@ -14,6 +15,7 @@ import numpy as np
 from ...errors import InputError
 from ..cartesian import cartesian
 from ..scanners.voxels import VECTOR
+from ..scanners.written import direction_of
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
@@ -46,7 +48,7 @@ def write_image(volume: Volume, path: Path) -> None:
         raise InputError("image data have equal cells, these are not: write a .vtr file")
     low, high = grid.bounds.T
     spacing = (high - low) / grid.shape
-    direction = np.asarray(volume.meta.get("direction", _UPRIGHT), float)
+    direction = direction_of(volume)
     middle = (low + high) / 2
     attributes = {
         # The grid of an oblique volume lies about the volume's true centre.
@@ -62,6 +64,12 @@ def write_image(volume: Volume, path: Path) -> None:
 def write_rectilinear(volume: Volume, path: Path) -> None:
     """Write a volume of any cells between planes."""
     grid = cartesian(volume)
+    if not np.array_equal(direction_of(volume), _UPRIGHT):
+        warnings.warn(
+            "rectilinear grids of VTK cannot be turned: what meta['direction'] says of the cells "
+            "is lost. A .vti file keeps it",
+            stacklevel=2,
+        )
     lines = "".join(
         f'<DataArray type="Float64" Name="{axis}" format="ascii">{_listed(edges)}</DataArray>\n'
         for axis, edges in zip("xyz", grid.edges, strict=True)

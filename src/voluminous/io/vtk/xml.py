@@ -1,4 +1,4 @@
-"""XML files of VTK: image data (.vti), rectilinear grids (.vtr), and pieces of them (.pvti …)."""
+"""XML files of VTK: image data (.vti), rectilinear grids (.vtr), and pieces of them (.vtm …)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..contract import FieldInfo, Reader
 from .document import IMAGE, RECTILINEAR, document
+from .markup import elements
+from .multiblock import documents, names_others
+from .patches import infos_of_blocks, volume_of_blocks
 from .volumes import OPTIONS, infos, volume_of
 from .write import write_image, write_rectilinear
 
@@ -25,8 +28,8 @@ class VTKXMLReader(Reader):
     """All that is XML of VTK, and has no reader of its own: refused with advice, if need be."""
 
     name = "vtk-xml"
-    description = "a VTK file in several pieces (.pvti, .pvtr)"
-    suffixes: tuple[str, ...] = (".pvti", ".pvtr", ".vts")
+    description = "a VTK file in several pieces (.pvti, .pvtr, .vtm)"
+    suffixes: tuple[str, ...] = (".pvti", ".pvtr", ".vts", ".vtm", ".vthb", ".pvd")
     options = OPTIONS
     kind = ""
 
@@ -40,10 +43,14 @@ class VTKXMLReader(Reader):
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         """Return the volume; values are read when they are used."""
+        if names_others(elements(path)):
+            return volume_of_blocks(documents(path), fields, **options)
         return volume_of(document(path).dataset(), fields, **options)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         """Return the arrays, component by component."""
+        if names_others(elements(path)):
+            return infos_of_blocks(documents(path))
         return infos(document(path).dataset())
 
 

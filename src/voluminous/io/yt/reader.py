@@ -15,6 +15,7 @@ from .quiet import quiet
 from .signatures import code_output
 from .soundness import check_output
 from .source import source_of
+from .strangers import may_be_of_yt
 from .units import units_of_field
 from .volume import fields_of, volume_of
 
@@ -85,6 +86,8 @@ class AnyYtReader(YtReader):
         if self._named(path) or not (head or path.is_dir()) or not is_installed("yt"):
             return False
         try:
+            if not may_be_of_yt(path, head):
+                return False
             with quiet() as yt:
                 kinds = yt.utilities.object_registries.output_type_registry.values()
                 return any(kind._is_valid(str(path)) for kind in kinds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..hdf5 import is_hdf5, opened
@@ -60,10 +61,23 @@ def _ramses(path: Path, head: bytes) -> Path | None:
 
 
 def _enzo(path: Path, head: bytes) -> Path | None:
+    if path.is_dir():
+        return _only(file for h in path.glob("*.hierarchy") if (file := _parameters(h)))
+    return _parameters(path)
+
+
+def _parameters(path: Path) -> Path | None:
+    """Return Enzo's file of parameters, which has one of grids beside it, that a file goes with."""
     parameters = path.with_name(_ENZO_ENDING.sub("", path.name))
-    if path.is_dir() or not parameters.is_file():
+    if not parameters.is_file():
         return None
     return parameters if parameters.with_name(parameters.name + ".hierarchy").is_file() else None
+
+
+def _only(files: Iterable[Path]) -> Path | None:
+    """Return the one file that there is; which of several outputs is meant the user has to say."""
+    found = list(files)
+    return found[0] if len(found) == 1 else None
 
 
 def _amrex(path: Path, head: bytes) -> Path | None:
@@ -97,8 +111,16 @@ def _amrvac(path: Path, head: bytes) -> Path | None:
 
 
 def _enzo_e(path: Path, head: bytes) -> Path | None:
+    if path.is_dir():
+        listed = _only(path.glob("*.block_list"))
+        return None if listed is None else _enzo_e(listed, _start(listed))
     if not path.name.endswith(".block_list"):
         return None
     words = head.partition(b"\n")[0].decode("ascii").split()
     found = len(words) == 2 and words[0].startswith("B") and (path.parent / words[1]).is_file()
     return path if found else None
+
+
+def _start(path: Path) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(512)

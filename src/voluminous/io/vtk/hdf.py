@@ -1,0 +1,134 @@
+"""VTK's data in HDF5 (.vtkhdf): image data.
+
+https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/index.html
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import FileFormatError, InputError
+from ..contract import FieldInfo, Reader
+from ..hdf5 import is_hdf5, opened
+from ..particles.data_sets import data_set, read
+from ..scanners.placement import Arrangement
+from .axes import ADVICE, UPRIGHT, cell_counts, even_arrangement
+from .dataset import CELL, POINT, Array, Dataset
+from .volumes import OPTIONS, infos, volume_of
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+_ROOT, _IMAGE = "VTKHDF", "ImageData"
+_SECTIONS = (("PointData", POINT), ("CellData", CELL))
+
+
+class VTKHDFReader(Reader):
+    """Image data of one time in an HDF5 file of VTK."""
+
+    name = "vtkhdf"
+    description = "an HDF5 file of VTK with image data (.vtkhdf)"
+    suffixes = (".vtkhdf",)
+    options = OPTIONS
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for HDF5 with VTK's group in it."""
+        if not is_hdf5(head):
+            return False
+        try:
+            with opened(path) as file:
+                return "Type" in file[_ROOT].attrs
+        except Exception:  # damaged, or another: whoever reads it says so
+            return path.suffix.lower() in self.suffixes
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume; values are read when they are used."""
+        return volume_of(_dataset(path), fields, **options)
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return the arrays, component by component."""
+        return infos(_dataset(path))
+
+
+def _dataset(path: Path) -> Dataset:
+    """Return what is in a file as for any file of VTK."""
+    with opened(path) as file:
+        if _ROOT not in file:
+            raise FileFormatError(f"expected a group {_ROOT}, there is none")
+        root = file[_ROOT]
+        _check_kind(root)
+        extent = _numbers(root, "WholeExtent", 6).astype(np.int64)
+        points = tuple(int(n) for n in extent[1::2] - extent[::2] + 1)
+        if min(points) < 1 or max(points) > 2**31:
+            raise FileFormatError(f"WholeExtent is {extent.tolist()}: it holds no points")
+        place = {
+            "origin": _numbers(root, "Origin", 3, (0, 0, 0)),
+            "spacing": _numbers(root, "Spacing", 3, (1, 1, 1)),
+            "direction": _numbers(root, "Direction", 9, UPRIGHT),
+        }
+
+        def arrange(at: str, unit: Any) -> Arrangement:
+            return even_arrangement(**place, low=extent[::2], points=points, at=at, unit=unit)
+
+        arrays = [a for tag, at in _SECTIONS for a in _arrays(path, root, tag, at, points)]
+        return Dataset(points, arrange, arrays, _active(root))
+
+
+def _check_kind(root: Any) -> None:
+    """Refuse what is no image of one time.
+
+    Raises
+    ------
+    InputError
+        Says what to do.
+    """
+    kind = root.attrs.get("Type", b"")
+    kind = kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
+    if kind != _IMAGE:
+        raise InputError(f"it holds {kind[:100] or 'data of no type'}, not a regular grid{ADVICE}")
+    if "Steps" in root:
+        raise InputError("it is a series of times; save one of them as .vti, or as .vtkhdf")
+
+
+def _arrays(path: Path, root: Any, tag: str, at: str, points: Any) -> Iterator[Array]:
+    """Give the arrays at points, or in cells."""
+    shape = cell_counts(points, at)[::-1]
+    for name in root.get(tag) or ():
+        item = data_set(path, root[tag], name)
+        if item.shape[:3] != shape or item.ndim > 4:
+            raise FileFormatError(
+                f"{item.name} has the shape {item.shape}, but there are {shape} {at}s (z, y, x)"
+            )
+        load = functools.partial(_load, path, item.name)
+        dtype = item.dtype.newbyteorder("=")
+        yield Array(name, at, item.shape[3] if item.ndim == 4 else 1, dtype, load)
+
+
+def _load(path: Path, place: str) -> np.ndarray:
+    group, _, name = place.rpartition("/")
+    with opened(path) as file:
+        values = read(data_set(path, file[group], name))
+    return values if values.ndim == 4 else values[..., None]
+
+
+def _active(root: Any) -> dict[str, str]:
+    """Return the names of the active scalars."""
+    found = {}
+    for tag, at in _SECTIONS:
+        for name, item in (root.get(tag) or {}).items():
+            if bytes(item.attrs.get("Attribute", b"")) == b"Scalars":
+                found[at] = name
+    return found
+
+
+def _numbers(root: Any, name: str, count: int, default: Any = None) -> np.ndarray:
+    """Return an attribute of so many finite numbers."""
+    values = np.ravel(root.attrs.get(name, () if default is None else default))
+    if len(values) != count or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        raise FileFormatError(f"expected {name} to be {count} numbers, got {values!r:.100}")
+    return values

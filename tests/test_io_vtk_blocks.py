@@ -1,0 +1,183 @@
+"""Files of VTK that name others: blocks side by side, patches of several levels, series."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+
+pv = pytest.importorskip("pyvista")
+
+SHAPE, SPACING = (4, 3, 2), (1.0, 1.0, 2.0)
+SLOPES = [1.0, 10.0, 100.0]
+
+
+def block(low, first=0.0, shape=SHAPE, spacing=SPACING, name="c"):
+    """Return image data whose lowest corner is `low`."""
+    image = pv.ImageData(dimensions=np.add(shape, 1), spacing=spacing, origin=low)
+    # Linear in the place: what lies elsewhere is seen.
+    image.cell_data[name] = first + image.cell_centers().points @ SLOPES
+    return image
+
+
+def saved(path, **blocks):
+    pv.MultiBlock(blocks).save(path)
+    return path
+
+
+def test_a_single_block_is_what_is_in_it(tmp_path):
+    path = saved(tmp_path / "a.vtm", one=block((3, 2, 1)), none=None)
+    volume, alone = vm.open(path), vm.open(next(tmp_path.glob("a/*.vti")))
+    np.testing.assert_array_equal(volume.array("c"), alone.array("c"))
+    assert volume.grid.bounds.tolist() == alone.grid.bounds.tolist() == [[3, 7], [2, 5], [1, 5]]
+
+
+@pytest.mark.parametrize("field", ["c", "p"])
+def test_blocks_that_fill_a_box_are_joined(tmp_path, field):
+    images = {"b": block((4, 0, 0)), "a": block((0, 0, 0))}
+    for image in images.values():
+        image.point_data["p"] = image.points @ SLOPES
+    volume = vm.open(saved(tmp_path / "a.vtm", **images), field)
+    assert isinstance(volume.grid, vm.CartesianGrid)
+    assert volume.grid.shape == ((8, 3, 2) if field == "c" else (9, 4, 3))
+    centers = [(e[1:] + e[:-1]) / 2 for e in volume.grid.edges]
+    x, y, z = np.meshgrid(*centers, indexing="ij")
+    np.testing.assert_allclose(volume.array(field), x + 10 * y + 100 * z)
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"gap": block((8, 0, 0))},
+        {"corner": block((4, 3, 0))},
+        {"finer": block((1, 1, 0), shape=(4, 2, 4), spacing=(0.5, 0.5, 1.0))},
+    ],
+)
+def test_other_blocks_are_patches(tmp_path, others):
+    path = saved(tmp_path / "a.vtm", first=block((0, 0, 0)), **others)
+    volume = vm.open(path)
+    assert isinstance(volume.grid, vm.PatchGrid)
+    parts = volume.grid.unpack(volume.array("c"))
+    for part, image in zip(parts, [block((0, 0, 0)), *others.values()], strict=True):
+        values = np.asarray(image.cell_data["c"]).reshape(part.shape[::-1]).T
+        seen = np.isfinite(part)
+        np.testing.assert_array_equal(part[seen], values[seen])
+        assert seen.any()
+
+
+def test_levels_of_patches(tmp_path):
+    model = pytest.importorskip("vtkmodules.vtkCommonDataModel")
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkIOXML import vtkXMLUniformGridAMRWriter
+
+    made = model.vtkOverlappingAMR()
+    made.Initialize([1, 1])
+    made.SetOrigin([0, 0, 0])
+    numbers = [np.arange(64.0), 1000 + np.arange(64.0)]
+    for level, (origin, width) in enumerate([((0, 0, 0), 1.0), ((1, 1, 1), 0.5)]):
+        grid = model.vtkUniformGrid()
+        grid.SetOrigin(origin)
+        grid.SetSpacing([width] * 3)
+        grid.SetDimensions(5, 5, 5)
+        values = numpy_to_vtk(numbers[level], deep=True)
+        values.SetName("rho")
+        grid.GetCellData().AddArray(values)
+        made.SetSpacing(level, [width] * 3)
+        box = model.vtkAMRBox(origin, [5] * 3, [width] * 3, [0, 0, 0], 9)
+        made.SetAMRBox(level, 0, box)
+        made.SetDataSet(level, 0, grid)
+    made.SetRefinementRatio(0, 2)
+    writer = vtkXMLUniformGridAMRWriter()
+    writer.SetInputData(made)
+    writer.SetFileName(str(tmp_path / "a.vthb"))
+    assert writer.Write()
+    volume = vm.open(tmp_path / "a.vthb")
+    assert volume.grid.cells_per_level == (56, 64)
+    coarse, fine = volume.grid.unpack(volume.array("rho"))
+    np.testing.assert_array_equal(fine.T.reshape(-1), numbers[1])
+    inner = np.zeros((4, 4, 4), bool)
+    inner[1:3, 1:3, 1:3] = True
+    np.testing.assert_array_equal(np.isnan(coarse), inner)
+
+
+def test_what_is_no_regular_grid_is_left_out_or_named(tmp_path):
+    path = saved(tmp_path / "a.vtm", ball=pv.Sphere(), box=pv.MultiBlock({"in": block((0, 0, 0))}))
+    with pytest.warns(UserWarning, match=r"left out:\n  ball \(.*a_0\.vtp\)"):
+        volume = vm.open(path)
+    assert volume.grid.shape == SHAPE
+    with pytest.raises(vm.InputError, match=r"holds PolyData, not a regular grid; resample"):
+        vm.open(saved(tmp_path / "b.vtm", ball=pv.Sphere()))
+    with pytest.raises(vm.InputError, match=r"none of its blocks(.|\n)*  ball \((.|\n)*  cube \("):
+        vm.open(saved(tmp_path / "c.vtm", ball=pv.Sphere(), cube=pv.Cube()))
+
+
+@pytest.mark.parametrize(
+    ("other", "told"),
+    [
+        (block((0, 0, 0), first=1.0), "same place"),
+        (block((4.3, 0, 0)), "no parts of one volume"),
+        (block((4, 0, 0), name="d"), "no arrays in common"),
+    ],
+)
+def test_blocks_that_are_several_volumes_are_named(tmp_path, other, told):
+    path = saved(tmp_path / "a.vtm", ct=block((0, 0, 0)), dose=other)
+    with pytest.raises(vm.InputError, match=rf"{told}(.|\n)*  ct \((.|\n)*  dose \("):
+        vm.open(path)
+
+
+def test_uneven_blocks_are_named(tmp_path):
+    uneven = pv.RectilinearGrid([4, 5, 8], [0, 3], [0, 4])
+    uneven.cell_data["c"] = np.arange(2.0)
+    path = saved(tmp_path / "a.vtm", ct=block((0, 0, 0)), dose=uneven)
+    with pytest.raises(vm.InputError, match=r"expected equal cells(.|\n)*  ct \((.|\n)*  dose \("):
+        vm.open(path)
+
+
+def test_a_series_names_its_times(tmp_path):
+    block((0, 0, 0)).save(tmp_path / "a.vti")
+    block((0, 0, 0), first=1.0).save(tmp_path / "b.vti")
+
+    def series(*sets):
+        text = "".join(f'<DataSet timestep="{t}" part="0" file="{f}"/>' for t, f in sets)
+        (tmp_path / "a.pvd").write_text(
+            f'<VTKFile type="Collection"><Collection>{text}</Collection></VTKFile>'
+        )
+        return tmp_path / "a.pvd"
+
+    assert vm.open(series((0.5, "b.vti"))).array("c")[0, 0, 0] == 106.5
+    with pytest.raises(vm.InputError, match=r"series of 2 times(.|\n)*b\.vti \(time 1\.5\)"):
+        vm.open(series((0.5, "a.vti"), (1.5, "b.vti")))
+    with pytest.raises(vm.FileFormatError, match="outside of its directory"):
+        vm.open(series((0.5, "../a.vti")))
+    with pytest.raises(vm.FileFormatError, match="names no files"):
+        vm.open(series())
+
+
+def test_a_file_that_names_itself(tmp_path):
+    path = tmp_path / "a.vtm"
+    path.write_text(
+        '<VTKFile type="vtkMultiBlockDataSet"><vtkMultiBlockDataSet>'
+        '<DataSet index="0" file="a.vtm"/></vtkMultiBlockDataSet></VTKFile>'
+    )
+    with pytest.raises(vm.InputError, match="holds vtkMultiBlockDataSet"):
+        vm.open(path)
+
+
+class TestBlocks(ReaderContract):
+    @pytest.fixture(params=["joined", "patches"])
+    def sample(self, request):
+        low = (4, 0, 0) if request.param == "joined" else (9, 0, 0)
+
+        def make(folder):
+            path = saved(folder / "a.vtm", a=block((0, 0, 0)), b=block(low))
+            # Cut short within the last line break, it is as good.
+            for file in self.victims(path):
+                file.write_bytes(file.read_bytes().rstrip())
+            return path
+
+        return make
+
+    def victims(self, path):
+        return [path, *path.parent.glob("a/*.vti")]

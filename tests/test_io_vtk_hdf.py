@@ -1,0 +1,83 @@
+"""Image data in HDF5 files of VTK, by its own writer."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+from voluminous.io import find_reader
+
+pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK's own writer makes the files")
+
+from vtkmodules.vtkIOHDF import vtkHDFWriter
+
+from vtk_files import CELLS, POINTS, add, image, random_values, write
+
+
+def sample(path, **place):
+    data = image(**place)
+    add(data, "f", random_values("f4"))
+    add(data, "v", random_values("f8", (*POINTS, 3)))
+    add(data, "c", random_values("i2", CELLS), cells=True)
+    data.GetPointData().SetActiveScalars("f")
+    return write(vtkHDFWriter(), data, path)
+
+
+def test_places_and_values(tmp_path):
+    path = sample(tmp_path / "a.vtkhdf", origin=(10, 20, 30), spacing=(1, 2, 3), low=(1, 0, 0))
+    volume = vm.open(path)
+    assert find_reader(path).name == "vtkhdf"
+    assert volume.fields == ("f", "v_x", "v_y", "v_z")
+    np.testing.assert_array_equal(volume.array("f"), random_values("f4"))
+    vectors = random_values("f8", (*POINTS, 3))
+    np.testing.assert_array_equal(volume.array("v_y"), vectors[..., 1])
+    # Points are the centres of cells; the first one has the index (1, 0, 0).
+    assert volume.grid.bounds.tolist() == [[10.5, 14.5], [19, 25], [28.5, 43.5]]
+    cells = vm.open(path, "c", unit="pc")
+    np.testing.assert_array_equal(cells.array("c"), random_values("i2", CELLS))
+    assert cells.grid.bounds.tolist() == [[11, 14], [20, 24], [30, 42]]
+    assert str(cells.unit) == "pc"
+
+
+def test_it_is_as_in_other_files_of_vtk(tmp_path):
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    data = image(origin=(1, 2, 3), spacing=(1, 2, 3))
+    data.SetDirectionMatrix(0.6, -0.8, 0, 0.8, 0.6, 0, 0, 0, 1)
+    add(data, "f", random_values("f4"))
+    one = vm.open(write(vtkHDFWriter(), data, tmp_path / "a.vtkhdf"))
+    other = vm.open(write(vtkXMLImageDataWriter(), data, tmp_path / "a.vti"))
+    assert one.meta["direction"] == other.meta["direction"]
+    np.testing.assert_array_equal(one.array("f"), other.array("f"))
+    np.testing.assert_array_equal(one.grid.bounds, other.grid.bounds)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda root: root.attrs.modify("WholeExtent", [0, 9, 0, 2, 0, 4]), "has the shape"),
+        (lambda root: root.attrs.modify("WholeExtent", [0, -1, 0, 2, 0, 4]), "holds no points"),
+        (lambda root: root.attrs.create("Spacing", [1.0, np.nan, 1.0]), "Spacing to be 3 numbers"),
+        (lambda root: root.attrs.create("Direction", [1.0]), "Direction to be 9 numbers"),
+        (lambda root: root.attrs.create("Spacing", [1.0, 0.0, 1.0]), "span space"),
+        (lambda root: root.attrs.create("Type", b"UnstructuredGrid"), "holds UnstructuredGrid"),
+        (lambda root: root.create_group("Steps"), "series of times"),
+        (lambda root: root["PointData"].create_group("g"), "expected a data set"),
+        (lambda root: root.attrs.__delitem__("WholeExtent"), "WholeExtent to be 6 numbers"),
+    ],
+)
+def test_what_is_wrong_is_told(tmp_path, change, told):
+    path = sample(tmp_path / "a.vtkhdf")
+    with h5py.File(path, "r+") as file:
+        change(file["VTKHDF"])
+    with pytest.raises(vm.InputError, match=told):
+        vm.open(path)
+
+
+class TestVTKHDF(ReaderContract):
+    @pytest.fixture
+    def sample(self):
+        return lambda folder: sample(folder / "a.vtkhdf")
