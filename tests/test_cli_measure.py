@@ -12,6 +12,7 @@ from astropy.table import QTable
 
 import voluminous as vm
 from voluminous.cli import main
+from voluminous.regions import DoubleCone, Sphere
 
 MOMENTUM = "density * los('velocity')"
 
@@ -99,6 +100,51 @@ def test_options_of_the_format_are_those_of_the_other_commands(gas, capsys):
     assert float(out.splitlines()[-1].split()[0]) == pytest.approx(total, rel=1e-7)
 
 
+def test_a_region_is_that_of_python(gas, capsys):
+    text = "doublecone((0, 0, 0), (0, 0, 1), 40 deg, 0.8 pc, side=up) & ~sphere((0,0,0), 4e4 AU)"
+    told(capsys, "gas.h5", "--region", text, "--where", "temperature > 50", "-o", "cone.ecsv")
+    cone = DoubleCone((0, 0, 0), (0, 0, 1), 40, 0.8 * u.pc, side="up")
+    core = Sphere((0, 0, 0), 4e4 * u.AU)
+    expected = vm.measure(gas, "density", "temperature > 50", region=cone & ~core)
+    (row,) = QTable.read("cone.ecsv")
+    assert 0 < row["cells"] == expected.cells < 120
+    assert u.isclose(row["density"], expected["density"], rtol=1e-12)
+    assert u.isclose(row["volume"], expected.volume, rtol=1e-12)
+
+
+def test_an_aperture_fills_the_frame(gas, capsys):
+    """A rectangle cuts no pixels then, and is exact: as exact columns of any pixels in it are."""
+    text = "rectangle((-0.3, -1) pc, (0.4, 0.5) pc)"
+    views = ["--angles", "0,0", "50,30"]
+    told(capsys, "gas.h5", "--aperture", text, *views, "-o", "slit.ecsv")
+    table = QTable.read("slit.ecsv")
+    for row, angles in zip(table, ((0, 0), (50, 30)), strict=True):
+        camera = vm.Orthographic(*angles, width=(0.7, 1.5), shift=(0.05, -0.25), resolution=7)
+        column = vm.column(gas, "density", camera, method="exact", unit="g / pc2")
+        total = column.intensity.sum() * column.pixel_area
+        assert row["density"].to_value("g") == pytest.approx(total, rel=1e-10)
+    # Seen from above a cell is as high as the domain.
+    x, y = (np.linspace(-1, 1, n + 1) for n in (4, 5))
+    shares = [np.diff(np.clip(e, *ends)) for e, ends in ((x, (-0.3, 0.4)), (y, (-1, 0.5)))]
+    columns = gas.array("density").sum(axis=2) / 3 * (1 * u.pc).to_value("cm") ** 3
+    seen = shares[0] @ columns @ shares[1]
+    assert table["density"].to_value("g")[0] == pytest.approx(seen, rel=1e-10)
+
+
+def test_a_scene_with_an_aperture_is_seen_by_its_camera(gas, capsys):
+    for views in ([], ["--angles", "60,30"]):
+        told(capsys, "gas.toml", "--aperture", "circle((0, 0), 0.5)", *views, "-o", "round.ecsv")
+        camera = vm.Orthographic(60, 30, resolution=8)
+        if views:
+            camera = vm.Orthographic(60, 30, width=1.0002)
+        ring = np.linspace(0, 2 * np.pi, 2000)[:-1]
+        circle = 0.5 * np.stack([np.cos(ring), np.sin(ring)], axis=1)
+        expected = vm.measure(gas, "density", camera=camera, aperture=circle)
+        (row,) = QTable.read("round.ecsv")
+        # Pixels that are cut count by 16 x 16 points, some of which are between the two polygons.
+        assert u.isclose(row["density"], expected["density"], rtol=1e-3)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -113,6 +159,17 @@ def test_options_of_the_format_are_those_of_the_other_commands(gas, capsys):
         (["-o", "table.txt"], ".ecsv, .csv, .fits"),
         (["-o", "no/where.csv"], "does not exist"),
         (["--where", "density > 5 km"], "5 km"),
+        (["--region", "sphre((0, 0, 0), 1)"], "did you mean 'sphere'"),
+        (["--region", "sphere((0, 0, 0), raduis=1)"], "did you mean 'radius'"),
+        (["--region", "sphere((0, 0, 0), 1 s)"], "radius is in s, expected pc"),
+        (["--region", "sphere(0, 0, 0, 1)"], "points are in parentheses"),
+        (["--aperture", "circle((0, 0), 1)"], "give --angles INCL,PHI"),
+        (["--aperture", "circel((0, 0), 1)", "--angles", "0,0"], "did you mean 'circle'"),
+        (
+            ["--aperture", "polygon((1, 2 s))", "--angles", "0,0"],
+            "give all numbers of (1, 2 s) a unit",
+        ),
+        (["--aperture", "polygon((0, 0), (1, 0), (2, 0))", "--angles", "0,0"], "has no area"),
     ],
 )
 def test_what_cannot_be_measured(arguments, words, capsys):

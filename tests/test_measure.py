@@ -211,7 +211,7 @@ def test_what_makes_no_sense():
     for arguments, options, told in [
         ((volume, {}), {}, "quantities is empty"),
         ((volume, "density"), {"maps": True}, "give a camera"),
-        ((volume, "density"), {"region": "sphere"}, "one of vm.regions"),
+        ((volume, "density"), {"region": 3}, "one of vm.regions"),
         ((volume, "density"), {"camera": 3}, "a camera, or a list of them"),
         ((volume, "density"), {"camera": CAMERA, "aperture": np.ones((3, 3))}, "aperture must be"),
         ((volume, "density * los('velocity')"), {}, "give a camera"),

@@ -73,13 +73,20 @@ class Box(Region):
 
     def __init__(self, low: Any, high: Any) -> None:
         self.low, self.high = _point(low, "low"), _point(high, "high")
-        unit = unit_of(low)
-        if not np.all(plain(self.low, unit, "low") < plain(self.high, unit, "high")):
-            raise InputError(f"low must be below high along all axes, got {low!r} and {high!r}")
+        if _alike(low, high):  # else it depends on the volume's unit
+            self._corners(unit_of(low))
+
+    def _corners(self, unit: Any) -> tuple[np.ndarray, np.ndarray]:
+        low, high = plain(self.low, unit, "low"), plain(self.high, unit, "high")
+        if not np.all(low < high):
+            raise InputError(
+                f"low must be below high along all axes, got {self.low} and {self.high}"
+            )
+        return low, high
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
         """Return which points are inside; see `Region.inside`."""
-        low, high = (plain(p, unit, "corner")[:, None] for p in (self.low, self.high))
+        low, high = (corner[:, None] for corner in self._corners(unit))
         return np.all((points >= low) & (points <= high), axis=0)
 
 
@@ -115,13 +122,18 @@ class Cylinder(Region):
     def __init__(self, start: Any, end: Any, radius: Any) -> None:
         self.start, self.end = _point(start, "start"), _point(end, "end")
         self.radius = _length(radius, "radius")
-        unit = unit_of(start)
-        if np.array_equal(plain(self.start, unit, "start"), plain(self.end, unit, "end")):
-            raise InputError(f"start and end of a cylinder must differ, got {start!r} twice")
+        if _alike(start, end):  # else it depends on the volume's unit
+            self._ends(unit_of(start))
+
+    def _ends(self, unit: Any) -> tuple[np.ndarray, np.ndarray]:
+        start, end = plain(self.start, unit, "start"), plain(self.end, unit, "end")
+        if np.array_equal(start, end):
+            raise InputError(f"start and end of a cylinder must differ, got {self.start} twice")
+        return start, end
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
         """Return which points are inside; see `Region.inside`."""
-        start, end = (plain(p, unit, "end of a cylinder") for p in (self.start, self.end))
+        start, end = self._ends(unit)
         height, across = _along(points, start, end - start)
         between = (height >= 0) & (height <= np.linalg.norm(end - start))
         return between & (across <= plain(self.radius, unit, "radius"))
@@ -176,6 +188,11 @@ def _along(points: np.ndarray, origin: np.ndarray, axis: np.ndarray) -> tuple[An
     away, axis = points - origin[:, None], axis / np.linalg.norm(axis)
     height = axis @ away
     return height, np.linalg.norm(away - axis[:, None] * height, axis=0)
+
+
+def _alike(first: Any, second: Any) -> bool:
+    """Return True if both have a unit, or none."""
+    return (unit_of(first) is None) == (unit_of(second) is None)
 
 
 def _point(value: Any, what: str) -> Any:

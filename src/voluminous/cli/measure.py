@@ -14,6 +14,7 @@ from .data import add_reading_options, assignment, data_file
 
 if TYPE_CHECKING:
     from ..cameras import Camera
+    from ..regions import Region
     from ..volume import Volume
 
 # A name and its value: not a comparison, which is an expression without a name.
@@ -43,12 +44,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="only cells in which this holds, such as \"los('velocity') > 5 km/s\"",
     )
     parser.add_argument(
+        "--region",
+        metavar="SHAPE",
+        help='only this part of space, such as "sphere((0, 0, 0), 100 AU)": box(low, high), '
+        "sphere(center, radius), cylinder(start, end, radius), cone or doublecone(apex, axis, "
+        "opening, height), combined by & | ~ or and, or, not; lengths without a unit are in that "
+        "of the data",
+    )
+    parser.add_argument(
+        "--aperture",
+        metavar="SHAPE",
+        help='only what is seen in this part of the image: "circle((0, 0), 0.1 pc)", '
+        "rectangle(low, high) or polygon(point, point, ...), from the middle of the data",
+    )
+    parser.add_argument(
         "--angles",
         nargs="+",
         action="extend",
         metavar="INCL,PHI",
-        help="from where it is seen, in degrees, for los(…): one row for each (--angles=-30,0 "
-        "for one that begins with a minus); a scene's own camera by default",
+        help="from where it is seen, in degrees, for los(…) and --aperture: one row for each "
+        "(--angles=-30,0 for one that begins with a minus); a scene's own camera by default",
     )
     parser.add_argument(
         "--unit",
@@ -70,12 +85,13 @@ def run(args: argparse.Namespace) -> int:
 
     if args.output is not None:
         check_table(args.output)
+    region = _region(args.region)
     asked = _quantities(args.quantity)
     units = dict(_named(text, "--unit", "mass=Msun") for text in args.unit)
     volume, camera = _opened(args, asked)
     asked = asked or _density(volume)
-    cameras = _cameras(args.angles) or ([] if camera is None else [camera])
-    table = _measured(volume, asked, args.where, cameras)
+    cameras = _cameras(args, volume) or ([] if camera is None else [camera])
+    table = _measured(volume, asked, args, cameras, region)
     table = with_units(table if cameras else one_row(table), units, list(asked))
     say(args.quiet, text_of(table))
     if args.output is not None:
@@ -96,6 +112,13 @@ def _quantities(given: Iterable[str]) -> dict[str, str]:
             raise InputError(f"--quantity expects NAME=EXPR such as mass=density, got {text!r}")
         found[name] = expression
     return found
+
+
+def _region(text: str | None) -> Region | None:
+    """Return the part of space that is measured: before any data are read."""
+    from ..measuring.shapes import region_of
+
+    return None if text is None else region_of(text)
 
 
 def _named(text: str, option: str, example: str) -> tuple[str, str]:
@@ -131,27 +154,48 @@ def _density(volume: Volume) -> dict[str, str]:
     return {name: name}
 
 
-def _cameras(angles: Iterable[str] | None) -> list[Camera]:
+def _cameras(args: argparse.Namespace, volume: Volume) -> list[Camera]:
     """Return one camera for each pair of angles."""
     from ..cameras import Orthographic
 
+    frame = {} if args.aperture is None else _framed(args.aperture, volume)
     cameras: list[Camera] = []
-    for text in angles or ():
+    for text in args.angles or ():
         try:
             incl, phi = (float(word) for word in text.split(","))
         except ValueError:
             raise InputError(
                 f"--angles expects INCL,PHI in degrees such as 60,30, got {text!r}"
             ) from None
-        cameras.append(Orthographic(incl, phi))
+        cameras.append(Orthographic(incl, phi, **frame))
     return cameras
 
 
-def _measured(volume: Volume, asked: dict[str, str], where: str | None, cameras: Any) -> Any:
+def _framed(aperture: str, volume: Volume) -> dict[str, Any]:
+    """Return the frame that an aperture fills: few of its pixels are cut."""
+    from ..measuring.shapes import polygon_of
+
+    corners = polygon_of(aperture, volume.unit)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if not (low < high).all():
+        raise InputError(f"--aperture {aperture!r} has no area")
+    return {"width": tuple(high - low), "shift": tuple(0.5 * (low + high))}
+
+
+def _measured(
+    volume: Volume,
+    asked: dict[str, str],
+    args: argparse.Namespace,
+    cameras: list[Camera],
+    region: Region | None,
+) -> Any:
     """Return a table with a row for each camera; without one, one measurement."""
     from ..measuring import measure
 
-    texts = [*asked.values(), where or ""]
+    texts = [*asked.values(), args.where or ""]
     if not cameras and any(re.search(r"\blos\s*\(", text) for text in texts):
         raise InputError("los(…) depends on from where it is seen: give --angles INCL,PHI")
-    return measure(volume, asked, where, cameras or None)
+    if not cameras and args.aperture is not None:
+        raise InputError("--aperture is a part of the image: give --angles INCL,PHI")
+    parts = {"region": region, "aperture": args.aperture}
+    return measure(volume, asked, args.where, cameras or None, **parts)

@@ -8,13 +8,18 @@ import numpy as np
 
 from ..errors import InputError
 from ..units import plain
+from .shapes import polygon_of
 
 # A pixel that a polygon cuts is looked at in so many places along each axis.
 _FINE = 16
+# Sides of polygons pass through pixels that they touch but for rounding, in pixels.
+_SLACK = 1e-6
 
 
 class Aperture:
     """What counts of an image: all of it (None), a polygon, or a number for each pixel.
+
+    Polygons may be texts, such as ``"circle((0, 0), 0.5 pc)"``; see `polygon_of`.
 
     Raises
     ------
@@ -29,6 +34,8 @@ class Aperture:
         self.counts: np.ndarray | None = None
         if aperture is None:
             return
+        if isinstance(aperture, str):
+            aperture = polygon_of(aperture, unit)
         array = np.asarray(plain(aperture, unit, "aperture"))
         if array.shape == shape:
             if array.min() < 0 or array.max() > 1:
@@ -54,14 +61,36 @@ class Aperture:
         """Return the parts of pixels that are inside of a polygon."""
         from matplotlib.path import Path
 
-        nx, ny = self.frame.pixels
-        x, y = (
-            (c[:, None] + ((np.arange(_FINE) + 0.5) / _FINE - 0.5) * step).ravel()
-            for c, step in zip(self.frame.coordinates(), self.frame.pixel, strict=True)
-        )
-        outline, rows = Path(polygon), np.empty((ny, nx))
-        for j in range(ny):
-            lines = np.meshgrid(x, y[j * _FINE : (j + 1) * _FINE])
-            inside = outline.contains_points(np.stack(lines, axis=-1).reshape(-1, 2))
-            rows[j] = inside.reshape(_FINE, nx, _FINE).mean(axis=(0, 2))
-        return rows
+        x, y = np.meshgrid(*self.frame.coordinates())
+        outline, size = Path(polygon), np.array(self.frame.pixel)
+        centers = np.stack([x, y], axis=-1)
+        parts = outline.contains_points(centers.reshape(-1, 2)).reshape(x.shape).astype(float)
+        cut = _cut((polygon - centers[0, 0]) / size + 0.5, self.frame.pixels)
+        steps = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+        within = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * size
+        points = centers[cut][:, None] + within
+        inside = outline.contains_points(points.reshape(-1, 2))
+        parts[cut] = inside.reshape(-1, _FINE**2).mean(axis=1)
+        return parts
+
+
+def _cut(polygon: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
+    """Return which pixels (ny, nx), of size one from zero on, a polygon's sides pass through."""
+    nx, ny = pixels
+    (ax, ay), (bx, by) = (part.T[..., None] for part in (polygon, np.roll(polygon, -1, axis=0)))
+    row = np.arange(ny)
+    # Where a side enters and leaves a row of pixels; a level one is there from end to end.
+    low, high = np.minimum(ay, by), np.maximum(ay, by)
+    ends = [np.clip(row + side, low, high) for side in (0, 1)]
+    rise = np.where(ay == by, 1.0, by - ay)
+    place = [
+        np.where(ay == by, level, ax + (y - ay) / rise * (bx - ax))
+        for level, y in zip((ax, bx), ends, strict=True)
+    ]
+    there = (low <= row + 1 + _SLACK) & (high >= row - _SLACK)
+    first = np.clip(np.floor(np.minimum(*place) - _SLACK), 0, nx).astype(int)
+    last = np.clip(np.floor(np.maximum(*place) + _SLACK) + 1, 0, nx).astype(int)
+    count, rows = np.zeros((ny, nx + 1), int), np.broadcast_to(row, there.shape)
+    np.add.at(count, (rows[there], first[there]), 1)
+    np.add.at(count, (rows[there], last[there]), -1)
+    return count[:, :nx].cumsum(axis=1) > 0

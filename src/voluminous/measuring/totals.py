@@ -16,6 +16,7 @@ from .integrals import check_exact, exact_maps
 from .maps import as_map
 from .parts import CHUNK, Parts
 from .quantity import Quantity, column_unit
+from .shapes import region_of
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -66,7 +67,7 @@ def measure(
     where: Any = None,
     camera: Any = None,
     *,
-    region: Region | None = None,
+    region: Region | str | None = None,
     aperture: Any = None,
     maps: bool = False,
     samples: int = 4,
@@ -87,13 +88,17 @@ def measure(
     camera : camera or sequence of cameras, optional
         From where it is seen: for ``los(...)``, `aperture` and `maps`. Of several, the totals
         become a table with one row for each.
-    region : Region, optional
-        A part of space, see `voluminous.regions`. Of a cell on its surface that part counts which
-        has the centres of ``samples**3`` parts of the cell inside.
-    aperture : array_like, optional
+    region : Region or str, optional
+        A part of space, see `voluminous.regions`; or a text such as ``"sphere((0, 0, 0), 100 AU)"``
+        with ``box(low, high)``, ``cylinder(start, end, radius)``, ``cone`` and ``doublecone(apex,
+        axis, opening, height)``, combined by ``&``, ``|`` and ``~``. Of a cell on its surface that
+        part counts which has the centres of ``samples**3`` parts of the cell inside.
+    aperture : array_like or str, optional
         A part of the image: a polygon, shape (n, 2), in the image plane's coordinates (numbers in
-        the volume's unit, or a Quantity); or what counts of each pixel, shape (ny, nx), from 0 to
-        1 or true and false. Exact but for the pixels that a polygon cuts, which count in part.
+        the volume's unit, or a Quantity), or a text: ``"circle(center, radius)"``,
+        ``"rectangle(low, high)"``, ``"polygon(point, point, …)"``; or what counts of each pixel,
+        shape (ny, nx), from 0 to 1 or true and false. Exact but for the pixels that
+        a polygon cuts, which count in part.
     maps : bool
         Return columns per pixel too: exact ones, whose sum times a pixel's area is the total, as
         far as it is in the frame. `camera` must be orthographic, and cells boxes.
@@ -118,6 +123,8 @@ def measure(
     of an outflow as optical depths; here they follow from the cells themselves, without rays.
     """
     asked = _asked(quantities)
+    if isinstance(region, str):
+        region = region_of(region)
     if region is not None and not isinstance(region, Region):
         raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
     if camera is not None and not hasattr(camera, "frame"):

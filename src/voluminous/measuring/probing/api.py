@@ -35,7 +35,9 @@ def probe(
 ) -> Probe:
     """Return what one ray saw: every segment that `render` solves, as it solves it.
 
-    It is one ray (``samples=1``), through the medium alone: objects are left out.
+    It is one ray, through the medium alone. Pictures with `samples` have the mean of several rays
+    in a pixel, and those with `objects` have stars and lines between the segments: neither is told
+    here.
 
     Parameters
     ----------
