@@ -213,7 +213,7 @@ def test_boxes_of_patches_and_axes():
     seen = image.intensity[..., 0] > 0.6
     places = [round((x + 1.5) / 3 * 61 - 0.5) for x in (-1, -0.5, 0.5, 1)]
     np.testing.assert_array_equal(np.flatnonzero(seen[30]), places)
-    alone = vm.render(volume, DARK, camera, objects=[vm.boxes(patches=False)], **options)
+    alone = vm.render(volume, DARK, camera, objects=[vm.boxes(levels=0)], **options)
     assert np.flatnonzero(alone.intensity[30, :, 0] > 0.6).tolist() == [places[0], places[3]]
     three = vm.Coefficients(["a", "a", "a"], 0)
     image = vm.render(volume, three, camera, objects=[vm.axes(width=3)], **options)

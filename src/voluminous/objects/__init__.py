@@ -3,8 +3,9 @@
 from functools import partial
 from typing import Any
 
+from .axes import axes
+from .boxes import boxes
 from .contract import SceneObject
-from .frames import axes, boxes
 from .lines import Lines
 from .spheres import Spheres
 from .stars import Star, Stars
