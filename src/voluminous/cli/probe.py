@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,12 +81,25 @@ def run(args: argparse.Namespace) -> int:
     scene = scene_from(args, given, render_volume.is_volume(args.scene, args.format))
     changes = {place: changed_value(place, v, scene) for place, v in given.items()}
     changes |= given_options(args)
-    found = _probe(scene.replaced(changes) if changes else scene, args)
+    scene = scene.replaced(changes) if changes else scene
+    found = _probe(scene, args)
     say(args.quiet, found.text(None if args.all else 20))
+    for what in _left_out(scene):
+        say(args.quiet, f"not in it, but in the picture: {what}")
     for path in args.output:
         found.save(path)
         say(args.quiet, f"{path}: {len(found)} segments")
     return 0
+
+
+def _left_out(scene: Scene) -> Iterator[str]:
+    """Tell what a picture has that a single ray through the medium has not."""
+    samples = scene.render_options.get("samples", 1)
+    if samples != 1:
+        yield f"the mean over a pixel's rays (samples = {samples!r}); this is the one at its centre"
+    if scene.objects:
+        kinds = sorted({type(one).__name__.lower() for one in scene.objects})
+        yield f"objects ({', '.join(kinds)})"
 
 
 def _check(path: Path) -> None:
