@@ -480,3 +480,23 @@ def test_what_makes_no_sense(make, told):
 def test_unknown_depths_name_the_nearest():
     with pytest.raises(vm.UnknownNameError, match="did you mean 'foreground'"):
         vm.Star((0, 0, 0), radius=1, depth="forground")
+
+
+@pytest.mark.parametrize("thing", ["point", "psf", "disc"])
+def test_the_error_counts_how_unsure_the_light_of_a_bright_star_is(thing):
+    """A star a million times brighter than the cloud in front of it: what dims it must be known."""
+    rng = np.random.default_rng(2)
+    volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), a=rng.random((8, 8, 8)))
+    cloud = vm.Coefficients(["a"], "8 * a**3")
+    camera = vm.Orthographic(40, 20, width=2.0, resolution=9)
+    options = {"psf": 2.0} if thing == "psf" else {}
+    size = {"radius": 0.2} if thing == "disc" else {"luminosity": 1.0}
+    star = vm.Star((0, 0, -0.7), color=1e6, **size, **options)
+    rough = vm.render(volume, cloud, camera, objects=[star], tolerance=0.3)
+    exact = vm.render(
+        volume, cloud, camera, objects=[star], tolerance=1e-8, precision="double", cutoff=0
+    )
+    off = np.abs(rough.intensity - exact.intensity).max(axis=2)
+    assert off.max() > 1.0  # far more than the cloud's own error
+    # Estimates are of a difference between two solutions: a tenth of a per cent for rounding.
+    assert np.all(off <= 1.001 * rough.error + 1e-6 * exact.intensity.max())

@@ -121,11 +121,25 @@ class Shaped(Medium):
         """Return the mean of the shape per path length, exact if x is linear over the panel."""
         _, _, per_length = self._kept(context)
         ends = self._ends(panel, context)
-        mean = self.mean_shape(*ends) * per_length
         if isinstance(panel.stretch, Straight):
-            return mean
+            return self._mean_where_seen(*ends, context) * per_length
+        mean = self.mean_shape(*ends) * per_length
         place = self.middle(*ends).place
         return mean * slope_factor(panel, self.expr, place, context.narrow)
+
+    def _mean_where_seen(self, first: Any, last: Any, context: Context) -> Any:
+        """Return the mean of the shape; zero where it is neglected.
+
+        Of several shells a ray is mostly in one: a branch for each.
+        """
+        reach = context.keep((id(self), "reach"), lambda: self._reach(context))
+        low, high = extremes((first, last))
+        return dr.if_stmt(
+            args=(first, last),
+            cond=~((low > reach) | (high < -reach)),
+            true_fn=self.mean_shape,
+            false_fn=_nothing,
+        )
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return how thin the shell is on a stretch, and what bends of x may do to it."""
@@ -407,6 +421,10 @@ class Rectangle(Shaped):
     def reach(self, faint: float) -> float:
         """Return one: beyond the half width there is nothing."""
         return 1.0
+
+
+def _nothing(first: Any, last: Any) -> Any:
+    return type(first)(0.0)
 
 
 def _path_length(value: Any) -> Any:

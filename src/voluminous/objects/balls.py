@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..backend import dr
 from .ellipses import Ellipses
 from .view import View
 
@@ -97,13 +98,22 @@ class Balls:
         self, owner: np.ndarray, x: np.ndarray, y: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return how far it is to the point nearest to the centre, its distance, half a chord."""
-        origin, direction = self.view.rays(x, y)
-        away = self.center[owner] - origin
-        way = np.einsum("ij,ij->i", away, direction)
-        off = away - way[:, None] * direction
-        miss = np.sqrt(np.einsum("ij,ij->i", off, off))
-        radius = self.radius[owner]
-        return way, miss, np.sqrt(np.maximum((radius - miss) * (radius + miss), 0.0))
+        if not len(x):
+            return np.empty(0), np.empty(0), np.empty(0)
+        Wide, UInt = self.view.backend.Wide, self.view.backend.UInt
+        ray, ball = self.view.traced_rays(x, y), UInt(owner.astype(np.uint32))
+        radius, *center = (
+            dr.gather(Wide, Wide(np.ascontiguousarray(values)), ball)
+            for values in (self.radius, *self.center.T)
+        )
+        away = [c - o for c, o in zip(center, ray.origin, strict=True)]
+        way = sum(a * d for a, d in zip(away, ray.direction, strict=True))
+        off = [a - way * d for a, d in zip(away, ray.direction, strict=True)]
+        miss = dr.sqrt(sum(a * a for a in off))
+        half = (radius - miss) * (radius + miss)
+        half = dr.sqrt(dr.select(half > 0.0, half, 0.0))
+        dr.eval(way, miss, half)
+        return np.asarray(way), np.asarray(miss), np.asarray(half)
 
     def meet(self, found: Seen) -> tuple[np.ndarray, np.ndarray]:
         """Return the depths at which the rays of pixels meet balls, and cosines to the normal.

@@ -56,15 +56,16 @@ class Layers:
     @classmethod
     def joined(cls, parts: list[Layers], channels: int) -> Layers:
         """Return all layers of several objects."""
-        parts = [cls.none(channels), *parts]
+        parts = parts or [cls.none(channels)]
+        if len(parts) == 1:
+            return parts[0]
         names = ("pixel", "depth", "emission", "opacity")
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
-    def some(self, index: Any) -> Layers:
-        """Return some of them."""
-        return Layers(
-            self.pixel[index], self.depth[index], self.emission[index], self.opacity[index]
-        )
+    def some(self, index: np.ndarray) -> Layers:
+        """Return those of some numbers."""
+        parts = (self.pixel, self.depth, self.emission, self.opacity)
+        return Layers(*(part.take(index, axis=0) for part in parts))
 
 
 @dataclass

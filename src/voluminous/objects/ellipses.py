@@ -14,6 +14,8 @@ from .windows import window_pixels
 _CORNERS = np.array([-0.5 - 0.5j, 0.5 - 0.5j, 0.5 + 0.5j, -0.5 + 0.5j])
 # Less of a pixel, or of the ellipse, is nothing.
 _LEAST = 1e-9
+# Pixels looked at together: what is made on the way fits into the processor's cache.
+_TOGETHER = 4096
 
 
 @dataclass
@@ -36,63 +38,84 @@ class Ellipses:
         owner, x, y = window_pixels(
             c.real - across, c.real + across, c.imag - along, c.imag + along, pixels
         )
-        place, reach, size = self._rounded(x + 1j * y, owner)
-        distance = np.abs(place)
-        covered = np.where(distance + reach <= 1.0, 1.0, 0.0)
-        edge = np.flatnonzero((distance + reach > 1.0) & (distance - reach < 1.0))
-        corners = place[edge] + self._turned(_CORNERS[:, None], owner[edge])
-        # Corners run clockwise where b is to the right of a: both signs turn.
-        covered[edge] = np.clip(disc_in_polygon(corners) * size[edge], 0.0, 1.0)
-        some = np.flatnonzero(covered > _LEAST * np.minimum(np.abs(size), 1.0))
-        return owner[some], x[some], y[some], covered[some]
+        pixels_of, covered = self._pixels(), np.empty(len(owner))
+        for first in range(0, len(owner), _TOGETHER):
+            part = slice(first, first + _TOGETHER)
+            covered[part] = pixels_of.covered(owner[part], x[part], y[part])
+        some = np.flatnonzero(covered > pixels_of.least.take(owner))
+        return owner.take(some), x.take(some), y.take(some), covered.take(some)
 
-    def _rounded(
-        self, pixel: np.ndarray, owner: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the middles of pixels where the ellipse is the unit circle.
-
-        Also half the longest diagonal of pixels there, and twice the area of a and b.
-        """
-        place = self._turned(pixel - self.center[owner], owner)
+    def _pixels(self) -> _Pixels:
+        """Return how pixels are seen where the ellipses are unit circles."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            reach = np.max(np.abs(self._turned(_CORNERS[:2, None], slice(None))), axis=0)
-        return place, reach[owner], cross(self.a, self.b)[owner]
+            right, up = self._turned(np.array([1.0, 1.0j])[:, None])
+            corners = self._turned(_CORNERS[:, None])
+        x, y = self.center.real.copy(), self.center.imag.copy()
+        return _Pixels(x, y, right, up, corners, cross(self.a, self.b))
 
-    def _turned(self, way: np.ndarray, owner: np.ndarray | slice) -> np.ndarray:
+    def _turned(self, way: np.ndarray) -> np.ndarray:
         """Return ways in pixels as ways where the ellipse is the unit circle."""
-        a, b = self.a[owner], self.b[owner]
+        a, b = self.a, self.b
         return np.asarray((cross(way, b) + 1j * cross(a, way)) / cross(a, b))
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return how far points are from the centres: 1 on the ellipse; NaN for none."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.abs(self._turned(points - self.center, slice(None)))
+            return np.abs(self._turned(points - self.center))
+
+
+@dataclass
+class _Pixels:
+    """Pixels as they are where ellipses are unit circles, one per ellipse of centre x and y."""
+
+    x: np.ndarray
+    y: np.ndarray
+    right: np.ndarray
+    up: np.ndarray
+    corners: np.ndarray
+    size: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.reach = np.max(np.abs(self.corners[:2]), axis=0)
+        self.least = _LEAST * np.minimum(np.abs(self.size), 1.0)
+
+    def covered(self, owner: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the part of each pixel that lies in an ellipse."""
+        place = (x - self.x.take(owner)) * self.right.take(owner)
+        place += (y - self.y.take(owner)) * self.up.take(owner)
+        distance, reach = np.abs(place), self.reach.take(owner)
+        found = np.where(distance + reach <= 1.0, 1.0, 0.0)
+        edge = np.flatnonzero((distance + reach > 1.0) & (distance - reach < 1.0))
+        owner = owner.take(edge)
+        area = disc_in_polygon(place.take(edge) + self.corners.take(owner, axis=1))
+        # Corners run clockwise where b is to the right of a: both signs turn.
+        found[edge] = np.clip(area * self.size.take(owner), 0.0, 1.0)
+        return found
 
 
 def disc_in_polygon(corners: np.ndarray) -> np.ndarray:
     """Return the area of the unit disc within polygons, positive if corners run anticlockwise.
 
     Each side makes a triangle with the centre; the disc is a triangle between two sectors of it.
+    Places on a side count from the foot of the perpendicular from the centre.
 
     Parameters
     ----------
     corners : complex array, shape (k, n)
         One polygon per column.
     """
-    begin, end = corners, np.roll(corners, -1, axis=0)
-    side = end - begin
-    square, middle = np.abs(side) ** 2, (begin.conj() * side).real
-    root = np.sqrt(np.maximum(middle**2 - square * (np.abs(begin) ** 2 - 1.0), 0.0))
-    first, last = (_along(begin, end, (w - middle) / square) for w in (-root, root))
-    # The triangle is empty where the side misses the disc.
-    sectors = np.angle(begin.conj() * first) + np.angle(last.conj() * end)
-    return np.asarray(0.5 * np.sum(cross(first, last) + sectors, axis=0))
-
-
-def _along(begin: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Return points between two others; exactly these at the ends, which may be the centre."""
-    between = begin + np.clip(part, 0.0, 1.0) * (end - begin)
-    return np.where(part <= 0.0, begin, np.where(part >= 1.0, end, between))
+    side = np.roll(corners, -1, axis=0) - corners
+    length = np.abs(side)
+    distance = cross(corners, side) / length
+    begin = (corners.real * side.real + corners.imag * side.imag) / length
+    end = begin + length
+    reach = np.sqrt(np.maximum(1.0 - distance**2, 0.0))
+    # Nothing is between them where the side misses the disc.
+    first, last = np.clip(-reach, begin, end), np.clip(reach, begin, end)
+    square, inner = distance**2, distance * (last - first)
+    sectors = np.arctan2(distance * length, square + begin * end)
+    sectors -= np.arctan2(inner, square + first * last)
+    return np.asarray(0.5 * np.sum(inner + sectors, axis=0))
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

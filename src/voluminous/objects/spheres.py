@@ -11,6 +11,7 @@ from ..units import plain, unit_of
 from .balls import Balls
 from .colors import check_colors, intensities
 from .contract import Layers, SceneObject
+from .nearby import nearby
 from .values import merged, positions_of
 from .view import View
 
@@ -95,15 +96,20 @@ class Spheres(SceneObject):
         if not self.count:
             return None
         radius = np.broadcast_to(view.length(self.radii, "radii"), self.count)
-        balls = Balls(np.asarray(view.length(self.positions, "positions")), radius, view)
+        positions = np.asarray(view.length(self.positions, "positions"))
+        order = nearby(*view.place(positions))
+        balls = Balls(positions.take(order, axis=0), radius.take(order), view)
         found = balls.seen()
         depth, cosine = balls.meet(found)
-        owner, x, y, covered = found
-        shade = 1.0 - self.darkening[owner] * (1.0 - cosine)
-        color = self._surface(view, radius)[owner] * shade[:, None]
+        ball, x, y, covered = found
+        owner = order.take(ball)
+        shade = 1.0 - self.darkening.take(owner) * (1.0 - cosine)
+        color = self._surface(view, radius).take(owner, axis=0)
+        color *= shade[:, None]
         pixel = y * view.frame.pixels[0] + x
-        layers = Layers.of(pixel, depth, covered, color, self.opacities[owner])
-        return layers.some(np.flatnonzero(np.isfinite(depth)))
+        layers = Layers.of(pixel, depth, covered, color, self.opacities.take(owner))
+        met = np.isfinite(depth)
+        return layers if met.all() else layers.some(np.flatnonzero(met))
 
     def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
         """Return the intensities in the middle of spheres, shape (n, channel)."""

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..units import is_quantity, plain, unit_of
 from .colors import intensities
 from .contract import REACH, Layers, Points
+from .nearby import nearby
 from .spheres import Spheres
 from .tables import column, is_column
 from .values import merged, positions_of
@@ -139,6 +140,7 @@ class Stars(Spheres):
             np.abs(y - 0.5 * (ny - 1)) < 0.5 * ny + reach[1]
         )
         some = np.flatnonzero(seen)  # never where x is NaN
+        some = some[nearby(x[some], y[some], depth[some])]
         flux = self._luminosity(view)[some]
         flux = flux * view.pixels_per_area(positions[some])[:, None]
         return Points(x[some], y[some], depth[some], flux, sigma)

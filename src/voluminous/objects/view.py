@@ -68,6 +68,15 @@ class View:
         """Return origins and directions (n, 3) of the rays through places in pixels."""
         if not len(x):
             return np.empty((0, 3)), np.empty((0, 3))
+        ray = self.traced_rays(x, y)
+
+        def stacked(parts: Any) -> np.ndarray:
+            return np.stack([np.broadcast_to(np.asarray(p), x.shape) for p in parts]).T
+
+        return stacked(ray.origin), stacked(ray.direction)
+
+    def traced_rays(self, x: np.ndarray, y: np.ndarray) -> Any:
+        """Return the rays through places in pixels as kernels see them."""
         Wide, frame = self.backend.Wide, self.frame
         u, v = (
             np.ascontiguousarray((w - 0.5 * (n - 1)) * step + shift)
@@ -76,12 +85,7 @@ class View:
             )
         )
         vectors = [[Wide(float(c)) for c in vector] for vector in frame.vectors]
-        ray = self.camera.rays(vectors, Wide(u), Wide(v))
-
-        def stacked(parts: Any) -> np.ndarray:
-            return np.stack([np.broadcast_to(np.asarray(p), u.shape) for p in parts], axis=-1)
-
-        return stacked(ray.origin), stacked(ray.direction)
+        return self.camera.rays(vectors, Wide(u), Wide(v))
 
     @functools.cached_property
     def observer(self) -> np.ndarray | None:

@@ -17,6 +17,7 @@ from .drawing import Drawing, Paths
 from .empty import has_blocks
 from .flux_conserving import FluxConserving
 from .hidden import Hidden
+from .numbers import channels_last
 from .options import DEFAULT_ERROR, walk_kinds
 from .source import get_source
 from .store import Store
@@ -171,7 +172,7 @@ class Job:
         (nx, ny), source = self.frame.pixels, drawing.source
 
         def stacked(rows: np.ndarray) -> np.ndarray:
-            return np.stack([row.reshape(ny, nx) for row in rows], axis=-1)
+            return channels_last([row.reshape(ny, nx) for row in rows])
 
         error = None
         if len(paths.error):

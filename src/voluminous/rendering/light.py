@@ -15,15 +15,24 @@ if TYPE_CHECKING:
     from .stretches import Stretches
 
 
-def seen_through(points: Points, layers: Layers, drawing: Stretches) -> np.ndarray:
-    """Return how much of each point of light comes through what is in front, (n, channel or 1)."""
+def seen_through(
+    points: Points, layers: Layers, drawing: Stretches
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how much of each point of light comes through what is in front, and how far it is off.
+
+    Returns
+    -------
+    array, shape (n, channel or 1)
+    array, shape (n, 1) or (n, 0)
+        Nothing, if the scheme does not tell.
+    """
     nx, ny = drawing.job.frame.pixels
     x, y = (np.clip(np.floor(w + 0.5), 0, n - 1) for w, n in ((points.x, nx), (points.y, ny)))
     pixel = (y * nx + x).astype(np.int64)
     found = drawing.to(pixel, points.x - x, points.y - y, points.depth)
-    return with_channels(found.transparency, points.flux.shape[1], 1.0) * _in_front(
-        pixel, points.depth, layers
-    )
+    in_front = _in_front(pixel, points.depth, layers)
+    through = with_channels(found.transparency, points.flux.shape[1], 1.0) * in_front
+    return through, found.error[:, 1:2] * in_front
 
 
 def _in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarray:
@@ -46,23 +55,14 @@ def _in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarra
     return np.where(last > first, product, 1.0)[:, None]
 
 
-def shine(planes: Planes, points: Points, through: np.ndarray) -> None:
-    """Add points of light to the pixels that they are in, or are spread over."""
-    ny, nx, channels = planes.emission.shape
-    pixel, owner, weight = spread(points, (nx, ny))
-    lit, number = _numbered(pixel, nx * ny)
-    row, column = np.divmod(lit, nx)
-    flux = points.flux * through
-    for channel in range(channels):
-        total = np.bincount(number, flux[owner, channel] * weight, len(lit))
-        planes.emission[row, column, channel] += total.astype(planes.emission.dtype)
-
-
-def _numbered(pixel: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return each pixel that occurs once, and the place of all in that list."""
-    occurs = np.zeros(count, bool)
-    occurs[pixel] = True
-    lit = np.flatnonzero(occurs)
-    place = np.empty(count, np.int64)
-    place[lit] = np.arange(len(lit))
-    return lit, place[pixel]
+def shine(planes: Planes, points: Points, through: np.ndarray, unsure: np.ndarray) -> None:
+    """Add points of light to the pixels that they are in, or are spread over; errors likewise."""
+    ny, nx, _ = planes.emission.shape
+    light, first = spread(points, points.flux * through, (nx, ny))
+    rows = slice(first, first + light.shape[1])
+    for channel, total in enumerate(light):
+        planes.emission[rows, :, channel] += total
+    if planes.error is not None and unsure.size:
+        brightest = np.abs(points.flux).max(axis=1, keepdims=True)
+        wrong, _ = spread(points, brightest * unsure, (nx, ny))
+        planes.error[rows] += wrong[0]

@@ -10,6 +10,7 @@ memory and 0.86 of the time, and turning a colour or an opacity classifies nothi
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,7 +100,7 @@ class Direct:
 
     def mix(self, emission: list[np.ndarray]) -> np.ndarray:
         """Return the intensity (…, channel) from what the loop integrated."""
-        stacked = np.stack(emission, axis=-1)
+        stacked = channels_last(emission)
         if self.unit == 1.0:
             return stacked
         small = 2.0**-90 < self.unit < 2.0**90  # else single precision cannot hold the picture
@@ -199,8 +200,11 @@ class Shapes:
 
     def mix(self, emission: list[np.ndarray]) -> np.ndarray:
         """Return the intensity (…, channel) from what the loop integrated."""
-        stacked = np.stack(emission, axis=-1)
-        return stacked @ self.color.T.astype(stacked.dtype)
+        color = self.color.astype(emission[0].dtype)
+        first, *others = emission
+        return channels_last(
+            [sum(map(np.multiply, others, row[1:]), first * row[0]) for row in color]
+        )
 
     def densest(self, largest: list[Any]) -> Any:
         """Return a bound of the extinction, from the largest values."""
@@ -217,6 +221,17 @@ class Shapes:
     def brightest(self, largest: list[float]) -> float:
         """Return a bound of the emissivity of any channel, from the largest values."""
         return float(np.max(np.abs(self.color) @ np.asarray(largest)))
+
+
+def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return planes side by side along a last axis.
+
+    One assignment each: 1 ms for three of 800 × 800, where `numpy.stack` takes 4.
+    """
+    result = np.empty((*planes[0].shape, len(planes)), planes[0].dtype)
+    for c, plane in enumerate(planes):
+        result[..., c] = plane
+    return result
 
 
 def plan_numbers(medium: Medium, scheme: Any, backend: Any) -> Direct | Shapes:

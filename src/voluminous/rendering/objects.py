@@ -1,8 +1,7 @@
 """Stars and lines in a picture: more pairs (b, θ), each at its depth among those of the medium.
 
-Rays of pixels that objects cover are drawn again in stretches: up to the first object, from there
-to the second, and on. Stretches and objects are folded by ``over``. Points of light hide nothing:
-a ray to each tells how much of it comes through, and it is added.
+Rays of pixels that objects cover are followed again up to them, see `layered`. Points of light hide
+nothing: a ray to each tells how much of it comes through, and it is added.
 """
 
 from __future__ import annotations
@@ -18,19 +17,13 @@ from ..media.bounds import RangeContext
 from ..objects import SceneObject
 from ..objects.contract import Layers, Points
 from ..objects.view import View
-from .control import lost_share
+from .layered import lay
 from .light import seen_through, shine
 from .pairs import Pairs, fold, with_channels
-from .pixels import subpixel_offsets
 from .stretches import Stretches
 
 if TYPE_CHECKING:
     from .job import Job, Planes
-
-# Rays per side of a pixel where the picture itself takes as many as it needs.
-_SAMPLES = 4
-# Stretches followed together, of several rays per pixel.
-_TOGETHER = 1 << 20
 
 
 def check_objects(objects: Any, bounds: Any) -> list[SceneObject]:
@@ -141,12 +134,12 @@ def with_objects(
     drawn = Drawn.of(objects, view)
     brightest = max(float(np.max(np.abs(background))), drawn.brightest)
     drawing = Stretches(job, planes.drawing.source, brightest)
-    _lay(planes, drawn.layers, drawing, background)
+    lay(planes, drawn.layers, drawing)
     for points in drawn.points:
-        shine(planes, points, seen_through(points, drawn.layers, drawing))
+        shine(planes, points, *seen_through(points, drawn.layers, drawing))
     _lay_in_front(planes, drawn.front_layers)
     for points in drawn.front_points:
-        shine(planes, points, np.ones(1))
+        shine(planes, points, np.ones(1), np.zeros(0))
     return planes
 
 
@@ -162,49 +155,6 @@ def _widened(planes: Planes, medium: Any, total: int) -> Planes:
         transparency=with_channels(planes.transparency, total, 1.0),
         depth=with_channels(planes.depth, total, 0.0),
     )
-
-
-def _lay(planes: Planes, layers: Layers, drawing: Stretches, background: np.ndarray) -> None:
-    """Draw the pixels that layers cover again, and put the layers among their stretches."""
-    if not len(layers.pixel):
-        return
-    layers = layers.some(np.lexsort((layers.depth, layers.pixel)))
-    pixel, count = np.unique(layers.pixel, return_counts=True)
-    job = drawing.job
-    offsets = subpixel_offsets(_SAMPLES if job.adaptive or job.recursive else job.samples)
-    together = max(1, _TOGETHER // (len(layers.pixel) + len(pixel)))
-    folded = [
-        fold(_among(layers, count, found), count + 1)
-        for first in range(0, len(offsets), together)
-        for found in drawing.at(offsets[first : first + together], layers, pixel)
-    ]
-    _put(planes, pixel, Pairs.mean(folded), drawing, background)
-
-
-def _among(layers: Layers, count: np.ndarray, found: Pairs) -> Pairs:
-    """Return each stretch over the layer at its end; the last one of a pixel ends with nothing."""
-    slot = np.arange(len(layers.pixel)) + np.repeat(np.arange(len(count)), count)
-    size = len(found.emission)
-    emission = np.zeros((size, layers.emission.shape[1]))
-    emission[slot] = layers.emission
-    theta = np.ones((size, 1))
-    theta[slot, 0] = 1.0 - layers.opacity
-    return found.over(Pairs(emission, theta, np.zeros((size, 3))))
-
-
-def _put(
-    planes: Planes, pixel: np.ndarray, pairs: Pairs, drawing: Stretches, background: np.ndarray
-) -> None:
-    """Put folded pairs in the place of pixels."""
-    row, column = np.divmod(pixel, planes.emission.shape[1])
-    planes.emission[row, column] = pairs.emission
-    planes.transparency[row, column] = pairs.transparency
-    if planes.error is not None:
-        wrong, dim, bright = pairs.error.T
-        lost = lost_share(drawing) * bright
-        if drawing.job.scheme.controlled:
-            lost += drawing.source.neglected * drawing.source.numbers.unit
-        planes.error[row, column] = wrong + lost + dim * float(np.max(np.abs(background)))
 
 
 def _lay_in_front(planes: Planes, layers: Layers) -> None:

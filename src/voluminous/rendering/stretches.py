@@ -34,37 +34,39 @@ class Stretches(Drawing):
             self.walk = job.volume.grid.walk(job.backend, "cells")
         self.far = NEVER * job.volume.grid.scale
 
-    def at(
-        self, offsets: list[tuple[float, float]], layers: Layers, pixel: np.ndarray
+    def up_to(
+        self,
+        layers: Layers,
+        order: np.ndarray,
+        first: np.ndarray,
+        offsets: list[tuple[float, float]],
     ) -> list[Pairs]:
-        """Return the stretches before, between and behind layers, for rays through some pixels.
+        """Return the stretches in front of layers: from the observer, or from the layer before.
+
+        Rays are followed in the order of `layers`, where neighbours cross the same cells.
 
         Parameters
         ----------
+        order : array of int
+            The order of the result: layers of one pixel after one another, the nearest first.
+        first : array of int
+            Where in that order a pixel's first one is.
         offsets : list of (float, float)
             Where in pixels rays go through, from their centres: each gives stretches of its own.
-        layers : Layers
-            Sorted by pixel and depth; `pixel` has each pixel once.
         """
-        end = np.searchsorted(layers.pixel, pixel, side="right")
-        rays = np.insert(layers.pixel, end, pixel)
-        until = np.insert(layers.depth, end, self.far)
-        begin = np.roll(until, 1)
-        begin[np.concatenate([[0], end[:-1] + np.arange(1, len(end))])] = -self.far
-        du, dv = (np.repeat(d, len(rays)) for d in np.transpose(offsets))
-        rays, begin, until = (np.tile(a, len(offsets)) for a in (rays, begin, until))
-        found = self.between(rays, du, dv, begin, until, layers.emission.shape[1])
-        return found.parts(len(offsets))
+        before = np.roll(layers.depth.take(order), 1)
+        before[first] = -self.far
+        begin = np.empty_like(before)
+        begin[order] = before
+        du, dv = (np.repeat(d, len(order)) for d in np.transpose(offsets))
+        rays, begin, end = (np.tile(a, len(offsets)) for a in (layers.pixel, begin, layers.depth))
+        found = self.between(rays, du, dv, begin, end, layers.emission.shape[1])
+        return [found.some(order + k * len(order)) for k in range(len(offsets))]
 
     def to(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, depth: np.ndarray) -> Pairs:
         """Return the stretches from the observer to depths."""
-        order = np.argsort(pixel, kind="stable")  # neighbours in a vector walk the same cells
         begin = np.full(len(pixel), -self.far)
-        channels = self.job.medium.channels
-        found = self.between(pixel[order], du[order], dv[order], begin, depth[order], channels)
-        back = np.empty_like(order)
-        back[order] = np.arange(len(order))
-        return found.some(back)
+        return self.between(pixel, du, dv, begin, depth, self.job.medium.channels)
 
     def between(
         self,
@@ -101,10 +103,9 @@ class Stretches(Drawing):
         """Return paths as pairs; channels beyond the medium's are empty."""
         numbers = self.source.numbers
         emission = numbers.mix(list(paths.emission)).astype(np.float64)
-        more = channels - emission.shape[1]
         transparency = with_channels(paths.transparency.T.astype(np.float64), channels, 1.0)
-        error = np.zeros((emission.shape[0], 3))
-        if len(paths.error):
-            error[:] = paths.error.T
-            error[:, [0, 2]] *= numbers.unit
-        return Pairs(np.pad(emission, ((0, 0), (0, more))), transparency, error)
+        error = paths.error.T.astype(np.float64)
+        error[:, ::2] *= numbers.unit
+        if emission.shape[1] < channels:
+            emission = np.pad(emission, ((0, 0), (0, channels - emission.shape[1])))
+        return Pairs(emission, transparency, error)

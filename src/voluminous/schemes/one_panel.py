@@ -19,7 +19,7 @@ from .contract import Solution
 from .path import Path, empty_path
 
 # The shell of the note: 1e-3 of the maximum rms, 0.3 of the time of steps of one cell.
-_COARSENESS = 0.1
+_COARSENESS = 0.2
 
 
 class OnePanel:

@@ -85,20 +85,18 @@ class Search:
         The block they are in: mirrored numbers.
     t : array
         The distance where they enter it.
-    leave : array, or None
-        Where they leave it.
-    step : array of Int, or None
-        Where that is wanted instead: log2 of how wide steps may be there.
-    found : array of Bool
-        Lanes that need not go on: they are in a block with something in it, or outside.
+    code : array of UInt
+        The block's code; zero outside of the volume.
     """
 
     block: list[Any]
     t: Any
-    leave: Any
-    step: Any
-    moved: Any
-    found: Any
+    code: Any
+
+    @property
+    def empty(self) -> Any:
+        """Lanes in an empty block, which look further."""
+        return self.code > _FARTHEST
 
 
 def block_shape(cells: Any) -> tuple[int, ...]:
@@ -167,30 +165,33 @@ def leap(walk: Any, track: Any, cursor: Any, blocks: Blocks) -> Leap:
     """Move rays to where they enter the next block that is not empty; those in one stay."""
     cursor = walk.precise(track, cursor)
     way = _Way(walk, track, blocks)
+    block = [way.block(axis, i) for axis, i in enumerate(cursor.index)]
+    start = Search(block, cursor.t, way.code(block, cursor.inside))
+    moved = start.empty
 
     def searching(state: Search) -> Any:
-        return ~state.found
+        return state.empty
 
     def cross(state: Search) -> tuple[Search]:
         return (way.cross(state),)
 
-    start = Search(
-        [way.block(axis, i) for axis, i in enumerate(cursor.index)],
-        cursor.t,
-        None if blocks.coarse else cursor.t,
-        walk.backend.Int(0) if blocks.coarse else None,
-        cursor.inside & False,
-        ~cursor.inside,
-    )
     (end,) = dr.while_loop((start,), searching, cross, label="leap")
-    index = [
-        dr.select(end.moved, way.cell(axis, b, end.t), i)
-        for axis, (b, i) in enumerate(zip(end.block, cursor.index, strict=True))
-    ]
+    # Most rays are where something is, and stay: what the others need is computed in a branch.
+    index = dr.if_stmt(
+        args=(cursor.index, end.block, end.t),
+        cond=moved,
+        true_fn=way.cells,
+        false_fn=_stay,
+    )
     there = walk.at(track, index, end.t)
     if blocks.coarse:
-        there = walk.settle(there, walk.backend.Float(1 << end.step))
-    return Leap(dr.select(end.found & ~cursor.inside, cursor, there), end.leave, end.moved)
+        there = walk.settle(there, walk.backend.Float(1 << walk.backend.Int(end.code)))
+    leave = None if blocks.coarse else way.leave(end)
+    return Leap(dr.select(cursor.inside, there, cursor), leave, moved)
+
+
+def _stay(index: list[Any], block: list[Any], t: Any) -> list[Any]:
+    return index
 
 
 class _Way:
@@ -231,42 +232,39 @@ class _Way:
         high = lesser(high, self.lasts[axis])
         return cell_ahead(self.walk.axes[axis], self.track.axes[axis], t, low, high)
 
-    def cross(self, state: Search) -> Search:
-        """Return rays at the far side of what is empty around them, or told where they leave."""
-        code = self._code(state)
-        real, axes = self.backend.Float, list(enumerate(self.walk.axes))
-        empty = code > _FARTHEST
-        reach = dr.select(empty, real((code >> self.shift) & _FARTHEST), 1.0)
-        ahead = [b + reach for b in state.block]
-        before = [lesser(self.wall(a, b) - 1.0, self.lasts[a]) for a, b in enumerate(ahead)]
-        ways = [axis.crossing(self.track.axes[a], before[a]) for a, axis in axes]
-        t, through = least(ways), nearest(ways)
-        empty &= ~state.found
-        block = [
-            dr.select(through[a], ahead[a], self._block_at(a, t, state, reach)) for a, _ in axes
-        ]
-        found = Search(
-            [dr.select(empty, new, old) for new, old in zip(block, state.block, strict=True)],
-            dr.select(empty, t, state.t),
-            None,
-            None,
-            state.moved | empty,
-            ~empty | ~(t < self.track.leave),
-        )
-        if self.blocks.coarse:
-            found.step = self.backend.Int(code)
-        else:
-            # A block is always entered, even if rounding puts its far wall where the ray is.
-            leave = dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
-            found.leave = dr.select(empty, state.leave, leave)
-        return found
+    def cells(self, index: list[Any], block: list[Any], t: Any) -> list[Any]:
+        """Return the cells of blocks that rays enter at distance `t`."""
+        return [self.cell(axis, b, t) for axis, b in enumerate(block)]
 
-    def _code(self, state: Search) -> Any:
-        """Return the codes of the blocks that rays are in."""
+    def cross(self, state: Search) -> Search:
+        """Return rays at the far side of what is empty around them."""
+        real, axes = self.backend.Float, range(len(self.walk.axes))
+        reach = real((state.code >> self.shift) & _FARTHEST)
+        ahead = [b + reach for b in state.block]
+        ways = self._ways(ahead)
+        t, through = least(ways), nearest(ways)
+        block = [dr.select(through[a], ahead[a], self._block_at(a, t, state, reach)) for a in axes]
+        return Search(block, t, self.code(block, t < self.track.leave))
+
+    def leave(self, state: Search) -> Any:
+        """Return the distance where rays leave the block that they are in."""
+        t = least(self._ways([b + 1.0 for b in state.block]))
+        # A block is always entered, even if rounding puts its far wall where the ray is.
+        return dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
+
+    def _ways(self, ahead: list[Any]) -> list[Any]:
+        """Return the distances where rays come to blocks ahead, along each axis."""
+        return [
+            axis.crossing(self.track.axes[a], lesser(self.wall(a, ahead[a]) - 1.0, self.lasts[a]))
+            for a, axis in enumerate(self.walk.axes)
+        ]
+
+    def code(self, block: list[Any], inside: Any) -> Any:
+        """Return the codes of the blocks that rays are in; zero outside."""
         flat = self.first
-        for b, stride in zip(state.block, self.strides, strict=True):
-            flat += self.backend.Int(b) * stride
-        return dr.gather(self.backend.UInt, self.blocks.code, self.backend.UInt(flat), ~state.found)
+        for b, stride in zip(block, self.strides, strict=True):
+            flat = flat + self.backend.Int(b) * stride  # += would change `first` itself
+        return dr.gather(self.backend.UInt, self.blocks.code, self.backend.UInt(flat), inside)
 
     def _block_at(self, axis: int, t: Any, state: Search, reach: Any) -> Any:
         """Return the block where a ray is at distance `t`, not before where it was."""
