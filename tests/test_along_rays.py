@@ -61,6 +61,20 @@ def test_the_first_cell_of_a_kind():
         assert np.isnan(depth) if not cells.size else depth == 1 - (cells[-1] + 1) / 4
 
 
+def test_the_first_cell_of_a_kind_told_with_units():
+    plain = vm.first_hit(VOLUME, "rho > 0.7", DOWN).intensity
+    np.testing.assert_array_equal(vm.first_hit(VOLUME, "rho > 700 kg/m3", DOWN).intensity, plain)
+    with pytest.raises(vm.UnitsError, match="'3 K' is no quantity that 'rho'"):
+        vm.first_hit(VOLUME, "rho > 3 K", DOWN)
+
+
+def test_numbers_may_be_of_numpy():
+    medium = vm.Coefficients(0, "10 * a**2")
+    surfaces = [vm.tau_surface(VOLUME, medium, DOWN, n).points for n in (2, np.int64(2))]
+    np.testing.assert_array_equal(*surfaces)
+    assert vm.moments(VOLUME, "rho", DOWN, "v", np.int64(1)).dispersion is None
+
+
 @pytest.mark.parametrize("precision", EXACT)
 @pytest.mark.parametrize("method", ["rays", "exact"])
 def test_moments_of_columns_of_cells(method, precision):

@@ -197,6 +197,12 @@ def test_long_titles_are_no_wider_than_the_picture():
     found = picture(400, 50).annotate(**ALL_OFF, title="word " * 20)
     (title,) = drawn(found, "title")
     assert title.get_window_extent().width <= 400 * 1.02  # hinting of letters
+
+
+def test_dollars_that_are_no_formula_are_letters():
+    found = picture().annotate(**ALL_OFF, title=r"100$ \pm 5$ \bogus$")
+    (title,) = drawn(found, "title")
+    assert title.get_text() == r"100$ \pm 5$ \bogus$"
     assert found.rgba.shape[1] <= 400 + 16
 
 
@@ -313,6 +319,9 @@ def test_saving(core, tmp_path):
         ({"scale_bar": 100 * u.pc}, "up to 9 pc"),
         ({"scale_bar": "long"}, "such as '100 au'"),
         ({"font_size": -1}, "positive"),
+        ({"font_size": "large"}, "positive number of pixels, got 'large'"),
+        ({"volume": 3}, "volume must be a volume, got int"),
+        ({"medium": "gas"}, "medium must be a medium, got str"),
         ({"paper": "no colour"}, "paper must be"),
         ({"time": []}, "time must be"),
     ],

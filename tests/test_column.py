@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -74,6 +76,38 @@ def test_nothing_is_lost_from_any_of_a_hundred_angles(kind):
         camera = vm.Orthographic.looking(direction, width=9.0, resolution=int(resolution))
         image = vm.column(volume, "a", camera, method="exact")
         assert abs(total(image) - inside) < 1e-13 * size  # sums of some thousand numbers
+
+
+@pytest.mark.parametrize("long", [30.0, 1e3, 1e5])
+def test_needles_and_plates_keep_all_of_theirs(long):
+    walls = np.array([0, 0.2, 1])
+    needles = vm.CartesianGrid(walls, [0, 3, 4], walls * long)
+    plates = vm.CartesianGrid(walls * long, walls, [0, long])
+    for grid, pixels in itertools.product((needles, plates), (1, (7, 3), 33)):
+        volume = vm.Volume(grid, a=np.random.default_rng(2).random(grid.shape))
+        inside = float((volume.array("a") * grid.cell_volumes).sum())
+        for incl, phi in ((50, 30), (80, 140), (120, -60)):
+            # Wider than what frames the volume: rounding at its edge must not cut a needle.
+            camera = vm.Orthographic(incl, phi, width=(4 * long, 4 * long), resolution=pixels)
+            found = vm.column(volume, "a", camera, method="exact")
+            assert total(found) == pytest.approx(inside, rel=1e-12)
+
+
+@pytest.mark.parametrize("zoom", [1e2, 1e4])
+def test_a_look_through_cells_much_wider_than_the_frame(zoom):
+    volume = random_volume("even")
+    camera = vm.Orthographic(50, 30, 20, width=1 / zoom, resolution=(8, 6), shift=(0.03, 0.07))
+    # Rays through the middles of pixels are their means where no edge of a cell is seen.
+    rays = vm.column(volume, "a", camera, precision="double").intensity
+    exact = vm.column(volume, "a", camera, method="exact").intensity
+    # What a pixel shows of a cell is a difference: 1e-16 of the whole, that is 1e9 pixels.
+    np.testing.assert_allclose(exact, rays, atol=2e-5 * np.abs(rays).max())
+
+
+def test_pixels_too_small_for_exact_columns_are_refused():
+    camera = vm.Orthographic(50, 30, width=1e-6, resolution=4)
+    with pytest.raises(vm.InputError, match="in pixels that small method='rays'"):
+        vm.column(random_volume("even"), "a", camera, method="exact")
 
 
 @pytest.mark.parametrize("resolution", [1, 2, 7, 100])
@@ -198,6 +232,24 @@ def test_missing_values_count_nothing(method):
     np.testing.assert_allclose(found.intensity, expected.intensity, atol=1e-6)
 
 
+@pytest.mark.parametrize("method", ["rays", "exact"])
+def test_means_are_of_cells_in_which_everything_is_known(method):
+    volume = random_volume("uneven")
+    rng = np.random.default_rng(4)
+    weight, value = rng.random((2, *volume.grid.shape))
+    value[rng.random(value.shape) < 0.2] = np.nan
+    volume["t"], volume["w"] = value, weight
+    volume["known"] = np.where(np.isnan(value), 0.0, weight)
+    volume["filled"] = np.nan_to_num(value)
+    camera = vm.Orthographic(50, 30, resolution=12)
+    how = {"method": method, "precision": "double"}
+    found = vm.column(volume, "t", camera, weight="w", **how).intensity
+    expected = vm.column(volume, "filled", camera, weight="known", **how).intensity
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    speeds = vm.moments(volume, "w", camera, "t", 1, **how)
+    np.testing.assert_allclose(speeds.mean.intensity, expected, atol=1e-9)
+
+
 def test_means_are_nowhere_outside_of_what_is_averaged():
     volume = random_volume("octree")
     volume["w"] = np.random.default_rng(3).random(volume.grid.size)
@@ -219,6 +271,10 @@ def test_what_cannot_be_measured():
         vm.column(volume, "grad(a)", camera)
     with pytest.raises(vm.InputError, match="a field or an expression"):
         vm.column(volume, None, camera)
+    with pytest.raises(vm.InputError, match="need a Volume first, got ndarray"):
+        vm.column(np.ones((2, 2, 2)), "a", camera)
+    with pytest.raises(vm.UnitsError, match="in no unit, which is not g"):
+        vm.column(volume, "a", camera, unit="g")
     with pytest.raises(vm.InputError, match=r"parallel.*method='rays'"):
         vm.column(volume, "a", vm.Perspective((9, 0, 0), (0, 0, 0), fov=30), method="exact")
     sphere = vm.SphericalGrid(np.linspace(0, 1, 4), np.linspace(0, np.pi, 4))

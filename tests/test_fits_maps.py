@@ -250,6 +250,7 @@ def test_uneven_pixels_have_no_place_on_the_sky():
         ((1, 2, 3, 4), InputError, "major, minor"),
         (-1, InputError, "positive"),
         ((3, 0), InputError, "positive"),
+        (1e9 * u.au, InputError, "times as wide as the image"),
     ],
 )
 def test_beams_that_cannot_be(beam, error, message):

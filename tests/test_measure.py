@@ -82,6 +82,8 @@ def test_a_condition_chooses_cells():
         ("density * velocity_x > 1 g/(s cm2)", "density * velocity_x > 1e-05"),
         ("x > 0.5 pc or not z < 1 kpc", "x > 0.5 or not z < 1000.0"),
         ("r < 1", "r < 1"),
+        ("density > 5e-1", "density > 0.5"),
+        ("density > 5E-1 or r < 1.5e-1", "density > 0.5 or r < 0.15"),
     ],
 )
 def test_numbers_with_units(text, plain):
@@ -135,6 +137,24 @@ def test_volumes_of_regions(name, kind):
     # either sign cancel out, but not on faces that lie along walls.
     exact = 0.04 if kind == "octree" else 0.015
     assert found.volume.to_value("pc3") == pytest.approx(expected, rel=exact)
+
+
+@pytest.mark.parametrize("kind", ["cartesian", "octree"])
+def test_regions_thinner_than_a_cell_are_found(kind):
+    one = {"one": "1"}
+    # Nowhere near corners and middles of cells.
+    start, end = np.array([-0.73, -0.61, -0.67]), np.array([0.57, 0.71, 0.49])
+    needle = vm.regions.Cylinder(start, end, 0.03)
+    bead = vm.regions.Sphere((0.237, 0.161, 0.223), 0.03)
+    found = [
+        vm.measure(vm.Volume(GRIDS[kind]), one, region=region, samples=24).volume.to_value("pc3")
+        for region in (needle, bead, needle | bead, ~bead, bead & ~needle)
+    ]
+    long, round_ = np.pi * 0.03**2 * np.linalg.norm(end - start), 4 / 3 * np.pi * 0.03**3
+    whole = float(np.sum(GRIDS[kind].cell_volumes))
+    # A part of a cell is a 24th wide: at most a quarter of the bead's diameter.
+    expected = [long, round_, long + round_, whole - round_, round_]
+    np.testing.assert_allclose(found, expected, rtol=0.1)
 
 
 def test_more_samples_measure_regions_better():
@@ -206,6 +226,28 @@ def test_missing_values_are_counted():
     assert np.isfinite(found["mass"].value)
 
 
+def test_lengths_are_in_one_unit_though_velocities_take_one_away():
+    grid = vm.CartesianGrid.uniform(2, (0, 1), unit="pc")
+    ones = np.ones(grid.shape)
+    volume = vm.Volume(grid, rho=ones * u.g / u.cm**3, v=ones * u.cm / u.s)
+    found = vm.measure(volume, {"momentum": "rho * v", "energy": "rho * v**2"})
+    cubic = (1 * u.pc).to_value("cm") ** 3
+    assert found["momentum"].unit == u.Unit("g cm / s")
+    assert found["energy"].unit == u.Unit("g cm2 / s2")
+    assert found["momentum"].value == pytest.approx(cubic, rel=1e-14)
+    assert found["energy"].value == pytest.approx(cubic, rel=1e-14)
+
+
+def test_several_quantities_are_named_after_themselves():
+    found = vm.measure(gas(), ["density", "0.5 * density"])
+    assert list(found) == ["density", "0.5 * density"]
+    assert found["density"].value == pytest.approx(2 * found["0.5 * density"].value)
+
+
+NOT_A_NUMBER = np.full(CAMERA.resolution[::-1], np.nan)
+NO_POLYGON = [(0, 0), (1, np.nan), (1, 0)]
+
+
 def test_what_makes_no_sense():
     volume = gas()
     for arguments, options, told in [
@@ -215,6 +257,20 @@ def test_what_makes_no_sense():
         ((volume, "density"), {"camera": 3}, "a camera, or a list of them"),
         ((volume, "density"), {"camera": CAMERA, "aperture": np.ones((3, 3))}, "aperture must be"),
         ((volume, "density * los('velocity')"), {}, "give a camera"),
+        ((volume, "density"), {"camera": "above"}, "a list of them, got 'above'"),
+        ((volume, "density"), {"samples": 0}, "samples must be a positive whole number"),
+        (
+            (volume, "density"),
+            {"where": np.ones(volume.grid.shape, bool)},
+            "put it into the volume",
+        ),
+        ((volume, "density"), {"camera": CAMERA, "aperture": NOT_A_NUMBER}, "from 0 to 1"),
+        (
+            (volume, "density"),
+            {"camera": CAMERA, "aperture": [(0, 0), (1, np.nan), (1, 0)]},
+            "finite",
+        ),
+        ((np.ones((3, 3, 3)), "density"), {}, "need a Volume first, got ndarray"),
     ]:
         with pytest.raises(vm.InputError, match=told):
             vm.measure(*arguments, **options)

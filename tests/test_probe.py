@@ -287,6 +287,7 @@ def test_the_text_is_short_unless_all_is_asked_for():
         ({"pixel": 3}, "two whole numbers"),
         ({"at": (np.nan, 0)}, "two finite numbers"),
         ({"pixel": (0, 0), "also": "c"}, "'c'"),
+        ({"pixel": (0, 0), "also": {"r"}}, "also must be a field or an expression"),
         ({"pixel": (0, 0), "background": [1, 2, 3]}, "background"),
     ],
 )

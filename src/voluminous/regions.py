@@ -31,26 +31,49 @@ class Region:
         """
         raise NotImplementedError
 
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        """Return how far outside points are at least; negative inside: at least how deep.
+
+        Cells that are larger than a region, or a part of it, are found by it. Without this method
+        a region is looked for at the cells' corners and middles.
+
+        Parameters
+        ----------
+        points, unit
+            See `inside`.
+
+        Returns
+        -------
+        float64 array, shape (n,)
+        """
+        return np.full(np.shape(points)[1], np.inf)
+
     def __and__(self, other: Region) -> Region:
-        return _Combined(np.logical_and, self, other)
+        return _Combined(np.logical_and, np.maximum, self, other)
 
     def __or__(self, other: Region) -> Region:
-        return _Combined(np.logical_or, self, other)
+        return _Combined(np.logical_or, np.minimum, self, other)
 
     def __invert__(self) -> Region:
         return _Outside(self)
 
 
 class _Combined(Region):
-    def __init__(self, rule: Any, first: Region, second: Region) -> None:
+    def __init__(self, rule: Any, farther: Any, first: Region, second: Region) -> None:
         for part in (first, second):
             if not isinstance(part, Region):
                 raise InputError(f"a region combines with another region, got {part!r}")
-        self.rule, self.first, self.second = rule, first, second
+        self.rule, self.farther, self.first, self.second = rule, farther, first, second
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
         found: np.ndarray = self.rule(
             self.first.inside(points, unit), self.second.inside(points, unit)
+        )
+        return found
+
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        found: np.ndarray = self.farther(
+            self.first.beyond(points, unit), self.second.beyond(points, unit)
         )
         return found
 
@@ -61,6 +84,9 @@ class _Outside(Region):
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
         return ~self.region.inside(points, unit)
+
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        return -self.region.beyond(points, unit)
 
 
 class Box(Region):
@@ -89,6 +115,11 @@ class Box(Region):
         low, high = (corner[:, None] for corner in self._corners(unit))
         return np.all((points >= low) & (points <= high), axis=0)
 
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        """Return how far outside points are at least; see `Region.beyond`."""
+        low, high = (corner[:, None] for corner in self._corners(unit))
+        return np.asarray(np.maximum(low - points, points - high).max(axis=0))
+
 
 class Sphere(Region):
     """What is within a distance of a point.
@@ -107,6 +138,11 @@ class Sphere(Region):
         away = points - plain(self.center, unit, "center")[:, None]
         limit = plain(self.radius, unit, "radius")
         return np.asarray(np.einsum("an,an->n", away, away) <= limit**2)
+
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        """Return how far outside points are; see `Region.beyond`."""
+        away = points - plain(self.center, unit, "center")[:, None]
+        return np.asarray(np.linalg.norm(away, axis=0) - plain(self.radius, unit, "radius"))
 
 
 class Cylinder(Region):
@@ -137,6 +173,13 @@ class Cylinder(Region):
         height, across = _along(points, start, end - start)
         between = (height >= 0) & (height <= np.linalg.norm(end - start))
         return between & (across <= plain(self.radius, unit, "radius"))
+
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        """Return how far outside points are at least; see `Region.beyond`."""
+        start, end = self._ends(unit)
+        height, across = _along(points, start, end - start)
+        above = np.maximum(-height, height - np.linalg.norm(end - start))
+        return np.asarray(np.maximum(above, across - plain(self.radius, unit, "radius")))
 
 
 class DoubleCone(Region):
@@ -180,6 +223,16 @@ class DoubleCone(Region):
             found &= np.abs(height) <= plain(self.height, unit, "height")
         if self.side != "both":
             found &= (height >= 0) == (self.side == "up")
+        return np.asarray(found)
+
+    def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
+        """Return how far outside points are at least; see `Region.beyond`."""
+        height, across = _along(points, plain(self.apex, unit, "apex"), self.axis)
+        height = {"both": np.abs(height), "up": height, "down": -height}[self.side]
+        angle = np.radians(self.opening)
+        found = across * np.cos(angle) - height * np.sin(angle)
+        if self.height is not None:
+            found = np.maximum(found, height - plain(self.height, unit, "height"))
         return np.asarray(found)
 
 

@@ -20,7 +20,10 @@ def add_render_options(parser: argparse.ArgumentParser) -> None:
 
     They are not checked here, so that asking for help imports no renderer.
     """
-    parser.add_argument("--scheme", help="first-order, second-order (default) or olson-kunasz")
+    parser.add_argument(
+        "--scheme",
+        help="post-classified (default), first-order, second-order or olson-kunasz",
+    )
     parser.add_argument("--precision", help="single (default) or double")
     parser.add_argument("--device", help="auto (default), cpu, cuda or metal")
     parser.add_argument("-q", "--quiet", action="store_true", help="say nothing but errors")

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 _SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
 # A kernel reaches so many standard deviations: what lies beyond is 4e-7 of it.
 _REACH = 5.5
+# Full widths beyond so many sides of the image are refused: kernels grow with their square.
+_WIDEST = 2.0
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
 
@@ -33,7 +35,9 @@ def convolve(image: Image, beam: Any) -> Image:
     if "beam" in how:
         raise InputError(f"the image was convolved before, with {how['beam']}")
     beam = as_beam(beam)
-    kernel = _kernel(_in_pixels(image, beam))
+    covariance = _in_pixels(image, beam)
+    _check_width(covariance, image)
+    kernel = _kernel(covariance)
     planes = {name: plane(image, name) for name in ("transparency", "error", "lower", "upper")}
     seen = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
     return changed(
@@ -52,6 +56,17 @@ def _check_sums(how: dict[str, Any]) -> None:
         raise InputError(
             f"a map of the {kind} cannot be convolved: its numbers do not add up. Convolve "
             "columns, such as those of a weight and of what is weighted, and divide"
+        )
+
+
+def _check_width(covariance: np.ndarray, image: Image) -> None:
+    """Refuse beams that see nothing but one point of the whole image."""
+    ny, nx = image.shape[:2]
+    widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / _SIGMA / max(nx, ny)
+    if not widest <= _WIDEST:
+        raise InputError(
+            f"the beam is {widest:.3g} times as wide as the image, expected at most {_WIDEST:g}; "
+            "check its unit, or make a picture of a wider frame"
         )
 
 

@@ -38,10 +38,12 @@ class Aperture:
             aperture = polygon_of(aperture, unit)
         array = np.asarray(plain(aperture, unit, "aperture"))
         if array.shape == shape:
-            if array.min() < 0 or array.max() > 1:
+            if not np.all((array >= 0) & (array <= 1)):  # nor NaN
                 raise InputError("aperture counts from 0 to 1 of each pixel, or is true or false")
             self.counts = array
         elif array.ndim == 2 and array.shape[1] == 2 and len(array) > 2:
+            if not np.all(np.isfinite(array)):
+                raise InputError("the corners of an aperture must be finite numbers")
             self.polygon = array
         else:
             raise InputError(

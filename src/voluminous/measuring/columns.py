@@ -10,7 +10,7 @@ import numpy as np
 from ..expressions import Expression
 from .integrals import integrals
 from .maps import as_map
-from .quantity import Quantity, column_unit, converted
+from .quantity import Quantity, check_volume, column_unit, converted
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -79,6 +79,7 @@ def column(
         "device": device,
         "progress": progress,
     }
+    check_volume(volume)
     what = Quantity.of(volume.seen_by(camera), quantity)
     told = {"quantity": what.expression.text, "method": method, "samples": samples}
     if weight is None:

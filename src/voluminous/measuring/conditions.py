@@ -13,7 +13,8 @@ from ..errors import UnitsError
 from ..units import unit_name
 from .quantity import Quantity
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+# All of it: the "e-19" of 1e-19 is no unit.
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\d.]|[eE][-+]?\d)"
 # A comparison with a number and what looks like a unit: letters, powers, products, quotients.
 _COMPARED = re.compile(
     rf"(?P<sign><=|>=|==|!=|<|>)\s*(?P<number>{_NUMBER})\s*"
@@ -24,7 +25,7 @@ _COMPARED = re.compile(
 _BEGINS = re.compile(r"\band\b|\bor\b|\bnot\b|\bif\b|\belse\b|[&|~]|[<>=!]=?")
 
 
-def condition(volume: Any, text: Any) -> Quantity:
+def condition(volume: Any, text: Any, what: str = "where") -> Quantity:
     """Return a condition without units, as an expression that is zero where it does not hold.
 
     Raises
@@ -36,7 +37,7 @@ def condition(volume: Any, text: Any) -> Quantity:
     """
     if isinstance(text, str):
         text = _COMPARED.sub(lambda found: _converted(volume, text, found), text)
-    return Quantity.of(volume, text, "where")
+    return Quantity.of(volume, text, what)
 
 
 def _converted(volume: Any, text: str, found: re.Match[str]) -> str:

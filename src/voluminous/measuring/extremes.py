@@ -11,8 +11,9 @@ import numpy as np
 from ..backend import dr
 from ..errors import unknown_name
 from ..media import Coefficients
+from .conditions import condition as converted_condition
 from .maps import as_map, depth_map
-from .quantity import Quantity
+from .quantity import Quantity, check_volume
 from .scan import NOTHING, Scanner, distance, scan
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def extreme(
     """
     if kind not in KINDS:
         raise unknown_name("kind", str(kind), KINDS)
+    check_volume(volume)
     what = Quantity.of(volume.seen_by(camera), quantity)
     scheme = _Largest(1.0 if kind == "maximum" else -1.0)
     options = {"precision": precision, "device": device, "progress": progress}
@@ -90,14 +92,16 @@ def first_hit(
     Parameters
     ----------
     condition : str
-        An expression such as ``"density > 1e-18"``; holds where it is not zero.
+        An expression such as ``"density > 1e-18"``; holds where it is not zero. Numbers may have
+        units on the right of a comparison.
 
     Returns
     -------
     Image
         Distances as in `Extreme.depth`, of the point where rays enter the cell.
     """
-    what = Quantity.of(volume.seen_by(camera), condition, "condition")
+    check_volume(volume)
+    what = converted_condition(volume.seen_by(camera), condition, "condition")
     options = {"precision": precision, "device": device, "progress": progress}
     found = scan(volume, Coefficients(what.expression, 0), camera, _First(), **options)
     return depth_map(found.values[0], volume, camera, {"condition": what.expression.text})

@@ -33,6 +33,8 @@ def integrals(
 ) -> np.ndarray:
     """Return ∫ q ds for each expression q: plain numbers, lengths in the volume's unit.
 
+    Cells where one of them has no value count nothing for all: means are of what is known.
+
     Returns
     -------
     float64 array, shape (k, ny, nx)
@@ -46,7 +48,7 @@ def integrals(
     """
     if method == "exact":
         check_exact(volume.grid, camera)
-        return exact_maps(volume.seen_by(camera), expressions, camera, device)
+        return exact_maps(volume.seen_by(camera), expressions, camera, device, together=True)
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
     image = render(
@@ -64,7 +66,12 @@ def integrals(
 
 
 def exact_maps(
-    volume: Any, expressions: Sequence[Any], camera: Any, device: str, parts: Any = None
+    volume: Any,
+    expressions: Sequence[Any],
+    camera: Any,
+    device: str,
+    parts: Any = None,
+    together: bool = False,
 ) -> np.ndarray:
     """Return the pixels' mean columns: cells' shadows, clipped against the pixels.
 
@@ -76,6 +83,8 @@ def exact_maps(
         None stands for 1: how much space there is.
     parts : Parts, optional
         Which part of each cell counts.
+    together : bool
+        Cells where one expression has no value count nothing for the others either.
     """
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), screen_of(frame)
@@ -84,13 +93,18 @@ def exact_maps(
         last = min(first + _CHUNK, grid.size)
         sizes = np.asarray(grid.cell_sizes(first, last))
         share = np.prod(sizes, axis=0) * (1.0 if parts is None else parts.of(first, last))
-        values = [
-            np.ones(last - first)
-            if e is None
-            else volume.evaluate_cells(e, first, last, double=True)
-            for e in expressions
-        ]
-        amounts = np.where(share > 0, np.nan_to_num(values, nan=0.0), 0.0) * share
+        values = np.array(
+            [
+                np.ones(last - first)
+                if e is None
+                else volume.evaluate_cells(e, first, last, double=True)
+                for e in expressions
+            ]
+        )
+        unknown = np.isnan(values)
+        if together:
+            unknown = np.any(unknown, axis=0)
+        amounts = np.where(unknown | (share == 0), 0.0, values) * share
         centers = np.asarray(grid.cell_centers(first, last))
         total += onto_pixels(screen, centers, sizes, amounts, backend)
     return total / np.prod(frame.pixel)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
 from .conditions import condition, holds
@@ -28,10 +30,17 @@ class Parts:
     region : Region, optional
         Cells on its surface are divided into ``samples**3`` parts, of which those count that have
         their centre inside.
+
+    Raises
+    ------
+    InputError
+        If `samples` is not positive.
     """
 
-    def __init__(self, volume: Any, where: Any, region: Region | None, samples: int) -> None:
-        self.volume, self.region, self.samples = volume, region, samples
+    def __init__(self, volume: Any, where: Any, region: Region | None, samples: Any) -> None:
+        if not isinstance(samples, Integral) or samples < 1:
+            raise InputError(f"samples must be a positive whole number, got {samples!r}")
+        self.volume, self.region, self.samples = volume, region, int(samples)
         self.where = None if where is None else condition(volume, where)
 
     @property
@@ -59,11 +68,21 @@ class Parts:
         assert self.region is not None
         corners = self._tally(first, last, np.arange(last - first), (0.0, 0.5, 1.0))
         part = np.round(corners)  # all points inside, or none
-        divided = np.flatnonzero((corners > 0) & (corners < 1))
+        divided = np.flatnonzero(((corners > 0) & (corners < 1)) | self._cut(first, last))
         if divided.size:
             steps = (np.arange(self.samples) + 0.5) / self.samples
             part[divided] = self._tally(first, last, divided, tuple(steps))
         return part
+
+    def _cut(self, first: int, last: int) -> np.ndarray:
+        """Return which boxes the region's surface may pass through, between their corners."""
+        assert self.region is not None
+        grid = self.volume.grid
+        if tuple(grid.coordinates) != CARTESIAN:
+            return np.zeros(last - first, dtype=bool)
+        reach = 0.5 * np.linalg.norm(np.asarray(grid.cell_sizes(first, last)), axis=0)
+        away = self.region.beyond(np.asarray(grid.cell_centers(first, last)), grid.unit)
+        return np.asarray(np.abs(away) < reach)
 
     def _tally(
         self, first: int, last: int, cells: np.ndarray, steps: tuple[float, ...]

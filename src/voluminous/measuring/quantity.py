@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError, UnitsError
 from ..expressions import Expression, components
-from ..units import parse_unit
+from ..units import parse_unit, unit_name
 
 
 @dataclass(frozen=True)
@@ -30,13 +32,33 @@ class Quantity:
         """
         if not isinstance(expression, (str, Expression, int, float)):
             raise InputError(
-                f"{what} must be a field or an expression such as 'density', got {expression!r}"
+                f"{what} must be a field or an expression such as 'density', "
+                f"got {_told(expression)}"
             )
         parts = components(expression)
         if len(parts) != 1:
             raise InputError(f"{what} must be one number per cell, got the vector {expression!r}")
         volume.check_names(parts[0])
         return cls(parts[0], volume.expression_unit(parts[0]))
+
+
+def _told(value: Any) -> str:
+    """Return what was given instead; an array could be a field."""
+    if isinstance(value, np.ndarray):
+        return "an array; put it into the volume, volume['name'] = array, and give the name"
+    return repr(value)
+
+
+def check_volume(volume: Any) -> None:
+    """Refuse what cannot be measured at all.
+
+    Raises
+    ------
+    InputError
+        If it is no volume.
+    """
+    if not hasattr(volume, "seen_by"):
+        raise InputError(f"measurements need a Volume first, got {type(volume).__name__}")
 
 
 def column_unit(unit: Any, length: Any) -> tuple[Any, float]:
@@ -50,14 +72,21 @@ def column_unit(unit: Any, length: Any) -> tuple[Any, float]:
     unit, length : astropy unit or None
         Of the quantity, and of lengths of the volume.
     """
+    return _times_lengths(unit, length, 1)
+
+
+def total_unit(unit: Any, length: Any) -> tuple[Any, float]:
+    """Return the unit of a quantity times a volume, in the same way as `column_unit`."""
+    return _times_lengths(unit, length, 3)
+
+
+def _times_lengths(unit: Any, length: Any, power: int) -> tuple[Any, float]:
     if length is None or unit is None:
-        return (length if unit is None else unit), 1.0
+        return (unit if length is None else length**power), 1.0
     powers = zip(unit.bases, unit.powers, strict=True)
     inverse = {base: p for base, p in powers if base.physical_type == "length" and p < 0}
-    if not inverse:
-        return parse_unit(unit * length), 1.0
-    base = min(inverse, key=lambda base: inverse[base])
-    return parse_unit(unit * base), float(length.to(base))
+    own = min(inverse, key=lambda base: inverse[base]) if inverse else length
+    return parse_unit(unit * own**power), float(length.to(own)) ** power
 
 
 def converted(unit: Any, wanted: Any, what: str) -> tuple[Any, float]:
@@ -77,4 +106,6 @@ def converted(unit: Any, wanted: Any, what: str) -> tuple[Any, float]:
     try:
         return target, float(own.to(target if target is not None else u.dimensionless_unscaled))
     except u.UnitConversionError as error:
-        raise UnitsError(f"{what} is in {own or 'no unit'}, which is not {wanted}") from error
+        raise UnitsError(
+            f"{what} is in {unit_name(own) or 'no unit'}, which is not {wanted}"
+        ) from error

@@ -15,12 +15,15 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..errors import InputError
 from .box_spline import BoxSpline
 
 # Numbers computed in one kernel: 16 bytes each.
 _BATCH = 1 << 22
 # What differences of parts are good to.
 _NOISE = 1e-13
+# Half a cell, in pixels. What a pixel shows of it is 1e-10 of it: a difference good to 1e-4.
+_WIDEST = 1e5
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,11 @@ def onto_pixels(
     -------
     array, shape (k, ny, nx)
         Sums are those of `amounts`, but for what falls beside the frame.
+
+    Raises
+    ------
+    InputError
+        If pixels are so small that differences of a cell's parts have no digits left.
     """
     nx, ny = screen.pixels
     spline = BoxSpline(screen.axes.T)
@@ -57,9 +65,15 @@ def onto_pixels(
     reach = 0.5 * np.abs(screen.axes) @ sizes
     edge = np.array([[nx], [ny]])
     seen = np.flatnonzero(np.all((place + reach > 0) & (place - reach < edge), axis=0))
+    widest = float(reach[:, seen].max(initial=0.0))
+    if widest > _WIDEST:
+        raise InputError(
+            f"method='exact' knows columns of cells up to {2 * _WIDEST:.0e} pixels wide, here one "
+            f"is {2 * widest:.1e}; in pixels that small method='rays' is as good"
+        )
     # Margins take what falls beside; of each pixel what is added and taken.
     total = np.zeros((len(amounts), 2 * (nx + 3) * (ny + 2)))
-    for cells, columns, rows in _groups(reach, seen):
+    for cells, columns, rows in _groups(reach, seen, screen.pixels):
         boxes = _Boxes(*(each[:, cells] for each in (place, reach, sizes, amounts)))
         parts, pixels = _shadows(spline, boxes, columns, rows, screen.pixels, backend)
         for sums, part in zip(total, parts, strict=True):
@@ -82,8 +96,14 @@ class _Boxes:
     amounts: np.ndarray
 
 
-def _groups(reach: np.ndarray, seen: np.ndarray) -> Iterator[tuple[np.ndarray, int, int]]:
-    """Yield cells of about one size, and the columns and rows that their shadows take at most."""
+def _groups(
+    reach: np.ndarray, seen: np.ndarray, pixels: tuple[int, int]
+) -> Iterator[tuple[np.ndarray, int, int]]:
+    """Yield cells of about one size, and the columns and rows that their shadows take at most.
+
+    Of those that are wider than the frame only what is in it counts, and one column and row before.
+    """
+    reach = np.minimum(reach, 0.5 * np.array(pixels)[:, None])
     kinds: Any = np.rint(2.0 * np.log2(2.0 * reach.max(axis=0) + 1.0)).astype(np.int8)
     for kind in np.flatnonzero(np.bincount(kinds - kinds.min())) + kinds.min():
         cells = seen[kinds[seen] == kind]
@@ -119,14 +139,15 @@ def _shadows(
 
     (u, v), (du, dv) = ([of_cell(c) for c in part] for part in (boxes.place, boxes.reach))
     box = spline.traced(backend).box([of_cell(boxes.sizes[k]) for k in spline.kept])
-    left, bottom = dr.floor(u - du), dr.floor(v - dv)
+    # What is beside the frame on the left or below is taken by one column and one row.
+    left, bottom = (dr.select(p > -1.0, dr.floor(p), -1.0) for p in (u - du, v - dv))
     edge = left + column + 1.0
     last = edge >= u + du
     right = dr.select(last, u + du, edge) - u
     active = edge - 1.0 < u + du
     amounts = [of_cell(amount) for amount in boxes.amounts]
     nx, ny = (dr.opaque(Float, n) for n in pixels)
-    # Of what begins beside the frame only the last column reaches into it.
+    # Beyond the frame nothing counts.
     across = dr.clip(left + column, -2.0, nx) + 2.0
     parts = [dr.empty(Float, lanes * rows) for _ in amounts]
     numbers = dr.empty(UInt, lanes * rows)
@@ -136,8 +157,13 @@ def _shadows(
 
     def step(state: _State) -> tuple[_State]:
         top = bottom + Float(state.row) + 1.0
-        limit = dr.select(top < v + dv, top, v + dv) - v
+        inside = top < v + dv
+        limit = dr.select(inside, top, v + dv) - v
         below = box.covered(right, limit)
+        # All of a box is one. For needles and plates it is not, to rounding: their last pixel makes
+        # up for it. Of other boxes it would only get noise.
+        lossy = last & ~inside & (dr.abs(below - 1.0) > _NOISE)
+        below = dr.select(lossy, 1.0, below)
         target = state.row * dr.opaque(UInt, lanes) + lane
         part = dr.select(active, below - state.below, 0.0)
         for amount, out in zip(amounts, parts, strict=True):

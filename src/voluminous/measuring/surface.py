@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,7 +77,7 @@ def tau_surface(
     InputError
         If `tau` is not positive, or something cannot be rendered.
     """
-    if not isinstance(tau, (int, float)) or not 0 < tau < np.inf:
+    if not isinstance(tau, Real) or not 0 < tau < np.inf:
         raise InputError(f"tau must be a positive number, got {tau!r}")
     inner = get_scheme(scheme, controlled=False)
     options = {"precision": precision, "device": device, "progress": progress}

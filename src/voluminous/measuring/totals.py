@@ -15,7 +15,7 @@ from .aperture import Aperture
 from .integrals import check_exact, exact_maps
 from .maps import as_map
 from .parts import CHUNK, Parts
-from .quantity import Quantity, column_unit
+from .quantity import Quantity, check_volume, column_unit, total_unit
 from .shapes import region_of
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ def measure(
     ----------
     volume : Volume
         Grid and fields; a quantity is constant in a cell.
-    quantities : str or dict of str
-        One expression, or name → expression: ``{"mass": "density", "momentum":
+    quantities : str, list of str or dict of str
+        One expression, several, or name → expression: ``{"mass": "density", "momentum":
         "density * los('velocity')"}``.
     where : str, optional
         A condition that cells must fulfil, such as ``"los('velocity') > 5 km/s"``; numbers may have
@@ -122,6 +122,7 @@ def measure(
     Peters, *The physics of volume rendering*, section 6, measures mass, momentum and kinetic energy
     of an outflow as optical depths; here they follow from the cells themselves, without rays.
     """
+    check_volume(volume)
     asked = _asked(quantities)
     if isinstance(region, str):
         region = region_of(region)
@@ -131,13 +132,15 @@ def measure(
         return _table(volume, quantities, where, camera, region, aperture, maps, samples, device)
     seen = volume if camera is None else volume.seen_by(camera)
     what = {name: Quantity.of(seen, text, name) for name, text in asked.items()}
-    parts = Parts(seen, where, region, int(samples))
+    parts = Parts(seen, where, region, samples)
     if aperture is not None or maps:
         return _in_pixels(seen, what, parts, camera, aperture, maps, device)
     return _in_cells(seen, what, parts)
 
 
 def _asked(quantities: Any) -> dict[str, Any]:
+    if isinstance(quantities, (list, tuple)):
+        quantities = {str(quantity): quantity for quantity in quantities}
     if not isinstance(quantities, Mapping):
         return {str(quantities): quantities}
     if not quantities:
@@ -199,12 +202,9 @@ def _in_pixels(
 
 def _with_unit(volume: Any, total: float, unit: Any) -> Any:
     """Return ∫ q dV as a Quantity, lengths taken in the unit that q is made of."""
-    own = unit
-    for _ in range(3):
-        own, factor = column_unit(own, volume.unit)
-        total *= factor
+    own, factor = total_unit(unit, volume.unit)
     own = parse_unit(own)
-    return float(total) if own is None else float(total) * own
+    return float(total * factor) if own is None else float(total * factor) * own
 
 
 def _table(volume: Any, quantities: Any, where: Any, cameras: Any, *options: Any) -> Any:
@@ -212,7 +212,7 @@ def _table(volume: Any, quantities: Any, where: Any, cameras: Any, *options: Any
     from astropy import units as u
     from astropy.table import QTable
 
-    if not isinstance(cameras, Sequence) or not cameras:
+    if not isinstance(cameras, Sequence) or isinstance(cameras, str) or not cameras:
         raise InputError(f"camera must be a camera, or a list of them, got {cameras!r}")
     region, aperture, maps, samples, device = options
     found = [

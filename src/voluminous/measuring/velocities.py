@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from .integrals import integrals
 from .maps import as_map
-from .quantity import Quantity, column_unit
+from .quantity import Quantity, check_volume, column_unit
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -83,8 +84,9 @@ def moments(
     InputError
         If `n` is not from 0 to 4.
     """
-    if not isinstance(n, int) or not 0 <= n <= _MOST:
+    if not isinstance(n, Integral) or not 0 <= n <= _MOST:
         raise InputError(f"n, the highest moment, must be from 0 to {_MOST}, got {n!r}")
+    check_volume(volume)
     seen = volume.seen_by(camera)
     weight, speed = Quantity.of(seen, quantity), _along(seen, velocity)
     middle = _typical(seen, weight, speed)

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -58,6 +59,7 @@ def annotate(image: Image, **options: Any) -> Annotated:
     """Return the picture with annotations; see `Image.annotate`."""
     check_options("annotation", options, OPTIONS | DISPLAY)
     wanted = Wanted(**{k: v for k, v in options.items() if k in OPTIONS})
+    _check_kinds(wanted)
     shown = {k: v for k, v in options.items() if k in DISPLAY}
     pixels = _pixels(image, wanted.transparent, shown)
     letters = _letters(wanted.font_size, pixels)
@@ -74,6 +76,14 @@ def annotate(image: Image, **options: Any) -> Annotated:
     return Annotated(image, drawn(drawn((0, 0, 0, 0)).overhang()))
 
 
+def _check_kinds(wanted: Wanted) -> None:
+    """Refuse what is neither a volume nor a medium."""
+    for name, has in (("volume", "evaluate_cells"), ("medium", "describe")):
+        given = getattr(wanted, name)
+        if given is not None and not hasattr(given, has):
+            raise InputError(f"{name} must be a {name}, got {type(given).__name__}")
+
+
 def _pixels(image: Image, transparent: bool, shown: dict[str, Any]) -> NDArray[np.uint8]:
     """Return the pixels that `Image.save` writes, row 0 at the bottom."""
     from ..formats.png import display_values
@@ -87,7 +97,7 @@ def _pixels(image: Image, transparent: bool, shown: dict[str, Any]) -> NDArray[n
 def _letters(wanted: float | None, pixels: NDArray[np.uint8]) -> float:
     if wanted is None:
         return letter_height(pixels)
-    if not 0 < float(wanted) < np.inf:
+    if not isinstance(wanted, Real) or not 0 < wanted < np.inf:
         raise InputError(f"font_size must be a positive number of pixels, got {wanted!r}")
     return float(wanted)
 

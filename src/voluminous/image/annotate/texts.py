@@ -87,6 +87,11 @@ def draw_title(sheet: Sheet, words: str, above: float) -> None:
         va="bottom",
         gid="title",
     )
-    wide = text.get_window_extent(sheet.canvas.get_renderer()).width
+    renderer = sheet.canvas.get_renderer()
+    try:
+        wide = text.get_window_extent(renderer).width
+    except ValueError:  # dollars that are no formula of matplotlib's
+        text.set_parse_math(False)
+        wide = text.get_window_extent(renderer).width
     if wide > sheet.width:
         text.set_fontsize(_TITLE * sheet.em * sheet.width / wide)

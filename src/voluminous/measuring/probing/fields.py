@@ -45,7 +45,8 @@ def wanted(volume: Any, expressions: Any) -> list[Expression]:
     InputError, UnknownNameError
         If one is no expression, or names a field that does not exist.
     """
-    listed = [expressions] if isinstance(expressions, (str, Expression)) else list(expressions)
+    several = isinstance(expressions, (list, tuple))
+    listed = list(expressions) if several else [expressions]
     return [Quantity.of(volume, expr, "also").expression for expr in listed]
 
 
