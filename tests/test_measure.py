@@ -84,6 +84,11 @@ def test_a_condition_chooses_cells():
         ("r < 1", "r < 1"),
         ("density > 5e-1", "density > 0.5"),
         ("density > 5E-1 or r < 1.5e-1", "density > 0.5 or r < 0.15"),
+        ("500 m/s < velocity_x", "velocity_x > 0.5"),
+        ("500 m/s < velocity_x < 2e3 m/s", "velocity_x > 0.5 and velocity_x < 2"),
+        ("r < 1 and (1 km s-1 >= abs(velocity_x))", "r < 1 and abs(velocity_x) <= 1"),
+        ("not 1e-3 kg/m3 <= density or 200 m/s < velocity_x", "density < 1e-3 or velocity_x > 0.2"),
+        ("0.5 < density", "density > 0.5"),
     ],
 )
 def test_numbers_with_units(text, plain):
@@ -97,6 +102,7 @@ def test_units_that_do_not_fit():
         ("density > 5 km/s", "'5 km/s' is no quantity that 'density', in g / cm3"),
         ("r / r > 5 cm", "no unit"),
         ("density > 5 parsnips", "'5 parsnips' is no quantity"),
+        ("5 parsnips < density < 1 g/cm3", "'5 parsnips' is no quantity that 'density'"),
     ]:
         with pytest.raises(vm.UnitsError, match=told):
             vm.measure(gas(), "density", text)

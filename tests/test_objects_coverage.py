@@ -232,3 +232,11 @@ def test_what_is_beside_the_picture_is_not_in_it():
     assert not shown(camera, *things)[1].any()
     half = shown(camera, vm.Spheres([[1, 0, 0]], 0.5))[1].sum() * 0.04
     assert half == pytest.approx(np.pi * 0.125, rel=1e-6)
+
+
+def test_no_points_and_no_table_are_refused():
+    for points in ([], np.zeros((0, 3)), np.zeros((0, 5, 3))):
+        with pytest.raises(vm.InputError, match="got none"):
+            vm.Lines(points)
+    with pytest.raises(vm.InputError, match="expected a table of astropy"):
+        vm.Stars.from_table(3, luminosity=1)

@@ -123,6 +123,8 @@ def _lines(points: Any) -> tuple[np.ndarray, np.ndarray, Any]:
         return np.concatenate(lines), counts, unit
     unit = unit_of(points)
     array = np.asarray(plain(points, unit, "points"))
+    if array.size == 0:
+        raise InputError("expected the points of a line or of several, got none")
     array = array if array.ndim == 3 else array[None]
     _check(array.reshape(-1, array.shape[-1]), array.shape[1])
     return array.reshape(-1, 3), np.full(len(array), array.shape[1]), unit

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..errors import unknown_name
+from ..errors import InputError, unknown_name
 
 
 def is_column(table: Any, name: str) -> bool:
@@ -19,6 +20,8 @@ def column(table: Any, name: str) -> Any:
 
     Raises
     ------
+    InputError
+        If it is no table.
     UnknownNameError
         If there is none of this name; names the nearest.
     """
@@ -37,4 +40,9 @@ def _names(table: Any) -> list[str]:
         if hasattr(table, place):
             return [str(name) for name in getattr(table, place)]
     dtype = getattr(table, "dtype", None)
+    if dtype is None and not isinstance(table, Mapping):
+        raise InputError(
+            "expected a table of astropy or pandas, a dictionary of columns, or an array with "
+            f"fields, got {type(table).__name__}"
+        )
     return [str(name) for name in (table if dtype is None else dtype.names or ())]

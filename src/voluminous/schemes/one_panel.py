@@ -2,7 +2,7 @@
 
 The value of each scalar where the ray leaves a cell is all that is computed: the medium's integrals
 between that and the value where it entered are known in closed form. Where the scalars are nearly
-linear over cubes of 2, 4 or 8 cells, those are one segment. That takes a fifth of the time that
+linear over cubes of 2, 4 or 8 cells, those are one segment. That takes a seventh of the time that
 panels take which are compared with their halves, but nobody knows how far it is off: of second
 order in the cell size, and blind to what lies between the ends of a segment.
 """
@@ -18,7 +18,7 @@ from ..backend.functions import any_attenuation
 from .contract import Solution
 from .path import Path, empty_path
 
-# The shell of the note: 1e-3 of the maximum rms, 0.3 of the time of steps of one cell.
+# The core of the note: 1.7e-3 of the maximum rms, and 0.87 of the time that 0.1 takes (1.4e-3).
 _COARSENESS = 0.2
 
 
