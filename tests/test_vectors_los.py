@@ -211,5 +211,65 @@ def test_what_is_missing_is_named():
         vm.render(volume, vm.Coefficients("los('v')", "1"), Bundle([[0, 0, -9.0]], [[0, 0, 1.0]]))
     half = vm.SphericalGrid([1.0, 2.0], [0.5, np.pi / 2], mirror=True)
     mirrored = vm.Volume(half, random_vector(half, "xyz"))
-    with pytest.raises(InputError, match="mirror image"):
+    with pytest.raises(InputError, match=r"mirror image: volume\.unfolded\(\) has both"):
         mirrored.evaluate("los('v')", camera=ORTHOGRAPHIC)
+
+
+def both_halves():
+    """Return a mirrored volume, and the cells' values as functions of place."""
+    grid = vm.SphericalGrid(
+        np.geomspace(1, 3, 6), np.linspace(0.3, np.pi / 2, 5), np.linspace(0, 2 * np.pi, 9),
+        mirror=True, unit="pc",
+    )  # fmt: skip
+    volume = vm.Volume(grid, rho="2 * r + x", v_r="x", v_theta="r + y", v_phi="z")
+    volume["w_x"], volume["w_y"], volume["w_z"] = "z", "x", "z + y"
+    volume["height_z"] = "z"  # no vector: there are no height_x and height_y
+    for name in ("v_r", "v_theta", "v_phi", "w_x", "w_y", "w_z"):
+        volume.set_unit(name, "km/s")
+    volume.set_unit("rho", None)
+    volume.meta["time"] = 3.0
+    return volume
+
+
+def test_both_halves_of_a_mirrored_volume():
+    volume = both_halves()
+    whole = volume.unfolded()
+    assert not whole.grid.mirror
+    assert whole.grid.shape == (5, 8, 8)
+    assert whole.meta == {"time": 3.0}
+    assert whole.units["v_r"] == "km / s"
+    for name, sign in {
+        "rho": 1,
+        "v_r": 1,
+        "v_theta": -1,
+        "w_x": 1,
+        "w_z": -1,
+        "height_z": 1,
+    }.items():
+        np.testing.assert_array_equal(whole.array(name)[:, :4], volume.array(name))
+        np.testing.assert_array_equal(whole.array(name)[:, :3:-1], sign * volume.array(name))
+    # Cartesian components of a vector in spherical ones: mirrored, z changes sign.
+    up, down = whole.array("v_z")[:, :4], whole.array("v_z")[:, :3:-1]
+    np.testing.assert_allclose(down, -up, atol=1e-12)
+    np.testing.assert_allclose(whole.grid.cell_volumes.sum(), volume.grid.cell_volumes.sum())
+
+
+def test_both_halves_look_as_the_mirrored_volume():
+    volume = both_halves()
+    medium = vm.Coefficients(["rho", "rho**2"], "0.1 * rho")
+    for scheme in ("first-order", "post-classified"):
+        pictures = [
+            vm.render(v, medium, vm.Orthographic(50, 20, resolution=24), scheme=scheme).intensity
+            for v in (volume, volume.unfolded())
+        ]
+        np.testing.assert_allclose(*pictures, rtol=0, atol=2e-3 * pictures[0].max())
+    seen = vm.measure(volume.unfolded(), {"p": "rho * los('w')"}, camera=vm.Orthographic(90, 0))
+    assert np.isfinite(seen["p"].value)
+
+
+def test_what_is_not_folded_stays_and_what_is_refined_is_refused():
+    volume = vm.Volume(vm.SphericalGrid([1.0, 2.0]), a=[[[1.0]]])
+    assert volume.unfolded() is volume
+    grid = vm.SphericalGrid([1.0, 2.0], [0.5, np.pi / 2], refined=[True, *[False] * 4], mirror=True)
+    with pytest.raises(InputError, match="refined grid with mirror=True"):
+        vm.Volume(grid, a=np.ones(grid.size)).unfolded()

@@ -30,8 +30,7 @@ class Sight:
             )
         if getattr(self.grid, "mirror", False):
             raise InputError(
-                "los(...) differs between a cell and its mirror image; give the grid both halves, "
-                "without mirror=True"
+                "los(...) differs between a cell and its mirror image: volume.unfolded() has both"
             )
         return self._to(self.grid.cell_centers(first, last))
 

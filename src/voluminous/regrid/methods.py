@@ -12,6 +12,7 @@ from ..expressions import Expression
 from .plane import Slice, cells_on, make_plane, make_slice
 from .resample import resampled
 from .table import cell_columns, table
+from .unfolded import unfolded
 
 
 class OnOtherCells:
@@ -72,6 +73,29 @@ class OnOtherCells:
             other.set_unit(name, self.field_unit(name))
         other.meta |= _meta_on(self, grid)
         return other
+
+    def unfolded(self: Any) -> Any:
+        """Return a volume with both halves of a spherical grid that was made with ``mirror=True``.
+
+        What is below the midplane moves as its image above does, upside down: components along θ,
+        or z, of vectors change sign. So lines of sight, ``los("velocity")``, are known everywhere.
+
+        Returns
+        -------
+        Volume
+            With twice the cells; this volume itself where nothing is mirrored.
+
+        Raises
+        ------
+        InputError
+            If the grid is refined.
+
+        Notes
+        -----
+        All vectors are taken as velocities are. A magnetic field is mirrored with the opposite sign
+        (it is an axial vector): change that of its three components below the midplane afterwards.
+        """
+        return unfolded(self)
 
     def slice(
         self: Any,
