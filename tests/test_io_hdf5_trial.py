@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -64,7 +65,7 @@ class TestSound:
         monkeypatch.setattr(trial_child, "LONGEST", 0.0)
         looked = []
         trial_child.look_through(str(path), lambda: looked.append(1))
-        assert looked == []
+        assert looked == [1]  # no object was looked at
 
 
 class TestDamaged:
@@ -77,10 +78,21 @@ class TestDamaged:
         assert "come to an end" in looker(tmp_path, endless).look("bad")
 
     @posix
-    def test_the_child_limits_the_time_of_an_object(self):
-        trial_child._end_after(100)
-        left = signal.setitimer(signal.ITIMER_PROF, 0)[0]
-        assert 0 < left <= 100.1
+    def test_looking_through_a_file_in_this_process_sets_no_clock(self, path):
+        trial_child.look_through(str(path), lambda: None)
+        assert signal.getitimer(signal.ITIMER_PROF) == (0.0, 0.0)
+
+    @posix
+    def test_the_child_ends_itself_over_an_object_that_takes_too_long(self, path, tmp_path):
+        """The real child, with a look at an object that never ends, and little time for it."""
+        script = tmp_path / "impatient.py"
+        source = Path(trial_child.__file__).read_text()
+        endless = "def _look(item: Any, size: int) -> None:\n    while True:\n        pass\n"
+        source = source.replace("STEADY = 3.0", "STEADY = 0.2").replace(
+            'if __name__ == "__main__"', endless + '\n\nif __name__ == "__main__"'
+        )
+        script.write_text(source)
+        assert "come to an end" in Looker(str(script)).look(str(path))
 
     def test_silence_is_an_end_too(self, tmp_path, monkeypatch):
         monkeypatch.setattr(trial, "PATIENCE", 0.3)

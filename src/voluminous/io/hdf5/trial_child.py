@@ -33,6 +33,12 @@ class DamagedError(Exception):
 def look_through(path: str, alive: Any) -> None:
     """Look at the attributes and the layout of all objects, and at what is in small data sets.
 
+    Parameters
+    ----------
+    path : str
+    alive : callable
+        Called before the file is opened, and before each object.
+
     Raises
     ------
     DamagedError
@@ -42,11 +48,11 @@ def look_through(path: str, alive: Any) -> None:
 
     until = time.monotonic() + LONGEST
     size = os.path.getsize(path)
+    alive()
     with h5py.File(path, "r") as file:
         waiting, seen = [file["/"]], set()
         while waiting and time.monotonic() < until:
             alive()
-            _end_after(STEADY)
             item = waiting.pop()
             with _trying():
                 address = h5py.h5o.get_info(item.id).addr
@@ -116,10 +122,14 @@ def main() -> None:
         out.write(what)
         out.flush()
 
+    def alive() -> None:
+        say(ALIVE)
+        _end_after(STEADY)
+
     for line in sys.stdin:
         trouble = ""
         try:
-            look_through(json.loads(line), lambda: say(ALIVE))
+            look_through(json.loads(line), alive)
         except DamagedError as error:
             trouble = ascii(str(error))[1:-1]
         except Exception:  # libhdf5 refuses it, and will again
