@@ -380,3 +380,20 @@ def test_particles_keep_their_masses_and_momenta():
         speed = gas["PartType0", f"particle_velocity_{axis}"].to("cm/s").d
         total = (cells * volume.array(f"velocity_{axis}")).sum()
         assert total == pytest.approx((mass * speed).sum(), abs=1e-9 * (mass * abs(speed)).sum())
+
+
+def test_pieces_of_enzo_are_looked_through_before_yt_opens_them(tmp_path, monkeypatch):
+    from voluminous.io.hdf5 import trial
+
+    path = copied(real(ENZO).parent, tmp_path / "data") / "moving7_0010"
+    looked = []
+
+    class Crashing:
+        def look(self, name):
+            looked.append(name)
+            return "libhdf5 crashes"
+
+    monkeypatch.setattr(trial, "_LOOKER", Crashing())
+    with pytest.raises(vm.FileFormatError, match=r"moving7_0010\.cpu0000.*libhdf5 crashes"):
+        vm.open(path)
+    assert len(looked) == 1

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import FileFormatError
+from ..hdf5 import check as check_hdf5
 
 _LARGEST_TEXT = 1 << 26
 # Six whole numbers, an empty line, and eleven numbers.
@@ -21,13 +22,15 @@ def check_output(path: Path) -> None:
     Raises
     ------
     FileFormatError
-        Names the number, and what was expected.
+        Names the number, and what was expected; or a file in HDF5 that libhdf5 does not survive.
     """
     if re.fullmatch(r"info_\d{5}\.txt", path.name):
         _check_ramses(path)
     hierarchy = path.with_name(path.name + ".hierarchy")
     if hierarchy.is_file():
         _check_enzo(hierarchy)
+        for piece in sorted(path.parent.glob(f"{path.name}.cpu*"))[:_MOST_FILES]:
+            check_hdf5(piece)
     if path.is_dir():
         _check_amrex(path / "Header")
 
