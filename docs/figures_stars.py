@@ -61,4 +61,36 @@ def stars(target: Path, pixels: int) -> None:
     row(target, panels, (10, 3.6), exposure=1.4)
 
 
-STAR_FIGURES: dict[str, Callable[[Path, int], None]] = {"stars": stars}
+def shells(grid: vm.OctreeGrid | vm.PatchGrid | vm.SphericalGrid) -> vm.Volume:
+    """Gas that is denser towards the centre."""
+    return vm.Volume(grid, gas="exp(-5 * r**1.5)")
+
+
+def boxes(target: Path, pixels: int) -> None:
+    """An octree, patches and a spherical grid, with their boxes."""
+    walls = [np.linspace(-1, 1, 9)] * 3
+
+    def near(x: np.ndarray, y: np.ndarray, z: np.ndarray, size: float) -> np.ndarray:
+        return np.hypot(np.hypot(x, y), z) < 2.2 * size
+
+    level = np.array([0, 1, 1, 2])
+    low = np.array([(0, 0, 0), (4, 6, 4), (10, 4, 6), (12, 14, 12)])
+    shape = np.array([(8, 8, 8), (6, 6, 6), (4, 6, 4), (6, 6, 8)])
+    grids = {
+        "octree": vm.OctreeGrid.from_function(*walls, near, 3),
+        "patches": vm.PatchGrid.from_boxes(*walls, level, low, shape),
+        "spherical": vm.SphericalGrid(
+            np.geomspace(0.15, 1, 24), np.linspace(0.7, np.pi - 0.7, 24), np.linspace(0, 4.7, 48)
+        ),
+    }
+    gas = vm.Coefficients(["1.2 * gas", "0.6 * gas", "0.3 * gas"], 0)
+    camera = vm.Orthographic(62, 25, width=3.1, resolution=pixels)
+    outlines = vm.boxes(colors=["#8899bb", "deepskyblue", "gold", "tomato"], width=1.3)
+    panels = {
+        name: vm.render(shells(grid), gas, camera, objects=[outlines])
+        for name, grid in grids.items()
+    }
+    row(target, panels, (10, 3.6), exposure=1.4)
+
+
+STAR_FIGURES: dict[str, Callable[[Path, int], None]] = {"stars": stars, "boxes": boxes}

@@ -281,3 +281,8 @@ def test_edges_of_boxes_are_the_edges_of_boxes():
         (a, b) for a in corners for b in corners if a < b and np.sum(np.not_equal(a, b)) == 1
     }
     assert ends == expected
+
+
+def test_colours_in_place_of_a_volume_are_refused():
+    with pytest.raises(vm.InputError, match="expected a vm.Volume, or colors="):
+        vm.boxes(["red", "lime"])

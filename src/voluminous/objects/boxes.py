@@ -80,7 +80,7 @@ def boxes(
     volume : Volume, optional
         Default: the one that is rendered.
     colors : optional
-        As for `Lines`; a list has one for each level that is drawn.
+        As for `Lines`; a list has one for each level that is drawn, or more.
     levels : int or sequence of int, optional
         Which levels to draw: 0 is the domain (and the coarsest patches), k what is refined k
         times or more. Those that a grid has not are left out. Default: all of them.
@@ -95,9 +95,13 @@ def boxes(
     Raises
     ------
     InputError
-        If levels are no whole numbers from 0; when they are drawn, if a grid has none of them, or
-        if there are not as many colours.
+        If levels are no whole numbers from 0, or `volume` is none; when they are drawn, if a grid
+        has none of them, or if there are fewer colours.
     """
+    if volume is not None and not hasattr(volume, "grid"):
+        raise InputError(
+            f"boxes: expected a vm.Volume, or colors=…, got {type(volume).__name__} first"
+        )
     grid = None if volume is None else volume.grid
     style: dict[str, Any] = {"colors": joined_values(colors), "width": width, "opacity": opacity}
     style |= {"depth": depth, "channel": channel, "relative": relative}
@@ -140,6 +144,6 @@ def _of_levels(colors: Any, level: np.ndarray) -> Any:
     """Return colours of lines, from those of levels."""
     if not _several(colors) or len(colors) == 1:
         return colors
-    if len(colors) != level.max() + 1:
+    if len(colors) <= level.max():
         raise InputError(f"colors: there are {len(colors)}, for {level.max() + 1} levels drawn")
     return [colors[k] for k in level] if isinstance(colors, (list, tuple)) else colors[level]
