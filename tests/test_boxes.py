@@ -284,5 +284,5 @@ def test_edges_of_boxes_are_the_edges_of_boxes():
 
 
 def test_colours_in_place_of_a_volume_are_refused():
-    with pytest.raises(vm.InputError, match="expected a vm.Volume, or colors="):
+    with pytest.raises(vm.InputError, match=r"expected a vm\.Volume, or colors="):
         vm.boxes(["red", "lime"])

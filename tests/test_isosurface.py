@@ -269,3 +269,24 @@ def test_scene_files_bring_it_back(medium):
     assert again.medium.key() == medium().key()
     image, other = (vm.render(volume, m, camera) for m in (medium(), again.medium))
     np.testing.assert_array_equal(image.intensity, other.intensity)
+
+
+def test_colours_by_name():
+    def colors(**given):
+        return np.reshape(vm.Isosurface("a", opacity=0.5, **given).colors, (-1, 3)).tolist()
+
+    orange = [1.0, 165 / 255, 0.0]
+    assert colors(level=1, color="orange") == [orange]
+    assert colors(level=1, color="#ffa500") == [orange]
+    assert colors(levels=[1, 2], color="orange") == [orange, orange]
+    assert colors(levels=[1, 2], color=["orange", "lime"]) == [orange, [0.0, 1.0, 0.0]]
+    # A colormap, too: a colour where there is one level.
+    assert colors(level=1, color="pink") == [[1.0, 192 / 255, 203 / 255]]
+    assert len(set(map(tuple, colors(levels=[1, 2, 3], color="pink")))) == 3
+    assert len(set(map(tuple, colors(levels=[1, 2, 3], color="viridis")))) == 3
+    with pytest.raises(vm.UnknownNameError, match="viridis"):
+        vm.Isosurface("a", levels=[1, 2], color="viridiss")
+    for shell in (vm.Gaussian, vm.Rectangle):
+        assert shell("a", 0, 1, "orange", 0, 1).color == tuple(orange)
+        with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
+            shell("a", 0, 1, "oragne", 0, 1)

@@ -413,7 +413,11 @@ REFUSED = [
     (lambda: Rectangle("x", 0, -1, 1, 1, 1), InputError, "half_width must be positive, got -1"),
     (lambda: G(0, math.inf, 1, 1, 1), InputError, "sigma must be finite"),
     (lambda: G(0, 1, 1, 1, 0), InputError, "path_length must be positive, got 0"),
-    (lambda: G(0, 1, "red", 1, 1), InputError, "color must be a number or one number per channel"),
+    (
+        lambda: G(0, 1, {"r": 1}, 1, 1),
+        InputError,
+        "color must be a number or one number per channel",
+    ),
     (
         lambda: G(0, 1, [], 1, 1),
         InputError,

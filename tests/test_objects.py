@@ -447,7 +447,6 @@ resolution = 20
         (lambda: vm.Star((0, 0, 0), radius=1, psf=2), "a psf is for points"),
         (lambda: vm.Star((0, 0, 0), luminosity=1, psf=0), "psf must be a positive width"),
         (lambda: vm.Star((0, 0, 0), radius=1, opacity=2), "opacity must be from 0 to 1"),
-        (lambda: vm.Star((0, 0, 0), "octarine", radius=1), "octarine"),
         (lambda: vm.Star((0, 0, 0), np.inf, radius=1), "colors must be finite"),
         (lambda: vm.Star((0, 0, 0), radius=1, channel=-1), "channel must be a whole number"),
         (lambda: vm.Stars([[0, 0, 0]] * 4, np.ones((3, 2)), radii=1), "list of 4"),
@@ -475,6 +474,11 @@ resolution = 20
 def test_what_makes_no_sense(make, told):
     with pytest.raises(vm.InputError, match=told):
         make()
+
+
+def test_unknown_colours_name_the_nearest():
+    with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
+        vm.Star((0, 0, 0), "oragne", radius=1)
 
 
 def test_unknown_depths_name_the_nearest():

@@ -297,7 +297,8 @@ def test_what_is_wrong_is_named_with_its_place(settings, expected):
         ({"sigma": "wide"}, r"\[\[medium\]\] 2: sigma: expected a number"),
         ({"sigma": [1, 2]}, r"\[\[medium\]\] 2: sigma: expected a number"),
         ({"sigma": -1}, r"\[\[medium\]\] 2: sigma must be positive"),
-        ({"color": "red"}, r"\[\[medium\]\] 2: color: expected a number or a list"),
+        ({"color": True}, r"\[\[medium\]\] 2: color: expected a name, a number or a list"),
+        ({"color": "oragne"}, r"\[\[medium\]\] 2: unknown color 'oragne'"),
         ({"color": [1.0]}, r"\[\[medium\]\]: media with 1 and 3 channels cannot be added"),
         ({"expr": "log10(density"}, r"\[\[medium\]\] 2: .*never closed"),
         ({"expr": ["a", True]}, r"\[\[medium\]\] 2: expr: expected an expression"),
@@ -387,3 +388,32 @@ def test_scenes_show_what_they_are():
     assert re.fullmatch(
         r"<Scene of sphere: Coefficients\(.*\), Orthographic\(.*\)>", repr(vm.Scene(SPHERE))
     )
+
+
+def test_colours_by_name(tmp_path):
+    shell = """
+[volume]
+model = "sphere"
+resolution = 8
+[[medium]]
+type = "gaussian"
+expr = "inside"
+center = 1.0
+sigma = 0.3
+color = "orange"
+opacity = 0.1
+path_length = 0.3
+[[medium]]
+type = "isosurface"
+expr = "r"
+levels = [0.3, 0.5]
+color = "plasma"
+opacity = 0.1
+[camera]
+resolution = 4
+"""
+    (tmp_path / "named.toml").write_text(shell)
+    scene = vm.Scene.load(tmp_path / "named.toml")
+    gaussian, surface = scene.medium.components()
+    assert gaussian.color == (1.0, 165 / 255, 0.0)
+    assert len(set(surface.colors)) == 2

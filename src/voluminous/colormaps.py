@@ -1,4 +1,4 @@
-"""Colormaps by name, from matplotlib, which is imported only when one is asked for."""
+"""Colormaps and colours by name, from matplotlib, imported only when one is asked for."""
 
 from __future__ import annotations
 
@@ -26,3 +26,27 @@ def get_colormap(colormap: Any) -> Any:
     if colormap not in matplotlib.colormaps:
         raise unknown_name("colormap", colormap, matplotlib.colormaps)
     return matplotlib.colormaps[colormap]
+
+
+def get_color(name: str) -> tuple[float, float, float]:
+    """Return red, green and blue of a colour: ``"orange"``, ``"#ffa500"``, ``"C1"``.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is none of this name; names the nearest.
+    """
+    import matplotlib.colors
+
+    try:
+        red, green, blue = matplotlib.colors.to_rgb(name)
+    except ValueError:
+        raise unknown_name("color", name, matplotlib.colors.CSS4_COLORS) from None
+    return float(red), float(green), float(blue)
+
+
+def is_color(name: str) -> bool:
+    """Return whether there is a colour of this name."""
+    import matplotlib.colors
+
+    return bool(matplotlib.colors.is_color_like(name))

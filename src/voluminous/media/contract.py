@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..colormaps import get_color
 from ..errors import InputError
 from ..expressions import DrjitOps, Expression, Margin, Ops
 from ..expressions.interval import Interval
@@ -339,6 +340,17 @@ def channel_values(value: Any, what: str) -> tuple[float, ...]:
     if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)):
         raise InputError(f"{what} must be finite, one number per channel, got {value!r}")
     return tuple(float(v) for v in values)
+
+
+def color_values(color: Any) -> tuple[float, ...]:
+    """Return emission per channel, from numbers, or red, green and blue from a colour's name.
+
+    Raises
+    ------
+    InputError, UnknownNameError
+        If it is neither.
+    """
+    return get_color(color) if isinstance(color, str) else channel_values(color, "color")
 
 
 def check_plain(value: Any, what: str) -> None:

@@ -19,12 +19,21 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import precision_of
-from ..errors import InputError, unknown_name
+from ..colormaps import get_color, get_colormap, is_color
+from ..errors import InputError, UnknownNameError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
 from .color_by import ColorBy
-from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
+from .contract import (
+    WIDE,
+    Coefficients,
+    Context,
+    Medium,
+    channel_values,
+    check_extinction,
+    color_values,
+)
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Factors, Modulation, modulated
@@ -56,7 +65,8 @@ class Isosurface(Medium):
         The value of x on the surface, or one for each of several surfaces.
     color : sequence of float, sequence of sequences, str or ColorBy
         What one crossing shows if it is opaque: one value per channel; for several levels one such
-        row for each, or the name of a matplotlib colormap.
+        row for each (or its name), or the name of a matplotlib colormap. Where a name is both, it
+        is a colour for one level, and a colormap for several.
     opacity : float or sequence
         Part of the light from behind that a crossing takes away: one number (grey) or one per
         channel.
@@ -401,19 +411,29 @@ def _modulated_colors(
 
 def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
     """Return one colour per level."""
-    if isinstance(color, str):
-        from ..colormaps import get_colormap
-
-        places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
-        return tuple(tuple(map(float, row[:3])) for row in get_colormap(color)(places))
-    nested = isinstance(color, (list, tuple, np.ndarray)) and len(color) and np.ndim(color[0]) == 1
-    rows = [channel_values(row, "color") for row in (color if nested else [color] * count)]
+    if isinstance(color, str) and not (count == 1 and is_color(color)):
+        return _mapped(color, count)
+    several = isinstance(color, (list, tuple, np.ndarray)) and len(color)
+    nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
+    rows = [color_values(row) for row in (color if nested else [color] * count)]
     if len(rows) != count or len({len(row) for row in rows}) != 1:
         raise InputError(
             f"color must be one colour, or {count} (one per level) with the same number of "
             f"channels, got {color!r}"
         )
     return tuple(rows)
+
+
+def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
+    """Return colours from a colormap, or one that all levels share."""
+    try:
+        colormap = get_colormap(name)
+    except UnknownNameError:
+        if is_color(name):
+            return (get_color(name),) * count
+        raise
+    places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
+    return tuple(tuple(map(float, row[:3])) for row in colormap(places))
 
 
 def _opacity(opacity: Any, channels: int) -> tuple[float, ...]:

@@ -19,7 +19,7 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_interval_ops import TracedIntervalOps
 from .color_by import ColorBy
-from .contract import Coefficients, Context, channel_values
+from .contract import Coefficients, Context, color_values
 from .stretch import extremes
 
 if TYPE_CHECKING:
@@ -65,14 +65,14 @@ def modulated(color: Any, where: Any) -> tuple[tuple[float, ...], Modulation]:
 
     Parameters
     ----------
-    color : float, sequence or ColorBy
+    color : float, sequence, str or ColorBy
         What the user gave.
     where : str, float, Expression or None
         As for `Modulation`.
     """
     if isinstance(color, ColorBy):
         return (color.brightness,) * 3, Modulation(where, color, 3)
-    values = channel_values(color, "color")
+    values = color_values(color)
     return values, Modulation(where, None, len(values))
 
 

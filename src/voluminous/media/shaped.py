@@ -300,9 +300,9 @@ class Gaussian(Shaped):
         Expression x of the fields, e.g. ``"log10(density)"``.
     center, sigma : float or Quantity
         Where the shell is, and how wide, in x.
-    color : float, sequence or ColorBy
-        Emission h_j per channel: the intensity of one `path_length` of the peak, thin. A `ColorBy`
-        gives it by another expression, in three channels.
+    color : float, sequence, str or ColorBy
+        Emission h_j per channel: the intensity of one `path_length` of the peak, thin. A colour's
+        name is red, green and blue; a `ColorBy` gives them by another expression.
     opacity : float or sequence
         Extinction h_α, one for all channels (grey) or one per channel: the optical depth of one
         `path_length` of the peak.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..colormaps import get_color
 from ..errors import InputError
 from ..units import plain, unit_of
 
@@ -20,7 +21,9 @@ def check_colors(colors: Any, count: int, what: str) -> None:
     Raises
     ------
     InputError
-        If they are neither names nor finite numbers, or not as many.
+        If they are no finite numbers, or not as many.
+    UnknownNameError
+        If there is no colour of a name.
     """
     if _named(colors):
         _rgb(colors, count, what)
@@ -81,12 +84,7 @@ def _named(colors: Any) -> bool:
 
 def _rgb(names: Any, count: int, what: str) -> np.ndarray:
     """Return red, green and blue of one name, or of each of `count`."""
-    from matplotlib.colors import to_rgb
-
     listed = [names] if isinstance(names, str) else list(names)
     if len(listed) not in (1, count):
         raise InputError(f"{what}: expected one name, or {count}, got {len(listed)}")
-    try:
-        return np.array([to_rgb(name) for name in listed])
-    except ValueError as error:
-        raise InputError(f"{what}: {error}") from None
+    return np.array([get_color(name) for name in listed])

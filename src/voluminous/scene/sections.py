@@ -14,7 +14,7 @@ from .kinds import Kind, arguments, check_keys
 _MEDIUM: dict[str, Kind] = {
     **dict.fromkeys(("expr", "emissivity", "extinction"), kinds.EXPRESSIONS),
     **dict.fromkeys(("cmap", "norm"), kinds.TEXT),
-    **dict.fromkeys(("color", "colors"), kinds.or_table(kinds.NUMBERS, lambda t: _color_by(t))),
+    **dict.fromkeys(("color", "colors"), kinds.or_table(kinds.COLORS, lambda t: _color_by(t))),
     **dict.fromkeys(("opacity", "opacities"), kinds.NUMBERS),
     "where": kinds.EXPRESSION,
     **dict.fromkeys(("center", "sigma", "half_width"), kinds.QUANTITY),
