@@ -307,7 +307,7 @@ def test_extinction_with_a_unit_is_converted(volume, extinction, factor):
     [
         (u.cm, u.g / u.cm**3, "'rho' is in g / cm3, expected an inverse length such as 1 / cm"),
         (u.cm, u.cm, "'rho' is in cm, expected an inverse length such as 1 / cm"),
-        (None, u.cm**-1, "'rho' is in 1 / cm, expected an inverse length such as dimensionless"),
+        (None, u.cm**-1, "'rho' is in 1 / cm, expected a plain number, since the grid"),
     ],
 )
 def test_an_extinction_that_is_no_inverse_length_is_refused(volume, extinction, message):

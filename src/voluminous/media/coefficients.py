@@ -131,8 +131,12 @@ def _per_length(context: Context, expression: Expression) -> float:
     try:
         return float(unit.to(per_length))
     except u.UnitConversionError as error:
+        told = f"extinction {expression.text!r} is in {unit}, expected"
+        if context.unit is None:
+            raise UnitsError(
+                f"{told} a plain number, since the grid has no unit of length; give it one: unit='cm'"
+            ) from error
         raise UnitsError(
-            f"extinction {expression.text!r} is in {unit}, expected an inverse length such as "
-            f"{unit_name(parse_unit(per_length)) or 'dimensionless'}; multiply densities by an "
-            "opacity (area per mass or per particle)"
+            f"{told} an inverse length such as {unit_name(parse_unit(per_length))}; multiply "
+            "densities by an opacity (area per mass or per particle)"
         ) from error
