@@ -134,7 +134,7 @@ def _per_length(context: Context, expression: Expression) -> float:
         told = f"extinction {expression.text!r} is in {unit}, expected"
         if context.unit is None:
             raise UnitsError(
-                f"{told} a plain number, since the grid has no unit of length; give it one, such as "
+                f"{told} a plain number, since the grid has no unit of length; give it one: "
                 "unit='cm'"
             ) from error
         raise UnitsError(
