@@ -13,10 +13,10 @@ import numpy as np
 
 from ..errors import UnitsError
 from ..expressions import DerivedField, Expression
+from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
 from ..units import unit_name
 
-_CARTESIAN = ("x", "y", "z")
-_SYSTEMS = (_CARTESIAN, ("r", "theta", "phi"), ("R", "phi", "z"))
+_SYSTEMS = (CARTESIAN, SPHERICAL, CYLINDRICAL)
 _CHUNK = 1 << 20
 
 
@@ -110,8 +110,8 @@ def _unit_vector(grid: Any, axis: str, first: int, last: int) -> np.ndarray:
 
     Zero where it has none: along r in the origin, along R, θ and φ on the axis.
     """
-    if axis in _CARTESIAN:
-        return np.broadcast_to(np.eye(3)[_CARTESIAN.index(axis)][:, None], (3, last - first))
+    if axis in CARTESIAN:
+        return np.broadcast_to(np.eye(3)[CARTESIAN.index(axis)][:, None], (3, last - first))
     if axis in grid.coordinates:
         return np.asarray(grid.basis(first, last)[grid.coordinates.index(axis)])
     x, y, z = grid.cell_centers(first, last)

@@ -132,7 +132,7 @@ class Shaped(Medium):
 
         Of several shells a ray is mostly in one: a branch for each.
         """
-        reach = context.keep((id(self), "reach"), lambda: self._reach(context))
+        reach = self._reach(context)
         low, high = extremes((first, last))
         return dr.if_stmt(
             args=(first, last),
@@ -144,7 +144,7 @@ class Shaped(Medium):
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return how thin the shell is on a stretch, and what bends of x may do to it."""
         center, narrowness, _ = self._kept(context)
-        reach = context.keep((id(self), "reach"), lambda: self._reach(context))
+        reach = self._reach(context)
 
         def offset(x: Any) -> Any:
             return context.narrow(x - center)
@@ -177,7 +177,7 @@ class Shaped(Medium):
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where the shape may be noticeable, and where a panel's ends may not show that."""
         center, narrowness, _ = self._kept(context)
-        reach = context.keep((id(self), "reach"), lambda: self._reach(context))
+        reach = self._reach(context)
         nodes = extremes(stretch.nodes(self.expr))
         below, above, low, high = (
             context.narrow(x - center) * narrowness for x in (*nodes, *stretch.hull(self.expr))
@@ -240,7 +240,10 @@ class Shaped(Medium):
         return color, opacity
 
     def _reach(self, context: Context) -> Any:
-        return context.narrow(context.number(self.reach(context.faint)))
+        """Return at how many widths the shape is neglected, as a number put there once."""
+        return context.keep(
+            (id(self), "reach"), lambda: context.narrow(context.number(self.reach(context.faint)))
+        )
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α: the formulas are the same."""

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
 
-# What changes its sign in a mirror at the midplane, and the components beside it.
-_FLIPPED = {"theta": [("r", "phi")], "z": [("x", "y"), ("R", "phi")]}
+# Components that change their sign in a mirror at the midplane, if they are a vector's.
+_UPWARDS = ("theta", "z")
 _THETA = 1
 
 
@@ -41,7 +42,7 @@ def unfolded(volume: Any) -> Any:
 def _changes_sign(name: str, fields: Container[str]) -> bool:
     """Return True for a component of a vector that runs up or down."""
     stem, _, axis = name.rpartition("_")
-    return any(
-        stem and all(f"{stem}_{other}" in fields for other in others)
-        for others in _FLIPPED.get(axis, ())
-    )
+    if not stem or axis not in _UPWARDS:
+        return False
+    systems = [own for own in (CARTESIAN, SPHERICAL, CYLINDRICAL) if axis in own]
+    return any(all(f"{stem}_{part}" in fields for part in system) for system in systems)

@@ -6,6 +6,7 @@ own goes through the file first (`trial`), and only a file that it survives is o
 """
 
 from .access import MAGIC, is_hdf5, opened
+from .data_sets import data_set, read
 from .trial import check
 
-__all__ = ["MAGIC", "check", "is_hdf5", "opened"]
+__all__ = ["MAGIC", "check", "data_set", "is_hdf5", "opened", "read"]

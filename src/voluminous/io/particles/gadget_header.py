@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import FileFormatError, InputError, UnitsError
 from ...units import is_quantity, parse_unit
 from ..payload import inside
-from .data_sets import number
+from .attributes import number
 from .gadget_units import CodeUnits
 
 # Types of particles by name, as most codes count them.

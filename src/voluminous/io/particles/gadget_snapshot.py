@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import FileFormatError, unknown_name
-from ..hdf5 import opened
+from ..hdf5 import data_set, opened, read
+from .attributes import number
 from .columns import Column, with_unit
-from .data_sets import data_set, number, read
 from .gadget_header import TYPES, files_of, first_file, read_header
 from .gadget_kernel import kernel_of
 from .names import common_name

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...units import parse_unit
-from .data_sets import number
+from .attributes import number
 
 
 @dataclass(frozen=True)

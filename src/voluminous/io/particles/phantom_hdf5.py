@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import opened
-from .data_sets import data_set, read
+from ..hdf5 import data_set, opened, read
 from .phantom_source import Property, Source
 
 _VECTORS = {"xyz": "", "vxyz": "v", "Bxyz": "B"}

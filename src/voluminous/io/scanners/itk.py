@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import is_hdf5, opened
-from ..particles.data_sets import data_set, read
+from ..hdf5 import data_set, is_hdf5, opened, read
 from .placement import LPS, Placement
 from .voxels import VECTOR, VoxelReader, Voxels, components
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ..contract import FieldInfo, Reader
-from ..hdf5 import is_hdf5, opened
-from ..particles.data_sets import data_set, read
+from ..hdf5 import data_set, is_hdf5, opened, read
 from ..scanners.placement import Arrangement
 from .axes import ADVICE, UPRIGHT, cell_counts, even_arrangement
 from .dataset import CELL, POINT, Array, Dataset

@@ -54,19 +54,6 @@ def read(item: Any, column: int | None = None) -> np.ndarray:
         If they do not fit into memory.
     """
     count = item.size if column is None else len(item)
-    check_memory(
-        count * item.dtype.itemsize, f"reading {item.name}", "read a part of the particles"
-    )
+    check_memory(count * item.dtype.itemsize, f"reading {item.name}", "read a part of the data")
     values = item[()] if column is None else item[:, column]
     return np.asarray(values, item.dtype.newbyteorder("="))
-
-
-def number(attributes: Any, *names: str) -> float | None:
-    """Return the first attribute there is, one finite number; None if there is none."""
-    for name in names:
-        if name in attributes:
-            values = np.ravel(attributes[name])
-            if values.size != 1 or values.dtype.kind not in "fiub" or not np.isfinite(values[0]):
-                raise FileFormatError(f"{name} must be a number, got {attributes[name]!r}")
-            return float(values[0])
-    return None
