@@ -129,11 +129,10 @@ def test_the_picture_of_a_shell_on_a_spherical_grid(precision):
 
 
 def test_flux_conserving_samples_need_a_rule():
-    grid = vm.CylindricalGrid([1.0, 2.0], [0.0, 2 * np.pi], [0.0, 1.0])
-    volume = vm.Volume(grid, a=np.ones(grid.shape))
+    _, flat = both(a=VALUES)
     with pytest.raises(vm.InputError, match=r"use samples='adaptive'"):
         vm.render(
-            volume,
+            flat,
             vm.Coefficients("a", "a"),
             CAMERA,
             scheme="first-order",

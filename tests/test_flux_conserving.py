@@ -92,3 +92,49 @@ def test_flux_conservation_on_spherical_grids_is_radmc3d(name, case_id):
     # For τ <= 1e-4 RADMC-3D takes 1 - exp(-τ) = τ in first order.
     off = np.abs(image.intensity - case.image).max() / case.image.max()
     assert off <= {1: 2e-5, 2: 2e-9}[case.order]
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
+@pytest.mark.parametrize("mirror", [False, True])
+def test_flux_conservation_on_a_refined_sphere_is_that_of_the_finer_one(scheme, mirror):
+    theta = np.linspace(0.4, np.pi / 2 if mirror else 2.6, 4)
+    walls = [1, 2, 5], theta, np.linspace(0, 2 * np.pi, 5)
+    refined = vm.SphericalGrid(*walls, refined=[1, *8 * [0]] * 24, mirror=mirror)
+    finer = vm.SphericalGrid(*refined.fine_edges, mirror=mirror)
+    values = np.random.default_rng(4).random(finer.shape)
+    leaves = values.ravel()[finer.locate(refined.cell_centers().T)]
+    camera = vm.Orthographic(60, 30, width=11, resolution=5, center=(0, 0, 0))
+    options = {"scheme": scheme, "samples": "flux-conserving", "precision": "double"}
+    images = [
+        vm.render(volume, WIDE, camera, **options).intensity
+        for volume in (vm.Volume(finer, a=values), vm.Volume(refined, a=leaves))
+    ]
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-11)
+
+
+@pytest.mark.parametrize("refined", [None, 6 * [1, *8 * [0]]])
+def test_pixels_are_divided_for_the_cells_of_cylinders(refined):
+    """Cells as high as pixels are wide, or half as high: one ray a pixel, or two by two."""
+    grid = vm.CylindricalGrid([8, 12], np.linspace(0, 2 * np.pi, 7), [0.0, 1.0], refined=refined)
+    volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.shape))
+    camera = vm.Orthographic(70, 20, width=30, resolution=30, center=(0, 0, 0))
+    options = {"scheme": "first-order", "precision": "double"}
+    image, expected = (
+        vm.render(volume, WIDE, camera, samples=samples, **options).intensity
+        for samples in ("flux-conserving", 1 if refined is None else 2)
+    )
+    np.testing.assert_allclose(image, expected, rtol=1e-12)
+    assert np.mean(expected > 0) > 0.1
+
+
+def test_flux_conservation_on_cylinders_keeps_the_sum():
+    grid = vm.CylindricalGrid(np.linspace(1, 3, 9), np.linspace(0, 2 * np.pi, 25), [-0.5, 0, 0.5])
+    volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.shape))
+    camera = vm.Orthographic(60, 30, width=6.4, resolution=16, center=(0, 0, 0))
+    options = {"scheme": "first-order", "precision": "double"}
+    image = vm.render(
+        volume, vm.Coefficients("a", "0"), camera, samples="flux-conserving", **options
+    )
+    total = image.intensity.sum() * (6.4 / 16) ** 2
+    # Rays are a fraction of a cell apart: a hundred thousand of them, and cells' edges.
+    assert total == pytest.approx(np.sum(volume["a"] * grid.cell_volumes), rel=2e-3)

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..errors import InputError
 from .drawing import Drawing, Paths
-from .narrowest import make_narrowest
+from .narrowest import Narrowest, NarrowestOfTree
+from .narrowest_round import NarrowestOfCylinder, NarrowestOfSphere
 
 if TYPE_CHECKING:
     from .job import Job
@@ -63,7 +64,7 @@ class FluxConserving(Drawing):
 
     def __init__(self, job: Job, source: Any, brightest_background: float) -> None:
         super().__init__(job, source, brightest_background)
-        self.narrowest = make_narrowest(job)
+        self.narrowest = _narrowest(job)
         self.width = max(job.frame.pixel)
 
     def frame(self) -> Paths:
@@ -137,3 +138,28 @@ class _Means:
         ends = np.cumsum(self.lengths)[:-1]
         emission, transparency, depth, error = np.split(self.rows.astype(self.dtype), ends)
         return Paths(emission, transparency, depth, error, self.stopped)
+
+
+def _narrowest(job: Job) -> Narrowest:
+    """Return what finds the narrowest cells that a job's rays meet.
+
+    Raises
+    ------
+    InputError
+        If there is no rule for such a camera or grid.
+    """
+    grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
+    if not job.camera.parallel:
+        raise InputError(
+            "samples='flux-conserving' compares pixels with cells: it needs parallel rays "
+            "(vm.Orthographic); use samples='adaptive'"
+        )
+    if kind == ("r", "theta", "phi"):
+        return NarrowestOfSphere(grid, job.backend, job.backward)
+    if kind == ("R", "phi", "z"):
+        return NarrowestOfCylinder(grid, job.backend)
+    if kind == ("x", "y", "z") and hasattr(grid, "base_edges"):
+        return NarrowestOfTree(grid, job.backend)
+    raise InputError(
+        f"samples='flux-conserving' is not known on a {type(grid).__name__}; use samples='adaptive'"
+    )
