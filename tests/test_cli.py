@@ -191,6 +191,13 @@ def test_an_image_is_not_overwritten_by_default(scene, capsys):
     assert "say with -o what to write" in capsys.readouterr().err
 
 
+def test_what_is_no_scene_is_told_without_an_output(scene, capsys):
+    Path("notes.txt").write_text("hello\n")
+    for name, told in (("cube.npz", "there is no file cube.npz"), ("notes.txt", "not valid TOML")):
+        assert run("render", name, "-q") == 2
+        assert told in capsys.readouterr().err
+
+
 def test_ctrl_c_leaves_no_half_written_file(scene, tmp_path, capsys, monkeypatch):
     (tmp_path / "scene.png").write_bytes(b"old")
 

@@ -146,11 +146,3 @@ def test_one_panel_is_near_too():
     exact = drawn(volume, medium, "oblique").intensity
     quick = vm.render(volume, medium, CAMERAS["oblique"], tolerance=None).intensity
     assert np.sqrt(np.mean((quick - exact) ** 2)) < 0.01 * exact.max()
-
-
-def test_bounds_are_refused():
-    volume = volume_of(GRIDS["full"], "x")
-    with pytest.raises(vm.InputError, match="planes of x, y and z"):
-        vm.render(
-            volume, vm.Gaussian("f", 0.5, 0.2, 1.0, 0.5, 0.3), CAMERAS["oblique"], bounds=True
-        )

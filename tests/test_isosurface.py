@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from astropy import units as u
 
 import voluminous as vm
 from contracts.bundle import Bundle, on_a_sphere
@@ -240,6 +241,13 @@ BAD = [
     ({"levels": [1.0, 2.0], "color": [[1.0, 0.0, 0.0]]}, "color"),
     ({"levels": [1.0, 2.0], "color": [[1.0, 0.0], [1.0]]}, "color"),
 ]
+
+
+def test_levels_are_quantities_in_any_kind_of_list():
+    array = [1.0, 2000.0] * u.m
+    for levels in (array, list(array), (1 * u.m, 2 * u.km)):
+        medium = vm.Isosurface("a", levels=levels)
+        assert [level.to_value("m") for level in medium.levels] == [1, 2000]
 
 
 @pytest.mark.parametrize(("given", "named"), BAD)

@@ -132,7 +132,10 @@ def changed_value(place: str, value: Any, scene: Scene) -> Any:
 
 
 def _default_output(path: Path, is_volume: bool) -> Path:
-    if path.suffix.lower() != ".toml" and not is_volume:
+    from ..image.formats import FORMATS
+
+    pictures = [suffix for form in FORMATS for suffix in form.suffixes]
+    if path.is_file() and not is_volume and path.suffix.lower() in pictures:
         raise InputError(f"say with -o what to write: the scene comes from the image {path}")
     name = Path(os.path.abspath(path)).name
     for suffix in _PACKED:

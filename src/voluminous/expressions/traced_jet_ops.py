@@ -22,8 +22,8 @@ class TracedJetOps(Ops):
     """Evaluation with `TracedJet`.
 
     Values are those of `TracedIntervalOps`. Derivatives are known of arithmetic, powers, roots,
-    exponentials, logarithms, sines and hyperbolic tangents; of the rest, and where a kink or jump
-    may be, they may be anything.
+    exponentials, logarithms, sines, hyperbolic tangents and angles; of the rest, and where a kink
+    or jump may be, they may be anything.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class TracedJetOps(Ops):
         self._at = TracedIntervalOps(float_type, constant)
         for name in _COMPARISONS:
             setattr(self, name, self._comparison(name))
-        for name in ("tan", "atan2", "floor_divide", "remainder"):
+        for name in ("tan", "remainder"):
             setattr(self, name, self._rough(name))
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
@@ -166,6 +166,35 @@ class TracedJetOps(Ops):
         value = self._at.tanh(x.value)
         slope = 1.0 - value * value
         return chain(x, value, slope, -2.0 * (value * slope))
+
+    def atan2(self, y: TracedJet, x: TracedJet) -> TracedJet:
+        """Return the angle: α' = (y'x - yx')/r², α'' = (y''x - yx'' - α'(r²)')/r².
+
+        Where it jumps by a turn, that is in its values; derivatives are the same on both sides.
+        """
+        value = self._at.atan2(y.value, x.value)
+        if y.fixed and x.fixed:
+            return TracedJet(value)
+        square = x.value * x.value + y.value * y.value
+        turn = self._over(self._cross(y.first, x.value, y.value, x.first), square)
+        growth = plus(times(x.value, x.first), times(y.value, y.first))
+        bend = self._cross(y.second, x.value, y.value, x.second)
+        twice = times(turn, plus(growth, growth))
+        return TracedJet(value, turn, self._over(plus(bend, negative(twice)), square))
+
+    def _cross(self, dy: Derivative, x: Any, y: Any, dx: Derivative) -> Derivative:
+        return plus(times(dy, x), negative(times(y, dx)))
+
+    def _over(self, a: Derivative, b: TracedInterval) -> Derivative:
+        return None if a is None else a / b
+
+    def floor_divide(self, left: TracedJet, right: TracedJet) -> TracedJet:
+        """Return the quotient rounded down: constant, but for jumps."""
+        value = self._at.floor_divide(left.value, right.value)
+        if left.fixed and right.fixed:
+            return TracedJet(value)
+        jump = self._zero().unknown_where(~(value.lo == value.hi), False)
+        return TracedJet(value, jump, jump)
 
     def abs(self, x: TracedJet) -> TracedJet:  # type: ignore[override]
         """Return the magnitude; it has a kink where the sign changes."""

@@ -58,8 +58,8 @@ class Context:
         by rounding, or logarithms of fields with zeros have no value.
     faint : float
         Coefficients below this fraction of their peak may be neglected.
-    coordinates : dict of str to callable
-        How a grid's own coordinates follow from fields that hold x, y and z.
+    coordinates : dict of str to Expression
+        How a grid's own coordinates follow from x, y and z.
     """
 
     real: Any
@@ -71,7 +71,7 @@ class Context:
     radiance: float = 1.0
     limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
     faint: float = 1e-8
-    coordinates: dict[str, Callable[[dict[str, Any]], Any]] = field(default_factory=dict)
+    coordinates: dict[str, Expression] = field(default_factory=dict)
     _kept: dict[Any, Any] = field(default_factory=dict)
 
     @property

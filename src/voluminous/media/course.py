@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol
 
 from ..backend import dr
 from ..expressions import Expression
@@ -13,14 +13,25 @@ from ..expressions.traced_interval import TracedInterval, extremes
 from ..expressions.traced_jet import Derivative, TracedJet
 from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import larger, lowered, raised, smaller
+from .contract import Context
 from .traced_bounds import TracedRangeContext
 
 _AXES = ("x", "y", "z")
 
 
+class Piece(Protocol):
+    """What is certain of a field on a panel."""
+
+    def end(self, number: int) -> TracedInterval:
+        """Return the value where the panel begins (0) or ends (1)."""
+
+    def jet(self) -> TracedJet:
+        """Return values and derivatives over the panel, whose length counts as one."""
+
+
 @dataclass
-class Piece:
-    """A field on a panel: enclosed by control points, and by values it cannot leave.
+class CubicPiece:
+    """A field that is a cubic: enclosed by control points, and by values it cannot leave.
 
     Attributes
     ----------
@@ -38,8 +49,9 @@ class Piece:
     high: Any
 
     def end(self, number: int) -> TracedInterval:
-        """Return the value at the first (0) or last (3) control point."""
-        return self._within(self.points[number], self.points[number])
+        """Return the value at the first or last control point."""
+        point = self.points[3 * number]
+        return self._within(point, point)
 
     def jet(self) -> TracedJet:
         """Return value and derivatives over the panel: differences of control points.
@@ -143,12 +155,12 @@ class Courses:
         self.length = TracedInterval(lowered(length), raised(length))
         self._ops, self._jets = context.ops, TracedJetOps(self.real, context.plain)
         self._ends = [
-            _with_radius(self._ops, {n: p.end(k) for n, p in pieces.items()}) for k in (0, 3)
+            _completed(self._ops, {n: p.end(k) for n, p in pieces.items()}, context) for k in (0, 1)
         ]
-        self._whole = _with_radius(self._jets, {n: p.jet() for n, p in pieces.items()})
+        jets = {name: piece.jet() for name, piece in pieces.items()}
+        self._whole = _completed(self._jets, jets, context)
         self._found: dict[str, Course] = {}
         self.fields = {name: jet.value for name, jet in self._whole.items()}
-        self.pieces = pieces
 
     def course(self, expr: Expression) -> Course:
         """Return how an expression runs; computed once."""
@@ -169,11 +181,17 @@ class Courses:
         return Course(first, last, values, self._interval(jet.first), bow)
 
     def _interval(self, derivative: Derivative) -> TracedInterval:
-        return TracedInterval.constant(self.real(0)) if derivative is None else derivative
+        if derivative is None:
+            return TracedInterval.constant(self.real(0))
+        # Ends of what is undefined may be anything.
+        return derivative.unknown_where(derivative.nan, False)
 
 
-def _with_radius(ops: Any, fields: dict[str, Any]) -> dict[str, Any]:
+def _completed(ops: Any, fields: dict[str, Any], context: Context) -> dict[str, Any]:
+    """Return fields with what follows from x, y and z, if these are among them."""
     if all(axis in fields for axis in _AXES):
         x, y, z = (ops.multiply(fields[a], fields[a]) for a in _AXES)
         fields["r"] = ops.sqrt(ops.add(ops.add(x, y), z))
+        for name, formula in context.coordinates.items():
+            fields[name] = formula.evaluate(ops, fields)
     return fields

@@ -13,6 +13,7 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,6 +53,8 @@ DENSITIES = ("crossing", "gradient")
 _OPAQUE = 40.0
 # What rounding may do to a value near a level, as a fraction of it.
 _NOISE = {"single": 2e-6, "double": 1e-14}
+# Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
+_FOLD = 1e-4
 
 
 class Isosurface(Medium):
@@ -179,16 +182,14 @@ class Isosurface(Medium):
         hidden = stretch.length < 0.0
         for level in levels:
             for edge in (level - 0.5 * width, level + 0.5 * width) if self._thick else (level,):
-                possible, shown = _sign_changes(controls, edge), _sign_changes(nodes, edge)
-                if len(self.expr.names) > 1:  # control points do not bound it: look more closely
-                    closer = _sign_changes(
-                        [stretch.scalar(self.expr, s) for s in (0.0, 0.25, 0.5, 0.75, 1.0)], edge
-                    )
-                    possible = dr.select(closer > possible, closer, possible)
+                possible, shown = passes(stretch, self.expr, edge)
                 seen |= possible > 0
                 hidden |= possible > shown
             if self._thick:
                 seen |= dr.abs(controls[0] - level) <= 0.5 * width
+                possible, shown = (_way(xs, level, width) for xs in (controls, nodes))
+                noise = _NOISE[precision_of(type(width))] * dr.abs(level) / width
+                hidden |= possible - shown > _FOLD + noise
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
@@ -354,6 +355,22 @@ class Isosurface(Medium):
         return 1.0 - share + share * dr.select(size > 0.0, cosine, 1.0)
 
 
+def _way(values: list[Any], level: Any, width: Any) -> Any:
+    """Return how far a sequence goes up and down within a surface, in its widths."""
+    ends = [_limited((x - level) / width + 0.5) for x in values]
+    return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
+
+
+def passes(stretch: Stretch, expr: Expression, level: Any) -> tuple[Any, Any]:
+    """Return how often an expression may pass a level on a stretch, and how often nodes show it."""
+    possible = _sign_changes(stretch.controls(expr), level)
+    if len(expr.names) > 1:  # control points do not bound it: look more closely
+        places = (0.0, 0.25, 0.5, 0.75, 1.0)
+        closer = _sign_changes([stretch.scalar(expr, s) for s in places], level)
+        possible = dr.select(closer > possible, closer, possible)
+    return possible, _sign_changes(stretch.nodes(expr), level)
+
+
 def _sign_changes(values: list[Any], level: Any) -> Any:
     """Return how often a sequence passes a level.
 
@@ -392,7 +409,8 @@ def _levels(level: Any, levels: Any) -> tuple[Any, ...]:
     if (level is None) == (levels is None):
         raise InputError("an Isosurface needs level=…, or levels=[…] for several, and not both")
     given = level if levels is None else levels
-    listed = list(given) if np.ndim(getattr(given, "value", given)) else [given]
+    several = isinstance(given, (list, tuple)) or np.ndim(getattr(given, "value", given))
+    listed = list(given) if several else [given]
     if not listed:
         raise InputError("levels is empty; give at least one value")
     return tuple(_scalar(value, "level") for value in listed)

@@ -20,12 +20,11 @@ from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_interval_ops import TracedIntervalOps
 from .color_by import ColorBy
 from .contract import Coefficients, Context, color_values
-from .stretch import extremes
 
 if TYPE_CHECKING:
     from .stretch import Panel, Stretch
 
-# Where panels' ends show less than a gate may do between them by this, panels are made smaller.
+# Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
 
 
@@ -154,9 +153,8 @@ class Modulation:
         if self.where is None:
             return seen, hidden
         possible = self._possible(stretch, context)
-        nodes = [_defined_unit(x) for x in stretch.nodes(self.where)]
-        low, high = extremes(nodes)
-        doubtful = (possible.hi > high + _DOUBT) | (possible.lo < low - _DOUBT)
+        # Also where ends show the change: two panels may agree on the wrong side of an edge.
+        doubtful = possible.hi - possible.lo > _DOUBT
         seen = seen & (possible.hi > 0.0)
         return seen, seen & (hidden | doubtful)
 

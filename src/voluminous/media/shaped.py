@@ -18,6 +18,7 @@ from .bends import bend, slope_factor, thinness
 from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
 from .given import named as _named
 from .given import scalar as _scalar
+from .isosurface import passes
 from .modulation import Middle, modulated
 from .shape_means import box_mean, gaussian_mean
 from .shape_middles import box_middle, gaussian_middle
@@ -185,7 +186,9 @@ class Shaped(Medium):
         seen = ~((low > reach) | (high < -reach))  # where there is NaN, it must show
         over = (high > above + _DOUBT) & (above < reach) & (high > -reach)
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
-        return self.modulation.visible(stretch, context, seen, over | under)
+        # Between log10 of nothing and a value there is all of the shell, and ends show none of it.
+        endless = dr.isinf(below) | dr.isinf(above)
+        return self.modulation.visible(stretch, context, seen, over | under | (seen & endless))
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return in which halves the shell is: one if it is narrower than they are, else less."""
@@ -420,6 +423,15 @@ class Rectangle(Shaped):
     def middle(self, first: Any, last: Any) -> Middle:
         """Return the middle of the part that is within the half width."""
         return box_middle(first, last)
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return also where an edge may be passed more often than a panel's ends show."""
+        seen, hidden = super().visible(stretch, context)
+        center, narrowness, _ = self._kept(context)
+        for edge in (center - 1.0 / narrowness, center + 1.0 / narrowness):
+            possible, shown = passes(stretch, self.expr, edge)
+            hidden |= seen & (possible > shown)
+        return seen, hidden
 
     def reach(self, faint: float) -> float:
         """Return one: beyond the half width there is nothing."""

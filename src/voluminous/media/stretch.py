@@ -176,8 +176,8 @@ def with_coordinates(fields: dict[str, Any], context: Context) -> dict[str, Any]
     """Return fields with what follows from x, y and z, if these are among them."""
     if all(axis in fields for axis in "xyz"):
         fields["r"] = dr.sqrt(sum(fields[axis] * fields[axis] for axis in "xyz"))
-        for name, computed in context.coordinates.items():
-            fields[name] = computed(fields)
+        for name, formula in context.coordinates.items():
+            fields[name] = context.evaluate(formula, fields)
     return fields
 
 

@@ -49,11 +49,6 @@ def check_bounds(bounds: Any, job: Job) -> int:
             "bounds are of fields interpolated between cell centres: take "
             f"scheme='post-classified', got {job.scheme.name!r}"
         )
-    if tuple(job.volume.grid.coordinates) != ("x", "y", "z"):
-        raise InputError(
-            "bounds are of fields that are polynomials along rays: they need cells between planes "
-            f"of x, y and z, got a {type(job.volume.grid).__name__}; see `Volume.resample`"
-        )
     if job.adaptive or job.recursive:
         raise InputError("bounds need to know the rays of a pixel: give samples as a whole number")
     return BUDGET if bounds is True else int(bounds)

@@ -10,15 +10,16 @@ import numpy as np
 from ..backend import dr
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import extremes
-from ..grids.cartesian.dual_walk import Chord
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
-from ..media.course import CourseContext, Courses, Piece
+from ..media.course import CourseContext, Courses, CubicPiece
 from ..media.stretch import control_point, shifted
 from .classify import Classifier
+from .curved import CurvedField
 from .empty import DUAL
 from .neglected import empty_blocks
 from .numbers import Direct
+from .own_coordinates import ray_coordinates
 from .source import get_lattices, get_ranges
 from .store import Store
 
@@ -46,11 +47,11 @@ class Enclosed:
     low: Any
     high: Any
 
-    def piece(self, begin: Any, width: Any) -> Piece:
+    def piece(self, begin: Any, width: Any) -> CubicPiece:
         """Return the field on a panel of the segment."""
         c = shifted(self.cubic, begin, width)
         inner = [control_point(c, k) for k in (1, 2)]
-        return Piece([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
+        return CubicPiece([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
 
 
 class Bracketed:
@@ -78,10 +79,13 @@ class Bracketed:
         opaque = backend.opaque
         self.context = CourseContext(backend.Float, opaque, volume.unit, volume.expression_unit)
         self.scale = opaque(grid.scale)
+        self.curved = tuple(grid.coordinates) != ("x", "y", "z")
         cells = 1.0 / grid.resolution
         self._place = opaque(_LOSS_OF_PLACE * _EPS * cells)
         names = medium.names
-        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or "r" in names]
+        self.context.coordinates = ray_coordinates(volume, names)
+        every = "r" in names or bool(self.context.coordinates)
+        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
         self.tolerance: tuple[Any, Any] = (opaque(0.0), opaque(0.0))
         self.blocks, self.neglected = empty_blocks(classifier, ranges, tolerance)
 
@@ -90,9 +94,9 @@ class Bracketed:
         opaque = self.backend.opaque
         self.tolerance = (opaque(emission), opaque(transparency))
 
-    def cubics(self, chord: Chord, active: Any) -> dict[str, Enclosed]:
+    def cubics(self, chord: Any, active: Any) -> dict[str, Any]:
         """Return every field along a segment."""
-        found = {
+        found: dict[str, Any] = {
             name: self._enclosed(lattice.corners(chord, active), chord)
             for name, lattice in self.lattices.items()
         }
@@ -103,7 +107,9 @@ class Bracketed:
             found["xyz"[a]] = Enclosed([start, step, zero, zero], slack, -dr.inf, dr.inf)
         return found
 
-    def _enclosed(self, corners: Any, chord: Chord) -> Enclosed:
+    def _enclosed(self, corners: Any, chord: Any) -> Any:
+        if self.curved:
+            return CurvedField(chord, corners, 3.0 * self._place, self.context.plain)
         cubic = chord.cubic(corners)
         low, high = extremes([v for face in corners for edge in face for v in edge])
         size = sum((dr.abs(c) for c in cubic[1:]), dr.abs(cubic[0]))
@@ -113,7 +119,7 @@ class Bracketed:
             cubic, slack, dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
         )
 
-    def courses(self, cubics: dict[str, Enclosed], length: Any, begin: Any, width: Any) -> Courses:
+    def courses(self, cubics: dict[str, Any], length: Any, begin: Any, width: Any) -> Courses:
         """Return how all scalars run along a panel of a segment."""
         pieces = {name: field.piece(begin, width) for name, field in cubics.items()}
         return Courses(pieces, length * width * self.scale, self.context)

@@ -123,7 +123,9 @@ class CylindricalGrid(CurvilinearGrid):
         x, y, z = np.asarray(points, dtype=np.float64).T
         return np.stack([np.hypot(x, y), self._azimuth(x, y, self.edges[1]), z])
 
-    def _thinnest(self) -> float:
+    @property
+    def resolution(self) -> float:
+        """Smallest width of a cell, as a fraction of the numbers it is computed from."""
         R, phi, z = self.edges
         high = np.diff(z).min() / max(abs(z[0]), abs(z[-1]))
         return min(np.min(np.diff(R) / R[1:]), np.diff(phi).min(), high)

@@ -17,7 +17,9 @@ import numpy as np
 from ...backend import dr
 from ..contract import Segment
 from ..trilinear import Values, cubic_through, trilinear
-from .steps import SteppedWalk, exact_cut
+from .arithmetic import NUMBERS, Arithmetic
+from .smooth import Smooth
+from .steps import SteppedWalk
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class CurvilinearChord:
     @property
     def position(self) -> list[Any]:
         """Where it enters, in the volume's coordinates."""
-        return [p * self.walk.length for p in self.walk.point(self.track, self._distance(0.0))]
+        return [p * self.walk.length for p in self.point(0.0)]
 
     @property
     def step(self) -> list[Any]:
@@ -110,13 +112,22 @@ class CurvilinearChord:
         """Return a field along the segment, from its values at the corners of the cell."""
         return cubic_through([trilinear(values, self._place(k / 3)) for k in range(4)])
 
-    def _distance(self, s: float) -> Any:
+    def distance(self, s: Any) -> Any:
+        """Return how far along the ray a place of the segment is, s from 0 to 1."""
         # From the end: where a gap is crossed, the segment is there, and has no length.
         end = self.segment.end + self.track.arrive
         return dr.fma(s - 1.0, self.segment.length, end)
 
+    def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
+        """Return where in its cell a point is, from 0 to 1 along all three axes."""
+        return self.walk.place(self._index, point, own)
+
+    def point(self, s: Any) -> list[Any]:
+        """Return a point of the segment, from the centre, in units of the scale."""
+        return self.walk.point(self.track, self.distance(s))
+
     def _place(self, s: float) -> list[Any]:
-        return self.walk.place(self.track, self._index, self._distance(s))
+        return self.place(self.point(s))
 
     @property
     def _index(self) -> list[Any]:
@@ -126,9 +137,9 @@ class CurvilinearChord:
 class CurvilinearFieldWalk(SteppedWalk):
     """Rays through a dual grid that know where in its cells they are."""
 
-    def __init__(self, *args: Any, axes: list[int], around_axis: bool, length: float) -> None:
+    def __init__(self, *args: Any, axes: list[int], smooth: Smooth, length: float) -> None:
         super().__init__(*args)
-        self.axes, self.around_axis = axes, around_axis
+        self.axes, self.smooth = axes, smooth
         self.length = self.backend.opaque(length)
 
     def chord(self, track: Any, segment: Segment) -> CurvilinearChord:
@@ -148,13 +159,12 @@ class CurvilinearFieldWalk(SteppedWalk):
         """Return the flat number of the lower corner of a dual cell."""
         return self.backend.UInt(self._flat(index, self.vertex_strides))
 
-    def place(self, track: Any, index: list[Any], t: Any) -> list[Any]:
-        """Return where in a dual cell rays are at a distance, from 0 to 1 along all three axes."""
-        point = self.point(track, t)
+    def place(self, index: list[Any], point: list[Any], own: Arithmetic) -> list[Any]:
+        """Return where in a dual cell a point is, from 0 to 1 along all three axes."""
         found = [self.backend.Float(0)] * 3
         for axis, family, i in zip(self.axes, self.families, index, strict=True):
-            found[axis] = family.fraction(i, point)
+            found[axis] = family.fraction(i, point, own)
         return found
 
     def _cut(self, track: Any, cursor: Any, t: Any) -> tuple[Any, Any]:
-        return exact_cut(self, track, cursor.t, t, self.around_axis)
+        return self.smooth.cut(track, cursor.t, t)

@@ -80,9 +80,10 @@ class CurvilinearGrid:
         Distances count from the closest approach to the centre or the axis: what counts is a
         cell's width compared with its distance from there, so radii may span many decades.
         """
-        return bool(self._thinnest() < np.finfo(np.float32).eps * _POINTS_PER_CELL)
+        return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
 
-    def _thinnest(self) -> float:
+    @property
+    def resolution(self) -> float:
         """Return the smallest width of a cell compared with the numbers it is computed from."""
         raise NotImplementedError
 

@@ -132,8 +132,10 @@ class RefinedCells(CurvilinearGrid):
             inside &= (value >= edges[0]) & (value <= edges[-1])
         return np.where(inside, self.tree.find(place).number, -1)
 
-    def _thinnest(self) -> float:
-        return super()._thinnest() / float(self.divisions.max())
+    @property
+    def resolution(self) -> float:
+        """Smallest width of a cell, as a fraction of the numbers it is computed from."""
+        return super().resolution / float(self.divisions.max())
 
     @property
     def vertex_count(self) -> int:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-from ..axes import unit_interval
 from ..contract import Segment
+from .arithmetic import NUMBERS, Arithmetic
 from .field_walk import CurvilinearChord
 from .refined_walk import Leaf, RefinedWalk
-from .steps import exact_cut
+from .smooth import Smooth
 
 
 class RefinedChord(CurvilinearChord):
@@ -31,10 +31,10 @@ class RefinedChord(CurvilinearChord):
         """Flat number of the leaf."""
         return self.segment.cell
 
-    def _place(self, s: float) -> list[Any]:
+    def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
+        """Return where in its leaf a point is, from 0 to 1 along all three axes."""
         # Where a gap is crossed, that is the leaf beyond.
-        leaf = self.segment.exit.left
-        return self.walk.fractions(self.track, leaf, self._distance(s))
+        return self.walk.fractions(self.segment.exit.left, point, own)
 
 
 class RefinedFieldWalk(RefinedWalk):
@@ -58,7 +58,7 @@ class RefinedFieldWalk(RefinedWalk):
             tree=grid.tree,
             stepped=True,
         )
-        self.around_axis = grid.type_name == "cylindrical"
+        self.smooth = Smooth.of(grid, self.backend)
         self.length = self.backend.opaque(float(grid.scale))
         parts = [float(grid.divisions[axis]) for axis in self.axes]
         self.parts = [self.backend.opaque(p) for p in parts]
@@ -68,18 +68,18 @@ class RefinedFieldWalk(RefinedWalk):
         """Return a segment through its leaf."""
         return RefinedChord(self, track, segment)
 
-    def fractions(self, track: Any, leaf: Leaf, t: Any) -> list[Any]:
-        """Return where in leaves rays are at a distance, from 0 to 1 along all three axes."""
-        Float, point = self.backend.Float, self.point(track, t)
+    def fractions(self, leaf: Leaf, point: list[Any], own: Arithmetic) -> list[Any]:
+        """Return where in leaves points are, from 0 to 1 along all three axes."""
+        Float = self.backend.Float
         found = [Float(0)] * 3
         for axis, family, parts, low, size in zip(
             self.axes, self.wide, self.parts, leaf.low, leaf.size, strict=True
         ):
-            found[axis] = unit_interval(family.fraction(low, point) * (parts / Float(size)))
+            found[axis] = own.stretched(family.fraction(low, point, own), parts / Float(size))
         return found
 
     def _cut(self, track: Any, cursor: Any, t: Any) -> tuple[Any, Any]:
-        return exact_cut(self, track, cursor.t, t, self.around_axis)
+        return self.smooth.cut(track, cursor.t, t)
 
 
 def _over(family: Any, parts: float) -> Any:

@@ -155,7 +155,9 @@ class SphericalGrid(CurvilinearGrid):
         phi = self._azimuth(x, y, self.edges[2])
         return np.stack([np.hypot(across, z), np.arctan2(across, z), phi])
 
-    def _thinnest(self) -> float:
+    @property
+    def resolution(self) -> float:
+        """Smallest width of a cell, as a fraction of the numbers it is computed from."""
         r, theta, phi = self.edges
         return min(np.min(np.diff(r) / r[1:]), np.diff(theta).min(), np.diff(phi).min())
 

@@ -16,8 +16,6 @@ from .walk import Cursor, CurvilinearWalk, Track
 
 # RADMC-3D's default of camera_maxdphi.
 _LARGEST_TURN = 0.1
-# Distance from the centre, in units of the scale, below which turning does not count.
-_NEAREST = 1e-9
 
 
 def cut(closest: Any, radius: Any, t: Any, length: Any) -> tuple[Any, Any]:
@@ -33,29 +31,6 @@ def cut(closest: Any, radius: Any, t: Any, length: Any) -> tuple[Any, Any]:
     turn = closest * length / (radius * (radius + length))
     short = turn > _LARGEST_TURN
     return dr.fma(length, _LARGEST_TURN / dr.select(short, turn, 1.0), t), short
-
-
-def exact_cut(walk: Any, track: Any, begin: Any, t: Any, around_axis: bool) -> tuple[Any, Any]:
-    """Return where steps from `begin` to a wall at `t` that turn too far end, and which do.
-
-    With p where a step begins and d its direction, across the axis or in space, the line has turned
-    by ψ after the distance ``|p|² tan ψ / (|p × d| - p·d tan ψ)``: never, if that is negative.
-    RADMC-3D's estimate is far too small for rays that come near the centre.
-    """
-    point = walk.point(track, begin)
-    if around_axis:
-        point[2] = walk.backend.Float(0)
-        (x, y, _), (dx, dy, _) = track.point, track.direction
-        across = dr.abs(dr.fma(x, dy, -y * dx))
-    else:  # distances count from the closest approach
-        across = dr.sqrt(dot(track.point, track.point))
-    square = dot(point, point)
-    pace = dr.fma(dot(point, track.direction), -_LARGEST_TURN, across)
-    # In the centre itself angles are of no meaning: rays go on.
-    turns = (pace > 0.0) & (square > _NEAREST**2)
-    end = dr.fma(square, _LARGEST_TURN / dr.select(turns, pace, 1.0), begin)
-    short = turns & (end < t)
-    return dr.select(short, end, t), short
 
 
 class SteppedWalk(CurvilinearWalk):

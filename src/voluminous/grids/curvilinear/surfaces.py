@@ -20,6 +20,7 @@ import numpy as np
 
 from ...backend import dr
 from ...backend.functions import first_true
+from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines, meet
 
 
@@ -106,7 +107,7 @@ class Surfaces:
         """Return the distance of the next crossing."""
         return meet(track.lines, self.wall_at(ahead(track.slot, count)), count < 0)
 
-    def fraction(self, cell: Any, point: list[Any]) -> Any:
+    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between the walls of its cell a point is, from 0 to 1."""
         raise NotImplementedError
 

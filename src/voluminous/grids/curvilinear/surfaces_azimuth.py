@@ -9,8 +9,8 @@ import numpy as np
 
 from ...backend import dr
 from ...backend.functions import first_true
-from ..axes import unit_interval
 from .approach import PARALLEL, Approach
+from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .edges import FULL_CIRCLE, is_closed
 from .surfaces import Running, RunningTrack
@@ -148,14 +148,12 @@ class HalfPlanes(Running):
         slot = self._slot(track, count)
         return dr.select(track.down, self.wall_count - 1 - slot, slot)
 
-    def fraction(self, cell: Any, point: list[Any]) -> Any:
+    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between its two half planes a point is."""
         (x, y, _), cell = point, self.backend.UInt(cell)
         c, s = dr.gather(self.backend.packet(2), self.lower, cell)
-        angle = dr.atan2(dr.fma(y, c, -x * s), dr.fma(x, c, y * s))
-        # Cells may be wider than half a circle; rounding puts points a hair below their wall.
-        angle = dr.select(angle < -1e-3, angle + FULL_CIRCLE, angle)
-        return unit_interval(angle * dr.gather(self.backend.Float, self.inverse_width, cell))
+        angle = own.upward(own.angle(own.mixed(y, c, x, -s), own.mixed(x, c, y, s)))
+        return own.part(angle, 0.0, dr.gather(self.backend.Float, self.inverse_width, cell))
 
 
 def _directions(angles: np.ndarray) -> np.ndarray:

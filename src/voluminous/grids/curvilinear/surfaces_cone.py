@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ..axes import unit_interval
 from .approach import CentreApproach
+from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .surfaces import Turning, TurningTrack
 
@@ -151,14 +151,14 @@ class Cones(Turning):
         other = dr.opaque(self.backend.Int, most) - number
         return dr.select(number < other, number, other)
 
-    def fraction(self, cell: Any, point: list[Any]) -> Any:
+    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between its two cones a point is."""
         x, y, z = point
-        z = dr.abs(z) if self.mirrored else z
-        across, cell = dr.sqrt(dr.fma(x, x, y * y)), self.backend.UInt(cell)
+        z = own.magnitude(z) if self.mirrored else z
+        across, cell = own.length(x, y), self.backend.UInt(cell)
         cosine, sine = dr.gather(self.backend.packet(2), self.lower, cell)
-        angle = dr.atan2(dr.fma(across, cosine, -z * sine), dr.fma(z, cosine, across * sine))
-        return unit_interval(angle * dr.gather(self.backend.Float, self.inverse_width, cell))
+        angle = own.angle(own.mixed(across, cosine, z, -sine), own.mixed(z, cosine, across, sine))
+        return own.part(angle, 0.0, dr.gather(self.backend.Float, self.inverse_width, cell))
 
 
 def cone_table(angles: np.ndarray) -> np.ndarray:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ..axes import NEVER, unit_interval
+from ..axes import NEVER
 from .approach import PARALLEL, Approach
+from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .surfaces import Running, RunningTrack
 
@@ -85,9 +86,9 @@ class Planes(Running):
         """Return the number of the vertices on the wall that is met next."""
         return dr.select(track.down, self.wall_count - 1 - count, count)
 
-    def fraction(self, cell: Any, point: list[Any]) -> Any:
+    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between its two planes a point is."""
         cell = self.backend.UInt(cell)
         lower = dr.gather(self.backend.Float, self.lower, cell)
         inverse = dr.gather(self.backend.Float, self.inverse_width, cell)
-        return unit_interval((point[2] - lower) * inverse)
+        return own.part(point[2], lower, inverse)

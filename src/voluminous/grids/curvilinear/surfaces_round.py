@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ..axes import NEVER, unit_interval
+from ..axes import NEVER
 from .approach import PARALLEL, AxisApproach, CentreApproach
+from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .surfaces import Turning, TurningTrack
 
@@ -77,10 +78,10 @@ class Round(Turning):
         """Return the number of the vertices on the wall that is met next."""
         return self.wall(track, count) + (1 - self.skipped)
 
-    def _fraction(self, cell: Any, radius: Any) -> Any:
+    def _fraction(self, cell: Any, radius: Any, own: Arithmetic) -> Any:
         lower = dr.gather(self.backend.Float, self.lower, self.backend.UInt(cell))
         inverse = dr.gather(self.backend.Float, self.inverse_width, self.backend.UInt(cell))
-        return unit_interval((radius - lower) * inverse)
+        return own.part(radius, lower, inverse)
 
 
 @dataclass
@@ -109,10 +110,9 @@ class Shells(Round):
         """Return ones: the denominator."""
         return np.ones_like(square)
 
-    def fraction(self, cell: Any, point: list[Any]) -> Any:
+    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between its two spheres a point is."""
-        x, y, z = point
-        return self._fraction(cell, dr.sqrt(dr.fma(x, x, dr.fma(y, y, z * z))))
+        return self._fraction(cell, own.length(*point), own)
 
 
 @dataclass
@@ -182,7 +182,7 @@ class Tubes(Round):
         """Return the square itself."""
         return square
 
-    def fraction(self, cell: Any, point: list[Any]) -> Any:
+    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between its two cylinders a point is."""
         x, y, _ = point
-        return self._fraction(cell, dr.sqrt(dr.fma(x, x, y * y)))
+        return self._fraction(cell, own.length(x, y), own)

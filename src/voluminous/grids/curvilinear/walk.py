@@ -213,6 +213,9 @@ class CurvilinearWalk(GapCrossing):
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: those of the wall it leaves through."""
         leaving = segment.exit
+        if track.bounded:  # where a ray ends it has not come to the wall ahead
+            family = dr.select(leaving.t < track.leave, leaving.family, -1)
+            leaving = Exit(family, leaving.count, leaving.t)
         if track.bounded or self.stops_inside:
             return cell_corners(self, track, leaving)
         return wall_corners(self, track, leaving)

@@ -8,6 +8,7 @@ from typing import Any
 from .approach import approach_axis, approach_centre
 from .field_walk import CurvilinearFieldWalk, DualGrid
 from .refined_walk import RefinedWalk
+from .smooth import Smooth
 from .steps import SteppedWalk
 from .surfaces_azimuth import HalfPlanes
 from .surfaces_cone import Cones
@@ -28,7 +29,7 @@ def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
     made, approach = families[grid.type_name](grid, backend)
     counts = grid.shape
     axes = [a for a, family in enumerate(made) if _divides(family)]
-    of_fields = {"axes": axes, "around_axis": grid.type_name == "cylindrical", "length": grid.scale}
+    of_fields = {"axes": axes, "smooth": Smooth.of(grid, backend), "length": grid.scale}
     return KINDS[kind](
         [made[a] for a in axes],
         [_stride(counts, a) for a in axes],

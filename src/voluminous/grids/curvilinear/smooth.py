@@ -1,0 +1,77 @@
+"""Where segments must end so that own coordinates are smooth enough on them for cubics.
+
+Along a ray that passes the axis or the centre at distance q, with u counted from the closest
+approach, radii are √(q² + u²) and angles those of the point (u, q): functions with singularities at
+u = ±iq. The cubic through four values on a segment is off by about (h/4ρ)⁴, with h its length and ρ
+the distance of the singularities from it, which is the ray's least distance from the axis or the
+centre there. So h is at most a fraction of that: rays that pass by far from both are not cut at
+all, and those that come near are cut into ever smaller segments.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from .approach import dot
+from .order import lesser
+
+# The longest segment, as a part of its distance: √(q² + u²) is then off by 6e-6 q at most.
+_PART = 0.25
+# In ε of the domain: rays count as passing no nearer than that, since places are not known better.
+_NEAREST = 64.0
+# Slower than this, a ray runs parallel to the axis.
+_PARALLEL = 1e-12
+
+
+class Smooth:
+    """Ends segments near the axis, and near the centre of a spherical grid.
+
+    Parameters
+    ----------
+    centre : bool
+        Whether there are coordinates of spheres.
+    extent : float
+        Distance of the farthest point of the domain, in units of the scale.
+    """
+
+    def __init__(self, centre: bool, extent: float, backend: Any) -> None:
+        self.centre, self.backend = centre, backend
+        self.least = backend.opaque(_NEAREST * float(np.finfo(backend.dtype).eps) * extent)
+
+    @classmethod
+    def of(cls, grid: Any, backend: Any) -> Smooth:
+        """Return what a grid needs."""
+        farthest = [float(np.abs(grid.edges[k]).max()) / grid.scale for k in (0, 2)]
+        centre = bool(grid.type_name == "spherical")
+        return cls(centre, farthest[0] if centre else max(farthest), backend)
+
+    def cut(self, track: Any, begin: Any, end: Any) -> tuple[Any, Any]:
+        """Return where segments from `begin` to a wall at `end` are to end, and which do before."""
+        most = self._near_axis(track, begin)
+        if self.centre:
+            # Distances count from the closest approach.
+            nearest = dr.sqrt(dot(track.point, track.point))
+            most = lesser(most, self._longest(nearest, begin))
+        short = begin + most < end
+        return dr.select(short, begin + most, end), short
+
+    def _near_axis(self, track: Any, begin: Any) -> Any:
+        """Return how long segments may be for the distance from the axis."""
+        (x, y, _), (dx, dy, _) = track.point, track.direction
+        speed = dr.sqrt(dr.fma(dx, dx, dy * dy))
+        parallel = speed < _PARALLEL
+        inverse = 1.0 / dr.select(parallel, 1.0, speed)
+        nearest = dr.abs(dr.fma(x, dy, -y * dx)) * inverse
+        away = dr.fma(begin, speed, dr.fma(x, dx, y * dy) * inverse)
+        longest = self._longest(nearest, away) * inverse
+        return dr.select(parallel, dr.inf, longest)
+
+    def _longest(self, nearest: Any, away: Any) -> Any:
+        """Return how long segments may be that begin so far behind the closest approach."""
+        # On the way there a segment's end is nearest, behind it its beginning is.
+        own = dr.select(away < 0.0, -away * (1.0 / (1.0 + _PART)), away)
+        own = dr.select(own > nearest, own, nearest)
+        return _PART * dr.select(own > self.least, own, self.least)

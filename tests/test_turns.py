@@ -1,0 +1,72 @@
+"""What turns, or is cut, between two nodes of a panel: found, not taken for what the nodes show."""
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+
+GRID = vm.CartesianGrid([-0.5, 0.5, 1.5], [-0.5, 0.5, 1.5], [-0.5, 0.5])
+# Along the diagonal from centre to centre, u from 0 to 1; the fields go on constant on both sides.
+DIAGONAL = vm.Orthographic.looking((1, 1, 0), width=1e-3, resolution=1, center=(0.5, 0.5, 0))
+U = (np.arange(1_000_000) + 0.5) / 1_000_000
+TURN = 2 * U - 3 * U**2  # rises to 1/3 at u = 1/3: beside the nodes 0, 1/4, 1/2
+PRECISIONS = pytest.mark.parametrize("precision", ["single", "double"])
+
+
+def quadratic(first, middle, last):
+    """Values at four corners, for first (1-u)² + 2 middle u (1-u) + last u²."""
+    return np.array([[[first], [middle]], [[middle], [last]]], float)
+
+
+VOLUME = vm.Volume(GRID, a=quadratic(0, 1, -1), b=quadratic(0, 0, 1), c=quadratic(0, 0.5, 1))
+
+
+def drawn(medium, precision):
+    image = vm.render(VOLUME, medium, DIAGONAL, precision=precision)
+    return image.intensity.item(), image.error.item()
+
+
+@PRECISIONS
+@pytest.mark.parametrize("half", [0.1, 0.5, 2.0])
+def test_a_rectangle_whose_edge_is_passed_and_passed_again_between_nodes(half, precision):
+    center = 1 / 3 - 0.02 - half
+    inside = [np.mean(np.abs(x - center) <= half) for x in (TURN, TURN[0], TURN[-1])]
+    truth = np.sqrt(2) * inside[0] + np.sqrt(0.5) * (inside[1] + inside[2])
+    found, error = drawn(vm.Rectangle("a", center, half, 1.0, 0.0, 1.0), precision)
+    assert abs(found - truth) <= min(error, 1e-3 * truth)
+
+
+@PRECISIONS
+@pytest.mark.parametrize(("level", "width"), [(0.3, 0.2), (0.25, 0.4)])
+def test_a_surface_with_a_width_in_which_the_scalar_turns(level, width, precision):
+    within = np.clip(TURN, level - width / 2, level + width / 2)
+    crossed = np.abs(np.diff(within)).sum() / width
+    found, error = drawn(vm.Isosurface("a", level, 1.0, 0.4, width), precision)
+    assert abs(found - (1 - 0.6**crossed)) <= min(error, 1e-3)
+
+
+@PRECISIONS
+@pytest.mark.parametrize(
+    ("level", "gate", "shown"), [(0.04, 0.15, 1), (0.04, 0.25, 0), (0.3, 0.54, 1), (0.5, 0.69, 1)]
+)
+def test_a_gate_that_opens_near_a_bent_crossing(level, gate, shown, precision):
+    # The surface b = u² = level is where c = u = √level: on one side of the gate, never half.
+    surface = vm.Isosurface("b", level, 1.0, 0.4, where=f"c > {gate}")
+    found, _ = drawn(surface, precision)
+    assert found == pytest.approx(0.4 * shown, abs=1e-6)  # one crossing, to rounding
+    thin = vm.Gaussian("b", level, 1e-3, 1.0, 0.0, 1e-3 * np.sqrt(2 * np.pi), where=f"c > {gate}")
+    truth = shown / np.sqrt(2 * level)  # the length over the slope 2u
+    # Curvature within the shell: σ² times the second derivative of 1/(2 √level).
+    assert drawn(thin, precision)[0] == pytest.approx(truth, abs=2e-3)
+
+
+@PRECISIONS
+def test_a_shell_of_a_logarithm_between_nothing_and_nothing(precision):
+    # The field is 40 u (1-u): zero at both ends, and beyond the shell at all nodes between.
+    hump = vm.Volume(GRID, a=quadratic(0, 20, 0))
+    shell = vm.Gaussian("log10(a)", 0.0, 0.05, 1.0, 0.0, 1.0)
+    image = vm.render(hump, shell, DIAGONAL, precision=precision)
+    x = np.log10(40 * U * (1 - U))
+    truth = np.sqrt(2) * np.mean(np.exp(-0.5 * (x / 0.05) ** 2))
+    # Tolerance 1e-3 of the maximum, which this pixel is.
+    assert image.intensity.item() == pytest.approx(truth, rel=1e-3)
