@@ -189,6 +189,11 @@ class Medium:
         zero = stretch.length * 0.0
         return zero, zero
 
+    @property
+    def steady(self) -> bool:
+        """Whether its source function j/α is the same everywhere: opaque, it looks alike."""
+        return False
+
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return how many structures lie in each half of a stretch, wide ones counting `WIDE`.
 

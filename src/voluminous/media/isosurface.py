@@ -192,6 +192,11 @@ class Isosurface(Medium):
                 hidden |= possible - shown > _FOLD + noise
         return self.modulation.visible(stretch, context, seen, hidden)
 
+    @property
+    def steady(self) -> bool:
+        """Whether the colour is one."""
+        return len(self.levels) == 1 and self.modulation.color is None and not self.shading
+
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return how many surfaces are crossed in each half."""
         levels, width, _, _ = self._kept(context)

@@ -190,6 +190,11 @@ class Shaped(Medium):
         endless = dr.isinf(below) | dr.isinf(above)
         return self.modulation.visible(stretch, context, seen, over | under | (seen & endless))
 
+    @property
+    def steady(self) -> bool:
+        """Whether the colour is one."""
+        return self.modulation.color is None
+
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return in which halves the shell is: one if it is narrower than they are, else less."""
         center, narrowness, _ = self._kept(context)

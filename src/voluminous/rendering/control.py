@@ -56,6 +56,8 @@ def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> n
 def _add_floor(drawing: Drawing, paths: Paths) -> None:
     """Add to the errors what rounding, faint places and rays that stop early may have lost."""
     paths.error[0] += lost_share(drawing) * paths.error[2] + drawing.source.neglected
+    # Of what is behind, rays that stop early say so by their transparency.
+    paths.error[1] += _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
 
 
 def lost_share(drawing: Drawing) -> float:

@@ -13,6 +13,7 @@ from ..grids.cartesian.dual_walk import Chord
 from ..grids.trilinear import trilinear
 from ..media.contract import Context
 from ..media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
+from ..schemes.path import Path
 from .classify import Classifier
 from .lattice import Corners
 
@@ -28,10 +29,17 @@ class Interpolated:
         What is carried from one stretch to the next.
     tolerance : tuple of arrays
         The errors of emission and transparency allowed per stretch.
+    neglected, neglected_depth : float
+        What faint places that are left out may emit and absorb along a ray, in all.
     """
 
     def __init__(
-        self, classifier: Classifier, lattices: dict[str, Any], context: Context, blocks: Any
+        self,
+        classifier: Classifier,
+        lattices: dict[str, Any],
+        context: Context,
+        blocks: Any,
+        paths: float,
     ) -> None:
         self.classifier, self.lattices, self.context = classifier, lattices, context
         self.numbers, self.backend = classifier.numbers, classifier.backend
@@ -40,9 +48,10 @@ class Interpolated:
         self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
         self.tolerance: tuple[Any, Any] = ()  # type: ignore[assignment]
         # A ray that never comes nearer to a shell than where it is neglected may pass along it
-        # for some ten path lengths.
-        neglected = 10.0 * context.faint * self.numbers.one_path()
-        self.neglected = min(neglected, 1e-3 * float(np.finfo(self.backend.dtype).max))
+        # all the way.
+        most = 1e-3 * float(np.finfo(self.backend.dtype).max)
+        self.neglected = min(paths * context.faint * self.numbers.one_path(), most)
+        self.neglected_depth = min(paths * context.faint * self.numbers.one_depth(), 1.0)
         self.largest = self.numbers.in_units(classifier.largest())
         self.looks_inside = classifier.medium.looks_inside
         self.scalars: tuple[Expression, ...] = classifier.medium.scalars()
@@ -103,9 +112,19 @@ class Interpolated:
         # What no physics can use becomes NaN, which the picture shows: it is looked at afterwards.
         return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
 
-    def cores(self, stretch: Stretch) -> list[Any]:
-        """Return how many structures narrower than a panel are in each half of a stretch."""
-        return self.classifier.medium.cores(stretch, self.context)
+    def cores(self, stretch: Stretch) -> list[list[Any]]:
+        """Return how many structures are in each half of a stretch, for each part of a sum."""
+        return [part.cores(stretch, self.context) for part in self.classifier.medium.components()]
+
+    def shares(self, path: Path, panel: Panel) -> list[tuple[Any, Any]]:
+        """Return the brightness and the optical depth of each part of a sum on a solved panel."""
+        return self.numbers.shares(path, panel, self.context)
+
+    @property
+    def steady(self) -> bool:
+        """Whether what an opaque medium shows is the same everywhere."""
+        parts = self.classifier.medium.components()
+        return len(parts) == 1 and parts[0].steady
 
     def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
         """Return how thin the medium's structures are, and how far bends may put means off."""

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import any_attenuation
 from ..expressions.interval import Interval
 from ..media import Shaped
 from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
 from ..media.stretch import Panel
-from ..schemes.path import most
+from ..schemes.path import Path, most
 
 
 @dataclass
@@ -115,6 +116,29 @@ class Direct:
         """Return how bright one path length of the brightest part is; zero where that has none."""
         colors = [abs(h) for part in self.medium.components() for h in getattr(part, "color", ())]
         return max(colors, default=0.0) / self.unit
+
+    def one_depth(self) -> float:
+        """Return the optical depth of one path length of the densest part."""
+        found = [np.max(np.abs(getattr(p, "opacity", 0.0))) for p in self.medium.components()]
+        return float(max(found))
+
+    def paths(self, largest: list[float]) -> float:
+        """Return how many path lengths go into a length of one; zero if that cannot be told."""
+        one, most = self.one_path(), self.brightest(largest)
+        return most / one if one > 0.0 and most < np.inf else 0.0
+
+    def shares(self, path: Path, panel: Panel, context: Context) -> list[tuple[Any, Any]]:
+        """Return the brightness and the optical depth of each part on a panel that was solved."""
+        parts = self.medium.components()
+        if len(parts) == 1:
+            return [(path.error[2], most(path.depth))]
+        found = []
+        for part in parts:
+            means = part.means(panel, context)
+            bright = self.brightness(means.emissivity) * panel.length
+            depth = most(means.extinction) * panel.length
+            found.append((bright * any_attenuation(depth)[1], depth))
+        return found
 
     def weights(self) -> np.ndarray:
         """Return weights of emissions whose sum is at most the brightest channel's intensity."""
@@ -213,6 +237,24 @@ class Shapes:
     def one_path(self) -> float:
         """Return how bright one path length of the brightest part is."""
         return float(np.max(np.abs(self.color)))
+
+    def one_depth(self) -> float:
+        """Return the optical depth of one path length of the densest part."""
+        return float(max(abs(part.opacity[0]) for part in self.parts))
+
+    def paths(self, largest: list[float]) -> float:
+        """Return how many path lengths go into a length of one."""
+        return float(np.max(largest))
+
+    def shares(self, path: Path, panel: Panel, context: Context) -> list[tuple[Any, Any]]:
+        """Return the brightness and the optical depth of each shape on a panel that was solved."""
+        (depth,), (theta,) = path.depth, path.transparency
+        dimmed = dr.select(depth > 0.0, (1.0 - theta) / dr.select(depth > 0.0, depth, 1.0), 1.0)
+        thin = 1.0 / dr.select(dimmed > 0.0, dimmed, 1.0)
+        return [
+            (dr.abs(b) * peak, dr.abs(b) * thin * opacity)
+            for b, peak, opacity in zip(path.emission, self.peak, self.opacity, strict=True)
+        ]
 
     def weights(self) -> np.ndarray:
         """Return weights of emissions whose sum is at most the brightest channel's intensity."""

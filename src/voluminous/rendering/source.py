@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ..backend import dr
 from ..expressions.interval import Interval
 from ..memory import check_memory, fits
@@ -38,6 +40,9 @@ _ADVICE = (
 )
 # The least that a precision can tell of a peak.
 _FAINTEST = {"single": 1e-37, "double": 1e-300}
+# Rays that pass along a shell where it is faint do so for some path lengths at least. For more than
+# the second number nothing need be known: the faintest part of a peak is of a width as before.
+_SOME_PATHS, _MOST_PATHS = 10.0, 1e12
 # What may be neglected of tabulated coefficients, as a fraction of their peak: below rounding.
 _FAINT = {"single": 1e-9, "double": 1e-18}
 
@@ -117,6 +122,9 @@ def _interpolated(
     # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
     dense = float(classifier.numbers.densest(classifier.largest()))
     faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * dense)
+    paths = _path_lengths(classifier)
+    if coarseness == 0.0:  # else nobody asks what is left out
+        faint *= _SOME_PATHS / paths
     least = _FAINTEST[backend.precision]
     faint = least if faintest else max(faint, least)
     real = backend.Float if single else backend.Wide
@@ -131,10 +139,17 @@ def _interpolated(
     )
     blocks = _blocks(classifier, store, faint, DUAL, coarseness)
     lattices = get_lattices(classifier, store, blocks)
-    source = Interpolated(classifier, lattices, context, blocks)
+    source = Interpolated(classifier, lattices, context, blocks, paths)
     if whole:
         source.walk = _pruned(classifier, store, lattices, faint)
     return source
+
+
+def _path_lengths(classifier: Classifier) -> float:
+    """Return how many path lengths a ray may follow a shell for: some, or all the way across."""
+    grid, largest = classifier.grid, classifier.largest()
+    diagonal = float(np.linalg.norm(np.ptp(grid.bounds, axis=1))) / grid.scale
+    return float(np.clip(classifier.numbers.paths(largest) * diagonal, _SOME_PATHS, _MOST_PATHS))
 
 
 def _pruned(classifier: Classifier, store: Store, lattices: dict[str, Any], faint: float) -> Any:

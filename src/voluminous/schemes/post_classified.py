@@ -14,12 +14,14 @@ from itertools import pairwise
 from typing import Any
 
 from ..backend import dr
-from ..backend.functions import precision_of
+from ..backend.functions import any_attenuation, precision_of
 from ..media.stretch import NODES
 from .contract import Solution
 from .one_panel import solved
 from .path import Path, empty_path, most, over
 
+# Optical depth above which only the front of a panel shows: means over it then say little.
+_OPAQUE = 1.0
 # Panels are not made narrower than this fraction of a segment.
 _NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
 # The part of their difference that two approximations are taken to be off by: at least, and where
@@ -36,6 +38,15 @@ class Progress:
     width: Any
     scalars: list[Any]
     path: Path
+
+
+@dataclass
+class Share:
+    """A medium of a sum on a panel: how many structures it has there, what it emits and absorbs."""
+
+    count: Any
+    bright: Any
+    depth: Any
 
 
 class PostClassified:
@@ -105,7 +116,7 @@ def _visible(
     whole = source.stretch(cubics, length)
     for expr, values in zip(source.scalars, known, strict=True):
         whole.set_known(expr, values)
-    fine, good = _attempt(source, whole, seen_through, backward)
+    fine, good = _attempt(source, whole, seen_through, backward, seen_through < 0.0)
     return dr.if_stmt(
         args=(cubics, known, length, seen_through, nothing, fine),
         cond=good & ~hidden,
@@ -145,9 +156,11 @@ def _refined(
             part.set_scalar(expr, 0.0, value)
             # To the last bit where the next segment begins, lest a crossing be counted twice.
             part.set_scalar(expr, 1.0, dr.select(last, values[-1], part.scalar(expr, 1.0)))
-        found, good = _attempt(source, part, seen_through, backward)
+        seen = seen_through if backward else seen_through * most(state.path.transparency)
+        least = state.width <= narrowest
+        found, good = _attempt(source, part, seen, backward, least)
         _, hidden = source.visible(part)
-        good = (good & ~hidden) | (state.width <= narrowest)
+        good = (good & ~hidden) | least
         front, back = (found, state.path) if backward else (state.path, found)
         begin = dr.select(good, state.begin + state.width, state.begin)
         width = dr.select(good, 2.0 * state.width, 0.5 * state.width)
@@ -164,8 +177,10 @@ def _refined(
     return state.path
 
 
-def _attempt(source: Any, part: Any, seen_through: Any, backward: bool) -> tuple[Path, Any]:
-    """Return a part solved, and where that is good enough.
+def _attempt(
+    source: Any, part: Any, seen_through: Any, backward: bool, least: Any
+) -> tuple[Path, Any]:
+    """Return a part solved, and where that is good enough; `least` cannot be halved again.
 
     Twice: as one panel and as two; where they are near each other what is left of their difference
     is extrapolated away (Richardson 1911).
@@ -182,21 +197,75 @@ def _attempt(source: Any, part: Any, seen_through: Any, backward: bool) -> tuple
         *sharp,
     )
     brightness = source.numbers.brightness
-    mixed = _mixed(halves, source.cores(part))
-    error = [brightness(wrong) + mixed, most(dim), brightness(emission)]
+    parts = _in_parts(source, part, halves)
+    unsure = _mixed(parts)
+    if not source.steady:
+        way = -1 if backward else 1
+        unsure = unsure + _hidden_behind(source, halves[::way], parts[::way], least)
+    error = [brightness(wrong) + unsure, most(dim), brightness(emission)]
     path = Path(emission, [1.0 - lost for lost in through], depth, error)
     allowed, allowed_dim = source.tolerance
     good = (seen_through * error[0] <= allowed) & (seen_through * error[1] <= allowed_dim)
     return path, good
 
 
-def _mixed(halves: list[Path], cores: list[Any]) -> Any:
-    """Return how far panels may be off that hold several structures, one in front of another."""
-    total = halves[0].error[2] * 0.0
-    for half, count in zip(halves, cores, strict=True):
-        lost = half.error[2] * (1.0 - most(half.transparency))
-        total += dr.select(count > 1.5, 0.5 * lost, 0.0)
+def _in_parts(source: Any, part: Any, halves: list[Path]) -> list[list[Share]]:
+    """Return what each medium of a sum does in both halves."""
+    counts, found = source.cores(part), []
+    for h, (half, (start, end)) in enumerate(zip(halves, pairwise(NODES), strict=True)):
+        shares = source.shares(half, part.panel(start, end))
+        found.append(
+            [
+                Share(count[h], bright, depth)
+                for count, (bright, depth) in zip(counts, shares, strict=True)
+            ]
+        )
+    return found
+
+
+def _mixed(halves: list[list[Share]]) -> Any:
+    """Return how far panels may be off that hold several structures, one in front of another.
+
+    Of two of them each may dim the other, or none: that is what their order decides.
+    """
+    total: Any = 0.0
+    for shares in halves:
+        several = sum((share.count for share in shares[1:]), shares[0].count) > 1.5
+        for k, share in enumerate(shares):
+            own = dr.select(share.count > 1.5, _absorbed(share.depth), 0.0)
+            others = [other.depth for other in shares[:k] + shares[k + 1 :]]
+            if others:
+                between = _absorbed(sum(others[1:], others[0]))
+                own = own + dr.select(several, between, 0.0)
+            total = total + 0.5 * share.bright * own
     return total
+
+
+def _absorbed(depth: Any) -> Any:
+    return 1.0 - any_attenuation(depth)[0]
+
+
+def _hidden_behind(source: Any, halves: list[Path], parts: list[list[Share]], least: Any) -> Any:
+    """Return how far opaque panels may be off of which only the front shows, the front one first.
+
+    That halves agree says nothing then. Where they cannot be narrower, they tell how much varies.
+    Structures narrower than a panel do not count: what lies before and behind them is `_mixed`.
+    """
+    front, back = halves
+    opaque = [
+        sum(dr.select(share.count < 1.0, share.depth, 0.0) for share in shares) > _OPAQUE
+        for shares in parts
+    ]
+    varies = []
+    for c, (b, behind) in enumerate(zip(front.emission, back.emission, strict=True)):
+        k = c if len(front.transparency) > 1 else 0
+        lost, other = 1.0 - front.transparency[k], 1.0 - back.transparency[k]
+        both = (lost > 0.0) & (other > 0.0)
+        varies.append(dr.select(both, b - behind * (lost / dr.select(both, other, 1.0)), 0.0))
+    known = dr.select(opaque[0], source.numbers.brightness(varies), 0.0)
+    unsure = dr.select(opaque[0], front.error[2], 0.0)
+    unsure = unsure + dr.select(opaque[1], back.error[2] * most(front.transparency), 0.0)
+    return dr.select(least, known, 0.5 * unsure)
 
 
 def _extrapolated(
