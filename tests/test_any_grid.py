@@ -87,6 +87,43 @@ def test_parts_of_a_field_may_have_units():
     np.testing.assert_allclose(volume.array("a"), [1.0] * 40 + [1e-3] * 20, rtol=1e-15)
 
 
+@pytest.mark.parametrize("parts", [[1 * u.K, 1000], [1, 1000 * u.mK], [1 * u.K, 1000 * u.cm]])
+def test_parts_of_a_field_all_have_units_or_none(parts):
+    grid = vm.PatchGrid([[0, 0, 0], [2, 0, 0]], [[2, 2, 2], [4, 2, 2]], [[2, 2, 2], [2, 2, 2]])
+    field = [np.ones((2, 2, 2)) * part for part in parts]
+    with pytest.raises(vm.UnitsError, match="part"):
+        vm.Volume(grid, a=field)
+
+
+PLACES = {
+    "cartesian": vm.CartesianGrid([0, 1, 2], [0, 1, 2], [0, 1, 2], unit="pc"),
+    "octree": vm.OctreeGrid([0, 1, 2], [0, 1, 2], [0, 1, 2], [1, *15 * [0]], unit="pc"),
+    "patches": vm.PatchGrid([[0, 0, 0]], [[2, 2, 2]], [[2, 2, 2]], unit="pc"),
+    "spherical": vm.SphericalGrid([0, 1, 2], [0, 1, 2], unit="pc"),
+    "cylindrical": vm.CylindricalGrid([0, 1, 2], [0, 2, 4], [0, 1, 2], unit="pc"),
+    "refined": vm.SphericalGrid([0, 1, 2], refined=[1, 0, 0, 0], unit="pc"),
+}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_points_may_have_a_unit(name):
+    grid, points = PLACES[name], [[1.5, 0.5, 0.5], [0.1, 0.2, 0.3], [9.0, 0.0, 0.0]]
+    cells = grid.locate(points)
+    assert (cells[:2] >= 0).all()
+    assert cells[2] == -1
+    for unit in (u.pc, u.kpc, u.km):
+        np.testing.assert_array_equal(grid.locate((points * u.pc).to(unit)), cells)
+    with pytest.raises(vm.UnitsError, match="points is in K, expected pc"):
+        grid.locate(points * u.K)
+
+
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("points", [[1, 2, 3], [[1, 2]], 5.0, [[1, 2, 3, 4]], [[[1, 2, 3]]], []])
+def test_points_have_three_coordinates(name, points):
+    with pytest.raises(vm.InputError, match=r"points must have shape \(n, 3\)"):
+        PLACES[name].locate(points)
+
+
 def test_a_field_may_be_called_phi_where_that_is_no_coordinate():
     volume = vm.Volume(GRID, phi=VALUES, theta=VALUES, R=VALUES)
     np.testing.assert_array_equal(volume.evaluate("phi"), VALUES)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import voluminous as vm
+from voluminous.errors import unknown_name
 
 ROOT = Path(__file__).resolve().parents[1]
 HEAVY = ("astropy", "matplotlib", "h5py", "PIL", "tqdm", "tifffile", "OpenEXR", "scipy")
@@ -72,6 +73,24 @@ def test_all_public_names_can_be_seen():
 def test_an_unknown_name_names_the_nearest():
     with pytest.raises(AttributeError, match="did you mean 'Gaussian'"):
         vm.Gausian  # noqa: B018 - looking it up is the test
+
+
+@pytest.mark.parametrize(
+    ("kind", "several"),
+    [
+        ("key", "keys"),
+        ("axis", "axes"),
+        ("samples", "samples"),
+        ("suffix", "suffixes"),
+        ("stretch", "stretches"),
+        ("density", "densities"),
+        ("kind of table", "kinds of table"),
+        ("format that can be written", "formats that can be written"),
+        ("option for writing", "options for writing"),
+    ],
+)
+def test_an_unknown_name_lists_the_others_in_the_plural(kind, several):
+    assert f" known {several}: a, b" in str(unknown_name(kind, "?", ["b", "a"]))
 
 
 def test_what_is_installed_is_pure_python():

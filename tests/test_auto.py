@@ -323,4 +323,14 @@ def test_options_for_data_files_are_refused_beside_a_scene(data, capsys):
 def test_a_file_of_no_known_kind_is_refused(data, capsys):
     (data / "odd.bin").write_bytes(b"\xff\xfe\x00\x01")
     assert main(["render", "odd.bin"]) == 2
-    assert "Known formats" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "Known formats" in told
+    assert "()" not in told  # what has no suffix
+
+
+@pytest.mark.parametrize("wrong", [4, 4.0, True, ["a"], np.zeros(3)])
+def test_what_is_no_expression_is_refused(wrong):
+    with pytest.raises(vm.InputError, match="expr must be a field or an expression"):
+        vm.auto(cube(lambda r: r, 4), wrong)
+    with pytest.raises(vm.InputError, match="for 3 shells write n=3"):
+        vm.auto(cube(lambda r: r, 4), 3)

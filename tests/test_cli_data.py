@@ -206,6 +206,34 @@ def test_mistakes_in_rendering_data(snapshot, capsys, arguments, expected):
     assert expected in refused(capsys, "render", "snapshot.h5", *arguments)
 
 
+def test_a_camera_that_is_set_needs_no_angles(snapshot, capsys):
+    place = ["--set", "camera.position=[5, 4, 3]", "--set", "camera.target=[0, 0, 0]"]
+    out = told(capsys, "render", "snapshot.h5", *FAST, "--set", "camera.type=perspective", *place)
+    assert "incl" not in out
+    assert vm.Scene.load("snapshot.png").camera.describe()["type"] == "perspective"
+    told(capsys, "render", "snapshot.h5", *FAST, "--set", "camera.view_direction=[1, 0, 0]")
+    assert "seen from incl 20, phi 30" in told(
+        capsys, "render", "snapshot.h5", *FAST, "--set", "camera.incl=20"
+    )
+    Path("snapshot.png").unlink()
+    # What the user said is not dropped.
+    for said in (["--incl", "3"], ["--set", "camera.incl=3"]):
+        assert "unknown key 'incl'" in refused(
+            capsys, "render", "snapshot.h5", *said, "--set", "camera.type=perspective", *place
+        )
+
+
+@pytest.mark.parametrize("command", [["render"], ["probe", "--pixel", "4", "4"]])
+def test_a_medium_of_another_type_keeps_what_fits(snapshot, capsys, command):
+    options = ["--set", "medium.1.type=isosurface", "--set", "camera.resolution=8"]
+    assert "level" in refused(capsys, *command, "snapshot.h5", *options)
+    told(capsys, *command, "snapshot.h5", *options, "--set", "medium.1.level=0.5")
+    if command == ["render"]:
+        first, second, *_ = vm.Scene.load("snapshot.png").medium.components()
+        assert (type(first), type(second)) == (vm.Isosurface, vm.Gaussian)
+        assert first.expr == second.expr
+
+
 def test_the_format_belongs_to_data(capsys):
     Path("scene.toml").write_text('[volume]\nmodel = "sphere"\n')
     vm.Image(np.ones((1, 1, 3))).save("a.png")
@@ -261,6 +289,34 @@ def test_what_info_says_to_type_works(snapshot, capsys):
     scene = vm.Scene.load("scene.toml")
     assert scene.volume().grid.bounds.tolist() == [[0, 1], [0, 2], [0, 3]]
     assert scene.render(scheme="first-order").intensity.max() > 0
+
+
+def test_info_shows_the_scene_that_would_be_drawn(snapshot, capsys):
+    snapshot.meta["time_unit"] = ""
+    vm.io.save(snapshot, "snapshot.h5")
+    out = told(capsys, "info", "snapshot.h5")
+    assert "time_unit" not in out
+    Path("scene.toml").write_text(out[out.index("[volume]") :])
+    shown = vm.Scene.load("scene.toml")
+    assert run("render", "snapshot.h5", "--set", "camera.resolution=8", "-q") == 0
+    drawn = vm.Scene.load("snapshot.png")
+    pairs = list(zip(shown.medium.components(), drawn.medium.components(), strict=True))
+    assert len(pairs) == 4
+    for short, full in pairs:
+        assert (type(short), short.expr) == (type(full), full.expr)
+        assert short.opacity == pytest.approx(full.opacity, rel=5e-4)  # four digits
+        assert short.path_length.to_value("pc") == pytest.approx(full.path_length, rel=5e-4)
+        assert short.center == pytest.approx(full.center, abs=0.01 * full.width)
+    numbers = re.findall(r"\d+\.\d+", out[out.index("[[medium]]") :])
+    assert max(len(number.replace(".", "").lstrip("0")) for number in numbers) <= 5
+
+
+def test_what_has_a_unit_is_told_with_it(snapshot, capsys):
+    out = told(capsys, "info", "snapshot.h5", "--fields", "velocity_x")
+    assert re.search(r'^center = "-?[\d.]+ km / s"$', out, re.MULTILINE)
+    assert re.search(r'^sigma = "[\d.]+ km / s"$', out, re.MULTILINE)
+    Path("scene.toml").write_text(out[out.index("[volume]") :])
+    assert run("render", "scene.toml", "-q", *FAST) == 0
 
 
 def test_info_of_some_fields(snapshot, capsys):

@@ -9,12 +9,14 @@ import warnings
 
 import numpy as np
 import pytest
+from astropy import units as u
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from expression_trees import expressions
-from voluminous.errors import ExpressionError, InputError, UnknownNameError
+from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names
+from voluminous.expressions.with_units import converted, dropped
 
 
 @pytest.fixture(scope="module")
@@ -638,3 +640,39 @@ def test_random_expressions_agree_within_their_rounding(float_type, text, x, y, 
     for result in (with_numpy(text, **fields), with_drjit(text, float_type, **fields)):
         result = np.broadcast_to(result, shape)[known]
         assert np.all((result >= low[known]) & (result <= high[known])), (result, low, high)
+
+
+# Numbers with units
+
+
+def test_numbers_with_units_wait_for_a_volume():
+    expression = Expression("2 * v > 5 km/s and (w < 3 K or 1e3 m/s <= v)")
+    assert expression.names == ("v", "w")
+    assert expression != Expression("2 * v > 5 m/s and (w < 3 K or 1e3 m/s <= v)")
+    with pytest.raises(UnitsError, match="only a volume can convert"):
+        expression.evaluate(NumpyOps(), {"v": np.ones(2), "w": np.ones(2)})
+    units = {"2 * v": "km/s", "w": "mK", "v": "km/s"}
+    plain = expression.without_units(lambda other: u.Unit(units[other.text]))
+    assert plain == Expression("2 * v > 5 and (w < 3000 or 1 <= v)")
+    assert plain.without_units(units.get) is plain
+
+
+@given(expressions())
+def test_expressions_without_units_are_taken_as_they_are(text):
+    assert dropped(text) == text
+
+
+@pytest.mark.parametrize("text", ["a < 1e5", "a < 0x10", "1 if a > 2 else 3", "a<5"])
+def test_what_is_no_unit(text):
+    assert dropped(text) == text
+    Expression(text).evaluate(NumpyOps(), {"a": np.ones(2)})
+
+
+@pytest.mark.parametrize(
+    ("text", "left"),
+    [("a<b<2 m", "b"), ("f(a, b) > 2 m", "f(a, b)"), ("(c and a*(b+1)<2 m)", "a*(b+1)")],
+)
+def test_a_number_is_compared_with_what_is_beside_it(text, left):
+    seen = []
+    converted(text, lambda other: seen.append(other) or u.m)
+    assert seen == [left]

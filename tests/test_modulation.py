@@ -5,6 +5,7 @@ from __future__ import annotations
 import matplotlib
 import numpy as np
 import pytest
+from astropy import units as u
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -74,6 +75,30 @@ def test_a_hard_gate_is_the_medium_restricted(kind):
     parts = [media(where=gate)[kind] for gate in ("b > 0.43", "b <= 0.43")]
     whole = seen(media()[kind], **thin)
     np.testing.assert_allclose(seen(parts[0] + parts[1], **thin), whole, rtol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "isosurface", "sum"])
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_numbers_in_a_gate_have_units(kind, precision):
+    volume = line()
+    volume["v"] = volume.evaluate("10 * x") * u.km / u.s
+
+    def made(where):
+        surface = vm.Isosurface("a", [0.4, 0.6], "viridis", 0.3, where=where)
+        found = {**media(where=where), "isosurface": surface}
+        return {**found, "sum": found["gaussian"] + surface}[kind]
+
+    gated = made("4.5e3 m/s < v")
+    found, expected = (
+        seen(medium, volume, precision=precision) for medium in (gated, made("4.5 < v"))
+    )
+    np.testing.assert_array_equal(found, expected)
+    assert not np.array_equal(found, seen(made(None), volume, precision=precision))
+    (*_, part) = vm.calibrate(gated, volume).components()
+    assert part.describe()["where"] == "4.5 < v"
+    assert gated.components()[-1].describe()["where"] == "4.5e3 m/s < v"
+    with pytest.raises(vm.UnitsError, match="'1 K' is no quantity that 'v', in km / s"):
+        seen(made("v > 1 K"), volume)
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
@@ -282,8 +307,6 @@ def test_keys_tell_gates_and_colours_apart():
 
 
 def test_units_of_a_colour_range():
-    from astropy import units as u
-
     volume = line()
     volume["T"] = np.full(volume.grid.shape, 0.3) * u.kK
     color = vm.ColorBy("T", "viridis", 0 * u.K, 1000 * u.K)
@@ -305,6 +328,8 @@ def test_units_of_a_colour_range():
             vm.InputError,
             "one column or 3",
         ),
+        (lambda: vm.Isosurface("a", [0, 1], "ornge"), vm.UnknownNameError, "the color 'orange'"),
+        (lambda: vm.Isosurface("a", [0, 1], "viridi"), vm.UnknownNameError, "mean 'viridis'"),
         (lambda: seen(vm.Gaussian("a", 0, 1, 1, 1, 1, where="bb")), vm.UnknownNameError, "'b'"),
     ],
 )

@@ -229,6 +229,7 @@ BOX = ([0, 1, 2], [0, 1], [0, 1])
         ([0.5, 0], "flag 0 is 0.5"),
         ([[0, 0]], "1-D array"),
         (["a", "b"], "1-D array of 0 and 1"),
+        ([[0], [1, 0]], "all rows equally long"),
         (31 * [1] + (7 * 31 + 2) * [0], "31 levels deep"),
     ],
 )
@@ -271,3 +272,35 @@ def test_leaves_are_chosen_by_booleans():
     for where in ([True], [0, 2], np.ones((2, 1), bool)):
         with pytest.raises(vm.InputError, match="where must be 2 booleans"):
             grid.refine(where)
+
+
+def everywhere(x, y, z, size):
+    return np.ones(x.shape, bool)
+
+
+@pytest.mark.parametrize("levels", [2.0, 2.5, "3", None, -1, 31])
+def test_levels_are_whole_numbers(levels):
+    with pytest.raises(vm.InputError, match="levels must be a whole number from 0 to 30"):
+        vm.OctreeGrid.from_function(*BOX, everywhere, levels)
+
+
+@pytest.mark.parametrize(
+    "answer", [np.ones(3, bool), True, [0.5, 1.0], [np.nan, 1.0], None, ["a", "b"], [[1], [1, 0]]]
+)
+def test_functions_that_refine_return_booleans(answer):
+    with pytest.raises(vm.InputError, match="what refine returns must be"):
+        vm.OctreeGrid.from_function(*BOX, lambda x, y, z, size: answer, 2)
+
+
+def test_what_cannot_be_called_does_not_refine():
+    with pytest.raises(vm.InputError, match=r"refine must be a function of .x, y, z, size., got"):
+        vm.OctreeGrid.from_function(*BOX, [True, False], 2)
+
+
+def test_a_function_that_refines_far_too_much_is_stopped(monkeypatch):
+    """Before the memory is taken, not by the system."""
+    from voluminous import memory
+
+    monkeypatch.setattr(memory, "available_memory", lambda: 1 << 20)
+    with pytest.raises(vm.MemoryNeededError, match=r"cells of level 6 to split needs .* bytes"):
+        vm.OctreeGrid.from_function(*BOX, everywhere, 30)

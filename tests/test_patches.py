@@ -223,6 +223,7 @@ def test_patches_that_do_not_fit(lower, upper, shape, told):
         ([[0, 0, 1, 1, 1, 1, 1]], "layer 1 covers cells .0, 1, 1. to"),
         ([[0, 2, 1, 1, 6, 1, 1]], "of its parent 0, which has .6, 5, 4."),
         ([[0, 1, 1, 1]], "rows of seven integers"),
+        ([[0, 1, 1, 1], [0]], "all rows equally long"),
     ],
 )
 def test_layers_that_do_not_fit(layers, told):
@@ -237,9 +238,19 @@ def test_boxes_that_do_not_fit():
         ([2], [[0, 0, 0]], [[6, 5, 4]], [2], "ratio must tell of 2 levels, got 1"),
         ([1], [[0, 0, 0]], [[6, 5, 4]], 0, "ratio must be positive"),
         ([1, 1], [[0, 0, 0]], [[6, 5, 4]], 2, "equally many patches"),
+        ([2], [[0, 0, 0]], [[6, 5, 4]], [[2, 2], [2, 2]], r"of shape .levels, 3., got \[\[2, 2\]"),
+        ([2], [[0, 0, 0]], [[6, 5, 4]], [[2], [2, 2]], "ratio must be .* all rows equally long"),
     ):
         with pytest.raises(vm.InputError, match=told):
             vm.PatchGrid.from_boxes(*EVEN, level, low, shape, ratio)
+
+
+def test_corners_that_are_no_numbers():
+    for corners in (("a", [[1, 1, 1]], [[1, 1, 1]]), ([[0, 0, 0], [1]], [[1, 1, 1]], [[1, 1, 1]])):
+        with pytest.raises(vm.InputError, match="lower must be an array of numbers"):
+            vm.PatchGrid(*corners)
+    with pytest.raises(vm.InputError, match="shape must be an array of numbers"):
+        vm.PatchGrid([[0, 0, 0]], [[1, 1, 1]], [[1, 1], [1]])
 
 
 def test_field_must_have_the_shapes_of_the_patches():

@@ -86,6 +86,12 @@ def test_bad_planes_are_refused(options, message):
         vm.Volume(GRID, a=COUNTED).slice("a", **options)
 
 
+@pytest.mark.parametrize("options", [{"position": 40.0}, {"center": (9.0, 9.0, 9.0), "width": 1.0}])
+def test_a_slice_beside_the_volume_says_where_that_is(options):
+    with pytest.raises(InputError, match=r"in a cell; .* x: 0 … 3, y: 0 … 3, z: -1 … 4 pc$"):
+        vm.Volume(GRID, a=COUNTED).slice("a", "z", **options)
+
+
 def test_a_table_of_cells():
     volume = vm.Volume(GRID, a=COUNTED * u.K, volume=COUNTED)
     table = volume.cells()
@@ -115,6 +121,21 @@ def test_some_cells_and_expressions():
     assert rows[5]["a"] == 5
     with pytest.raises(UnknownNameError, match="unknown kind of table 'excel'"):
         volume.cells(kind="excel")
+
+
+@pytest.mark.parametrize(
+    ("where", "plain"),
+    [("a > 20 K", "a > 20"), ("2e4 mK < a < 22 K", "20 < a < 22"), ("x > 3e18 cm", "x > 0.98")],
+)
+def test_numbers_in_conditions_have_units(where, plain):
+    volume = vm.Volume(GRID, a=COUNTED * u.K)
+    found, expected = (volume.cells(where=condition)["cell"] for condition in (where, plain))
+    np.testing.assert_array_equal(found, expected)
+    assert 0 < len(found) < 24
+    volume["chosen"] = f"where({where}, 1, 0)"
+    assert volume["chosen"].sum() == len(found)
+    with pytest.raises(vm.UnitsError, match="'5 km' is no quantity that 'a', in K"):
+        volume.cells(where="a > 5 km")
 
 
 def test_cells_of_a_curvilinear_grid():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from contracts.bundle import Bundle, on_a_sphere
 from curvilinear_rays import CurvilinearContract, adversarial_rays, check_adversarial, sums
 from twin.curvilinear import Frame, way_inside
 from voluminous.backend import get_backend
@@ -25,11 +26,12 @@ GRIDS = {
     "radial": vm.SphericalGrid(RADII),
     "half": vm.SphericalGrid([0, 2, 3], [0, 0.5, pi / 2], np.linspace(0, pi, 4)),
     "one ball": vm.SphericalGrid([0, 2]),
+    "a wide cell": vm.SphericalGrid(RADII, np.linspace(0.4, 2.5, 9), [-1, -0.5, 3.7]),
 }
 
 
 class TestSpherical(CurvilinearContract):
-    @pytest.fixture(params=["all but a wedge", "open cones", "mirrored"])
+    @pytest.fixture(params=["all but a wedge", "open cones", "mirrored", "a wide cell"])
     def grid(self, request):
         return GRIDS[request.param]
 
@@ -74,6 +76,30 @@ def test_a_million_rays_find_their_way(precision, million):
     # A wall met at a small angle is met the later, or earlier: few rays, and by chance.
     assert np.quantile(off, 0.99) < 16 * eps
     assert off.max() < (1e-12 if precision == "double" else 1e-3)
+
+
+def test_single_precision_knows_where_in_thin_polar_cells_rays_begin():
+    """Where cos θ of their walls differs by a few roundings: what each cell adds to a column."""
+    grid = vm.SphericalGrid([0, 1, 2], [0, 1e-3, 2e-3, pi - 1e-3, pi])
+    assert not grid.needs_double()
+    theta = np.random.default_rng(1).uniform(0, 3e-3, size=2000)
+    theta[::2] = pi - theta[::2]
+    origins = grid.position(np.stack([np.linspace(0.1, 1.9, 2000), theta, 7 * theta])).T
+    camera = Bundle(origins, on_a_sphere(2000), start=True)
+    volume = vm.Volume(grid, a=2.0 ** np.arange(grid.size).reshape(grid.shape))
+    columns = [
+        vm.render(
+            volume,
+            vm.Coefficients(0, "a"),
+            camera,
+            scheme="first-order",
+            precision=precision,
+            cutoff=0,
+        ).optical_depth
+        for precision in ("single", "double")
+    ]
+    # Distances are rounded to 1e-7 of two; values differ by factors of two.
+    np.testing.assert_allclose(*columns, rtol=1e-5, atol=2e-4)
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])

@@ -113,6 +113,22 @@ def test_single_precision_is_close(name):
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", ["full", "wedge", "mirrored", "cylinder"])
+def test_rays_that_end_inside_a_leaf_see_what_is_there(name, precision):
+    """Run towards an observer in a leaf, a ray gathers what one that starts there does."""
+    grid = GRIDS[name]
+    volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.shape))
+    camera = vm.Perspective([3.1, 1.7, -1.3], [9, 4, 0], fov=70, resolution=12)
+    medium, options = vm.Coefficients(0, "a"), {"scheme": "second-order", "precision": precision}
+    depths = [
+        vm.render(volume, medium, camera, order=order, **options).optical_depth
+        for order in ("front-to-back", "back-to-front")
+    ]
+    tolerance = 1e-12 if precision == "double" else 1e-5
+    np.testing.assert_allclose(*depths, rtol=0, atol=tolerance * depths[0].max())
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", GRIDS)
 def test_hard_rays_neither_hang_nor_leak(name, precision):
     grid, backend = GRIDS[name], get_backend("cpu", precision)
@@ -191,6 +207,7 @@ def test_flags_that_cannot_be(flags, told):
         vm.SphericalGrid(RADII, refined=flags)
 
 
-def test_wide_wedges_are_not_refined():
+@pytest.mark.parametrize("phi", [[0, 4], [0, 4, 2 * PI]])
+def test_wide_cells_are_not_refined(phi):
     with pytest.raises(vm.InputError, match="at most half a circle"):
-        vm.SphericalGrid([1, 2], [0, 1], [0, 4], refined=[0])
+        vm.SphericalGrid([1, 2], [0, 1], phi, refined=(len(phi) - 1) * [0])

@@ -102,7 +102,7 @@ def test_a_surface_in_a_glow_is_as_sure_as_it_is_right(precision):
     image = vm.render(volume, medium, camera, precision=precision)
     exact = vm.render(volume, medium, camera, tolerance=1e-7, precision="double")
     brightest = exact.intensity.max()
-    assert image.error.max() < 2e-3 * brightest  # it was a third
+    assert image.error.max() < 5e-3 * brightest  # it was a third
     assert exact.error.max() < 1e-4 * brightest
     off = np.abs(image.intensity - exact.intensity).max(axis=-1)
     assert np.mean(off <= image.error.reshape(off.shape)) >= 0.99
@@ -131,3 +131,26 @@ def test_what_is_behind_is_no_surer_than_its_rounding():
     image = vm.render(volume, medium, vm.Orthographic(20, 30, resolution=8), background=1 / 3)
     off = np.abs(image.intensity[..., 0] - np.exp(-image.optical_depth[..., 0]) / 3)
     assert np.all(off <= image.error.reshape(off.shape))
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        # The tails of an opaque shell are opaque too: five σ apart, one hides the other.
+        vm.Gaussian("a", 1.2, 1e-3, (1, 0.5, 0.2), 0.9, 3e-4)
+        + vm.Gaussian("a", 1.205, 1e-3, (0.1, 0.1, 1), 0.9, 3e-4),
+        vm.Gaussian("a", 1.2, 0.01, (1, 0.5, 0.2), 0.5, 0.03),
+    ],
+    ids=["two opaque shells", "thin shell"],
+)
+def test_errors_are_told_for_thin_shells_of_smooth_fields(medium):
+    volume = vm.Volume(vm.CartesianGrid.uniform(20, (-1, 1)))
+    volume["a"] = "exp(0.5*sin(3*x + y) + 0.4*cos(4*y - z) + 0.5*sin(2*z*x + 1))"
+    camera = vm.Orthographic(40, 25, resolution=40)
+    image = vm.render(volume, medium, camera, precision="double")
+    exact = vm.render(volume, medium, camera, precision="double", tolerance=1e-6)
+    off = np.abs(image.intensity - exact.intensity).max(axis=-1)
+    brightest = exact.intensity.max()
+    told = image.error.reshape(off.shape) + 1e-6 * brightest
+    assert np.mean(off <= told) >= 0.99
+    assert off.max() <= 2e-3 * brightest

@@ -24,7 +24,8 @@ def get_colormap(colormap: Any) -> Any:
     if not isinstance(colormap, str):
         raise InputError(f"a colormap must be a name or a matplotlib colormap, got {colormap!r}")
     if colormap not in matplotlib.colormaps:
-        raise unknown_name("colormap", colormap, matplotlib.colormaps)
+        colors = () if is_color(colormap) else matplotlib.colors.CSS4_COLORS
+        raise unknown_name("colormap", colormap, matplotlib.colormaps, other=("color", colors))
     return matplotlib.colormaps[colormap]
 
 

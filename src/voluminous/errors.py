@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+
+# A noun, and what says which: "format", " that can be written".
+_NOUN = re.compile(r"(.*?)((?: (?:of|that|for) .*)?)", re.DOTALL)
+_PLURALS = ((r"axis$", "axes"), (r"s$", "s"), (r"(x|ch)$", r"\1es"), (r"([^aeiou])y$", r"\1ies"))
 
 
 class VoluminousError(Exception):
@@ -46,7 +51,9 @@ class MissingPackageError(VoluminousError, ImportError):
     """An optional package is needed; says how to install it."""
 
 
-def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownNameError:
+def unknown_name(
+    kind: str, name: str, known: Iterable[str], *, other: tuple[str, Iterable[str]] = ("", ())
+) -> UnknownNameError:
     """Return the error for an unknown `name`, naming the nearest among the `known` ones.
 
     Parameters
@@ -57,6 +64,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownNameError
         The name that was given.
     known : iterable of str
         The names that exist.
+    other : (str, iterable of str), optional
+        Another kind, and its names: one of these may be what was meant.
 
     Examples
     --------
@@ -64,7 +73,17 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownNameError
     "unknown field 'densty'; did you mean 'density'? known fields: density, temperature"
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ";"
+    near = difflib.get_close_matches(name, [*names, *other[1]], n=1)
+    which = "" if not near or near[0] in names else f"the {other[0]} "
+    hint = f"; did you mean {which}{near[0]!r}?" if near else ";"
     listed = ", ".join(names) if names else "(none)"
-    return UnknownNameError(f"unknown {kind} {name!r}{hint} known {kind}s: {listed}")
+    return UnknownNameError(f"unknown {kind} {name!r}{hint} known {_several(kind)}: {listed}")
+
+
+def _several(kind: str) -> str:
+    """Return the plural of what a name stands for: axes, keys, densities, kinds of table."""
+    noun, rest = _NOUN.fullmatch(kind).groups()  # type: ignore[union-attr]
+    for ending, plural in _PLURALS:
+        if re.search(ending, noun):
+            return re.sub(ending, plural, noun) + rest
+    return f"{noun}s{rest}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, UnitsError
 from .expressions import CONSTANTS, FUNCTIONS
 from .units import is_quantity, parse_unit, plain
 
@@ -66,14 +66,30 @@ def is_angle(coordinate: str) -> bool:
 
 
 def split_unit(value: Any) -> tuple[Any, Any]:
-    """Return plain values and their unit, None if they have none; also of a list of Quantities."""
+    """Return plain values and their unit, None if they have none; also of a list of Quantities.
+
+    Raises
+    ------
+    UnitsError
+        If parts of a list have units that cannot be converted into each other, or some have none.
+    """
     if is_quantity(value):
         return value.value, parse_unit(value.unit)
-    if isinstance(value, (list, tuple)) and value and all(is_quantity(part) for part in value):
+    if isinstance(value, (list, tuple)) and any(is_quantity(part) for part in value):
+        _check_all_have_units(value)
         unit = value[0].unit
         parts = [p.value if p.unit == unit else plain(p, unit, "part of a field") for p in value]
         return parts, parse_unit(unit)
     return value, None
+
+
+def _check_all_have_units(parts: Any) -> None:
+    lacking = [k for k, part in enumerate(parts) if not is_quantity(part)]
+    if lacking:
+        raise UnitsError(
+            f"parts of a field must all have a unit, or none of them; part {lacking[0]} (counted "
+            "from 0) has none, others have: give each of them a unit"
+        )
 
 
 def unit_quantity(array: np.ndarray, unit: Any) -> Any:

@@ -185,7 +185,7 @@ class Volume(OnOtherCells):
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
         name = checked_name(name, self.coordinates)
         if isinstance(value, (str, Expression)):
-            expression = Expression(value)
+            expression = self.without_units(Expression(value))
             array, unit = self.evaluate(expression), self.expression_unit(expression)
         elif isinstance(value, Deferred):
             self._defer(name, value)
@@ -288,7 +288,7 @@ class Volume(OnOtherCells):
         """Return a volume of the same fields, some of them with other values; nothing is kept."""
         other = copy.copy(self)
         other._fields, other._derivatives = copy.copy(self._fields), Derivatives()
-        other.tables = OrderedDict()
+        other._units, other.tables = dict(self._units), OrderedDict()
         for name, array in arrays.items():
             other._fields[name] = array
         return other
@@ -301,6 +301,7 @@ class Volume(OnOtherCells):
         expression : str or Expression
             May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from
             the origin, in the volume's unit; and the grid's own, such as ``theta`` and ``phi``.
+            Numbers that are compared may have units: ``"velocity_z > 5 km/s"``.
         camera : camera, optional
             From where it is seen, for components along the line of sight such as
             ``los("velocity")``; positive away from the observer.
@@ -314,10 +315,12 @@ class Volume(OnOtherCells):
         ------
         UnknownNameError
             If it names a field that does not exist.
+        UnitsError
+            If a number in it has a unit that does not fit what it is compared with.
         """
         if camera is not None:
             return self.seen_by(camera).evaluate(expression)
-        parts = components(expression)
+        parts = tuple(self.without_units(part) for part in components(expression))
         for part in parts:
             self.check_names(part)
         self.refresh()
@@ -366,6 +369,25 @@ class Volume(OnOtherCells):
         for name in required_names(expression):
             if name not in known and name not in self:
                 raise unknown_name("field", name, known)
+
+    def without_units(self, expression: Expression) -> Expression:
+        """Return a condition with plain numbers for those with units, ``velocity_z > 5 km/s``.
+
+        Each is converted to the unit of what it is compared with.
+
+        Raises
+        ------
+        UnitsError
+            If it cannot be.
+        UnknownNameError
+            If it is compared with a field that does not exist.
+        """
+
+        def unit_of(other: Expression) -> Any:
+            self.check_names(other)
+            return self.expression_unit(other)
+
+        return expression.without_units(unit_of)
 
     def expression_unit(self, expression: Expression) -> Any:
         """Return the unit of an expression by evaluating it on units, None where it has none.

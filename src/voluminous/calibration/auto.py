@@ -71,7 +71,8 @@ def auto(
     Raises
     ------
     InputError
-        If there is no field, or no finite value, or `n` or `opacity` is not positive.
+        If there is no field, or no finite value, or `expr` is neither text nor an expression, or
+        `n` or `opacity` is not positive.
     UnknownNameError
         If there is no such field or colormap; names the nearest.
 
@@ -94,7 +95,7 @@ def auto(
         raise InputError(f"n must be a positive whole number of shells, got {n!r}")
     if not 0 < opacity < np.inf:
         raise InputError(f"opacity must be positive and finite, got {opacity!r}")
-    scalar = main_scalar(volume) if expr is None else Expression(expr)
+    scalar = main_scalar(volume) if expr is None else _expression(expr)
     values = sampled_values(volume, scalar)
     if not len(values):
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
@@ -102,6 +103,17 @@ def auto(
     shells, positions = _shells(volume, scalar, values, int(n))
     colors = np.asarray(color(positions))[:, :3]
     return _lit(volume, shells, colors, float(opacity))
+
+
+def _expression(expr: Any) -> Expression:
+    """Return the expression in a text; a number is more likely that of the shells."""
+    if isinstance(expr, (str, Expression)):
+        return Expression(expr)
+    shells = isinstance(expr, (int, np.integer)) and not isinstance(expr, bool) and expr > 0
+    raise InputError(
+        f"expr must be a field or an expression such as 'log10(density)', got {expr!r}"
+        + (f"; for {expr} shells write n={expr}" if shells else "")
+    )
 
 
 def _shells(

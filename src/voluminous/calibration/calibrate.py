@@ -1,4 +1,4 @@
-"""Numbers in place of ``path_length="auto"``."""
+"""Numbers in place of what only a volume can tell: ``path_length="auto"``, units of gates."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ import numpy as np
 from ..expressions import Expression
 from ..media import Medium, Shaped, Sum, Table
 from ..volume import Volume
+from .gates import with_plain_gates
 from .profile import Profile, profile_of
 from .samples import pieces
 from .thickness import thicknesses
 
 
 def calibrate(medium: Medium, volume: Volume) -> Medium:
-    """Return a medium with numbers in place of ``path_length="auto"``.
+    """Return a medium with numbers in place of ``path_length="auto"``, and of units in ``where=``.
 
-    Each becomes the median thickness of the medium's shell in this volume, so that one crossing of
-    the shell shows its colour and its opacity. The same volume gives the same number, on every
-    machine.
+    Each length becomes the median thickness of the medium's shell in this volume, so that one
+    crossing of the shell shows its colour and its opacity. The same volume gives the same number,
+    on every machine.
 
     Parameters
     ----------
@@ -32,13 +33,15 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     Returns
     -------
     Medium
-        Path lengths are plain numbers in the volume's unit. What has no ``"auto"`` in it is
-        returned as it is.
+        Path lengths are plain numbers in the volume's unit, and so are numbers in conditions such
+        as ``where="velocity_z > 5 km/s"``. What has neither in it is returned as it is.
 
     Raises
     ------
     UnknownNameError
         If a medium looks at a field that does not exist.
+    UnitsError
+        If a number in a condition has a unit that does not fit what it is compared with.
 
     Notes
     -----
@@ -53,6 +56,7 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     >>> f"{vm.calibrate(shell, core).path_length:.2g} cm"
     '4.2e+16 cm'
     """
+    medium = with_plain_gates(medium, volume)
     parts: list[Any] = [p for p in medium.components() if _is_open(p)]
     if not parts:
         return medium

@@ -14,7 +14,9 @@ _LONGEST = 100
 def describe_meta(volume: Volume) -> Iterator[str]:
     """Yield what a file told besides."""
     for key, value in volume.meta.items():
-        yield f"{key}: {_short(value)}"
+        told = _short(value)
+        if told:
+            yield f"{key}: {told}"
     if volume.wcs is not None:
         yield from _sky(volume.wcs)
 

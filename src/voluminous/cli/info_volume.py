@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 from ..errors import VoluminousError
 from .choice import rank
 from .data import DataFile
-from .info_field import Look, look, next_steps, title, values
+from .info_field import Look, look, title, values
 from .info_grid import describe_grid
 from .info_meta import describe_meta
+from .info_next import next_steps
 from .sizes import bytes_of, in_bytes
 
 if TYPE_CHECKING:

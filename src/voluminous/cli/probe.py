@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from . import render_volume
-from .common import add_render_options, given_options, say
+from .common import add_render_options, say
 from .data import assignment
-from .render import changed_value, scene_from
+from .render import scene_from
 
 if TYPE_CHECKING:
     from ..measuring import Probe
@@ -79,9 +79,6 @@ def run(args: argparse.Namespace) -> int:
         _check(path)
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
     scene = scene_from(args, given, render_volume.is_volume(args.scene, args.format))
-    changes = {place: changed_value(place, v, scene) for place, v in given.items()}
-    changes |= given_options(args)
-    scene = scene.replaced(changes) if changes else scene
     found = _probe(scene, args)
     say(args.quiet, found.text(None if args.all else 20))
     for what in _left_out(scene):

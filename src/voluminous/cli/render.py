@@ -18,6 +18,7 @@ from .common import (
     told,
 )
 from .data import assignment
+from .retyped import retyped
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -69,10 +70,6 @@ def run(args: argparse.Namespace) -> int:
     chosen = args.output or [_default_output(args.scene, is_volume)]
     outputs = [check_output(path) for path in chosen]
     scene = scene_from(args, given, is_volume)
-    changes = {place: changed_value(place, v, scene) for place, v in given.items()}
-    changes |= given_options(args)
-    if changes:
-        scene = scene.replaced(changes)
     if args.annotate:
         _annotate(scene, outputs)
     image, seconds = render_scene(scene, args.scene.name, args.quiet)
@@ -87,23 +84,37 @@ def run(args: argparse.Namespace) -> int:
 
 
 def scene_from(args: argparse.Namespace, given: dict[str, Any], is_volume: bool) -> Scene:
-    """Return the scene in a file, or one made for the data in it.
+    """Return the scene in a file, or one made for the data in it, changed as arguments say.
 
-    Takes away from what is `given` with ``--set`` the options of the data's format.
+    Parameters
+    ----------
+    args : Namespace
+    given : dict
+        Places and values of ``--set``; for data also options of their format.
+    is_volume : bool
+        Whether the file holds data.
     """
     from ..scene import Scene
 
-    if not is_volume:
+    if is_volume:
+        scene, choice = render_volume.scene_of(args, _taken_options(given), given)
+        say(args.quiet, choice)
+        changes = retyped(scene.to_dict()["medium"], given)
+    else:
         render_volume.refuse_options(args)
-        return Scene.load(args.scene)
-    options = {
+        scene, changes = Scene.load(args.scene), {}
+    changes |= {place: changed_value(place, value, scene) for place, value in given.items()}
+    changes |= given_options(args)
+    return scene.replaced(changes) if changes else scene
+
+
+def _taken_options(given: dict[str, Any]) -> dict[str, Any]:
+    """Take the options of the data's format away from what is set, and return them."""
+    return {
         option: given.pop(place)
         for place in list(given)
         if (option := render_volume.reader_option(place)) is not None
     }
-    scene, choice = render_volume.scene_of(args, options)
-    say(args.quiet, choice)
-    return scene
 
 
 def _annotate(scene: Scene, outputs: list[Path]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from ..volume import Volume
 
-_INCL, _PHI, _LEVELS, _PIXELS = 60.0, 30.0, 4, 800
+INCL, PHI, LEVELS = 60.0, 30.0, 4
+PIXELS, _TYPE = 800, "orthographic"
 # Options that belong to data files: a scene says all this itself.
 _OPTIONS = ("field", "levels", "incl", "phi", "format")
 # Keys of [volume] that are no options of a reader.
@@ -29,11 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options for data files; all are None unless given."""
     group = parser.add_argument_group("data files", "what is chosen by itself for these")
     group.add_argument("--field", metavar="EXPR", help="field or expression to show")
-    group.add_argument(
-        "-n", "--levels", type=int, metavar="N", help=f"number of shells ({_LEVELS})"
-    )
-    group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({_INCL:g})")
-    group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({_PHI:g})")
+    group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")
+    group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({INCL:g})")
+    group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({PHI:g})")
     group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
 
 
@@ -94,7 +93,9 @@ def reader_option(place: str) -> str | None:
     return key if section == "volume" and key not in _NO_OPTIONS else None
 
 
-def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, str]:
+def scene_of(
+    args: argparse.Namespace, options: dict[str, Any], given: Mapping[str, Any]
+) -> tuple[Scene, str]:
     """Return the scene for a data file, and what was chosen in words.
 
     Automatic shells of one field, seen obliquely, all that shows in the frame.
@@ -104,6 +105,8 @@ def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, 
     args : Namespace
     options : dict
         The reader's.
+    given : mapping
+        What is set in the scene afterwards: a direction is not chosen for a camera that is.
 
     Raises
     ------
@@ -119,16 +122,13 @@ def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, 
     found = opened(data, args.field)
     volume, there = found.volume, found.volume.fields
     shown = args.field or first_field(volume)
-    medium = auto(volume, shown, _LEVELS if args.levels is None else args.levels)
+    medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
-    camera = {
-        "incl": _INCL if args.incl is None else args.incl,
-        "phi": _PHI if args.phi is None else args.phi,
-        "resolution": _PIXELS,
-    }
-    labels = _shows_labels(medium)  # between two labels there are no others
+    labels = shows_labels(medium)  # between two labels there are no others
     scheme = "first-order" if labels else "post-classified"
-    camera |= framed(volume, medium, camera, scheme)
+    camera = _camera(args, given)
+    if "incl" in camera and "phi" in camera:
+        camera |= framed(volume, medium, camera, scheme)
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     settings = {"volume": source, "medium": medium, "camera": camera}
@@ -138,7 +138,19 @@ def scene_of(args: argparse.Namespace, options: dict[str, Any]) -> tuple[Scene, 
     return Scene(settings, path.parent, volume=volume), told
 
 
-def _shows_labels(medium: Medium) -> bool:
+def _camera(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the camera; without angles that the user does not choose, if it is another one."""
+    other = "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
+    angles: dict[str, Any] = {} if other else {"incl": INCL, "phi": PHI}
+    for name in ("incl", "phi"):
+        if getattr(args, name) is not None:
+            angles[name] = getattr(args, name)
+        elif type(given.get(f"camera.{name}")) in (int, float):  # what shows is framed from there
+            angles[name] = given[f"camera.{name}"]
+    return {**angles, "resolution": PIXELS}
+
+
+def shows_labels(medium: Medium) -> bool:
     """Return True if every part of a medium shows one whole number."""
     from ..media import Rectangle
 
@@ -155,7 +167,8 @@ def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterab
     text = f"{parts[0].expr.text}: {_count(medium)} {_listed(f'{p.center:.4g}' for p in parts)}"
     units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]
     text += f" ({', '.join(units)})" if units else ""
-    text += f", seen from incl {camera['incl']:g}, phi {camera['phi']:g}"
+    if "incl" in camera and "phi" in camera:
+        text += f", seen from incl {camera['incl']:g}, phi {camera['phi']:g}"
     if "width" in camera:
         text += f", {camera['width']:g} {volume.unit or ''}".rstrip() + " wide"
     rest = list(others)
@@ -164,7 +177,7 @@ def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterab
 
 def _count(medium: Medium) -> str:
     count = len(list(medium.components()))
-    if _shows_labels(medium):
+    if shows_labels(medium):
         return "label" if count == 1 else f"{count} labels, cell by cell:"
     return "shell at" if count == 1 else f"{count} shells at"
 

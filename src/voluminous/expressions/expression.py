@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Real
 from typing import Any
 
@@ -17,6 +17,7 @@ from .source import one_line
 from .text import text
 from .tree import Node
 from .vectors import Vector
+from .with_units import WithUnits, converted, dropped
 
 
 class Expression:
@@ -53,6 +54,9 @@ class Expression:
     ``velocity_x``, ``velocity_y`` and ``velocity_z``.
     ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
 
+    A number that is compared may have a unit, ``"velocity_z > 5 km/s"``; such an expression has a
+    value in a volume only: `without_units`.
+
     Two expressions are equal if they mean the same tree: ``a+b`` equals ``(a + b)``.
 
     Examples
@@ -78,7 +82,7 @@ class Expression:
             return source
         self = super().__new__(cls)
         shown = _source_text(source)
-        tree, names = parse(shown)
+        tree, names = _parsed(shown)
         for attribute, value in (("text", shown), ("names", names), ("_tree", tree)):
             object.__setattr__(self, attribute, value)
         return self
@@ -86,6 +90,24 @@ class Expression:
     def margins(self) -> tuple[Margin, ...]:
         """Return the differences of what it compares: where one changes its sign, it may jump."""
         return margins(self._tree, self.text)
+
+    def without_units(self, unit_of: Callable[[Expression], Any]) -> Expression:
+        """Return it with plain numbers for those with units; itself if there are none.
+
+        Parameters
+        ----------
+        unit_of : callable
+            Returns the unit of an expression, or None. A number is converted to that of the other
+            side of its comparison.
+
+        Raises
+        ------
+        UnitsError
+            If a number's unit does not exist, or does not fit.
+        """
+        if not isinstance(self._tree, WithUnits):
+            return self
+        return Expression(converted(self.text, lambda other: unit_of(Expression(other))))
 
     def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
         """Return the value of the expression.
@@ -107,6 +129,8 @@ class Expression:
         ------
         UnknownNameError
             If a field is missing; names the nearest.
+        UnitsError
+            If there are numbers with units in it; see `without_units`.
         """
         check_names(self, values)
         fitted, fields = ops.prepare({name: values[name] for name in self.names})
@@ -138,11 +162,18 @@ def components(source: str | float | Expression) -> tuple[Expression, ...]:
     ExpressionError
         If the text is not in the language.
     """
-    if isinstance(source, str):
+    if isinstance(source, str) and dropped(source) == source:
         tree, _ = parse(one_line(source), vectors=True)
         if isinstance(tree, Vector):
             return tuple(Expression(text(component)) for component in tree.components)
     return (Expression(source),)
+
+
+def _parsed(shown: str) -> tuple[Node, tuple[str, ...]]:
+    """Return the tree of a text, and the names in it."""
+    plain = dropped(shown)
+    tree, names = parse(plain)
+    return tree if plain == shown else WithUnits(tree, shown), names
 
 
 def check_names(expr: Expression, known: Iterable[str]) -> None:

@@ -177,13 +177,14 @@ class Grid(Protocol):
     def levels(self) -> np.ndarray:
         """How often each cell's base cell was refined: uint8 of the grid's shape."""
 
-    def locate(self, points: np.ndarray) -> np.ndarray:
+    def locate(self, points: Any) -> np.ndarray:
         """Return the flat number of the cell that each point is in, -1 outside.
 
         Parameters
         ----------
-        points : array, shape (n, 3)
-            Cartesian coordinates. A point on a wall is in one of the cells around.
+        points : array_like or Quantity, shape (n, 3)
+            Cartesian coordinates; plain numbers are in the grid's unit. A point on a wall is in one
+            of the cells around.
         """
 
     @property

@@ -250,5 +250,9 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
         )
     else:
         told = f"{path} is of a format that voluminous does not know; it starts with {head[:8]!r}"
-    listed = ", ".join(f"{r.name} ({' '.join(r.suffixes)})" for r in readers())
+    listed = ", ".join(map(_named_with_suffixes, readers()))
     return FileFormatError(f"{told}. Known formats: {listed}")
+
+
+def _named_with_suffixes(reader: Reader) -> str:
+    return f"{reader.name} ({' '.join(reader.suffixes)})" if reader.suffixes else reader.name

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 # Control points that stick out by this many widths beyond a panel's ends call for smaller panels.
 _DOUBT = 0.25
 # Most of a shell is within so many widths of its centre.
-_CORE = 2.0
+_CORE = 4.0
 
 
 # As a path length: the median thickness in the volume (`calibration`).

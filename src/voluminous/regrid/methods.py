@@ -136,6 +136,13 @@ class OnOtherCells:
         Slice
             ``values`` (ny, nx) with row 0 at the bottom, NaN outside, and their ``extent``.
 
+        Raises
+        ------
+        InputError
+            If no pixel is in a cell, or the plane cannot be made.
+        UnknownNameError
+            If there is no such field.
+
         Examples
         --------
         >>> import voluminous as vm
@@ -160,7 +167,8 @@ class OnOtherCells:
         fields : iterable of str, optional
             Fields or expressions; all fields by default.
         where : str or Expression, optional
-            Only cells where this is true.
+            Only cells where this is true. Numbers that are compared may have units:
+            ``"velocity_z > 5 km/s"``.
         kind : {"dict", "numpy", "astropy", "pandas"}
             A dict of arrays and Quantities, a structured array, a `QTable` or a `DataFrame`; the
             second and the last know no units.

@@ -88,9 +88,25 @@ def make_plane(
 
 
 def cells_on(grid: Any, plane: Plane) -> np.ndarray:
-    """Return the flat numbers of the cells at a plane's pixels, shape (ny, nx); -1 outside."""
+    """Return the flat numbers of the cells at a plane's pixels, shape (ny, nx); -1 outside.
+
+    Raises
+    ------
+    InputError
+        If no pixel is in a cell: what would be shown is nothing.
+    """
     nx, ny = plane.pixels
-    return np.asarray(grid.locate(plane.points())).reshape(ny, nx)
+    cells = np.asarray(grid.locate(plane.points())).reshape(ny, nx)
+    if cells.max() < 0:
+        raise InputError(f"no pixel of the slice is in a cell; the volume is in {_told(grid)}")
+    return cells
+
+
+def _told(grid: Any) -> str:
+    """Return the bounds of a grid in words."""
+    spans = zip("xyz", grid.bounds, strict=True)
+    listed = ", ".join(f"{axis}: {low:g} … {high:g}" for axis, (low, high) in spans)
+    return f"{listed} {unit_name(grid.unit)}".rstrip()
 
 
 def make_slice(grid: Any, plane: Plane, cells: np.ndarray, values: Any, unit: Any) -> Slice:

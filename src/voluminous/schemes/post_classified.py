@@ -27,7 +27,7 @@ _NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
 # The part of their difference that two approximations are taken to be off by: at least, and where
 # structures are thinner than a panel. Chosen so that 99 % of rays through random fields are off by
 # less than is said.
-_SURE, _SHARP = 0.5, 1.5
+_SURE, _SHARP = 0.5, 2.5
 
 
 @dataclass

@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from ..points import plain_points
+
 
 class CartesianCells:
     """What `grids.contract.Grid` asks of cells, for a grid of planes ``edges`` along three axes."""
 
     coordinates = ("x", "y", "z")
     edges: tuple[np.ndarray, ...]
+    unit: Any
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -66,12 +69,17 @@ class CartesianCells:
         """Zeros: nothing is refined."""
         return np.broadcast_to(np.uint8(0), self.shape)
 
-    def locate(self, points: np.ndarray) -> np.ndarray:
-        """Return the flat number of the cell that each point (n, 3) is in, -1 outside.
+    def locate(self, points: Any) -> np.ndarray:
+        """Return the flat number of the cell that each point is in, -1 outside.
 
         A point on a wall is in the cell above it; on the last wall of all, below it.
+
+        Parameters
+        ----------
+        points : array_like or Quantity, shape (n, 3)
+            x, y and z; plain numbers are in the grid's unit.
         """
-        points = np.asarray(points, dtype=np.float64)
+        points = plain_points(points, self.unit)
         flat = np.zeros(len(points), dtype=np.int64)
         inside = np.ones(len(points), dtype=bool)
         for axis, walls in enumerate(self.edges):

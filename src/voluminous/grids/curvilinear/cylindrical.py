@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..points import plain_points
 from .edges import (
     angle_edges,
     azimuths,
@@ -120,7 +121,7 @@ class CylindricalGrid(CurvilinearGrid):
 
     def native(self, points: Any) -> np.ndarray:
         """Return R, φ and z (3, n) of points (n, 3)."""
-        x, y, z = np.asarray(points, dtype=np.float64).T
+        x, y, z = plain_points(points, self.unit).T
         return np.stack([np.hypot(x, y), self._azimuth(x, y, self.edges[1]), z])
 
     @property

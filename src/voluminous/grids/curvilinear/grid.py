@@ -125,11 +125,17 @@ class CurvilinearGrid:
         raise NotImplementedError
 
     def native(self, points: Any) -> np.ndarray:
-        """Return the grid's own coordinates (3, n) of points (n, 3)."""
+        """Return the grid's own coordinates (3, n) of points (n, 3), as `locate` takes them."""
         raise NotImplementedError
 
     def locate(self, points: Any) -> np.ndarray:
-        """Return the flat number of the cell of each point (n, 3); -1 outside."""
+        """Return the flat number of the cell of each point; -1 outside.
+
+        Parameters
+        ----------
+        points : array_like or Quantity, shape (n, 3)
+            x, y and z; plain numbers are in the grid's unit.
+        """
         native = self.native(points)
         index, inside = [], np.ones(native.shape[1], bool)
         for edges, value in zip(self.edges, native, strict=True):

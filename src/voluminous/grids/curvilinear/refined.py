@@ -21,7 +21,7 @@ from ..trees.octree_tree import octree_tree
 from ..trees.tree import Tree
 from ..trees.vertices import cells_around
 from .cylindrical import CylindricalGrid
-from .edges import FULL_CIRCLE
+from .edges import ANGLE_ROUNDING, FULL_CIRCLE
 from .grid import CurvilinearGrid
 from .refined_surroundings import RefinedSurroundings
 from .spherical import SphericalGrid
@@ -75,9 +75,13 @@ class RefinedCells(CurvilinearGrid):
                 f"refined must not divide an axis into more than {_MOST_WALLS} cells; "
                 f"{self.places.deepest} levels make {most}"
             )
-        phi = self.edges[self.coordinates.index("phi")]
-        if np.diff(phi).max() > 0.5 * FULL_CIRCLE and not self.is_periodic:
-            raise InputError("phi cells must be at most half a circle wide where a grid is refined")
+        axis = self.coordinates.index("phi")
+        widest = float(np.diff(self.edges[axis]).max())
+        if widest > 0.5 * FULL_CIRCLE + ANGLE_ROUNDING and not self._closes(axis):
+            raise InputError(
+                "phi cells must be at most half a circle wide where a grid is refined, or one all "
+                f"around; one is {widest:g} radian wide: split it in two, phi edges included"
+            )
 
     @property
     def base_shape(self) -> tuple[int, int, int]:
@@ -123,7 +127,7 @@ class RefinedCells(CurvilinearGrid):
         return low, high
 
     def locate(self, points: Any) -> np.ndarray:
-        """Return the number of the leaf of each point (n, 3); -1 outside."""
+        """Return the number of the leaf of each point (n, 3); see `CurvilinearGrid.locate`."""
         native = self.native(points)
         place, inside = np.empty(native.shape, np.int64), np.ones(native.shape[1], bool)
         for axis, (edges, value) in enumerate(zip(self.fine_edges, native, strict=True)):

@@ -127,8 +127,8 @@ class RefinedWalk(CurvilinearWalk):
         # Rounding may put a wall behind the ray: it has been crossed.
         t = lesser(later(functools.reduce(lesser, ahead), cursor.t), track.leave)
         crossed = self._number(through)
-        if self.stepped:
-            t, short = self._cut(track, cursor, t)
+        if track.bounded or self.stepped:
+            t, short = self._end_inside(track, cursor, t)
             through = [own & ~short for own in through]
             crossed = dr.select(short, -1, crossed)
         count = [
@@ -138,6 +138,13 @@ class RefinedWalk(CurvilinearWalk):
             )
         ]
         return count, t, crossed
+
+    def _end_inside(self, track: Track, cursor: RefinedCursor, t: Any) -> tuple[Any, Any]:
+        """Return where segments end, and which do not come to the wall of their leaf."""
+        short = self.backend.Bool(False)
+        if self.stepped:
+            t, short = self._cut(track, cursor, t)
+        return t, short | (t >= track.leave) if track.bounded else short
 
     def _cut(self, track: Track, cursor: RefinedCursor, t: Any) -> tuple[Any, Any]:
         """Return where segments end that may not turn far, and which end before their wall."""

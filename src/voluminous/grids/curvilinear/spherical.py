@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..points import plain_points
 from .edges import (
     ANGLE_ROUNDING,
     angle_edges,
@@ -149,7 +150,7 @@ class SphericalGrid(CurvilinearGrid):
 
     def native(self, points: Any) -> np.ndarray:
         """Return r, θ and φ (3, n) of points (n, 3); below a mirror those of their image."""
-        x, y, z = np.asarray(points, dtype=np.float64).T
+        x, y, z = plain_points(points, self.unit).T
         z = np.abs(z) if self.mirror else z
         across = np.hypot(x, y)
         phi = self._azimuth(x, y, self.edges[2])

@@ -84,10 +84,13 @@ class Surfaces:
         There is space between these surfaces that belongs to no cell.
     encloses : bool
         Beyond the outermost one is nothing at all: it has `leave`, the distance of its crossing.
+    halves_cell : bool
+        One of the walls is inside a cell, where there are no vertices: it has `in_cell`.
     """
 
     has_gaps = False
     encloses = False
+    halves_cell = False
 
     def __init__(self, table: np.ndarray, walls: int, cells: int, backend: Any) -> None:
         self.backend, self.walls, self.cells = backend, walls, cells

@@ -12,7 +12,7 @@ from ...backend.functions import first_true
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
-from .edges import FULL_CIRCLE, is_closed
+from .edges import ANGLE_ROUNDING, FULL_CIRCLE, is_closed
 from .surfaces import Running, RunningTrack
 
 # Half planes nearer than this (in roundings) to a ray's direction are met at either end of it.
@@ -39,6 +39,9 @@ class HalfPlanes(Running):
     With w the unit vector in a half plane and n normal to it, ``t = -n·P/n·d``; in the sense in
     which azimuth increases a ray meets the half plane, not its other half, if ``n·d > 0``.
 
+    A ray could meet all walls of a wedge, or all but those of a wide cell, and would come to the
+    first one again. A half plane through whatever is wider than half a circle stands in between.
+
     Parameters
     ----------
     edges : array
@@ -47,11 +50,9 @@ class HalfPlanes(Running):
 
     def __init__(self, edges: np.ndarray, backend: Any) -> None:
         self.has_gaps = not is_closed(edges)
-        self.angles = edges if self.has_gaps else edges[:-1]
-        if edges[-1] - edges[0] < np.pi + 1e-6:
-            # A ray may meet every wall of a narrow wedge, and would come to the first one again: a
-            # half plane through the empty space stands in between.
-            self.angles = np.append(edges, 0.5 * (edges[0] + edges[-1]) + np.pi)
+        self.angles, halved = _with_wide_halved(edges if self.has_gaps else edges[:-1])
+        self.halves_cell = halved < len(edges) - 1
+        self.halved = dr.opaque(backend.Int, halved)
         walls = len(self.angles)
         once = _directions(self.angles)
         mirrored = once[::-1] * [1.0, -1.0]
@@ -130,7 +131,7 @@ class HalfPlanes(Running):
         slot = self._slot(track, count)
         down = self.wall_count - 1 - slot
         up = dr.select(slot == 0, self.wall_count, slot) - 1
-        return dr.select(track.down, down, up)
+        return self._of_grid(dr.select(track.down, down, up))
 
     def _slot(self, track: RunningTrack, count: Any) -> Any:
         """Return the number of the wall ahead, in the sense the ray runs."""
@@ -145,8 +146,19 @@ class HalfPlanes(Running):
 
     def vertex(self, track: RunningTrack, count: Any) -> Any:
         """Return the number of the vertices on the wall that is met next."""
+        return self._of_grid(self._wall(track, count))
+
+    def in_cell(self, track: RunningTrack, count: Any) -> Any:
+        """Return the lanes of which the wall that is met next is in the middle of a cell."""
+        return self._wall(track, count) == self.halved + 1
+
+    def _wall(self, track: RunningTrack, count: Any) -> Any:
         slot = self._slot(track, count)
         return dr.select(track.down, self.wall_count - 1 - slot, slot)
+
+    def _of_grid(self, number: Any) -> Any:
+        """Return the number of a cell, or of a wall, without the half plane inside a cell."""
+        return dr.select(number > self.halved, number - 1, number) if self.halves_cell else number
 
     def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between its two half planes a point is."""
@@ -154,6 +166,19 @@ class HalfPlanes(Running):
         c, s = dr.gather(self.backend.packet(2), self.lower, cell)
         angle = own.upward(own.angle(own.mixed(y, c, x, -s), own.mixed(x, c, y, s)))
         return own.part(angle, 0.0, dr.gather(self.backend.Float, self.inverse_width, cell))
+
+
+def _with_wide_halved(angles: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return azimuths of walls with one more in the middle of what is wider than half a circle.
+
+    And the number of the space between walls that it halves: there is one at most. Where there is
+    none, a number beyond all.
+    """
+    widths = np.diff(angles, append=angles[0] + FULL_CIRCLE)
+    widest = len(widths) - 1 - int(np.argmax(widths[::-1]))  # of two halves rather the empty one
+    if widths[widest] < np.pi - ANGLE_ROUNDING:
+        return angles, len(angles)
+    return np.insert(angles, widest + 1, angles[widest] + 0.5 * widths[widest]), widest
 
 
 def _directions(angles: np.ndarray) -> np.ndarray:

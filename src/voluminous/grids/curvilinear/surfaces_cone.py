@@ -30,6 +30,8 @@ class ConeTrack:
         Square of the z component of the normal of the plane through the ray and the centre.
     steepest : array
         Minus the square of the greatest cos θ on the ray: ``tilt - 1``.
+    point, direction : list of two arrays
+        The closest approach, and the direction, across the axis.
     """
 
     rise: Any
@@ -37,6 +39,8 @@ class ConeTrack:
     radius: Any
     tilt: Any
     steepest: Any
+    point: list[Any]
+    direction: list[Any]
 
 
 class Cones(Turning):
@@ -88,6 +92,8 @@ class Cones(Turning):
             Float(approach.radius),
             Float(tilt * tilt),
             Float(-dr.fma(hz, hz, dz * dz)),
+            [Float(p) for p in approach.point[:2]],
+            [Float(dx), Float(dy)],
         )
         return track, down, dr.select(down, self.mirrored_start, 0)
 
@@ -98,19 +104,28 @@ class Cones(Turning):
         return (square > highest) | (c < 0.0)
 
     def place(self, surface: ConeTrack, t: Any) -> tuple[Any, Any]:
-        """Return height and radius, and where cos θ still rises; at the centre those ahead."""
+        """Return where rays are, and where cos θ still rises; at the centre what is ahead.
+
+        As height, radius, and the square of the distance from the axis.
+        """
         height = dr.fma(surface.rise, t, surface.height * surface.radius)
         radius = dr.sqrt(dr.fma(t, t, surface.radius * surface.radius))
+        x, y = (dr.fma(t, d, p) for p, d in zip(surface.point, surface.direction, strict=True))
         central = radius == 0.0
         height = dr.select(central, surface.rise, height)
+        dx, dy = surface.direction
+        across = dr.select(central, dr.fma(dx, dx, dy * dy), dr.fma(x, x, y * y))
         # Through the centre, in whose plane u is the greatest cos θ: it rises all the way.
         inward = t * surface.height < dr.maximum(surface.radius, 1e-30) * surface.rise
-        return (height, dr.select(central, 1.0, radius)), inward
+        return (height, dr.select(central, 1.0, radius), across), inward
 
     def is_above(self, wall: list[Any], here: Any) -> Any:
-        """Return True for cones that a point, given by height and radius, is above."""
-        height, radius = here
-        return wall[0] * radius < height
+        """Return True for cones that a point is above."""
+        (c, v), (height, radius, across) = wall, here
+        # Near the axis cos θ would lose digits: sin² θ is what counts.
+        north, wide = height > 0.0, v * radius * radius
+        steep = dr.select(c > 0.0, north & (across < wide), north | (across > wide))
+        return dr.select(v > 0.0, steep, c * radius < height)
 
     def lines(self, surface: ConeTrack) -> Lines:
         """Return when rays meet the cones."""

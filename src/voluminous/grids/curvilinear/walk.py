@@ -109,6 +109,7 @@ class CurvilinearWalk(GapCrossing):
         self.strides = [dr.opaque(backend.Int, s) for s in strides]
         self.vertex_strides = [dr.opaque(backend.Int, s) for s in vertex_strides]
         self.has_gaps = any(family.has_gaps for family in families)
+        self.stops_inside |= any(family.halves_cell for family in families)
         self._share_tables()
 
     def _share_tables(self) -> None:
@@ -213,12 +214,21 @@ class CurvilinearWalk(GapCrossing):
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: those of the wall it leaves through."""
         leaving = segment.exit
-        if track.bounded:  # where a ray ends it has not come to the wall ahead
-            family = dr.select(leaving.t < track.leave, leaving.family, -1)
-            leaving = Exit(family, leaving.count, leaving.t)
         if track.bounded or self.stops_inside:
-            return cell_corners(self, track, leaving)
+            family = self._family_with_vertices(track, leaving)
+            return cell_corners(self, track, Exit(family, leaving.count, leaving.t))
         return wall_corners(self, track, leaving)
+
+    def _family_with_vertices(self, track: Track, leaving: Exit) -> Any:
+        """Return the family whose wall, with its vertices, rays have come to; -1 inside cells."""
+        number = leaving.family
+        if track.bounded:  # where a ray ends it has not come to the wall ahead
+            number = dr.select(leaving.t < track.leave, number, -1)
+        for n, (family, axis) in enumerate(zip(self.families, track.axes, strict=True)):
+            if family.halves_cell:
+                inside = (number == n) & family.in_cell(axis, leaving.count[n])
+                number = dr.select(inside, -1, number)
+        return number
 
     def point(self, track: Track, t: Any) -> list[Any]:
         """Return where rays are at a distance, from the centre, in units of the scale."""

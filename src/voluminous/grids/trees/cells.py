@@ -9,6 +9,7 @@ import numpy as np
 
 from ...backend import get_backend
 from ...units import unit_name
+from ..points import plain_points
 from .tree import Tree
 
 AXES = "xyz"
@@ -166,12 +167,17 @@ class TreeCells:
             volumes[part] = self.cell_sizes(part.start, part.stop).prod(axis=0)
         return volumes
 
-    def locate(self, points: np.ndarray) -> np.ndarray:
-        """Return the number of the cell that each point (n, 3) is in, -1 outside and in holes.
+    def locate(self, points: Any) -> np.ndarray:
+        """Return the number of the cell that each point is in, -1 outside and in holes.
 
         A point on a wall is in the cell above it; on the last wall of all, below it.
+
+        Parameters
+        ----------
+        points : array_like or Quantity, shape (n, 3)
+            x, y and z; plain numbers are in the grid's unit.
         """
-        points = np.asarray(points, dtype=np.float64)
+        points = plain_points(points, self.unit)
         low, high = self.bounds.T
         inside = ((points >= low) & (points <= high)).all(axis=1)
         found = np.full(len(points), -1, np.int64)

@@ -10,9 +10,16 @@ import numpy as np
 
 from ...errors import InputError
 from ...geometry import is_uniform
+from ...memory import check_memory
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
-from .octree_leaves import checked_flags, checked_levels, levels_of_leaves
+from .octree_leaves import (
+    checked_choice,
+    checked_deepest,
+    checked_flags,
+    checked_levels,
+    levels_of_leaves,
+)
 from .octree_order import (
     DEEPEST,
     flags_from_levels,
@@ -23,6 +30,9 @@ from .octree_order import (
 from .octree_places import Places
 from .octree_tree import octree_tree
 from .tree import NONE, Tree
+
+# Per cell: for where it is, twice over, while a function is asked; for its level and its parent.
+_ASKED_BYTES, _CELL_BYTES = 180, 12
 
 
 class OctreeGrid(TreeCells):
@@ -164,23 +174,48 @@ class OctreeGrid(TreeCells):
             As for the class.
         refine : callable
             Called as ``refine(x, y, z, size)`` once per level, with the centres of all its cells
-            and their largest widths, arrays in the grid's unit; returns which to split.
+            and their largest widths, arrays in the grid's unit; returns which to split, one boolean
+            for each.
         levels : int
             Deepest level, 30 at most.
+
+        Raises
+        ------
+        InputError
+            If `refine` cannot be called or returns anything else, or `levels` is no such number.
+        MemoryNeededError
+            If there would be more cells than fit.
         """
-        if not 0 <= levels <= DEEPEST:
-            raise InputError(f"levels must be between 0 and {DEEPEST}, got {levels!r}")
+        if not callable(refine):
+            raise InputError(f"refine must be a function of (x, y, z, size), got {refine!r}")
         grid = cls(x, y, z, unit=unit)
-        for level in range(levels):
-            here = np.flatnonzero(grid.levels == level)
-            where = np.zeros(grid.size, bool)
-            low, size = grid.boxes_of(here)
-            centers = 0.5 * (grid.position(low) + grid.position(low + size))
-            where[here] = refine(*centers, grid.widths(low, size).max(axis=0))
+        for level in range(checked_deepest(levels)):
+            where = grid._asked(refine, level)
             if not where.any():
                 break
             grid = grid._with_levels(split_levels(grid.levels, where, 8))
         return grid
+
+    def _asked(self, refine: Callable[..., Any], level: int) -> np.ndarray:
+        """Return which leaves a function says to split, of those of one level."""
+        here = np.flatnonzero(self.levels == level)
+        check_memory(
+            _ASKED_BYTES * len(here),
+            f"asking which of {len(here)} cells of level {level} to split",
+            "split fewer cells, or fewer levels",
+        )
+        where = np.zeros(self.size, bool)
+        low, size = self.boxes_of(here)
+        centers = 0.5 * (self.position(low) + self.position(low + size))
+        chosen = refine(*centers, self.widths(low, size).max(axis=0))
+        where[here] = checked_choice(chosen, len(here), "what refine returns")
+        self._check_split(int(np.count_nonzero(where)))
+        return where
+
+    def _check_split(self, count: int) -> None:
+        """Refuse to split so many leaves if there is no memory for theirs."""
+        cells = self.size + 7 * count
+        check_memory(_CELL_BYTES * cells, f"an octree of {cells} cells", "split fewer cells")
 
     def refine(self, where: Any) -> OctreeGrid:
         """Return a grid with some leaves split into eight.
@@ -194,16 +229,10 @@ class OctreeGrid(TreeCells):
         OctreeGrid
             Its `parents` tell which leaf of this grid each of its leaves is part of.
         """
-        where = np.asarray(where)
-        if where.dtype != bool and np.isin(where, (0, 1)).all():  # what `Volume.evaluate` gives
-            where = where.astype(bool)
-        if where.shape != self.shape or where.dtype != bool:
-            raise InputError(
-                f"where must be {self.size} booleans, one per leaf, got {where.dtype} of shape "
-                f"{where.shape}"
-            )
+        where = checked_choice(where, self.size, "where")
         if self.places.deepest >= DEEPEST and where[self.levels == DEEPEST].any():
             raise InputError(f"leaves of level {DEEPEST} cannot be split")
+        self._check_split(int(np.count_nonzero(where)))
         parents = np.repeat(np.arange(self.size), np.where(where, 8, 1))
         return self._with_levels(split_levels(self.levels, where, 8), parents)
 

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from .inputs import as_array
 from .octree_order import DEEPEST
 from .octree_places import Places, interleaved
 
 
 def checked_flags(refined: Any) -> np.ndarray:
     """Return split flags as uint8; refuse what is neither 0 nor 1."""
-    flags = np.asarray(refined)
+    flags = as_array(refined, "refined")
     if flags.ndim != 1 or flags.dtype.kind not in "biuf":
         raise InputError(
             f"refined must be a 1-D array of 0 and 1, got {flags.dtype} of shape {flags.shape}"
@@ -27,7 +28,7 @@ def checked_flags(refined: Any) -> np.ndarray:
 
 def checked_levels(level: Any) -> np.ndarray:
     """Return levels as uint8; refuse what cannot be levels."""
-    levels = np.asarray(level)
+    levels = as_array(level, "levels")
     if levels.ndim != 1 or levels.dtype.kind not in "iu" or len(levels) == 0:
         raise InputError(
             f"levels must be a 1-D array of integers, got {levels.dtype} of shape {levels.shape}"
@@ -38,6 +39,32 @@ def checked_levels(level: Any) -> np.ndarray:
             f"levels must be between 0 and {DEEPEST}; that of leaf {bad[0]} is {levels[bad[0]]}"
         )
     return levels.astype(np.uint8)
+
+
+def checked_deepest(levels: Any) -> int:
+    """Return a deepest level; refuse what cannot be one."""
+    if not isinstance(levels, (int, np.integer)) or not 0 <= levels <= DEEPEST:
+        raise InputError(f"levels must be a whole number from 0 to {DEEPEST}, got {levels!r}")
+    return int(levels)
+
+
+def checked_choice(where: Any, count: int, what: str) -> np.ndarray:
+    """Return which of so many leaves are chosen; numbers that are 0 or 1 are booleans.
+
+    Raises
+    ------
+    InputError
+        If there are other numbers, or more or fewer than leaves.
+    """
+    chosen = as_array(where, what)
+    if chosen.dtype != bool and np.isin(chosen, (0, 1)).all():  # what `Volume.evaluate` gives
+        chosen = chosen.astype(bool)
+    if chosen.shape != (count,) or chosen.dtype != bool:
+        raise InputError(
+            f"{what} must be {count} booleans, one per leaf, got {chosen.dtype} of shape "
+            f"{chosen.shape}"
+        )
+    return chosen
 
 
 def levels_of_leaves(
@@ -66,7 +93,7 @@ def levels_of_leaves(
 
 
 def _checked_index(counts: tuple[int, ...], levels: np.ndarray, index: Any) -> np.ndarray:
-    index = np.asarray(index)
+    index = as_array(index, "index")
     if index.shape != (len(levels), 3) or index.dtype.kind not in "iu":
         raise InputError(
             f"index must be integers of shape ({len(levels)}, 3), got {index.dtype} of shape "

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from .inputs import as_array
 from .patch_cells import Patches
 
 # How far a corner may be off its lattice, in cells: codes write single precision at times.
@@ -102,7 +103,7 @@ def _levels(width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(values: Any, name: str) -> np.ndarray:
-    corners = np.asarray(values, dtype=np.float64)
+    corners = as_array(values, name, np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
         raise InputError(f"{name} must have shape (n, 3), got {corners.shape}")
     bad = ~np.isfinite(corners).all(axis=1)
@@ -121,7 +122,7 @@ def checked_shapes(shape: Any) -> np.ndarray:
 
 
 def _whole(values: Any, name: str, axes: int) -> np.ndarray:
-    array = np.asarray(values)
+    array = as_array(values, name)
     wanted = "(n,)" if axes == 1 else "(n, 3)"
     fits = array.ndim == axes and array.size and (axes == 1 or array.shape[1] == 3)
     if not fits or array.dtype.kind not in "iu":
@@ -133,14 +134,16 @@ def _whole(values: Any, name: str, axes: int) -> np.ndarray:
 
 def _ratios(ratio: Any, levels: int) -> np.ndarray:
     """Return the ratios of refinement of so many levels, (levels, 3)."""
-    ratios = np.asarray(ratio)
+    ratios = as_array(ratio, "ratio")
     if ratios.size == 0 and levels == 0:  # a base grid alone
         return np.ones((0, 3), np.int64)
     if ratios.ndim == 1:
         ratios = ratios[:, None]
-    if ratios.ndim > 2 or ratios.dtype.kind not in "iu" or (ratios < 1).any():
+    fits = ratios.ndim == 0 or (ratios.ndim == 2 and ratios.shape[1] in (1, 3))
+    if not fits or ratios.dtype.kind not in "iu" or (ratios < 1).any():
         raise InputError(
-            f"ratio must be positive integers, per level or (levels, 3), got {ratio!r}"
+            "ratio must be positive integers: one, or one per level, or of shape (levels, 3), got "
+            f"{ratio!r}"
         )
     if ratios.ndim == 2 and len(ratios) < levels:
         raise InputError(f"ratio must tell of {levels} levels, got {len(ratios)}")

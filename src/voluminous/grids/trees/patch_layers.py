@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from .inputs import as_array
 
 
 def boxes_of_layers(
@@ -21,7 +22,7 @@ def boxes_of_layers(
     layers : array_like of int, shape (n, 7)
         Rows ``parent, ix, iy, iz, nx, ny, nz`` as RADMC-3D has them.
     """
-    rows = np.asarray(layers)
+    rows = as_array(layers, "layers")
     if rows.ndim != 2 or rows.shape[1] != 7 or rows.dtype.kind not in "iu":
         raise InputError(
             "layers must be rows of seven integers (parent, ix, iy, iz, nx, ny, nz), got "
