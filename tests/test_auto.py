@@ -334,3 +334,12 @@ def test_what_is_no_expression_is_refused(wrong):
         vm.auto(cube(lambda r: r, 4), wrong)
     with pytest.raises(vm.InputError, match="for 3 shells write n=3"):
         vm.auto(cube(lambda r: r, 4), 3)
+
+
+def test_a_first_picture_needs_a_volume_only():
+    volume = vm.models.prestellar_core(16)
+    image = vm.render(volume)
+    expected = vm.render(volume, vm.auto(volume), vm.Orthographic(incl=60, phi=30))
+    np.testing.assert_array_equal(image.intensity, expected.intensity)
+    with pytest.raises(vm.InputError, match="Volume"):
+        vm.render("density")

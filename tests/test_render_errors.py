@@ -28,7 +28,7 @@ def refused(error, told, *arguments, **options):
 def test_wrong_things_in_wrong_places(volume):
     refused(vm.InputError, "a vm.Volume first, got ndarray", np.ones(3), MEDIUM, CAMERA)
     refused(vm.InputError, "a medium .* second, got str", volume, "density", CAMERA)
-    refused(vm.InputError, "a camera .* got NoneType", volume, MEDIUM, None)
+    refused(vm.InputError, "a camera .* got int", volume, MEDIUM, 3)
     refused(vm.InputError, "a medium .* got Orthographic", volume, CAMERA, MEDIUM)
 
 

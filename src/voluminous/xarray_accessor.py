@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 NAME = "voluminous"
 # Options of `to_volume` that `render` takes too; all others are those of `voluminous.render`.
 _PLACES = ("fields", "dims", "isel", "sel", "bounds", "spacing", "aspect", "unit")
-# Seen from obliquely above.
-_INCL, _PHI = 60.0, 30.0
 
 
 class Accessor:
@@ -41,15 +39,12 @@ class Accessor:
             `voluminous.from_xarray`; all others as in `voluminous.render`.
         """
         from .calibration import auto
-        from .cameras import Orthographic
         from .rendering import render
 
         places = {name: options.pop(name) for name in _PLACES if name in options}
         volume = self.to_volume(**places)
-        if medium is None or isinstance(medium, str):
+        if isinstance(medium, str):
             medium = auto(volume, medium)
-        if camera is None:
-            camera = Orthographic(incl=_INCL, phi=_PHI)
         return render(volume, medium, camera, **options)
 
     def __repr__(self) -> str:

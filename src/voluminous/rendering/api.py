@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..cameras import Orthographic
 from ..errors import InputError
 from ..image import Image
 from ..media.bounds import RangeContext
@@ -22,11 +23,14 @@ from .pairs import with_channels
 from .prepare import prepare, silent
 from .sky import image_wcs
 
+# For a first picture: all is seen, from obliquely above.
+_ABOVE = Orthographic(incl=60.0, phi=30.0)
+
 
 def render(
     volume: Volume,
-    medium: Medium,
-    camera: Any,
+    medium: Medium | None = None,
+    camera: Any = None,
     *,
     scheme: Any = "post-classified",
     tolerance: float | None = 1e-3,
@@ -46,10 +50,10 @@ def render(
     ----------
     volume : Volume
         Grid and fields.
-    medium : Medium
-        From field values to emissivity and extinction.
-    camera : Orthographic or Perspective
-        Which rays.
+    medium : Medium, optional
+        From field values to emissivity and extinction. By default `voluminous.auto` finds one.
+    camera : Orthographic or Perspective, optional
+        Which rays. By default all is seen, from obliquely above.
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes.
     tolerance : float
@@ -98,6 +102,7 @@ def render(
     MemoryNeededError
         If it does not fit into memory, before any is taken.
     """
+    medium, camera = _chosen(volume, medium, camera)
     things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,
@@ -125,6 +130,15 @@ def render(
     if missing:
         told["missing"] = missing
     return _image(job, planes, behind, budget, told)
+
+
+def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
+    """Return a medium and a camera, for a first picture where there are none."""
+    if medium is None and isinstance(volume, Volume):
+        from ..calibration import auto
+
+        medium = auto(volume)
+    return medium, _ABOVE if camera is None else camera
 
 
 def _check_finite(planes: Planes) -> None:
