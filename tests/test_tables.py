@@ -138,7 +138,8 @@ TURNS = {
 def test_turning_anything_compiles_nothing(scheme, turn, kernels, monkeypatch):
     # Whether there is empty space, and whether pixels have to be mended, are other kernels.
     monkeypatch.setattr("voluminous.rendering.source.worthwhile_blocks", lambda *_: None)
-    options = {"scheme": scheme, "tolerance": 1.0}
+    monkeypatch.setattr("voluminous.rendering.control._too_wrong", lambda *_: np.array([], int))
+    options = {"scheme": scheme}
     # With and without a table at hand: two sets of kernels.
     volume = core()
     compiled = kernels(vm.render, volume, shell(), OBLIQUE, **options)

@@ -80,8 +80,7 @@ def get_source(
     numbers = plan_numbers(medium, scheme, backend)
     classifier = Classifier(volume, medium, numbers, backend, store.extremes)
     if scheme.place == "field":
-        coarseness = scheme.coarseness if whole else 0.0
-        return _interpolated(classifier, store, tolerance, faintest, coarseness, whole)
+        return _interpolated(classifier, store, scheme, tolerance, faintest, whole)
     needed = table_bytes(classifier, scheme, backend)
     crowded = scheme.place == "cell" and _crowded(numbers, needed, volume.grid.size / steps)
     if crowded and not volume.tables:  # not even hashed: that takes a while for 1024³
@@ -110,9 +109,9 @@ def get_source(
 def _interpolated(
     classifier: Classifier,
     store: Store,
+    scheme: Any,
     tolerance: float,
     faintest: bool,
-    coarseness: float,
     whole: bool,
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are kept with the volume."""
@@ -122,9 +121,9 @@ def _interpolated(
     # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
     dense = float(classifier.numbers.densest(classifier.largest()))
     faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * dense)
-    paths = _path_lengths(classifier)
-    if coarseness == 0.0:  # else nobody asks what is left out
-        faint *= _SOME_PATHS / paths
+    # Without error control nobody asks what is left out.
+    paths = _path_lengths(classifier) if scheme.controlled else _SOME_PATHS
+    faint *= _SOME_PATHS / paths
     least = _FAINTEST[backend.precision]
     faint = least if faintest else max(faint, least)
     real = backend.Float if single else backend.Wide
@@ -137,7 +136,7 @@ def _interpolated(
         faint=faint,
         coordinates=ray_coordinates(volume, classifier.medium.names),
     )
-    blocks = _blocks(classifier, store, faint, DUAL, coarseness)
+    blocks = _blocks(classifier, store, faint, DUAL, scheme.coarseness if whole else 0.0)
     lattices = get_lattices(classifier, store, blocks)
     source = Interpolated(classifier, lattices, context, blocks, paths)
     if whole:
