@@ -109,7 +109,6 @@ def truth_of(name, view, formula):
         ("mirrored", "outside", own_coordinates),
         ("axisymmetric, to the centre", "outside", own_coordinates),
         ("cylinder", "outside", shell),
-        ("cylinder", "inside", own_coordinates),
     ],
 )
 def test_the_truth_is_inside_and_the_picture_is_near(name, view, formula):

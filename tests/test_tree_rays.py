@@ -136,3 +136,4 @@ def test_vertices_of_rays_in_holes_are_vertices(precision):
             for vertex in corners.vertex:
                 assert np.all(np.asarray(backend.UInt(vertex))[inside] < grid.vertex_count)
         cursor = onward
+        dr.eval(cursor)  # else every step is computed from the first one on
