@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+import voluminous as vm
 from contracts import GridContract
 from contracts.grid import make_ray, walk_along
 from twin.curvilinear import Frame, chord, way_inside
@@ -220,3 +221,16 @@ def adversarial_rays(grid, reach):
 def precision(request):
     """Both precisions."""
     return request.param
+
+
+def check_ends_inside_cells(grid, precision):
+    """Run towards an observer in a cell, a ray gathers what one that starts there does."""
+    volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.shape))
+    camera = vm.Perspective([3.1, 1.7, -1.3], [9, 4, 0], fov=70, resolution=12)
+    medium, options = vm.Coefficients(0, "a"), {"scheme": "second-order", "precision": precision}
+    depths = [
+        vm.render(volume, medium, camera, order=order, **options).optical_depth
+        for order in ("front-to-back", "back-to-front")
+    ]
+    tolerance = 1e-12 if precision == "double" else 1e-5
+    np.testing.assert_allclose(*depths, rtol=0, atol=tolerance * depths[0].max())

@@ -51,7 +51,8 @@ def bend(
     From the cubic part of the scalar (the third difference of its control points), which two halves
     and the whole may agree about by accident: a quadratic through the nodes misses half of it in
     slope; eight times that, since where a ray grazes a shell little is known of the slope there
-    (then 99 % of rays through random fields are off by less than is said).
+    (of 1600 rays through a thin shell of a smooth field 0.8 % are then off by more than is said,
+    1.3 % with a quarter of it).
     Zero for shells much wider than the change of the scalar.
 
     Parameters

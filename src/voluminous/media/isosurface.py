@@ -13,7 +13,6 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +34,7 @@ from .contract import (
     check_extinction,
     color_values,
 )
+from .crossings import NOISE, limited, passes, way_within
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Factors, Modulation, modulated
@@ -51,8 +51,6 @@ _SHORTEST = 1e-20
 DENSITIES = ("crossing", "gradient")
 # The optical depth of an opaque surface: what shows through is below all rounding.
 _OPAQUE = 40.0
-# What rounding may do to a value near a level, as a fraction of it.
-_NOISE = {"single": 2e-6, "double": 1e-14}
 # Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
 _FOLD = 1e-4
 
@@ -187,8 +185,8 @@ class Isosurface(Medium):
                 hidden |= possible > shown
             if self._thick:
                 seen |= dr.abs(controls[0] - level) <= 0.5 * width
-                possible, shown = (_way(xs, level, width) for xs in (controls, nodes))
-                noise = _NOISE[precision_of(type(width))] * dr.abs(level) / width
+                possible, shown = (way_within(xs, level, width) for xs in (controls, nodes))
+                noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
                 hidden |= possible - shown > _FOLD + noise
         return self.modulation.visible(stretch, context, seen, hidden)
 
@@ -333,7 +331,7 @@ class Isosurface(Medium):
         """Return how much of the surface lies between two values of x, counted from its level."""
         if not self._thick:
             return dr.select((first < 0.0) ^ (last < 0.0), context.narrow(first * 0 + 1), 0.0)
-        ends = [_limited(x / width + 0.5) for x in (first, last)]
+        ends = [limited(x / width + 0.5) for x in (first, last)]
         return context.narrow(dr.abs(ends[1] - ends[0]))
 
     def _obliquity(self, panel: Panel, context: Context, first: Any, last: Any) -> Any:
@@ -360,45 +358,8 @@ class Isosurface(Medium):
         return 1.0 - share + share * dr.select(size > 0.0, cosine, 1.0)
 
 
-def _way(values: list[Any], level: Any, width: Any) -> Any:
-    """Return how far a sequence goes up and down within a surface, in its widths."""
-    ends = [_limited((x - level) / width + 0.5) for x in values]
-    return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
-
-
-def passes(stretch: Stretch, expr: Expression, level: Any) -> tuple[Any, Any]:
-    """Return how often an expression may pass a level on a stretch, and how often nodes show it."""
-    possible = _sign_changes(stretch.controls(expr), level)
-    if len(expr.names) > 1:  # control points do not bound it: look more closely
-        places = (0.0, 0.25, 0.5, 0.75, 1.0)
-        closer = _sign_changes([stretch.scalar(expr, s) for s in places], level)
-        possible = dr.select(closer > possible, closer, possible)
-    return possible, _sign_changes(stretch.nodes(expr), level)
-
-
-def _sign_changes(values: list[Any], level: Any) -> Any:
-    """Return how often a sequence passes a level.
-
-    Bézier control points do at least as often as their curve, and more by an even number (Farin
-    2002, section 5.3). Those between the ends count only if rounding cannot have put them there.
-    """
-    first, *inner, last = values
-    noise = _NOISE[precision_of(type(first))] * (dr.abs(level) + dr.abs(last))
-    below, count = first < level, dr.int32_array_t(type(first))(0)
-    for value in inner:
-        now = (value < level - noise) | ((value < level + noise) & below)
-        count += dr.select(below ^ now, 1, 0)
-        below = now
-    return count + dr.select(below ^ (last < level), 1, 0)
-
-
 def _dot(a: list[Any], b: list[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _limited(f: Any) -> Any:
-    f = dr.select(f > 0.0, f, 0.0)
-    return dr.select(f < 1.0, f, 1.0)
 
 
 def _depth(opacity: float) -> float:

@@ -16,9 +16,9 @@ from ..expressions.interval import Interval
 from ..units import is_quantity, plain
 from .bends import bend, slope_factor, thinness
 from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
+from .crossings import passes
 from .given import named as _named
 from .given import scalar as _scalar
-from .isosurface import passes
 from .modulation import Middle, modulated
 from .shape_means import box_mean, gaussian_mean
 from .shape_middles import box_middle, gaussian_middle

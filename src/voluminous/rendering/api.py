@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..calibration import auto
 from ..cameras import Orthographic
 from ..errors import InputError
 from ..image import Image
@@ -135,8 +136,6 @@ def render(
 def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     """Return a medium and a camera, for a first picture where there are none."""
     if medium is None and isinstance(volume, Volume):
-        from ..calibration import auto
-
         medium = auto(volume)
     return medium, _ABOVE if camera is None else camera
 

@@ -10,6 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import extremes
+from ..geometry import CARTESIAN
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from ..media.course import CourseContext, Courses, CubicPiece
@@ -79,7 +80,7 @@ class Bracketed:
         opaque = backend.opaque
         self.context = CourseContext(backend.Float, opaque, volume.unit, volume.expression_unit)
         self.scale = opaque(grid.scale)
-        self.curved = tuple(grid.coordinates) != ("x", "y", "z")
+        self.curved = tuple(grid.coordinates) != CARTESIAN
         cells = 1.0 / grid.resolution
         self._place = opaque(_LOSS_OF_PLACE * _EPS * cells)
         names = medium.names

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
 from .drawing import Drawing, Paths
 from .narrowest import Narrowest, NarrowestOfTree
 from .narrowest_round import NarrowestOfCylinder, NarrowestOfSphere
@@ -154,11 +155,11 @@ def _narrowest(job: Job) -> Narrowest:
             "samples='flux-conserving' compares pixels with cells: it needs parallel rays "
             "(vm.Orthographic); use samples='adaptive'"
         )
-    if kind == ("r", "theta", "phi"):
+    if kind == SPHERICAL:
         return NarrowestOfSphere(grid, job.backend, job.backward)
-    if kind == ("R", "phi", "z"):
+    if kind == CYLINDRICAL:
         return NarrowestOfCylinder(grid, job.backend)
-    if kind == ("x", "y", "z") and hasattr(grid, "base_edges"):
+    if kind == CARTESIAN and hasattr(grid, "base_edges"):
         return NarrowestOfTree(grid, job.backend)
     raise InputError(
         f"samples='flux-conserving' is not known on a {type(grid).__name__}; use samples='adaptive'"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, unknown_name
+from ..geometry import CARTESIAN
 
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
@@ -98,7 +99,7 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
 
 def is_recursive(samples: Any, grid: Any) -> bool:
     """Return True where pixels are divided as their rays ask for, each by itself."""
-    uniform = len(grid.shape) == 3 and tuple(grid.coordinates) == ("x", "y", "z")
+    uniform = len(grid.shape) == 3 and tuple(grid.coordinates) == CARTESIAN
     return bool(samples == "flux-conserving" and not uniform)
 
 

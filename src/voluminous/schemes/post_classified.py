@@ -198,11 +198,10 @@ def _attempt(
     )
     brightness = source.numbers.brightness
     parts = _in_parts(source, part, halves)
-    crowded = [sum((s.count for s in own[1:]), own[0].count) > 1.5 for own in parts]
-    doubtful = crowded[0] | crowded[1]
+    doubtful = _crowded(parts[0]) | _crowded(parts[1])
     if not source.steady:
         doubtful |= most(fine.depth) > _OPAQUE
-    # A branch: few panels need it (core, 100³: 0.8 of the time).
+    # A branch: few panels need it.
     unsure = dr.if_stmt(
         args=(halves, parts, least),
         cond=doubtful,
@@ -252,7 +251,7 @@ def _mixed(halves: list[list[Share]]) -> Any:
     """
     total: Any = 0.0
     for shares in halves:
-        several = sum((share.count for share in shares[1:]), shares[0].count) > 1.5
+        several = _crowded(shares)
         for k, share in enumerate(shares):
             own = dr.select(share.count > 1.5, _absorbed(share.depth), 0.0)
             others = [other.depth for other in shares[:k] + shares[k + 1 :]]
@@ -261,6 +260,10 @@ def _mixed(halves: list[list[Share]]) -> Any:
                 own = own + dr.select(several, between, 0.0)
             total = total + 0.5 * share.bright * own
     return total
+
+
+def _crowded(shares: list[Share]) -> Any:
+    return sum((share.count for share in shares[1:]), shares[0].count) > 1.5
 
 
 def _absorbed(depth: Any) -> Any:

@@ -38,7 +38,7 @@ class Smooth:
     """
 
     def __init__(self, centre: bool, extent: float, backend: Any) -> None:
-        self.centre, self.backend = centre, backend
+        self.centre = centre
         self.least = backend.opaque(_NEAREST * float(np.finfo(backend.dtype).eps) * extent)
 
     @classmethod
