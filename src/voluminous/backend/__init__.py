@@ -3,6 +3,16 @@
 from ..llvm import ensure_llvm
 from .check import llvm_version
 from .device import Backend, available_devices, get_backend
+from .host import aligned, from_host
 from .jit import dr
 
-__all__ = ["Backend", "available_devices", "dr", "ensure_llvm", "get_backend", "llvm_version"]
+__all__ = [
+    "Backend",
+    "aligned",
+    "available_devices",
+    "dr",
+    "ensure_llvm",
+    "from_host",
+    "get_backend",
+    "llvm_version",
+]

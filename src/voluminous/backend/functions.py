@@ -77,7 +77,8 @@ def horner(x: Any, coefficients: Sequence[Any]) -> Any:
 def first_true(count: int, UInt: Any, holds: Any) -> Any:
     """Return the first of `count` indices for which an ascending condition holds; `count` if none.
 
-    The number of entries is run-time data: only its power of two is part of the kernel.
+    A loop, and its count run-time data: grids of all sizes share a kernel. Unrolled, one on a
+    spherical grid took 2.5 times as long to compile (1.2 s), and no less to run.
 
     Parameters
     ----------
@@ -88,14 +89,18 @@ def first_true(count: int, UInt: Any, holds: Any) -> Any:
     holds : callable
         Called with lane arrays of indices below `count`; false up to somewhere, true from there.
     """
-    low, high = UInt(0), dr.opaque(UInt, count)
-    for _ in range(count.bit_length()):
+    lanes = dr.width(holds(UInt(0)))
+
+    def halve(low: Any, high: Any) -> tuple[Any, Any]:
         middle = (low + high) >> 1
-        searching = low < high
-        found = holds(dr.minimum(middle, dr.opaque(UInt, count - 1)))
-        low = dr.select(searching & ~found, middle + 1, low)
-        high = dr.select(searching & found, middle, high)
-    return low
+        found = holds(middle)
+        return dr.select(found, low, middle + 1), dr.select(found, middle, high)
+
+    def undecided(low: Any, high: Any) -> Any:
+        return low < high
+
+    ends = dr.zeros(UInt, lanes), dr.zeros(UInt, lanes) + dr.opaque(UInt, count)
+    return dr.while_loop(ends, undecided, halve, label="search")[0]
 
 
 def power_of_two(n: Any) -> Any:

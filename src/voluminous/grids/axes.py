@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..backend.functions import first_true
 from ..geometry import is_uniform
 
@@ -61,7 +61,7 @@ class Axis:
     def __init__(self, edges: np.ndarray, unit: float, scale: float, backend: Any) -> None:
         self.backend = backend
         self.count = len(edges) - 1
-        self.edges = backend.Wide(np.ascontiguousarray(edges))
+        self.edges = from_host(backend.Wide, edges)
         self.low = backend.wide(edges[0])
         self.high = backend.wide(edges[-1])
         self.inverse_unit = backend.wide(1.0 / unit)
@@ -148,10 +148,9 @@ class RectilinearAxis(Axis):
     def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
         super().__init__(edges, scale, scale, backend)
         up, down = (edges - edges[0]) / scale, (edges[-1] - edges[::-1]) / scale
-        kind = backend.dtype
-        self.mirrored = backend.Float(np.concatenate([up, down]).astype(kind))
+        self.mirrored = from_host(backend.Float, np.concatenate([up, down]))
         widths = np.concatenate([np.diff(up), [1.0], np.diff(down), [1.0]])
-        self.inverse_width = backend.Float((1.0 / widths).astype(kind))
+        self.inverse_width = from_host(backend.Float, 1.0 / widths)
         self.down_table = dr.opaque(backend.UInt, self.count + 1)
 
     def _wall_near(self, side: Side, coordinate: Any) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import get_backend
+from ..backend import from_host, get_backend
 
 
 def lines_of_sight(camera: Any, grid: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -15,10 +15,10 @@ def lines_of_sight(camera: Any, grid: Any) -> tuple[np.ndarray, np.ndarray]:
     Directions run away from the observer. Distances along a ray count from its origin: the
     observer, or the plane through the centre of an orthographic camera.
     """
-    frame, Wide = camera.frame(grid), get_backend("cpu", "double").Wide
+    frame, backend = camera.frame(grid), get_backend("cpu", "double")
     u, v = (a.ravel() for a in np.meshgrid(*frame.coordinates()))
-    vectors = [[Wide(float(c)) for c in vector] for vector in frame.vectors]
-    ray = camera.rays(vectors, Wide(u), Wide(v))
+    vectors = [[backend.wide(c) for c in vector] for vector in frame.vectors]
+    ray = camera.rays(vectors, *(from_host(backend.Wide, place) for place in (u, v)))
     nx, ny = frame.pixels
 
     def stacked(parts: Any) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..errors import InputError
 from .box_spline import BoxSpline
 
@@ -135,7 +135,7 @@ def _shadows(
     column = Float(lane - cell * dr.opaque(UInt, columns))
 
     def of_cell(values: np.ndarray) -> Any:
-        return dr.gather(Float, Float(np.ascontiguousarray(values)), cell)
+        return dr.gather(Float, from_host(Float, values), cell)
 
     (u, v), (du, dv) = ([of_cell(c) for c in part] for part in (boxes.place, boxes.reach))
     box = spline.traced(backend).box([of_cell(boxes.sizes[k]) for k in spline.kept])

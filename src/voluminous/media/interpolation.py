@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..backend.functions import first_true
 from ..expressions.interval import Interval, extremes
 
@@ -36,7 +36,7 @@ def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarr
     """
     UInt = dr.uint32_array_t(real)
     last = dr.opaque(UInt, len(nodes) - 1)
-    places = real(np.ascontiguousarray(nodes))
+    places = from_host(real, nodes)
     upper = first_true(len(nodes), UInt, lambda k: dr.gather(real, places, k) > x)
     upper = dr.clip(upper, 1, last)
     low, high = dr.gather(real, places, upper - 1), dr.gather(real, places, upper)
@@ -46,7 +46,7 @@ def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarr
     f = dr.select(dr.isnan(x), x, f)  # which clip would hide on some devices
 
     def entries(column: np.ndarray) -> Any:
-        data = real(np.ascontiguousarray(column))
+        data = from_host(real, column)
         before, after = dr.gather(real, data, upper - 1), dr.gather(real, data, upper)
         return dr.fma(f, after - before, before)
 

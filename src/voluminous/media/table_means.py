@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..backend.functions import first_true, precision_of
 
 # Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
@@ -79,7 +79,7 @@ class PiecewiseLinear:
         self.after = Rows(real, np.concatenate([columns, columns[-1:]]))
         areas = np.diff(nodes)[:, None] * 0.5 * (columns[1:] + columns[:-1])
         self.sums = Sums(real, areas)
-        self.walls = real(np.concatenate([[-np.inf], rounded, [np.inf]]).astype(dtype))
+        self.walls = from_host(real, np.concatenate([[-np.inf], rounded, [np.inf]]))
         self.even = _spacing(real, rounded)
 
     def at(self, x: Any) -> Place:
@@ -140,7 +140,7 @@ class Rows:
         start = 0
         while start < self.count:
             width = next(w for w in (4, 2, 1) if start + w <= self.count)
-            data = real(np.ascontiguousarray(rows[:, start : start + width]).reshape(-1))
+            data = from_host(real, rows[:, start : start + width].reshape(-1))
             self.parts.append((_packet(real, width), data, width))
             start += width
 

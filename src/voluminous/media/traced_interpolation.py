@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..backend.functions import first_true
 from ..expressions.traced_interval import TracedInterval, extremes
 from ..expressions.traced_rounding import float_info, larger, positive, smaller
@@ -55,14 +55,14 @@ def interpolate_traced_ranges(
     columns : sequence of array, shape (n,)
         The entries.
     """
-    data = type(x.lo)(np.ascontiguousarray(nodes))
+    data = from_host(type(x.lo), nodes)
     first, last = (_locate(end, data) for end in (x.lo, x.hi))
     return [_enclosure(column, first, last, x) for column in columns]
 
 
 def _enclosure(column: np.ndarray, first: _Place, last: _Place, x: TracedInterval) -> Any:
     real = type(x.lo)
-    data = real(np.ascontiguousarray(column))
+    data = from_host(real, column)
     pieces = [
         (dr.gather(real, data, place.upper - 1), dr.gather(real, data, place.upper))
         for place in (first, last)
@@ -110,7 +110,7 @@ def _extreme_between(
 ) -> Any:
     """Return the extreme of ``column[start:stop]``; `otherwise` where that is empty."""
     real, UInt = type(otherwise), type(start)
-    data = real(_extremes_of_blocks(column, extreme))
+    data = from_host(real, _extremes_of_blocks(column, extreme))
     some = start < stop
     level = 31 - dr.lzcnt(dr.select(some, stop - start, 1))
     row = level * dr.opaque(UInt, len(column))

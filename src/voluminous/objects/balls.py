@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from .ellipses import Ellipses
 from .view import View
 
@@ -101,9 +101,9 @@ class Balls:
         if not len(x):
             return np.empty(0), np.empty(0), np.empty(0)
         Wide, UInt = self.view.backend.Wide, self.view.backend.UInt
-        ray, ball = self.view.traced_rays(x, y), UInt(owner.astype(np.uint32))
+        ray, ball = self.view.traced_rays(x, y), from_host(UInt, owner)
         radius, *center = (
-            dr.gather(Wide, Wide(np.ascontiguousarray(values)), ball)
+            dr.gather(Wide, from_host(Wide, values), ball)
             for values in (self.radius, *self.center.T)
         )
         away = [c - o for c, o in zip(center, ray.origin, strict=True)]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..backend import from_host
 from ..units import plain
 
 # Step of differences, as a fraction of the distance: its square and rounding over it are small.
@@ -77,15 +78,15 @@ class View:
 
     def traced_rays(self, x: np.ndarray, y: np.ndarray) -> Any:
         """Return the rays through places in pixels as kernels see them."""
-        Wide, frame = self.backend.Wide, self.frame
+        backend, frame = self.backend, self.frame
         u, v = (
-            np.ascontiguousarray((w - 0.5 * (n - 1)) * step + shift)
+            from_host(backend.Wide, (w - 0.5 * (n - 1)) * step + shift)
             for w, shift, step, n in zip(
                 (x, y), frame.shift, frame.pixel, frame.pixels, strict=True
             )
         )
-        vectors = [[Wide(float(c)) for c in vector] for vector in frame.vectors]
-        return self.camera.rays(vectors, Wide(u), Wide(v))
+        vectors = [[backend.wide(c) for c in vector] for vector in frame.vectors]
+        return self.camera.rays(vectors, u, v)
 
     @functools.cached_property
     def observer(self) -> np.ndarray | None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, get_backend
+from ..backend import dr, from_host, get_backend
 from .base import Base
 from .nodes import nodes_of
 from .octree import Refinement, octree_around
@@ -70,8 +70,8 @@ class Nearest:
         backend, count = self.backend, min(_FIRST, len(self.order))
         leaf = self.grid.locate(np.clip(center.T, *self.grid.bounds.T))
         guess = np.clip(self.first[leaf] - count // 2, 0, len(self.order) - count)
-        first, end = backend.UInt(guess.astype(np.uint32)), dr.opaque(backend.UInt, count)
-        middle, steps = ([backend.Float(v) for v in part] for part in (center, step))
+        first, end = from_host(backend.UInt, guess), dr.opaque(backend.UInt, count)
+        middle, steps = ([from_host(backend.Float, v) for v in part] for part in (center, step))
 
         def more(k: Any, best: Any) -> Any:
             return k < end
@@ -103,9 +103,9 @@ class Nearest:
         """Return the nearest points to places, in the nodes listed for each box of eight."""
         UInt, box = self.backend.UInt, dr.arange(self.backend.UInt, 8 * len(counts)) >> 3
         ends = np.cumsum(counts, dtype=np.int64)
-        last = dr.gather(UInt, UInt(ends.astype(np.uint32)), box)
+        last = dr.gather(UInt, from_host(UInt, ends), box)
         first = last - dr.gather(UInt, UInt(counts), box)
-        begin, end = UInt(self.start[node]), UInt(self.start[self.nodes.after[node]])
+        begin, end = (from_host(UInt, self.start[n]) for n in (node, self.nodes.after[node]))
 
         def more(j: Any, best: Any, found: Any) -> Any:
             return j < last

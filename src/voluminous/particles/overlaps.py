@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from .nodes import Nodes
 
 # A sphere of radius H stops at nodes of this part of H: there are not more than 3000 of these.
@@ -61,7 +61,7 @@ class Overlaps:
         UInt = self.backend.UInt
         own = self._own(first, first + len(counts))
         ends = np.cumsum(counts, dtype=np.int64)
-        start = UInt((ends - counts).astype(np.uint32))
+        start = from_host(UInt, ends - counts)
         total = int(ends[-1])
         particle, node = dr.zeros(UInt, total), dr.zeros(UInt, total)
         dr.eval(own, start, particle, node)
@@ -112,4 +112,4 @@ def packed(backend: Any, points: np.ndarray, last: np.ndarray) -> Any:
     """Return points (n, 3) and a fourth number for each, to be gathered at once."""
     rows = np.empty((len(points), 4))
     rows[:, :3], rows[:, 3] = points, last
-    return backend.Float(rows.ravel())
+    return from_host(backend.Float, rows.ravel())

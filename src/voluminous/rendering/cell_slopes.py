@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 
 # Where to look beyond a face, in widths of the cell: where centres of cells half as wide are.
 _SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -53,7 +53,7 @@ class CellSlopes:
         aside = np.array([np.roll([0, 1, 0], a) for a in range(3) for _ in range(2)])
         other = np.array([np.roll([0, 0, 1], a) for a in range(3) for _ in range(2)])
         self.tables = [
-            [backend.Float(np.ascontiguousarray(table[:, a], float)) for a in range(3)]
+            [from_host(backend.Float, table[:, a]) for a in range(3)]
             for table in (sense, aside, other)
         ]
 

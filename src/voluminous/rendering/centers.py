@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..fields import COORDINATES, coordinates
 from ..memory import check_memory
 
@@ -71,4 +71,4 @@ class Centers:
         return {name: values[name] for name in self.names}
 
     def _on_device(self, values: np.ndarray) -> Any:
-        return self.backend.Wide(np.ascontiguousarray(values, dtype=np.float64))
+        return from_host(self.backend.Wide, values)

@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import aligned, dr
 from ..errors import InputError
 from ..expressions.interval import Interval
 from ..fields import coordinate_extremes
 from ..media.bounds import RangeContext
 from ..media.contract import Context, Medium
 from .centers import Centers
+
+# Fields up to this size are copied to where kernels are the same for all (`backend.host`); larger
+# ones lie at the same place of a page anyway.
+_COPIED = 32 << 20
 
 
 class Classifier:
@@ -101,7 +105,8 @@ class Classifier:
 
     def _values(self, name: str, first: int, count: int) -> Any:
         flat = self.volume.array(name).reshape(-1)[first : first + count]
-        return self.backend.Wide(device_array(flat, self.backend))
+        held = aligned(flat) if flat.nbytes <= _COPIED else flat
+        return self.backend.Wide(device_array(held, self.backend))
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
         """Raise the error that names the first cell with unusable coefficients.

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..expressions.interval import Interval
 from ..grids.cartesian.coarse_walk import WIDEST
 from ..grids.cartesian.leap import BITS
@@ -145,7 +145,7 @@ def _good(fields: Fields, cubes: np.ndarray, step: int) -> np.ndarray:
     found = np.zeros(cubes.shape, bool)
     if len(place[0]):
         Int = fields.classifier.backend.Int
-        first = [Int((p << step).astype(np.int32)) for p in place]
+        first = [from_host(Int, p << step) for p in place]
         found[place] = np.asarray(_Cubes(fields, first, 1 << step).smooth())
     return found
 

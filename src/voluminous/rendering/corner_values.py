@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, get_backend
+from ..backend import dr, from_host, get_backend
 from ..grids.trees.lookup import Cell
 from ..grids.trees.vertices import OCTANTS, Boxes, Surroundings, boxes_between
 from ..memory import check_memory
@@ -112,7 +112,7 @@ class CornerValues:
         UInt, grid = self.backend.UInt, self.grid
         for first in range(0, grid.size, _CHUNK):
             own = np.flatnonzero(grid.levels[first : first + _CHUNK] == level)
-            slot = self._lacking(UInt((first + own).astype(np.uint32)))
+            slot = self._lacking(from_host(UInt, first + own))
             if not dr.width(slot):
                 continue
             last = min(first + _CHUNK, grid.size)

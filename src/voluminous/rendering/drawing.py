@@ -13,7 +13,7 @@ from ..grids.contract import Ray, cells_across
 from ..schemes.path import Path, empty_path, plus, times
 from .hidden import Hiding, through_cells
 from .march import Cutoff, State, march
-from .pixels import BLOCK, PixelOrder, subpixel_offsets
+from .pixels import BLOCK, Lanes, PixelOrder, some_lanes, subpixel_offsets
 
 if TYPE_CHECKING:
     from .job import Job
@@ -51,17 +51,15 @@ class Drawing:
 
     def frame(self) -> Paths:
         """Return the paths of all pixels, in the order of the image's rows."""
-        job, backend = self.job, self.backend
-        order, (nx, ny) = PixelOrder(job.frame.pixels), job.frame.pixels
-        gathered = _Gathered(self, nx * ny)
-        for first in range(0, order.lanes, self.batch):
-            lane = dr.arange(backend.UInt, min(self.batch, order.lanes - first))
-            lane += dr.opaque(backend.UInt, first)
-            x, y, there = order.pixel(lane, backend)
-            path, early = self._mean(x, y, there, order.lanes)
-            gathered.add(path, early, y * dr.opaque(backend.UInt, nx) + x, there)
+        job, (nx, ny) = self.job, self.job.frame.pixels
+        order, gathered = PixelOrder((nx, ny)), _Gathered(self, nx * ny)
+        for first in range(0, order.count, self.batch):
+            count = min(self.batch, order.count - first)
+            lanes = order.lanes(first, count, self.backend)
+            path, early = self._mean(lanes, order.count)
+            gathered.add(path, early, lanes)
             if job.samples == 1:
-                job.advance(self.batch, order.lanes)
+                job.advance(self.batch, order.count)
         return gathered.paths()
 
     def pixels(self, pixel: np.ndarray) -> Paths:
@@ -82,45 +80,39 @@ class Drawing:
         du, dv : array, shape (n,)
             Where in the pixel they go through, in pixels from its centre.
         """
-        UInt, gathered = self.backend.UInt, _Gathered(self, len(pixel))
+        gathered = _Gathered(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
-            x, y, offset = self._places(pixel[part], du[part], dv[part])
-            path, early = self._march(x, y, offset, x == x)
-            target = dr.arange(UInt, len(x)) + dr.opaque(UInt, first)
-            gathered.add(path, early, target, x == x)
+            lanes = self._lanes(pixel[part], du[part], dv[part])
+            path, early = self._march(lanes)
+            gathered.add(path, early, lanes, first)
         return gathered.paths()
 
     def ray_through(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Ray:
-        """Return single rays themselves; see `rays`."""
-        x, y, offset = self._places(pixel, du, dv)
-        return self._ray(x, y, offset, x == x)
+        """Return single rays themselves, on at least two lanes; see `rays`."""
+        return self._ray(self._lanes(pixel, du, dv))
 
-    def _places(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> tuple[Any, Any, Any]:
-        """Return pixel indices x and y of rays, and where in the pixels they go through."""
-        backend, nx = self.backend, self.job.frame.pixels[0]
-        x = backend.UInt((pixel % nx).astype(np.uint32))
-        y = backend.UInt((pixel // nx).astype(np.uint32))
-        return x, y, [backend.Wide(np.ascontiguousarray(d, float)) for d in (du, dv)]
+    def _lanes(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Lanes:
+        return some_lanes(pixel, du, dv, self.job.frame.pixels, self.backend)
 
-    def _mean(self, x: Any, y: Any, there: Any, lanes: int) -> tuple[Path, Any]:
+    def _mean(self, lanes: Lanes, total_lanes: int) -> tuple[Path, Any]:
         """Return the mean paths of some pixels over their sub-pixels."""
-        job, wide = self.job, self.backend.wide
+        job = self.job
         total, early = None, self.backend.Bool(False)
-        for du, dv in subpixel_offsets(job.samples):
-            path, stopped = self._march(x, y, [wide(du), wide(dv)], there)
+        for offset in subpixel_offsets(job.samples):
+            path, stopped = self._march(lanes, offset)
             early |= stopped
             if job.samples == 1:
                 return path, early
             total = path if total is None else plus(total, path)
             dr.eval(total, early)  # one kernel per sub-pixel, the same one each time
-            job.advance(len(x), lanes)
+            job.advance(len(lanes.u), total_lanes)
         assert total is not None
         return times(total, 1.0 / job.samples**2), early
 
-    def _march(self, x: Any, y: Any, offset: list[Any], there: Any) -> tuple[Path, Any]:
-        """Return the paths through points of pixels, and the lanes that stopped early."""
-        state = self._followed(self._ray(x, y, offset, there))
+    def _march(self, lanes: Lanes, offset: tuple[float, float] = (0.0, 0.0)) -> tuple[Path, Any]:
+        """Return the paths through places in pixels, and the lanes that stopped early."""
+        state = self._followed(self._ray(lanes, offset))
         return state.path, state.cursor.inside
 
     def _followed(self, ray: Ray) -> State:
@@ -141,18 +133,18 @@ class Drawing:
         numbers = self.source.numbers
         return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
 
-    def _ray(self, x: Any, y: Any, offset: list[Any], there: Any) -> Ray:
-        """Return the rays through points of pixels; lanes that are no pixels have none."""
+    def _ray(self, lanes: Lanes, offset: tuple[float, float] = (0.0, 0.0)) -> Ray:
+        """Return the rays through places in pixels; lanes that are no rays have none."""
         wide, frame = self.backend.wide, self.job.frame
         u, v = (
-            dr.fma(self.backend.Wide(i) + (o + wide(-0.5 * (n - 1))), wide(step), wide(shift))
-            for i, o, n, step, shift in zip(
-                (x, y), offset, frame.pixels, frame.pixel, frame.shift, strict=True
+            dr.fma(place + wide(o), wide(step), wide(shift))
+            for place, o, step, shift in zip(
+                (lanes.u, lanes.v), offset, frame.pixel, frame.shift, strict=True
             )
         )
         vectors = [[wide(c) for c in vector] for vector in frame.vectors]
         ray = self.job.camera.rays(vectors, u, v)
-        ray.active = there
+        ray.active = lanes.there
         return reverse(ray) if self.job.backward else ray
 
     def _ending(self, brightest_background: float) -> Cutoff | None:
@@ -206,8 +198,10 @@ class _Gathered:
         self.rows = [dr.zeros(drawing.backend.Float, count) for _ in range(total)]
         self.stopped = False
 
-    def add(self, path: Path, early: Any, target: Any, there: Any) -> None:
-        """Write the paths of a batch to where they belong."""
+    def add(self, path: Path, early: Any, lanes: Lanes, first: int = 0) -> None:
+        """Write the paths of a batch to where they belong, counted from the first of its rays."""
+        there = lanes.there
+        target = lanes.target + dr.opaque(type(lanes.target), first)
         numbers = path.emission + path.transparency + path.depth + path.error
         for row, number in zip(self.rows, numbers, strict=True):
             # Sums so small may have lost subnormal terms: with how many threads, decides.

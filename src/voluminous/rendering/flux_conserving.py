@@ -99,7 +99,7 @@ class FluxConserving(Drawing):
         for first in range(0, len(ray_pixel), self.batch):
             part = slice(first, first + self.batch)
             ray = self.ray_through(ray_pixel[part], u[part], v[part])
-            large[part] = width > self.narrowest.along(ray)
+            large[part] = (width > self.narrowest.along(ray))[: len(large[part])]
         if large.any() and parts.depth == _DEEPEST:
             where = int(ray_pixel[np.argmax(large)])
             raise InputError(

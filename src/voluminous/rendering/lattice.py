@@ -155,12 +155,13 @@ def _fill(
         Int(i) + dr.opaque(Int, first - 1), dr.opaque(Int, held[0]), dr.opaque(Int, held[1] - 1)
     ) - dr.opaque(Int, held[0])
     base = layer * dr.opaque(Int, ny)
-    ys = [dr.clip(j + a, 0, dr.opaque(Int, ny - 1)) for a in (-1, 0)]
+    inside = dr.opaque(Int, ny - 1)
+    lines = [(base + dr.clip(j + a, 0, inside)) * dr.opaque(Int, nz) for a in (-1, 0)]
     zs = [dr.clip(k + a, 0, dr.opaque(Int, nz - 1)) for a in (-1, 0)]
     scale = backend.wide(1.0 / unit)
     values = [
-        backend.Float(backend.Wide(dr.gather(type(part), part, UInt((base + y) * nz + z))) * scale)
-        for y in ys
+        backend.Float(backend.Wide(dr.gather(type(part), part, UInt(line + z))) * scale)
+        for line in lines
         for z in zs
     ]
     target = lane + dr.opaque(UInt, first * (ny + 1) * (nz + 1))

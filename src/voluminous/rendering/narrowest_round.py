@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..grids.contract import Ray
 from .drawing import reverse
 from .narrowest import Narrowest
@@ -118,7 +118,7 @@ class NarrowestOfCylinder(Narrowest):
         middle = 0.5 * (low[0] + high[0])
         around = middle * np.clip(high[1] - low[1], _LEAST_ANGLE, _MOST_ANGLE)
         width = np.minimum(np.minimum(_depth(low[0], high[0]), around), high[2] - low[2])
-        self.widths = backend.Float((width / grid.scale).astype(backend.dtype))
+        self.widths = from_host(backend.Float, width / grid.scale)
         self.widest = float(width.max() / grid.scale)
 
     def before(self, sight: Any, count: int) -> Any:
@@ -151,4 +151,4 @@ def _depth(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def _packets(backend: Any, *columns: np.ndarray) -> Any:
     """Return columns side by side, for packets of a row."""
-    return backend.Float(np.stack(columns, axis=1).astype(backend.dtype).reshape(-1))
+    return from_host(backend.Float, np.stack(columns, axis=1).reshape(-1))

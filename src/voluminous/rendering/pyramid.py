@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..grids.cartesian.coarse_walk import CoarseChord, padded_count
 from .lattice import Corners, Nodes, Quads, faces
 
@@ -74,7 +74,7 @@ def make_pyramid(
         total += parts[-1].size // 4
     # An array of Dr.Jit's own making: packets of one that NumPy made are not always aligned, and
     # then gathered number by number (core, 100³: 17 ms instead of 10).
-    data = backend.Float(np.concatenate(parts)) + dr.opaque(backend.Float, 0.0)
+    data = from_host(backend.Float, np.concatenate(parts))
     dr.eval(data)
     return Pyramid(fine, data, levels, backend.packet(4))
 

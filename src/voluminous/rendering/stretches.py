@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from ..grids.axes import NEVER
 from ..grids.contract import Ray
 from ..objects.contract import Layers
@@ -78,19 +78,19 @@ class Stretches(Drawing):
         channels: int,
     ) -> Pairs:
         """Return the pairs of rays between two depths each, in intensities of all channels."""
-        UInt, gathered = self.backend.UInt, _Gathered(self, len(pixel))
+        gathered = _Gathered(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
-            x, y, offset = self._places(pixel[part], du[part], dv[part])
-            ray = self._confined(self._ray(x, y, offset, x == x), begin[part], end[part])
+            lanes = self._lanes(pixel[part], du[part], dv[part])
+            ray = self._confined(self._ray(lanes), begin[part], end[part])
             state = self._followed(ray)
-            target = dr.arange(UInt, len(x)) + dr.opaque(UInt, first)
-            gathered.add(state.path, state.cursor.inside, target, x == x)
+            gathered.add(state.path, state.cursor.inside, lanes, first)
         return self._pairs(gathered.paths(), channels)
 
     def _confined(self, ray: Ray, begin: np.ndarray, end: np.ndarray) -> Ray:
         """Return rays between depths, which count from the observer whichever way they run."""
-        first, last = (self.backend.Wide(np.ascontiguousarray(d, float)) for d in (begin, end))
+        lanes = dr.width(ray.active)
+        first, last = (from_host(self.backend.Wide, np.resize(d, lanes)) for d in (begin, end))
         if self.job.backward:
             first, last = -last, -first
         if ray.first is not None:

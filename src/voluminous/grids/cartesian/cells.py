@@ -114,7 +114,7 @@ class CartesianCells:
 
     def traced_centers(self, cell: Any, backend: Any) -> list[Any]:
         """Return x, y and z of cell centres from flat cell numbers (traced)."""
-        from ...backend import dr
+        from ...backend import dr, from_host
 
         UInt, Wide = backend.UInt, backend.Wide
         ny, nz = (dr.opaque(UInt, n) for n in self.shape[1:])
@@ -122,7 +122,7 @@ class CartesianCells:
         i = backend.quotient(row, ny)
         index = (i, row - i * ny, cell - row * nz)
         return [
-            dr.gather(Wide, Wide(np.ascontiguousarray(centers)), k)
+            dr.gather(Wide, from_host(Wide, centers), k)
             for centers, k in zip(self.centers, index, strict=True)
         ]
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from .walk import BLOCK, least, lesser, nearest
 
 # A block is 2^BITS cells wide.
@@ -120,7 +120,7 @@ def make_blocks(filled: np.ndarray, backend: Any, steps: np.ndarray | None = Non
         code[filled] = wide
     _, ny, nz = filled.shape
     return Blocks(
-        backend.UInt(code.reshape(-1)),
+        from_host(backend.UInt, code.reshape(-1)),
         (dr.opaque(backend.UInt, ny), dr.opaque(backend.UInt, nz)),
         float(filled.mean()),
         tuple(int(k) for k in np.unique(wide) if k),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ...backend.functions import first_true
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
@@ -63,11 +63,11 @@ class HalfPlanes(Running):
         # Azimuths of walls from the first one on, for either sense.
         up = self.angles - self.angles[0]
         down = self.angles[-1] - self.angles[::-1]
-        self.order = backend.Float(np.concatenate([up, down]).astype(backend.dtype))
+        self.order = from_host(backend.Float, np.concatenate([up, down]))
         self.extent = backend.wide(self.angles[-1] - self.angles[0])
         kind = backend.dtype
-        self.lower = backend.Float(_directions(edges[:-1]).astype(kind).reshape(-1))
-        self.inverse_width = backend.Float((1.0 / np.diff(edges)).astype(kind))
+        self.lower = from_host(backend.Float, _directions(edges[:-1]).reshape(-1))
+        self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
         self.rounding = _PARALLEL * float(np.finfo(kind).eps)
 
     def track(self, approach: Approach) -> RunningTrack:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from .approach import CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
@@ -75,9 +75,8 @@ class Cones(Turning):
         both = np.concatenate([table, beyond, mirrored_table(table), beyond])
         super().__init__(both, len(angles), len(edges) - 1, backend)
         self.mirrored_start = dr.opaque(backend.Int, len(angles) + 1)
-        kind = backend.dtype
-        self.lower = backend.Float(_sines(edges[:-1]).astype(kind).reshape(-1))
-        self.inverse_width = backend.Float((1.0 / np.diff(edges)).astype(kind))
+        self.lower = from_host(backend.Float, _sines(edges[:-1]).reshape(-1))
+        self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
 
     def surface(self, approach: CentreApproach) -> tuple[ConeTrack, Any, Any]:
         """Return how rays run; those whose closest approach is below the midplane are mirrored."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ..axes import NEVER
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
@@ -41,9 +41,8 @@ class Planes(Running):
         table = np.stack([heights, np.zeros_like(heights)], axis=1)
         super().__init__(table, len(edges), len(edges) - 1, backend)
         self.mirrored_start = dr.opaque(backend.Int, len(edges) + 1)
-        kind = backend.dtype
-        self.lower = backend.Float(edges[:-1].astype(kind))
-        self.inverse_width = backend.Float((1.0 / np.diff(edges)).astype(kind))
+        self.lower = from_host(backend.Float, edges[:-1])
+        self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
 
     def track(self, approach: Approach) -> RunningTrack:
         """Return how rays see this family."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ..axes import NEVER
 from .approach import PARALLEL, AxisApproach, CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
@@ -36,9 +36,8 @@ class Round(Turning):
         table = np.stack([self.first_number(square), square], axis=1)
         super().__init__(table, len(radii), len(edges) - 1, backend)
         self.skipped = int(self.has_gaps)
-        kind = backend.dtype
-        self.lower = backend.Float(edges[:-1].astype(kind))
-        self.inverse_width = backend.Float((1.0 / np.diff(edges)).astype(kind))
+        self.lower = from_host(backend.Float, edges[:-1])
+        self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
 
     def first_number(self, square: np.ndarray) -> np.ndarray:
         """Return c of walls of given squared radius."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ..contract import Corners, Ray, Segment
 from .corners import cell_corners, wall_corners
 from .crossing import choose, meet, pick
@@ -115,8 +115,7 @@ class CurvilinearWalk(GapCrossing):
     def _share_tables(self) -> None:
         """Put the walls of all families into one table: one crossing is computed per step."""
         tables, first = [family.own_table for family in self.families], 0
-        whole = np.concatenate(tables).astype(self.backend.dtype)
-        shared = self.backend.Float(whole.reshape(-1))
+        shared = from_host(self.backend.Float, np.concatenate(tables).reshape(-1))
         for family, table in zip(self.families, tables, strict=True):
             family.share(shared, first)
             first += len(table)

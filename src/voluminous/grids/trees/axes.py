@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ...backend.functions import first_true
 from ...geometry import is_uniform
 from ..axes import NEVER, Axis, AxisTrack, Side
@@ -89,7 +89,7 @@ class RectilinearTreeAxis(Axis):
         self.down_table = dr.opaque(backend.UInt, self.count)
         # Per base cell, upwards and mirrored: lower wall, width, and one over it.
         tables = [_cells(walls / scale) for walls in (edges - edges[0], edges[-1] - edges[::-1])]
-        self.cells = backend.Float(np.concatenate(tables).astype(backend.dtype).reshape(-1))
+        self.cells = from_host(backend.Float, np.concatenate(tables).reshape(-1))
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""

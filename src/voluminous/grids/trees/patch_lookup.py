@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from .lookup import Cell, Orientation
 from .patch_cells import TABLED, Patches
 from .patch_sizes import make_sizes
@@ -98,12 +98,12 @@ class _Units:
     """Sizes of the entries of a tree's levels."""
 
     def __init__(self, tree: Tree, backend: Any) -> None:
-        self.backend, units, kind = backend, tree.units.T.astype(float), backend.dtype
+        self.backend, units = backend, tree.units.T.astype(float)
         self.per_root = [backend.opaque(1.0 / u[0]) for u in units]
-        self.unit = [backend.Float(np.ascontiguousarray(u, kind)) for u in units]
-        self.per_unit = [backend.Float(np.ascontiguousarray(1.0 / u, kind)) for u in units]
+        self.unit = [from_host(backend.Float, u) for u in units]
+        self.per_unit = [from_host(backend.Float, 1.0 / u) for u in units]
         ratios = np.concatenate([[tree.shape], tree.ratios]).astype(np.uint32)
-        self.ratios = [backend.UInt(np.ascontiguousarray(r)) for r in ratios.T]
+        self.ratios = [from_host(backend.UInt, r) for r in ratios.T]
         # Where there is one level of blocks only, its numbers need not be looked up.
         self.below = None
         if len(tree.units) == 2:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ...geometry import is_uniform
 
 
@@ -60,8 +60,8 @@ class _Uneven:
         self.bases = dr.opaque(backend.Float, 1.0 / parts)
         self.parts = dr.opaque(backend.Float, float(parts))
         self.last = dr.opaque(backend.Float, len(edges) - 2.0)
-        self.low = backend.Float(np.ascontiguousarray(edges[:-1] - edges[0]))
-        self.widths = backend.Float(np.diff(edges) / parts)
+        self.low = from_host(backend.Float, edges[:-1] - edges[0])
+        self.widths = from_host(backend.Float, np.diff(edges) / parts)
 
     def unit(self, place: Any) -> Any:
         """Return the width of a finest unit at a place."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from .lookup import Cell, TreeLookup
 from .spacing import Spacing
 
@@ -32,10 +32,7 @@ class Boxes:
 
     def __init__(self, low: np.ndarray, size: np.ndarray, backend: Any) -> None:
         self.backend = backend
-        self.low, self.size = (
-            [backend.Wide(np.ascontiguousarray(v, dtype=np.float64)) for v in part]
-            for part in (low, size)
-        )
+        self.low, self.size = ([from_host(backend.Wide, v) for v in part] for part in (low, size))
 
     def corner(self, lane: Any, corner: Any) -> list[Any]:
         """Return the place of a corner of a cell, given by its number among these."""

@@ -1,0 +1,52 @@
+"""Numbers that come from NumPy: in memory that begins where vectors do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .jit import dr
+
+# Vectors are loaded from addresses that are multiples of so many bytes.
+_ALIGNMENT = 128
+
+
+def from_host(kind: Any, values: Any) -> Any:
+    """Return numbers as a device array.
+
+    Dr.Jit uses NumPy's memory where it is, and compiles into a kernel whether vectors in it are
+    aligned: with most arrays that is chance. Each chance was a kernel of its own, 100 to 2000 ms
+    (of the 4 kernels of a first picture, a second run found 2 in the cache on disk, now all), and
+    numbers that lie side by side were gathered together only if they happened to be aligned.
+
+    Parameters
+    ----------
+    kind : type
+        A Dr.Jit array type.
+    values : array of numbers, shape (n,)
+        Converted to that type.
+    """
+    return kind(aligned(np.ascontiguousarray(values, dtype=_DTYPES[dr.type_v(kind)])))
+
+
+def aligned(values: np.ndarray) -> np.ndarray:
+    """Return contiguous numbers where vectors may begin: a copy, unless they are there."""
+    if values.__array_interface__["data"][0] % _ALIGNMENT == 0:
+        return values
+    room = np.empty(values.nbytes + _ALIGNMENT, np.uint8)
+    first = -room.__array_interface__["data"][0] % _ALIGNMENT
+    copy: np.ndarray = room[first : first + values.nbytes].view(values.dtype).reshape(values.shape)
+    copy[...] = values
+    return copy
+
+
+_DTYPES: dict[Any, Any] = {
+    dr.VarType.Bool: np.bool_,
+    dr.VarType.Int32: np.int32,
+    dr.VarType.UInt32: np.uint32,
+    dr.VarType.Int64: np.int64,
+    dr.VarType.UInt64: np.uint64,
+    dr.VarType.Float32: np.float32,
+    dr.VarType.Float64: np.float64,
+}
