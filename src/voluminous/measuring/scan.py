@@ -87,7 +87,7 @@ def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> 
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels
     paths, numbers = job.drawn(Scan)
-    values = paths.emission.astype(np.float64).reshape(-1, ny, nx)
+    values = np.stack(paths.emission).astype(np.float64).reshape(-1, ny, nx)
     return Scanned(values, numbers.unit / volume.grid.scale)
 
 

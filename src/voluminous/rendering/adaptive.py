@@ -8,13 +8,12 @@ always alike, from pixel to pixel: so no pattern shows. A pixel is done when its
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .drawing import Paths
+from .paths import Paths
 
 if TYPE_CHECKING:
     from .drawing import Drawing
@@ -25,7 +24,6 @@ _ROUNDS = (8, 16, 32, 64, 128, 256)
 _LEAST = 32
 # Roberts' sequence in two dimensions: the inverse plastic number, x³ = x + 1, and its square.
 _PLASTIC = 1.32471795724474602596
-_PARTS = ("emission", "transparency", "depth", "error")
 # Second differences of neighbours below this many tolerances are smooth: a twelfth of them is what
 # a pixel's mean differs from its centre.
 _SMOOTH = 4.0
@@ -58,20 +56,20 @@ def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
     contrast = _contrast(seen / scale, drawing.job.frame.pixels)
     brightest = float(np.max(scale[:-1], initial=0.0))
     means = Means(
-        rough, _some(paths, rough), 1, (seen / scale)[:, rough], np.full(len(rough), np.inf)
+        rough, paths.some(rough), 1, (seen / scale)[:, rough], np.full(len(rough), np.inf)
     )
     for count in _ROUNDS:
         if not len(means.pixel):
             break
         more = _drawn(drawing, means.pixel, range(means.count, count))
-        total = _plus(means.total, more)
-        now = _seen(drawing, _times(total, 1.0 / count)) / scale
+        total = means.total.plus(more)
+        now = _seen(drawing, total.times(1.0 / count)) / scale
         off = np.max(np.abs(now - means.seen), axis=0)
         # What such sequences leave of an edge through a pixel (0.3, and three deviations).
         edge = contrast[means.pixel] * count**-0.75
         _store(paths, means.pixel, total, count, np.maximum(off, edge) * brightest)
         rest = np.flatnonzero((np.maximum(off, means.off) > tolerance) | (count < _LEAST))
-        means = Means(means.pixel[rest], _some(total, rest), count, now[:, rest], off[rest])
+        means = Means(means.pixel[rest], total.some(rest), count, now[:, rest], off[rest])
 
 
 def _drawn(drawing: Drawing, pixel: np.ndarray, numbers: range) -> Paths:
@@ -80,7 +78,7 @@ def _drawn(drawing: Drawing, pixel: np.ndarray, numbers: range) -> Paths:
     for number in numbers:
         du, dv = _offsets(pixel, number)
         found = drawing.rays(pixel, du, dv)
-        total = found if total is None else _plus(total, found)
+        total = found if total is None else total.plus(found)
     assert total is not None
     return total
 
@@ -103,8 +101,8 @@ def _hashed(pixel: np.ndarray, salt: int) -> np.ndarray:
 
 def _seen(drawing: Drawing, paths: Paths) -> np.ndarray:
     """Return what a picture shows of paths, in rows: intensities, and the mean transparency."""
-    mixed = drawing.source.numbers.mix(list(paths.emission))
-    return np.vstack([np.moveaxis(mixed, -1, 0), paths.transparency.mean(axis=0)[None]])
+    mixed = drawing.source.numbers.mix(paths.emission)
+    return np.vstack([np.moveaxis(mixed, -1, 0), np.mean(paths.transparency, axis=0)[None]])
 
 
 def _scale(seen: np.ndarray, drawing: Drawing) -> np.ndarray:
@@ -150,28 +148,6 @@ def _dilated(mask: np.ndarray) -> np.ndarray:
 
 def _store(paths: Paths, pixel: np.ndarray, total: Paths, count: int, off: np.ndarray) -> None:
     """Put the means of some pixels in the place of what they were."""
-    for part in _PARTS:
-        getattr(paths, part)[:, pixel] = getattr(total, part) / count
-    if len(paths.error):
-        paths.error[0, pixel] += off
-    paths.stopped |= total.stopped
-
-
-def _some(paths: Paths, index: np.ndarray) -> Paths:
-    return _mapped(lambda rows: rows[:, index], paths)
-
-
-def _plus(a: Paths, b: Paths) -> Paths:
-    return _mapped(np.add, a, b)
-
-
-def _times(paths: Paths, factor: float) -> Paths:
-    return _mapped(lambda rows: rows * factor, paths)
-
-
-def _mapped(function: Callable[..., np.ndarray], *paths: Paths) -> Paths:
-    """Return a function of all numbers of some paths."""
-    emission, transparency, depth, error = (
-        function(*(getattr(one, part) for one in paths)) for part in _PARTS
-    )
-    return Paths(emission, transparency, depth, error, any(one.stopped for one in paths))
+    paths.put(pixel, total.times(1.0 / count))
+    if paths.error:
+        paths.error[0][pixel] += off

@@ -12,9 +12,9 @@ from ..errors import InputError
 from ..media.contract import Medium
 from ..schemes.bracket import Bracket
 from .bracketed import Bracketed
-from .control import _replace
-from .drawing import Drawing, Paths
+from .drawing import Drawing
 from .job import Job
+from .paths import Paths
 from .pixels import BLOCK
 
 # Panels tried per segment, at most, unless the caller says how many.
@@ -103,7 +103,7 @@ def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
         if not len(wide):
             break
         source.allow(share * allowed, share * job.tolerance)
-        _replace(paths, wide, drawing.pixels(wide))
+        paths.put(wide, drawing.pixels(wide))
     return paths
 
 
@@ -140,8 +140,10 @@ class _End:
 
 def _ends(paths: Paths, channels: int) -> tuple[_End, _End]:
     """Return the lower and the upper ends, from positive and negative emissions."""
-    parts = paths.emission.reshape(-1, 2, channels, paths.emission.shape[1])
-    dim, clear = paths.transparency[:channels], paths.transparency[channels : 2 * channels]
+    parts = np.stack(paths.emission)
+    parts = parts.reshape(-1, 2, channels, parts.shape[1])
+    through = np.stack(paths.transparency)
+    dim, clear = through[:channels], through[channels : 2 * channels]
     size = np.abs(parts).sum(axis=(0, 1))
     low, high = parts[0] - parts[1] if len(parts) > 1 else parts[0]
     return (

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from .drawing import Drawing, Paths
+    from .drawing import Drawing
+    from .paths import Paths
 
 # What one segment may be off by, as a fraction of what a pixel may; lower in every round.
 _SHARES = (0.1, 0.02, 0.004)
@@ -41,7 +42,7 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
         if not len(wrong):
             break
         source.allow(share * tolerance * scale, share * tolerance)
-        _replace(paths, wrong, drawing.pixels(wrong))
+        paths.put(wrong, drawing.pixels(wrong))
     source.allow(_SHARES[0] * tolerance * scale, _SHARES[0] * tolerance)  # for rays still to come
     _add_floor(drawing, paths)
     return paths, source.neglected <= tolerance * scale
@@ -55,22 +56,16 @@ def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> n
 
 def _add_floor(drawing: Drawing, paths: Paths) -> None:
     """Add to the errors what rounding, faint places and rays that stop early may have lost."""
-    paths.error[0] += lost_share(drawing) * paths.error[2] + drawing.source.neglected
+    wrong, dim, brightness = paths.error
+    wrong += lost_share(drawing) * brightness + drawing.source.neglected
     # Of what is behind, rays that stop early say so by their transparency.
-    paths.error[1] += _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
+    dim += _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
 
 
 def lost_share(drawing: Drawing) -> float:
     """Return what rounding and rays that stop early may have lost, as a fraction of brightness."""
     lost = drawing.job.early_error if drawing.ending is not None else 0.0
     return lost + _ROUNDING[drawing.backend.precision]
-
-
-def _replace(paths: Paths, index: np.ndarray, new: Paths) -> None:
-    """Put new paths in the place of some."""
-    for part in ("emission", "transparency", "depth", "error"):
-        getattr(paths, part)[:, index] = getattr(new, part)
-    paths.stopped |= new.stopped
 
 
 def total_error(paths: Paths, background: float) -> Any:

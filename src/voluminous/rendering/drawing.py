@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..grids.contract import Ray, cells_across
 from ..schemes.path import Path, empty_path, plus, times
 from .hidden import Hiding, through_cells
 from .march import Cutoff, State, march
+from .paths import Paths, mean
 from .pixels import BLOCK, Lanes, PixelOrder, some_lanes, subpixel_offsets
 
 if TYPE_CHECKING:
@@ -20,17 +21,6 @@ if TYPE_CHECKING:
 
 # Cells crossed per kernel launch, at most: a fraction of a second, so that Ctrl-C is heard.
 _STEPS_PER_BATCH = 5e7
-
-
-@dataclass
-class Paths:
-    """Paths of rays as NumPy arrays, one row per number; and whether some stopped early."""
-
-    emission: np.ndarray
-    transparency: np.ndarray
-    depth: np.ndarray
-    error: np.ndarray
-    stopped: bool
 
 
 class Drawing:
@@ -68,7 +58,7 @@ class Drawing:
         found = [
             self.rays(pixel, np.full(len(pixel), du), np.full(len(pixel), dv)) for du, dv in offsets
         ]
-        return mean_paths(found)
+        return mean(found)
 
     def rays(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Paths:
         """Return the paths of single rays.
@@ -175,19 +165,6 @@ def _share_of_steps(blocks: Any) -> float:
     return float(max(blocks.filled ** (1 / 3) * blocks.share, 0.03))
 
 
-def mean_paths(found: list[Paths]) -> Paths:
-    """Return the means of several sets of paths."""
-    if len(found) == 1:
-        return found[0]
-
-    def mean(part: str) -> np.ndarray:
-        rows = [getattr(paths, part) for paths in found]
-        return np.asarray(np.mean(rows, axis=0, dtype=found[0].emission.dtype))
-
-    stopped = any(paths.stopped for paths in found)
-    return Paths(mean("emission"), mean("transparency"), mean("depth"), mean("error"), stopped)
-
-
 class _Gathered:
     """Numbers of paths, scattered into one device array each."""
 
@@ -211,10 +188,7 @@ class _Gathered:
 
     def paths(self) -> Paths:
         """Return all of them."""
-        rows = np.stack([np.asarray(row) for row in self.rows])
-        c, e, _ = self.counts
-        emission, transparency, depth, error = np.split(rows, np.cumsum([c, e, e]))
-        return Paths(emission, transparency, depth, error, self.stopped)
+        return Paths([np.asarray(row) for row in self.rows], self.counts, self.stopped)
 
 
 def innermost(error: BaseException) -> BaseException:

@@ -14,9 +14,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
-from .drawing import Drawing, Paths
+from .drawing import Drawing
 from .narrowest import Narrowest, NarrowestOfTree
 from .narrowest_round import NarrowestOfCylinder, NarrowestOfSphere
+from .paths import Paths
 
 if TYPE_CHECKING:
     from .job import Job
@@ -123,22 +124,19 @@ class _Means:
         self.count, self.area, self.stopped = count, 0.0, False
         self.rows: Any = 0.0
         self.dtype: Any = None
-        self.lengths: list[int] = []
+        self.counts = (0, 0, 0)
 
     def add(self, paths: Paths, parts: Parts) -> None:
         """Add the paths of parts."""
-        numbers = [paths.emission, paths.transparency, paths.depth, paths.error]
-        self.lengths, self.dtype = [len(n) for n in numbers], paths.emission.dtype
-        weighted = parts.share * np.concatenate(numbers).astype(np.float64)
+        self.counts, self.dtype = paths.counts, paths.rows[0].dtype
+        weighted = parts.share * np.stack(paths.rows).astype(np.float64)
         self.rows += np.array([np.bincount(parts.entry, row, self.count) for row in weighted])
         self.area += parts.share * len(parts.entry)
         self.stopped |= paths.stopped
 
     def paths(self) -> Paths:
         """Return the mean paths of the pixels."""
-        ends = np.cumsum(self.lengths)[:-1]
-        emission, transparency, depth, error = np.split(self.rows.astype(self.dtype), ends)
-        return Paths(emission, transparency, depth, error, self.stopped)
+        return Paths(list(self.rows.astype(self.dtype)), self.counts, self.stopped)
 
 
 def _narrowest(job: Job) -> Narrowest:

@@ -13,12 +13,13 @@ from ..grids.contract import cells_across
 from ..volume import Volume
 from .adaptive import refine
 from .control import controlled, total_error
-from .drawing import Drawing, Paths
+from .drawing import Drawing
 from .empty import has_blocks
 from .flux_conserving import FluxConserving
 from .hidden import Hidden
 from .numbers import channels_last
 from .options import DEFAULT_ERROR, walk_kinds
+from .paths import Paths
 from .source import get_source
 from .store import Store
 
@@ -171,11 +172,11 @@ class Job:
     def _planes(self, paths: Paths, drawing: Drawing, brightest_background: float) -> Planes:
         (nx, ny), source = self.frame.pixels, drawing.source
 
-        def stacked(rows: np.ndarray) -> np.ndarray:
+        def stacked(rows: list[np.ndarray]) -> np.ndarray:
             return channels_last([row.reshape(ny, nx) for row in rows])
 
         error = None
-        if len(paths.error):
+        if paths.error:
             error = source.numbers.unit * total_error(
                 paths, brightest_background / source.numbers.unit
             )

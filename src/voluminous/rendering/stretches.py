@@ -11,8 +11,9 @@ from ..backend import dr, from_host
 from ..grids.axes import NEVER
 from ..grids.contract import Ray
 from ..objects.contract import Layers
-from .drawing import Drawing, Paths, _Gathered
+from .drawing import Drawing, _Gathered
 from .pairs import Pairs, with_channels
+from .paths import Paths
 
 if TYPE_CHECKING:
     from .job import Job
@@ -102,10 +103,16 @@ class Stretches(Drawing):
     def _pairs(self, paths: Paths, channels: int) -> Pairs:
         """Return paths as pairs; channels beyond the medium's are empty."""
         numbers = self.source.numbers
-        emission = numbers.mix(list(paths.emission)).astype(np.float64)
-        transparency = with_channels(paths.transparency.T.astype(np.float64), channels, 1.0)
-        error = paths.error.T.astype(np.float64)
-        error[:, ::2] *= numbers.unit
+        emission = numbers.mix(paths.emission).astype(np.float64)
+        transparency = with_channels(_columns(paths.transparency), channels, 1.0)
+        error = np.empty((len(emission), 0))
+        if paths.error:
+            error = _columns(paths.error)
+            error[:, ::2] *= numbers.unit
         if emission.shape[1] < channels:
             emission = np.pad(emission, ((0, 0), (0, channels - emission.shape[1])))
         return Pairs(emission, transparency, error)
+
+
+def _columns(rows: list[np.ndarray]) -> np.ndarray:
+    return np.stack(rows, axis=-1).astype(np.float64)
