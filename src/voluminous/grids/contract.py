@@ -222,3 +222,8 @@ def cells_across(grid: Any) -> float:
     if len(grid.shape) == 3:
         return float(sum(grid.shape))
     return 3.0 * float(grid.size) ** (1 / 3)
+
+
+def has_blocks(grid: Any) -> bool:
+    """Return whether rays may leap over blocks of a grid's cells."""
+    return bool(getattr(grid, "has_blocks", False))

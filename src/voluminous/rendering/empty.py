@@ -50,11 +50,6 @@ DUAL = Window(before=1, after=0, extra=1, worthwhile=0.7)
 CELLS = Window(before=1, after=1, extra=0, worthwhile=0.25)
 
 
-def has_blocks(grid: Any) -> bool:
-    """Return whether rays may leap over blocks of a grid's cells."""
-    return bool(getattr(grid, "has_blocks", False))
-
-
 def field_ranges(array: np.ndarray, window: Window) -> Interval:
     """Return the values that a field has in and around each block; all where there is NaN."""
     low, high = (np.empty(window.shape(array.shape), np.float64) for _ in range(2))

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..grids.contract import cells_across
+from ..grids.contract import cells_across, has_blocks
 from ..volume import Volume
 from .adaptive import refine
 from .control import controlled, total_error
 from .drawing import Drawing
-from .empty import has_blocks
 from .flux_conserving import FluxConserving
 from .hidden import Hidden
 from .numbers import channels_last

@@ -15,10 +15,10 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..grids.cartesian.dual_walk import Chord
+from ..grids.contract import has_blocks
 from ..grids.curvilinear.field_walk import dual_values
 from ..memory import check_memory, fits
 from .classify import device_array
-from .empty import has_blocks
 from .tables import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take

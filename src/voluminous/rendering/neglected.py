@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..expressions.interval import Interval
+from ..grids.contract import has_blocks
 from ..media import Isosurface
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from .classify import Classifier
-from .empty import DUAL, has_blocks, worthwhile_blocks
+from .empty import DUAL, worthwhile_blocks
 
 # Coefficients below this part of what matters count as none; a bound of them is added in the end.
 _FAINT = 1e-6

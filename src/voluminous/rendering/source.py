@@ -10,6 +10,7 @@ import numpy as np
 
 from ..backend import dr
 from ..expressions.interval import Interval
+from ..grids.contract import has_blocks
 from ..memory import check_memory, fits
 from .classify import Classifier
 from .coarse import allowed_differences, wide_steps
@@ -20,7 +21,6 @@ from .empty import (
     Window,
     coordinate_ranges,
     field_ranges,
-    has_blocks,
     visible_blocks,
     worthwhile_blocks,
 )
