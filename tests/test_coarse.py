@@ -13,7 +13,7 @@ from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.coarse_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, leap, make_blocks
-from voluminous.rendering.empty import DUAL
+from voluminous.rendering.empty_space.blocks import DUAL
 from voluminous.schemes.one_panel import OnePanel
 
 CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)

@@ -298,3 +298,46 @@ def test_colours_by_name():
         assert shell("a", 0, 1, "orange", 0, 1).color == tuple(orange)
         with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
             shell("a", 0, 1, "oragne", 0, 1)
+
+
+def ramp():
+    """Return a volume whose field grows along z, seen along z."""
+    grid = vm.CartesianGrid.uniform((2, 2, 16), ((-1, 1), (-1, 1), (0, 4)))
+    return vm.Volume(grid, a=np.broadcast_to(grid.centers[2], grid.shape))
+
+
+@pytest.mark.parametrize("width", [0.0, 0.2])
+@pytest.mark.parametrize(
+    ("opacity", "rows"),
+    [
+        ((0.1, 0.5, 1.0), [[0.1] * 3, [0.5] * 3, [1.0] * 3]),
+        ([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9]],) * 2,
+        ([0.2, [0.4, 0.5, 0.6], 0.9], [[0.2] * 3, [0.4, 0.5, 0.6], [0.9] * 3]),
+        (0.3, [[0.3] * 3] * 3),
+    ],
+    ids=["one each", "rows", "mixed", "one for all"],
+)
+def test_every_level_has_its_own_opacity(opacity, rows, width):
+    colors = np.array([[1.0, 0.2, 0.3], [0.4, 1.0, 0.6], [0.7, 0.8, 1.0]])
+    medium = vm.Isosurface("a", levels=[1, 2, 3], color=colors, opacity=opacity, width=width)
+    image = vm.render(ramp(), medium, vm.Orthographic(width=1, resolution=1), bounds=True)
+    through = 1 - np.array(rows)
+    # From the observer, above, to the last one: every crossing shows color · opacity of what is left.
+    before = np.cumprod(np.vstack([np.ones(3), through[:0:-1]]), axis=0)[::-1]
+    shown = (before * colors * (1 - through)).sum(axis=0)
+    np.testing.assert_allclose(image.intensity[0, 0], shown, rtol=1e-5)
+    np.testing.assert_allclose(image.transparency[0, 0], through.prod(axis=0), atol=1e-6)
+    assert (image.lower <= image.intensity + 1e-6).all()
+    assert (image.upper >= image.intensity - 1e-6).all()
+    scene = vm.Scene({"volume": {"model": "sphere"}, "medium": medium})
+    again = vm.Scene(toml.loads(scene.dumps()))
+    assert again.medium.key() == medium.key()
+
+
+def test_opacities_that_fit_no_level_are_refused():
+    with pytest.raises(InputError, match="one row per level"):
+        vm.Isosurface("a", levels=[1, 2], opacity=[[0.1, 0.2, 0.3]])
+    with pytest.raises(InputError, match=r"one number \(grey\) or 3"):
+        vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 0.2, 0.3, 0.4])
+    with pytest.raises(InputError, match="from 0 to 1"):
+        vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 1.2])

@@ -12,7 +12,7 @@ from contracts.bundle import Bundle, on_a_sphere
 from curvilinear_rays import adversarial_rays
 from test_spherical_refined import CIRCLE, GRIDS, RADII, random_flags
 from voluminous.backend import get_backend
-from voluminous.rendering.corner_values import CornerValues
+from voluminous.rendering.interpolants.corner_values import CornerValues
 
 PI = np.pi
 BITS = np.indices((2, 2, 2)).reshape(3, 8)

@@ -7,7 +7,7 @@ import pytest
 
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
-from voluminous.rendering.tables import Table
+from voluminous.rendering.coefficients.tables import Table
 from voluminous.schemes import SCHEMES
 
 OBLIQUE = vm.Orthographic(57, 213, 31, width=4.0, resolution=(15, 12))
@@ -138,7 +138,8 @@ TURNS = {
 def test_turning_anything_compiles_nothing(scheme, turn, kernels, monkeypatch):
     # Whether there is empty space, and whether pixels have to be mended, are other kernels.
     monkeypatch.setattr("voluminous.rendering.source.worthwhile_blocks", lambda *_: None)
-    monkeypatch.setattr("voluminous.rendering.control._too_wrong", lambda *_: np.array([], int))
+    none = np.array([], int)
+    monkeypatch.setattr("voluminous.rendering.rays.control._too_wrong", lambda *_: none)
     options = {"scheme": scheme}
     # With and without a table at hand: two sets of kernels.
     volume = core()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..rendering import prepare
-from ..rendering.drawing import Drawing
-from ..rendering.march import State
+from ..rendering.rays.drawing import Drawing
+from ..rendering.rays.march import State
 from ..schemes.path import Path
 
 

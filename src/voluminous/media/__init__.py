@@ -5,8 +5,10 @@ from .color_by import ColorBy
 from .colormap import Colormap
 from .contract import Context, Medium
 from .function import Function
+from .gaussian import Gaussian
 from .isosurface import Isosurface
-from .shaped import Gaussian, Rectangle, Shaped
+from .rectangle import Rectangle
+from .shaped import Shaped
 from .sum import Sum
 from .table import Table
 

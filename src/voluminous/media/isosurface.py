@@ -15,31 +15,25 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..backend import dr
 from ..backend.functions import precision_of
-from ..colormaps import get_color, get_colormap, is_color
-from ..errors import InputError, UnknownNameError, unknown_name
+from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
-from .color_by import ColorBy
 from .contract import (
     WIDE,
     Coefficients,
     Context,
     Medium,
-    channel_values,
-    check_extinction,
-    color_values,
 )
 from .crossings import NOISE, limited, passes, way_within
 from .given import named as _named
 from .given import scalar as _scalar
-from .modulation import Factors, Modulation, modulated
+from .modulation import Factors
 from .shape_middles import crossing_middle
 from .stretch import extremes
+from .surface_given import fraction, given_levels, given_opacities, modulated_colors, plain_number
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -68,9 +62,10 @@ class Isosurface(Medium):
         What one crossing shows if it is opaque: one value per channel; for several levels one such
         row for each (or its name), or the name of a matplotlib colormap. Where a name is both, it
         is a colour for one level, and a colormap for several.
-    opacity : float or sequence
+    opacity : float, sequence of float or sequence of sequences
         Part of the light from behind that a crossing takes away: one number (grey) or one per
-        channel.
+        channel; for several levels one number for all of them, or one for each, or one row of
+        channels for each.
     width : float or Quantity
         Extent of the shell in x. 0: a surface without thickness, its crossings counted exactly.
     density : {"crossing", "gradient"}
@@ -107,16 +102,16 @@ class Isosurface(Medium):
         where: Any = None,
     ) -> None:
         self.expr = Expression(expr)
-        self.levels = _levels(level, levels)
-        self.colors, self.modulation = _modulated_colors(color, where, len(self.levels))
-        self.opacity = _opacity(opacity, len(self.colors[0]))
+        self.levels = given_levels(level, levels)
+        self.colors, self.modulation = modulated_colors(color, where, len(self.levels))
+        self.opacities = given_opacities(opacity, len(self.levels), len(self.colors[0]))
         self.width = _scalar(width, "width")
         if plain_number(self.width) < 0:
             raise InputError(f"width must not be negative, got {width}")
         if density not in DENSITIES:
             raise unknown_name("density", str(density), DENSITIES)
-        self.density, self.shading = density, _fraction(shading, "shading")
-        self.channels, self.grey = len(self.colors[0]), len(self.opacity) == 1
+        self.density, self.shading = density, fraction(shading, "shading")
+        self.channels, self.grey = len(self.colors[0]), len(self.opacities[0]) == 1
         self.slope = Expression(f"gradmag({self.expr.text})")
         self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
         self.names = self._names()
@@ -125,6 +120,11 @@ class Isosurface(Medium):
     def color(self) -> tuple[float, ...]:
         """All numbers of the colours: the largest is as bright as a crossing gets."""
         return tuple(h for row in self.colors for h in row)
+
+    @property
+    def opacity(self) -> tuple[float, ...]:
+        """All numbers of the opacities: the largest is what one crossing takes away at most."""
+        return tuple(o for row in self.opacities for o in row)
 
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
         """Return the expression of the surfaces, with their width, and those of the modulation."""
@@ -142,13 +142,13 @@ class Isosurface(Medium):
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""
-        levels, width, depths, colors = self._kept(context)
+        levels, width, rows, colors = self._kept(context)
         first, last = panel.ends(self.expr)
         length = panel.length
         per_length = 1.0 / dr.select(length > _SHORTEST, length, _SHORTEST)
         emission: list[Any] = [type(length)(0)] * self.channels
-        extinction: list[Any] = [type(length)(0)] * len(depths)
-        for level, color in zip(levels, colors, strict=True):
+        extinction: list[Any] = [type(length)(0)] * len(rows[0])
+        for level, color, depths in zip(levels, colors, rows, strict=True):
             ends = first - level, last - level
             crossed = per_length * self._crossed(context, *ends, width)
             if self.density == "gradient":
@@ -245,11 +245,11 @@ class Isosurface(Medium):
             )
         levels, width = self._numbers(context)
         x, slope = context.evaluate(self.expr, fields), context.evaluate(self.slope, fields)
-        depths = [context.number(_depth(o)) for o in self.opacity]
+        rows = [[context.number(depth_of(o)) for o in row] for row in self.opacities]
         ops = context.ops
         emission: list[Any] = [0.0 * x] * self.channels
-        extinction: list[Any] = [0.0 * x] * len(depths)
-        for level, color in zip(levels, self.colors, strict=True):
+        extinction: list[Any] = [0.0 * x] * len(rows[0])
+        for level, color, depths in zip(levels, self.colors, rows, strict=True):
             inside = ops.number(abs(x - context.number(level)) <= context.number(0.5 * width))
             dense = context.number(1.0 / width) * slope * inside
             extinction = [t + d * dense for t, d in zip(extinction, depths, strict=True)]
@@ -272,7 +272,7 @@ class Isosurface(Medium):
 
     def key(self) -> Any:
         """Return all numbers, units included."""
-        rest = (self.colors, self.opacity, self.density, self.shading, self.modulation.key())
+        rest = (self.colors, self.opacities, self.density, self.shading, self.modulation.key())
         return (*self.visible_key(), *rest)
 
     def describe(self) -> dict[str, Any]:
@@ -283,7 +283,7 @@ class Isosurface(Medium):
             "expr": self.expr.text,
             "level": _named(self.levels[0]) if one else [_named(v) for v in self.levels],
             "color": list(self.colors[0]) if one else [list(row) for row in self.colors],
-            "opacity": self.opacity[0] if self.grey else list(self.opacity),
+            "opacity": _plain(self.opacities),
             "width": _named(self.width),
             "density": self.density,
             "shading": self.shading,
@@ -309,10 +309,10 @@ class Isosurface(Medium):
         levels = [float(plain(level, unit, "level")) for level in self.levels]
         return levels, float(plain(self.width, unit, "width"))
 
-    def _kept(self, context: Context) -> tuple[list[Any], Any, list[Any], list[list[Any]]]:
+    def _kept(self, context: Context) -> tuple[list[Any], Any, list[list[Any]], list[list[Any]]]:
         """Return levels, width, optical depths and colours as numbers of a kernel."""
 
-        def make() -> tuple[list[Any], Any, list[Any], list[list[Any]]]:
+        def make() -> tuple[list[Any], Any, list[list[Any]], list[list[Any]]]:
             levels, width = self._numbers(context)
 
             def narrow(value: float) -> Any:
@@ -321,7 +321,7 @@ class Isosurface(Medium):
             return (
                 [context.number(level) for level in levels],
                 context.number(width),
-                [narrow(_depth(o)) for o in self.opacity],
+                [[narrow(depth_of(o)) for o in row] for row in self.opacities],
                 [[narrow(h / context.radiance) for h in row] for row in self.colors],
             )
 
@@ -362,76 +362,13 @@ def _dot(a: list[Any], b: list[Any]) -> Any:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _depth(opacity: float) -> float:
+def depth_of(opacity: float) -> float:
+    """Return the optical depth of a crossing."""
     return min(-math.log1p(-opacity), _OPAQUE) if opacity < 1 else _OPAQUE
 
 
-def plain_number(value: Any) -> float:
-    """Return a quantity's value, or a number itself."""
-    return float(getattr(value, "value", value))
-
-
-def _levels(level: Any, levels: Any) -> tuple[Any, ...]:
-    if (level is None) == (levels is None):
-        raise InputError("an Isosurface needs level=…, or levels=[…] for several, and not both")
-    given = level if levels is None else levels
-    several = isinstance(given, (list, tuple)) or np.ndim(getattr(given, "value", given))
-    listed = list(given) if several else [given]
-    if not listed:
-        raise InputError("levels is empty; give at least one value")
-    return tuple(_scalar(value, "level") for value in listed)
-
-
-def _modulated_colors(
-    color: Any, where: Any, count: int
-) -> tuple[tuple[tuple[float, ...], ...], Modulation]:
-    """Return one colour per level, and what varies them."""
-    if isinstance(color, ColorBy):
-        row, modulation = modulated(color, where)
-        return (row,) * count, modulation
-    rows = _colors(color, count)
-    return rows, Modulation(where, None, len(rows[0]))
-
-
-def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
-    """Return one colour per level."""
-    if isinstance(color, str) and not (count == 1 and is_color(color)):
-        return _mapped(color, count)
-    several = isinstance(color, (list, tuple, np.ndarray)) and len(color)
-    nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
-    rows = [color_values(row) for row in (color if nested else [color] * count)]
-    if len(rows) != count or len({len(row) for row in rows}) != 1:
-        raise InputError(
-            f"color must be one colour, or {count} (one per level) with the same number of "
-            f"channels, got {color!r}"
-        )
-    return tuple(rows)
-
-
-def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
-    """Return colours from a colormap, or one that all levels share."""
-    try:
-        colormap = get_colormap(name)
-    except UnknownNameError:
-        if is_color(name):
-            return (get_color(name),) * count
-        raise
-    places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
-    return tuple(tuple(map(float, row[:3])) for row in colormap(places))
-
-
-def _opacity(opacity: Any, channels: int) -> tuple[float, ...]:
-    values = channel_values(opacity, "opacity")
-    check_extinction(values, channels, "opacity")
-    if max(values) > 1:
-        raise InputError(
-            "opacity is the part of the light that one crossing takes away: from 0 to 1, "
-            f"got {max(values):g}"
-        )
-    return values[:1] if len(set(values)) == 1 else values
-
-
-def _fraction(value: Any, what: str) -> float:
-    if not isinstance(value, (int, float)) or not 0 <= value <= 1:
-        raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
-    return float(value)
+def _plain(opacities: tuple[tuple[float, ...], ...]) -> Any:
+    """Return opacities as short as they can be given: a number, or a row (of them) per level."""
+    rows = [row[0] if len(row) == 1 else list(row) for row in opacities]
+    alike = len(set(opacities)) == 1 and (len(rows) == 1 or not isinstance(rows[0], list))
+    return rows[0] if alike else rows

@@ -6,22 +6,18 @@ and of `opacity` for the extinction: seen through one path length of its peak, i
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..errors import InputError
 from ..expressions import Expression, Ops
 from ..expressions.interval import Interval
-from ..units import is_quantity, plain
+from ..units import plain
 from .bends import bend, slope_factor, thinness
 from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
-from .crossings import passes
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Middle, modulated
-from .shape_means import box_mean, gaussian_mean
-from .shape_middles import box_middle, gaussian_middle
+from .path_length import check_positive, given_path_length, length_in
 from .stretch import Straight, extremes
 
 if TYPE_CHECKING:
@@ -34,10 +30,6 @@ if TYPE_CHECKING:
 _DOUBT = 0.25
 # Most of a shell is within so many widths of its centre.
 _CORE = 4.0
-
-
-# As a path length: the median thickness in the volume (`calibration`).
-AUTO = "auto"
 
 
 class Shaped(Medium):
@@ -60,9 +52,9 @@ class Shaped(Medium):
         self.width = _scalar(width, self._width_name)
         self.color, self.modulation = modulated(color, where)
         self.opacity = channel_values(opacity, "opacity")
-        self.path_length = _path_length(path_length)
+        self.path_length = given_path_length(path_length)
         check_extinction(self.opacity, len(self.color), "opacity")
-        _positive(self.width, self._width_name)
+        check_positive(self.width, self._width_name)
         if len(set(self.opacity)) == 1:  # the same for all channels: grey
             self.opacity = self.opacity[:1]
         self.channels = len(self.color)
@@ -225,7 +217,7 @@ class Shaped(Medium):
         return (
             float(plain(self.center, unit, "center")),
             float(plain(self.width, unit, self._width_name)),
-            _length(self.path_length, context.unit),
+            length_in(self.path_length, context.unit),
         )
 
     def _kept(self, context: Context) -> tuple[Any, Any, Any]:
@@ -302,173 +294,5 @@ class Shaped(Medium):
         }
 
 
-class Gaussian(Shaped):
-    """A Gaussian shell: T = h/path_length · exp(-((x - center)/sigma)²/2).
-
-    Parameters
-    ----------
-    expr : str
-        Expression x of the fields, e.g. ``"log10(density)"``.
-    center, sigma : float or Quantity
-        Where the shell is, and how wide, in x.
-    color : float, sequence, str or ColorBy
-        Emission h_j per channel: the intensity of one `path_length` of the peak, thin. A colour's
-        name is red, green and blue; a `ColorBy` gives them by another expression.
-    opacity : float or sequence
-        Extinction h_α, one for all channels (grey) or one per channel: the optical depth of one
-        `path_length` of the peak.
-    path_length : float, Quantity or "auto"
-        Length to which `color` and `opacity` refer; plain numbers are in the volume's unit.
-        ``"auto"`` is the median thickness of the shell in the volume that is rendered: one crossing
-        shows the colour. `voluminous.calibrate` gives the number.
-    where : str, optional
-        Expression of the fields that multiplies emission and extinction: a comparison, or a number,
-        limited to 0 … 1. Where it has no value (NaN) it is 0.
-
-    Raises
-    ------
-    InputError
-        For a negative opacity, a width or path length that is not positive, or anything not finite.
-
-    Notes
-    -----
-    Peters, *The physics of volume rendering* (2014), section 4.
-    """
-
-    _width_name = "sigma"
-
-    def __init__(
-        self,
-        expr: Any,
-        center: Any,
-        sigma: Any,
-        color: Any,
-        opacity: Any,
-        path_length: Any,
-        *,
-        where: Any = None,
-    ) -> None:
-        super().__init__(expr, center, sigma, color, opacity, path_length, where)
-
-    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
-        """Return exp(-(offset/σ)²/2); zero at infinity."""
-        scaled = offset / width
-        return ops.exp(-0.5 * (scaled * scaled))
-
-    def mean_shape(self, first: Any, last: Any) -> Any:
-        """Return the mean of a Gaussian between two distances, in σ."""
-        return gaussian_mean(first, last)
-
-    def mean_bounds(
-        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
-    ) -> TracedInterval:
-        """Return the mean on the chord, up to what the bow can change."""
-        from .mean_bounds import gaussian_bounds
-
-        return gaussian_bounds(gaussian_mean(first, last), off, z)
-
-    def middle(self, first: Any, last: Any) -> Middle:
-        """Return where the mass of a Gaussian is between two distances, in σ."""
-        return gaussian_middle(first, last)
-
-    def reach(self, faint: float) -> float:
-        """Return how many σ away it is below `faint`."""
-        return math.sqrt(-2.0 * math.log(faint))
-
-
-class Rectangle(Shaped):
-    """A shell of constant coefficients: T = h/path_length up to `half_width` from the centre.
-
-    Parameters
-    ----------
-    expr : str
-        Expression x of the fields.
-    center, half_width : float or Quantity
-        Where the shell is, and half how wide, in x.
-    color, opacity, path_length, where
-        As in `Gaussian`.
-
-    Notes
-    -----
-    The rectangle function of Peters, *The physics of volume rendering* (2014), section 4.
-    """
-
-    _width_name = "half_width"
-
-    def __init__(
-        self,
-        expr: Any,
-        center: Any,
-        half_width: Any,
-        color: Any,
-        opacity: Any,
-        path_length: Any,
-        *,
-        where: Any = None,
-    ) -> None:
-        super().__init__(expr, center, half_width, color, opacity, path_length, where)
-
-    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
-        """Return one within the half width, else zero; NaN stays NaN."""
-        box = ops.number(abs(offset) <= width)
-        return ops.where(offset == offset, box, offset)
-
-    def mean_shape(self, first: Any, last: Any) -> Any:
-        """Return which part of the way is within the half width."""
-        return box_mean(first, last)
-
-    def mean_bounds(
-        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
-    ) -> TracedInterval:
-        """Return the part of the chord within the half width, with that moved in and out."""
-        from .mean_bounds import box_bounds
-
-        return box_bounds(first, last, farthest)
-
-    def middle(self, first: Any, last: Any) -> Middle:
-        """Return the middle of the part that is within the half width."""
-        return box_middle(first, last)
-
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return also where an edge may be passed more often than a panel's ends show."""
-        seen, hidden = super().visible(stretch, context)
-        center, narrowness, _ = self._kept(context)
-        for edge in (center - 1.0 / narrowness, center + 1.0 / narrowness):
-            possible, shown = passes(stretch, self.expr, edge)
-            hidden |= seen & (possible > shown)
-        return seen, hidden
-
-    def reach(self, faint: float) -> float:
-        """Return one: beyond the half width there is nothing."""
-        return 1.0
-
-
 def _nothing(first: Any, last: Any) -> Any:
     return type(first)(0.0)
-
-
-def _path_length(value: Any) -> Any:
-    """Return a positive length, or "auto", which stays until the volume is known."""
-    if isinstance(value, str):
-        if value != AUTO:
-            raise InputError(f"path_length must be a number, a quantity or 'auto', got {value!r}")
-        return value
-    length = _scalar(value, "path_length")
-    _positive(length, "path_length")
-    return length
-
-
-def _length(path_length: Any, unit: Any) -> float:
-    """Return a path length as a number in the volume's unit; "auto" must have become one."""
-    if isinstance(path_length, str):
-        raise InputError(
-            "path_length is still 'auto', which only a volume makes a number: use the medium that "
-            "vm.calibrate(medium, volume) returns (vm.render does that by itself)"
-        )
-    return float(plain(path_length, unit, "path_length"))
-
-
-def _positive(value: Any, what: str) -> None:
-    magnitude = value.value if is_quantity(value) else value
-    if magnitude <= 0:
-        raise InputError(f"{what} must be positive, got {value}")

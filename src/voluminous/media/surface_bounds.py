@@ -11,7 +11,7 @@ from ..backend import dr
 from ..expressions import Expression
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_rounding import larger, positive, raised, smaller
-from .isosurface import _depth
+from .isosurface import depth_of
 from .part_bounds import PartBounds
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def surface_parts(medium: Isosurface, courses: Courses, context: CourseContext) 
     course = courses.course(medium.expr)
     light = _lit(medium, courses, context)
     found = []
-    for level, color in zip(levels, medium.colors, strict=True):
+    for level, color, row in zip(levels, medium.colors, medium.opacities, strict=True):
         value = context.plain(level)
         if width > 0:
             crossed, densest = _shell(course, value, context.plain(width))
@@ -37,13 +37,14 @@ def surface_parts(medium: Isosurface, courses: Courses, context: CourseContext) 
         if medium.modulation.where is not None:
             gate = medium.modulation._gate(courses.fields, context)
             crossed, densest = _gated(gate, crossed, densest)
-        found.append(_part(medium, color, crossed, densest, light, context))
+        depths = [depth_of(o) for o in row]
+        found.append(_part(color, depths, crossed, densest, light, context))
     return found
 
 
 def _part(
-    medium: Isosurface,
     color: tuple[float, ...],
+    depths: list[float],
     crossed: TracedInterval,
     densest: Any,
     light: list[TracedInterval],
@@ -51,10 +52,9 @@ def _part(
 ) -> PartBounds:
     """Return bounds from how much is crossed, and how much there is at most anywhere."""
     anywhere = TracedInterval(type(densest)(0), densest)
-    depths = [_depth(o) for o in medium.opacity]
     extinction = [_times(context, d, anywhere) for d in depths]
     depth = [_times(context, d, crossed) for d in depths]
-    own = [0 if len(depths) == 1 else c for c in range(medium.channels)]
+    own = [0 if len(depths) == 1 else c for c in range(len(color))]
     shown = [context.number(h) * lit for h, lit in zip(color, light, strict=True)]
     return PartBounds(
         [h * extinction[e] for h, e in zip(shown, own, strict=True)],

@@ -17,7 +17,7 @@ from .color_by import ColorBy
 from .contract import Coefficients, Context, Medium, check_plain
 from .given import named
 from .modulation import Modulation, kept
-from .shaped import _length, _path_length
+from .path_length import given_path_length, length_in
 from .stretch import extremes
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
@@ -76,7 +76,7 @@ class Table(Medium):
         self.opacities = _columns(opacities, n, "opacities")
         by = colors if isinstance(colors, ColorBy) else None
         self.colors = _columns(colors, n, "colors") if by is None else _shared(self.opacities, by)
-        self.path_length = _path_length(path_length)
+        self.path_length = given_path_length(path_length)
         self.channels = self.colors.shape[1]
         if self.opacities.shape[1] not in (1, self.channels):
             raise InputError(
@@ -182,7 +182,7 @@ class Table(Medium):
         """Return what is certain on a panel."""
         from .mean_bounds import table_parts
 
-        length = _length(self.path_length, context.unit)
+        length = length_in(self.path_length, context.unit)
         return table_parts(self, length, courses, context)
 
     @property
@@ -226,7 +226,7 @@ class Table(Medium):
         return kept(stretch, (id(self), s), make)
 
     def _length(self, context: Context) -> float:
-        return _length(self.path_length, context.unit)
+        return length_in(self.path_length, context.unit)
 
     def _heights(self, context: Context) -> list[Any]:
         length = self._length(context)

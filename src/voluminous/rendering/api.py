@@ -16,11 +16,11 @@ from ..media.contract import Medium
 from ..objects.values import MANY
 from ..units import unit_name
 from ..volume import Volume
-from .bounds import bracket, check_bounds
+from .bounds.guaranteed import bracket, check_bounds
 from .job import Job, Planes
-from .objects import channel_count, check_objects, wide_background, with_objects
+from .layers.objects import channel_count, check_objects, wide_background, with_objects
+from .layers.pairs import with_channels
 from .options import background_array
-from .pairs import with_channels
 from .prepare import prepare, silent
 from .sky import image_wcs
 

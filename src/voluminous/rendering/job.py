@@ -11,14 +11,14 @@ import numpy as np
 from ..backend import dr
 from ..grids.contract import cells_across, has_blocks
 from ..volume import Volume
-from .adaptive import refine
-from .control import controlled, total_error
-from .drawing import Drawing
-from .flux_conserving import FluxConserving
-from .hidden import Hidden
-from .numbers import channels_last
+from .coefficients.numbers import channels_last
 from .options import DEFAULT_ERROR, walk_kinds
-from .paths import Paths
+from .rays.adaptive import refine
+from .rays.control import controlled, total_error
+from .rays.drawing import Drawing
+from .rays.flux_conserving import FluxConserving
+from .rays.hidden import Hidden
+from .rays.paths import Paths
 from .source import get_source
 from .store import Store
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .hidden import Hidden
+from .rays.hidden import Hidden
 from .store import Store
 
 # Cells looked at at once.

@@ -12,10 +12,13 @@ from ..backend import dr
 from ..expressions.interval import Interval
 from ..grids.contract import has_blocks
 from ..memory import check_memory, fits
-from .classify import Classifier
-from .coarse import allowed_differences, wide_steps
-from .digits import enough_in_single
-from .empty import (
+from .coefficients.classify import Classifier
+from .coefficients.digits import enough_in_single
+from .coefficients.numbers import plan_numbers
+from .coefficients.on_ray import OnRay
+from .coefficients.own_coordinates import ray_coordinates
+from .coefficients.tables import cell_table, vertex_table
+from .empty_space.blocks import (
     CELLS,
     DUAL,
     Window,
@@ -24,15 +27,12 @@ from .empty import (
     visible_blocks,
     worthwhile_blocks,
 )
-from .interpolated import Interpolated
-from .lattice import make_lattice
-from .numbers import plan_numbers
-from .on_ray import OnRay
-from .own_coordinates import ray_coordinates
-from .pruned import can_be_pruned, interpolated, pruned_walk, tabled
-from .pyramid import make_pyramid
+from .empty_space.pruned import can_be_pruned, interpolated, pruned_walk, tabled
+from .interpolants.coarse import allowed_differences, wide_steps
+from .interpolants.interpolated import Interpolated
+from .interpolants.lattice import make_lattice
+from .interpolants.pyramid import make_pyramid
 from .store import SLABS, Store
-from .tables import cell_table, vertex_table
 
 _ADVICE = (
     "use precision='single', scheme='first-order' (which can do without a table), "

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..digest import digest
 from ..memory import fits
-from .classify import extremes_of
+from .coefficients.classify import extremes_of
 
 # Things kept per volume: turning only the camera, or going back and forth between two schemes or
 # media, makes nothing again.

@@ -1,7 +1,8 @@
 """The walk of rays through a tree's cells, with fields trilinear between the corners of each.
 
 Values at corners are chosen such that neighbours of any size agree on what is between them
-(`rendering.corner_values`): fields are continuous, and a cubic along a ray in each cell.
+(`rendering.interpolants.corner_values`): fields are continuous, and a cubic along a ray in each
+cell.
 """
 
 from __future__ import annotations

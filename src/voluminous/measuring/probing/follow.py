@@ -10,9 +10,9 @@ import numpy as np
 
 from ...backend import dr
 from ...grids.contract import cells_across
-from ...rendering.drawing import Drawing
 from ...rendering.job import Job
-from ...rendering.paths import Paths
+from ...rendering.rays.drawing import Drawing
+from ...rendering.rays.paths import Paths
 from ...schemes.path import Path
 from .recorder import Recorder, Tape
 

@@ -1,0 +1,89 @@
+"""Gaussian shells."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ..expressions import Ops
+from .modulation import Middle
+from .shape_means import gaussian_mean
+from .shape_middles import gaussian_middle
+from .shaped import Shaped
+
+if TYPE_CHECKING:
+    from ..expressions.traced_interval import TracedInterval
+
+
+class Gaussian(Shaped):
+    """A Gaussian shell: T = h/path_length · exp(-((x - center)/sigma)²/2).
+
+    Parameters
+    ----------
+    expr : str
+        Expression x of the fields, e.g. ``"log10(density)"``.
+    center, sigma : float or Quantity
+        Where the shell is, and how wide, in x.
+    color : float, sequence, str or ColorBy
+        Emission h_j per channel: the intensity of one `path_length` of the peak, thin. A colour's
+        name is red, green and blue; a `ColorBy` gives them by another expression.
+    opacity : float or sequence
+        Extinction h_α, one for all channels (grey) or one per channel: the optical depth of one
+        `path_length` of the peak.
+    path_length : float, Quantity or "auto"
+        Length to which `color` and `opacity` refer; plain numbers are in the volume's unit.
+        ``"auto"`` is the median thickness of the shell in the volume that is rendered: one crossing
+        shows the colour. `voluminous.calibrate` gives the number.
+    where : str, optional
+        Expression of the fields that multiplies emission and extinction: a comparison, or a number,
+        limited to 0 … 1. Where it has no value (NaN) it is 0.
+
+    Raises
+    ------
+    InputError
+        For a negative opacity, a width or path length that is not positive, or anything not finite.
+
+    Notes
+    -----
+    Peters, *The physics of volume rendering* (2014), section 4.
+    """
+
+    _width_name = "sigma"
+
+    def __init__(
+        self,
+        expr: Any,
+        center: Any,
+        sigma: Any,
+        color: Any,
+        opacity: Any,
+        path_length: Any,
+        *,
+        where: Any = None,
+    ) -> None:
+        super().__init__(expr, center, sigma, color, opacity, path_length, where)
+
+    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
+        """Return exp(-(offset/σ)²/2); zero at infinity."""
+        scaled = offset / width
+        return ops.exp(-0.5 * (scaled * scaled))
+
+    def mean_shape(self, first: Any, last: Any) -> Any:
+        """Return the mean of a Gaussian between two distances, in σ."""
+        return gaussian_mean(first, last)
+
+    def mean_bounds(
+        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+    ) -> TracedInterval:
+        """Return the mean on the chord, up to what the bow can change."""
+        from .mean_bounds import gaussian_bounds
+
+        return gaussian_bounds(gaussian_mean(first, last), off, z)
+
+    def middle(self, first: Any, last: Any) -> Middle:
+        """Return where the mass of a Gaussian is between two distances, in σ."""
+        return gaussian_middle(first, last)
+
+    def reach(self, faint: float) -> float:
+        """Return how many σ away it is below `faint`."""
+        return math.sqrt(-2.0 * math.log(faint))

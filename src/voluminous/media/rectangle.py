@@ -1,0 +1,84 @@
+"""Shells of constant coefficients."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..expressions import Ops
+from .contract import Context
+from .crossings import passes
+from .modulation import Middle
+from .shape_means import box_mean
+from .shape_middles import box_middle
+from .shaped import Shaped
+
+if TYPE_CHECKING:
+    from ..expressions.traced_interval import TracedInterval
+    from .stretch import Stretch
+
+
+class Rectangle(Shaped):
+    """A shell of constant coefficients: T = h/path_length up to `half_width` from the centre.
+
+    Parameters
+    ----------
+    expr : str
+        Expression x of the fields.
+    center, half_width : float or Quantity
+        Where the shell is, and half how wide, in x.
+    color, opacity, path_length, where
+        As in `Gaussian`.
+
+    Notes
+    -----
+    The rectangle function of Peters, *The physics of volume rendering* (2014), section 4.
+    """
+
+    _width_name = "half_width"
+
+    def __init__(
+        self,
+        expr: Any,
+        center: Any,
+        half_width: Any,
+        color: Any,
+        opacity: Any,
+        path_length: Any,
+        *,
+        where: Any = None,
+    ) -> None:
+        super().__init__(expr, center, half_width, color, opacity, path_length, where)
+
+    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
+        """Return one within the half width, else zero; NaN stays NaN."""
+        box = ops.number(abs(offset) <= width)
+        return ops.where(offset == offset, box, offset)
+
+    def mean_shape(self, first: Any, last: Any) -> Any:
+        """Return which part of the way is within the half width."""
+        return box_mean(first, last)
+
+    def mean_bounds(
+        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+    ) -> TracedInterval:
+        """Return the part of the chord within the half width, with that moved in and out."""
+        from .mean_bounds import box_bounds
+
+        return box_bounds(first, last, farthest)
+
+    def middle(self, first: Any, last: Any) -> Middle:
+        """Return the middle of the part that is within the half width."""
+        return box_middle(first, last)
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return also where an edge may be passed more often than a panel's ends show."""
+        seen, hidden = super().visible(stretch, context)
+        center, narrowness, _ = self._kept(context)
+        for edge in (center - 1.0 / narrowness, center + 1.0 / narrowness):
+            possible, shown = passes(stretch, self.expr, edge)
+            hidden |= seen & (possible > shown)
+        return seen, hidden
+
+    def reach(self, faint: float) -> float:
+        """Return one: beyond the half width there is nothing."""
+        return 1.0

@@ -1,0 +1,120 @@
+"""What users give for surfaces, brought into one form: levels, colours, opacities."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..colormaps import get_color, get_colormap, is_color
+from ..errors import InputError, UnknownNameError
+from .color_by import ColorBy
+from .contract import channel_values, check_extinction, color_values
+from .given import scalar
+from .modulation import Modulation, modulated
+
+
+def plain_number(value: Any) -> float:
+    """Return a quantity's value, or a number itself."""
+    return float(getattr(value, "value", value))
+
+
+def given_levels(level: Any, levels: Any) -> tuple[Any, ...]:
+    """Return the levels, from one or several.
+
+    Raises
+    ------
+    InputError
+        If both are given, or none.
+    """
+    if (level is None) == (levels is None):
+        raise InputError("an Isosurface needs level=…, or levels=[…] for several, and not both")
+    given = level if levels is None else levels
+    several = isinstance(given, (list, tuple)) or np.ndim(getattr(given, "value", given))
+    listed = list(given) if several else [given]
+    if not listed:
+        raise InputError("levels is empty; give at least one value")
+    return tuple(scalar(value, "level") for value in listed)
+
+
+def modulated_colors(
+    color: Any, where: Any, count: int
+) -> tuple[tuple[tuple[float, ...], ...], Modulation]:
+    """Return one colour per level, and what varies them."""
+    if isinstance(color, ColorBy):
+        row, modulation = modulated(color, where)
+        return (row,) * count, modulation
+    rows = _colors(color, count)
+    return rows, Modulation(where, None, len(rows[0]))
+
+
+def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
+    """Return one colour per level."""
+    if isinstance(color, str) and not (count == 1 and is_color(color)):
+        return _mapped(color, count)
+    several = isinstance(color, (list, tuple, np.ndarray)) and len(color)
+    nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
+    rows = [color_values(row) for row in (color if nested else [color] * count)]
+    if len(rows) != count or len({len(row) for row in rows}) != 1:
+        raise InputError(
+            f"color must be one colour, or {count} (one per level) with the same number of "
+            f"channels, got {color!r}"
+        )
+    return tuple(rows)
+
+
+def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
+    """Return colours from a colormap, or one that all levels share."""
+    try:
+        colormap = get_colormap(name)
+    except UnknownNameError:
+        if is_color(name):
+            return (get_color(name),) * count
+        raise
+    places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
+    return tuple(tuple(map(float, row[:3])) for row in colormap(places))
+
+
+def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[float, ...], ...]:
+    """Return one row of opacities per level; all of one number where that is all there is (grey).
+
+    Raises
+    ------
+    InputError
+        If they are not from 0 to 1, or as many as levels or channels.
+    """
+    rows = [channel_values(row, "opacity") for row in _opacity_rows(opacity, count)]
+    for row in rows:
+        check_extinction(row, channels, "opacity")
+        if max(row) > 1:
+            raise InputError(
+                "opacity is the part of the light that one crossing takes away: from 0 to 1, "
+                f"got {max(row):g}"
+            )
+    if all(len(set(row)) == 1 for row in rows):
+        return tuple(row[:1] for row in rows)
+    return tuple(row if len(row) > 1 else row * channels for row in rows)
+
+
+def _opacity_rows(opacity: Any, count: int) -> list[Any]:
+    """Return what is given for each level."""
+    several = isinstance(opacity, (list, tuple, np.ndarray))
+    nested = several and any(np.ndim(row) for row in opacity)
+    if nested and len(opacity) != count:
+        raise InputError(
+            f"opacity must be one row per level (there are {count}), got {len(opacity)} rows"
+        )
+    return list(opacity) if nested or (several and len(opacity) == count > 1) else [opacity] * count
+
+
+def fraction(value: Any, what: str) -> float:
+    """Return a number from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if not isinstance(value, (int, float)) or not 0 <= value <= 1:
+        raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
+    return float(value)

@@ -1,0 +1,155 @@
+"""Evaluate a medium on ranges of cells, and refuse coefficients that no physics can use."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import numpy as np
+
+from ...backend import aligned, dr
+from ...errors import InputError
+from ...expressions.interval import Interval
+from ...fields import coordinate_extremes
+from ...media.bounds import RangeContext
+from ...media.contract import Context, Medium
+from .centers import Centers
+
+# Fields up to this size are copied to where kernels are the same for all (`backend.host`); larger
+# ones lie at the same place of a page anyway.
+_COPIED = 32 << 20
+
+
+class Classifier:
+    """A medium put before a volume.
+
+    Attributes
+    ----------
+    numbers : Direct or Shapes
+        What is computed per cell.
+    centers : Centers
+        The coordinates that the medium looks at.
+    """
+
+    def __init__(
+        self, volume: Any, medium: Medium, numbers: Any, backend: Any, extremes: Any = None
+    ) -> None:
+        self.volume, self.medium, self.numbers = volume, medium, numbers
+        self._largest: list[float] | None = None
+        self.backend, self.grid = backend, volume.grid
+        self.extremes = extremes if extremes is not None else functools.partial(extremes_of, volume)
+        for part in medium.components():
+            for name in part.names:
+                if name not in volume.coordinates and name not in volume:
+                    volume.array(name)  # raises the error that names the nearest field
+        self.centers = Centers(volume, medium.names, backend)
+
+    def context(self, real: Any) -> Context:
+        """Return how the medium is evaluated with numbers of a type."""
+        return Context(
+            real=real,
+            number=lambda value: dr.opaque(real, value),
+            unit=self.volume.unit,
+            unit_of=self.volume.expression_unit,
+        )
+
+    def classify(self, first: int, count: int) -> list[Any]:
+        """Return the numbers times the grid's scale for consecutive cells (traced)."""
+        fields = self.centers.part(first, count)
+        for name in self.medium.names:
+            if name not in fields:
+                fields[name] = self._values(name, first, count)
+        spread = dr.zeros(self.backend.Wide, count)
+        return [spread + v for v in self.evaluate(fields)]
+
+    def evaluate(self, fields: dict[str, Any]) -> list[Any]:
+        """Return the numbers times the grid's scale, from field values (traced)."""
+        scale = self.backend.wide(self.grid.scale)
+        return [v * scale for v in self.numbers.values(fields, self.context(self.backend.Wide))]
+
+    def largest(self) -> list[float]:
+        """Return bounds of the numbers' magnitudes, from the ranges of the fields alone."""
+        if self._largest is None:
+            self._largest = self._find_largest()
+        return list(self._largest)
+
+    def expect(self, largest: list[float]) -> None:
+        """Say what `largest` found for the same medium and fields before."""
+        self._largest = list(largest)
+
+    def _find_largest(self) -> list[float]:
+        fields = {name: self.range_of(name) for name in self.medium.names}
+        return [float(end.max()) for end in self.most_in(fields)]
+
+    def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
+        """Return bounds of the numbers' magnitudes while the fields stay in ranges."""
+        context = RangeContext(self.volume.unit, self.volume.expression_unit)
+        with np.errstate(all="ignore"):
+            found = self.numbers.ranges(fields, context)
+        return [np.maximum(np.abs(v.lo), np.abs(v.hi)) * self.grid.scale for v in found]
+
+    def range_of(self, name: str) -> Interval:
+        """Return the values of a field, or of a coordinate, in the whole volume."""
+        if name in self.volume:
+            return Interval(*(np.asarray(value) for value in self.extremes(name)))
+        return Interval(*(np.asarray(end) for end in coordinate_extremes(self.grid, name)))
+
+    def unusable(self, values: list[Any]) -> Any:
+        """Return where numbers are not finite, or an extinction is negative (traced)."""
+        bad = self.backend.Bool(False)
+        for v in values:
+            bad |= ~dr.isfinite(v)
+        for v in values[self.numbers.emissions :]:
+            bad |= v < 0
+        return bad
+
+    def _values(self, name: str, first: int, count: int) -> Any:
+        flat = self.volume.array(name).reshape(-1)[first : first + count]
+        held = aligned(flat) if flat.nbytes <= _COPIED else flat
+        return self.backend.Wide(device_array(held, self.backend))
+
+    def refuse(self, values: list[Any], bad: Any, first: int) -> None:
+        """Raise the error that names the first cell with unusable coefficients.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        bad = np.asarray(bad)
+        place = int(np.flatnonzero(bad)[0])
+        cell = tuple(int(i) for i in np.unravel_index(first + place, self.grid.shape))
+        told = []
+        for k, v in enumerate(values):
+            value = float(np.asarray(v)[place]) / self.grid.scale
+            if not np.isfinite(value) or (k >= self.numbers.emissions and value < 0):
+                name = "emissivity" if k < self.numbers.emissions else "extinction"
+                told.append(f"{name} of channel {k % self.numbers.emissions} is {value:g}")
+        fields = ", ".join(
+            f"{name} = {self.volume.array(name)[cell]:g}"
+            for name in self.medium.names
+            if name in self.volume
+        )
+        raise InputError(
+            f"the medium gives coefficients that cannot be used in {int(bad.sum())} cells (of "
+            f"those looked at so far); the first is {cell}: {'; '.join(told)}"
+            f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction "
+            "finite and not negative: clip the fields, or use where(...) in the expression"
+        )
+
+
+def extremes_of(volume: Any, name: str) -> tuple[float, float]:
+    """Return the least and the largest value of a field."""
+    array = volume.array(name)
+    return float(array.min()), float(array.max())
+
+
+def device_array(flat: np.ndarray, backend: Any) -> Any:
+    """Return numbers on the device, integers as floating point that holds them.
+
+    Float arrays in the CPU's memory are used where they are.
+    """
+    if flat.dtype.kind != "f":
+        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+    kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
+    return kind(flat)

@@ -1,0 +1,1 @@
+"""What rays may leap over: blocks and leaves that show nothing."""

@@ -1,0 +1,1 @@
+"""Fields between the points where they are known, as rays gather them."""

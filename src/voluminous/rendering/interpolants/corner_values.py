@@ -1,0 +1,210 @@
+"""A field at the corners of the cells of a tree, so that it is continuous between them.
+
+The value at a vertex is the mean of what the cells in the eight octants around it say: each its own
+value, moved along its gradient (`cell_slopes`). That is exact for linear fields, whatever the sizes
+of the cells, and of second order at jumps of level, where plain means are of first. Where all eight
+are alike they are moved half the way only: then the mean is off by the fourth order in the cells'
+size, and plain means by the second. It is kept between the values of the cells around; at the
+surface of the domain, where there are cells on one side only, that is all there is.
+
+A vertex of one cell may lie inside a face or an edge of a larger one ("hanging"). There it gets the
+value that is interpolated in the largest such cell, from coarse to fine: so neighbours of any sizes
+agree on all of the wall they share (the constraints of hanging nodes of finite elements).
+
+Of a smooth field on a tree refined twice around a shell, corners are off by 1.4e-3 at most and by
+8.8e-5 on average (root mean square) with base cells of 1/16; by 1.5e-2 and 1.3e-3 with plain means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr, from_host, get_backend
+from ...grids.trees.lookup import Cell
+from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings, boxes_between
+from ...memory import check_memory
+from .cell_slopes import CellSlopes
+from .meeting import Meeting, is_corner
+
+# Cells whose corners are computed at once, and the bytes that takes.
+_CHUNK = 1 << 18
+_CHUNK_BYTES = 400 * _CHUNK
+
+
+class CornerValues:
+    """Computes the values at the corners of all cells.
+
+    Parameters
+    ----------
+    grid : TreeCells or RefinedCells
+    values : float array, shape (cells,)
+    backend : Backend
+
+    Raises
+    ------
+    MemoryNeededError
+        If there is not enough memory.
+    """
+
+    def __init__(self, grid: Any, values: np.ndarray, backend: Any) -> None:
+        needed = 12 * grid.size * backend.dtype.itemsize + min(_CHUNK_BYTES, 1600 * grid.size)
+        advice = "use scheme='first-order', or a coarser or smaller volume"
+        check_memory(needed, "a field at the corners of cells", advice)
+        self.grid, self.backend = grid, get_backend(backend.device, "double")
+        self.around: Surroundings = grid.surroundings(backend)
+        self.spacing = self.around.spacing(grid, self.backend)
+        self.real = backend.Float
+        self.values = self.real(np.ascontiguousarray(values, dtype=backend.dtype))
+        self.slopes = [dr.zeros(self.real, grid.size) for _ in range(3)]
+        self.data = dr.full(self.real, np.nan, 8 * grid.size)
+
+    def compute(self) -> Any:
+        """Return them: eight numbers per cell, z fastest."""
+        self._set_slopes()
+        for first, boxes in self._parts():
+            self._share(first, boxes)
+        for level in range(len(self.grid.cells_per_level)):
+            self._complete(level)
+        return self.data
+
+    def _parts(self) -> Iterator[tuple[int, Boxes]]:
+        """Return consecutive cells: the first one's number, and where they are."""
+        for first in range(0, self.grid.size, _CHUNK):
+            last = min(first + _CHUNK, self.grid.size)
+            yield first, boxes_between(self.grid, first, last, self.backend)
+
+    def _set_slopes(self) -> None:
+        """Compute the gradients in all cells."""
+        UInt = self.backend.UInt
+        slopes = CellSlopes(self.around, self.spacing, self.values, self.backend)
+        for first, boxes in self._parts():
+            number = dr.arange(UInt, dr.width(boxes.low)) + dr.opaque(UInt, first)
+            for whole, part in zip(self.slopes, slopes.of(number, boxes), strict=True):
+                dr.scatter(whole, self.real(part), number)
+            dr.eval(self.slopes)
+
+    def _share(self, first: int, boxes: Boxes) -> None:
+        """Compute the values at lower corners of cells, for all cells that meet there.
+
+        Where one of these has no corner there, it is left to `_complete`.
+        """
+        vertex, UInt = boxes.low, self.backend.UInt
+        found = self._meeting(vertex)
+        value = self.real(found.mean())
+
+        def more(octant: Any) -> Any:
+            return (octant < 8) & ~found.hanging
+
+        def write(octant: Any) -> tuple[Any]:
+            cell, there = self._cell(vertex, octant)
+            dr.scatter(self.data, value, 8 * cell.number + (7 - octant), there)
+            return (octant + 1,)
+
+        # In a loop, all is one kernel: scatters after one another would be one each.
+        dr.while_loop((dr.zeros(UInt, dr.width(vertex)),), more, write, label="share")
+        dr.eval(self.data)
+
+    def _complete(self, level: int) -> None:
+        """Compute what lacks at the corners of cells of a level; larger cells have theirs."""
+        UInt, grid = self.backend.UInt, self.grid
+        for first in range(0, grid.size, _CHUNK):
+            own = np.flatnonzero(grid.levels[first : first + _CHUNK] == level)
+            slot = self._lacking(from_host(UInt, first + own))
+            if not dr.width(slot):
+                continue
+            last = min(first + _CHUNK, grid.size)
+            boxes = boxes_between(grid, first, last, self.backend)
+            vertex = boxes.corner((slot >> 3) - dr.opaque(UInt, first), slot & 7)
+            value = self._value(vertex)
+            dr.eval(value)  # what is read while it is written would be copied
+            dr.scatter(self.data, value, slot)
+            dr.eval(self.data)
+
+    def _lacking(self, cell: Any) -> Any:
+        """Return the corners of some cells that have no value."""
+        UInt = self.backend.UInt
+        if not dr.width(cell):
+            return UInt()
+        lane = dr.arange(UInt, 8 * dr.width(cell))
+        slot = 8 * dr.gather(UInt, cell, lane >> 3) + (lane & 7)
+        lacking: Any = dr.compress(dr.isnan(dr.gather(self.real, self.data, slot)))
+        slot = dr.gather(UInt, slot, lacking)
+        dr.eval(slot)
+        return slot
+
+    def _value(self, vertex: list[Any]) -> Any:
+        """Return the values at vertices."""
+        found = self._meeting(vertex)
+        inside = self._inside(vertex, found)
+        return self.real(dr.select(found.hanging, inside, found.mean()))
+
+    def _cell(self, vertex: list[Any], octant: Any) -> tuple[Cell, Any]:
+        """Return the cells in an octant around vertices, and where there is one."""
+        place = [
+            v + dr.select((octant >> (2 - axis)) & 1 == 1, 0.5, -0.5)
+            for axis, v in enumerate(vertex)
+        ]
+        return self.around.cell_at(place, dr.full(self.backend.Bool, True, dr.width(vertex)))
+
+    def _meeting(self, vertex: list[Any]) -> Meeting:
+        """Return what the cells around vertices say of them."""
+
+        def more(octant: Any, found: Meeting) -> Any:
+            return octant < 8
+
+        def ask(octant: Any, found: Meeting) -> tuple[Any, Meeting]:
+            cell, there = self._cell(vertex, octant)
+            return octant + 1, self._asked(found, vertex, cell, there)
+
+        octant = dr.zeros(self.backend.UInt, dr.width(vertex))
+        start = Meeting.start(self.backend, dr.width(vertex))
+        _, found = dr.while_loop((octant, start), more, ask, label="meeting")
+        return found
+
+    def _asked(self, found: Meeting, vertex: list[Any], cell: Cell, there: Any) -> Meeting:
+        """Return what cells say of vertices, with one cell more."""
+        low, extent = self.around.box(cell)
+        middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
+        width = self.spacing.widths(middle, extent)
+        step = self.around.steps(middle, extent, width)
+        value = self._of(self.values, cell.number, there)
+        rise = self.backend.Float(0)
+        for v, m, e, w, slopes in zip(vertex, middle, extent, step, self.slopes, strict=True):
+            rise = dr.fma((v - m) / e * w, self._of(slopes, cell.number, there), rise)
+        on_wall = there & ~is_corner(vertex, low, extent)
+        size = extent[0] + extent[1] + extent[2]
+        larger = on_wall & (size > found.size)
+        pairs = zip((*low, *extent), (*found.low, *found.extent), strict=True)
+        box = [dr.select(larger, new, old) for new, old in pairs]
+        return Meeting(
+            found.count + dr.select(there, 1.0, 0.0),
+            found.values + dr.select(there, value, 0.0),
+            found.rises + dr.select(there, rise, 0.0),
+            dr.select(there & (value < found.least), value, found.least),
+            dr.select(there & (value > found.most), value, found.most),
+            found.alike & there & found.is_alike(width),
+            width,
+            found.hanging | on_wall,
+            dr.select(larger, cell.number, found.number),
+            box[:3],
+            box[3:],
+            dr.select(larger, size, found.size),
+        )
+
+    def _of(self, table: Any, number: Any, active: Any) -> Any:
+        """Return what a table tells of cells, in double precision."""
+        return self.backend.Float(dr.gather(self.real, table, number, active))
+
+    def _inside(self, vertex: list[Any], found: Meeting) -> Any:
+        """Return what is interpolated in the largest cells, whose corners are known."""
+        total = self.backend.Float(0)
+        box = zip(vertex, found.low, found.extent, strict=True)
+        f = [(v - a) / s for v, a, s in box]
+        for corner, up in enumerate(OCTANTS):
+            parts = [x if b else 1.0 - x for x, b in zip(f, up, strict=True)]
+            value = self._of(self.data, 8 * found.number + corner, found.hanging)
+            total += parts[0] * parts[1] * parts[2] * value
+        return total

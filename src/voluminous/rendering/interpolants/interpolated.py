@@ -1,0 +1,135 @@
+"""Fields interpolated along rays, and a medium that classifies them there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from ...expressions import Expression
+from ...grids.cartesian.dual_walk import Chord
+from ...grids.trilinear import trilinear
+from ...media.contract import Context
+from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
+from ...schemes.path import Path
+from ..coefficients.classify import Classifier
+from .lattice import Corners
+
+
+class Interpolated:
+    """What a scheme on interpolated fields gets its coefficients from.
+
+    Attributes
+    ----------
+    numbers : Direct or Shapes
+        What is integrated.
+    scalars : tuple of Expression
+        What is carried from one stretch to the next.
+    tolerance : tuple of arrays
+        The errors of emission and transparency allowed per stretch.
+    neglected, neglected_depth : float
+        What faint places that are left out may emit and absorb along a ray, in all.
+    """
+
+    def __init__(
+        self,
+        classifier: Classifier,
+        lattices: dict[str, Any],
+        context: Context,
+        blocks: Any,
+        paths: float,
+    ) -> None:
+        self.classifier, self.lattices, self.context = classifier, lattices, context
+        self.numbers, self.backend = classifier.numbers, classifier.backend
+        self.blocks = blocks
+        self.walk: Any = None  # through less than the whole grid
+        self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
+        self.tolerance: tuple[Any, Any] = ()  # type: ignore[assignment]
+        # A ray that never comes nearer to a shell than where it is neglected may pass along it
+        # all the way.
+        most = 1e-3 * float(np.finfo(self.backend.dtype).max)
+        self.neglected = min(paths * context.faint * self.numbers.one_path(), most)
+        self.neglected_depth = min(paths * context.faint * self.numbers.one_depth(), 1.0)
+        self.largest = self.numbers.in_units(classifier.largest())
+        self.looks_inside = classifier.medium.looks_inside
+        self.scalars: tuple[Expression, ...] = classifier.medium.scalars()
+        self.units = {
+            name: context.number(lattice.unit)
+            for name, lattice in lattices.items()
+            if lattice.unit != 1.0
+        }
+        names = classifier.medium.names
+        every = "r" in names or bool(context.coordinates)
+        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
+
+    def allow(self, emission: float, transparency: float) -> None:
+        """Set the errors allowed per segment."""
+        o = self.backend.opaque
+        most = float(np.finfo(self.backend.dtype).max)
+        self.tolerance = (o(min(emission, most)), o(min(transparency, most)))
+
+    def corners(self, chord: Chord, active: Any) -> dict[str, Corners]:
+        """Return the values of every field around the dual cell of a segment."""
+        return {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+
+    def values(self, chord: Chord, corners: dict[str, Corners], s: float) -> dict[str, Any]:
+        """Return every field at the beginning (0) or the end (1) of a segment."""
+        place = chord.end if s else chord.start
+        found = {name: self._value(name, trilinear(c, place)) for name, c in corners.items()}
+        for a in self.coordinates:
+            here = chord.position[a] + chord.step[a] if s else chord.position[a]
+            found["xyz"[a]] = self.context.real(here)
+        return with_coordinates(within_limits(found, self.context), self.context)
+
+    def cubics(self, chord: Chord, corners: dict[str, Corners]) -> dict[str, list[Any]]:
+        """Return every field along a segment, as a polynomial of s from 0 to 1."""
+        found = {name: chord.cubic(values) for name, values in corners.items()}
+        for a in self.coordinates:
+            found["xyz"[a]] = [chord.position[a], chord.step[a]]
+        return found
+
+    def stretch(self, cubics: dict[str, list[Any]], length: Any) -> Stretch:
+        """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
+        return Stretch(self._own(cubics), self.context, length)
+
+    def straight(self, cubics: dict[str, list[Any]], length: Any) -> Straight:
+        """Return the same with scalars taken as linear."""
+        return Straight(self._own(cubics), self.context, length)
+
+    def _own(self, cubics: dict[str, list[Any]]) -> dict[str, list[Any]]:
+        return {name: [self._value(name, v) for v in c] for name, c in cubics.items()}
+
+    def _value(self, name: str, value: Any) -> Any:
+        """Return a field's value in the type that expressions are evaluated in."""
+        value = self.context.real(value)
+        return value * self.units[name] if name in self.units else value
+
+    def means(self, panel: Panel) -> tuple[list[Any], list[Any]]:
+        """Return mean j and α over a panel, per length of the grid's scale."""
+        j, alpha = self.numbers.split(self.numbers.means(panel, self.context))
+        # What no physics can use becomes NaN, which the picture shows: it is looked at afterwards.
+        return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
+
+    def cores(self, stretch: Stretch) -> list[list[Any]]:
+        """Return how many structures are in each half of a stretch, for each part of a sum."""
+        return [part.cores(stretch, self.context) for part in self.classifier.medium.components()]
+
+    def shares(self, path: Path, panel: Panel) -> list[tuple[Any, Any]]:
+        """Return the brightness and the optical depth of each part of a sum on a solved panel."""
+        return self.numbers.shares(path, panel, self.context)
+
+    @property
+    def steady(self) -> bool:
+        """Whether what an opaque medium shows is the same everywhere."""
+        parts = self.classifier.medium.components()
+        return len(parts) == 1 and parts[0].steady
+
+    def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
+        """Return how thin the medium's structures are, and how far bends may put means off."""
+        return self.classifier.medium.sharpness(stretch, self.context)
+
+    def visible(self, stretch: Stretch) -> tuple[Any, Any]:
+        """Return where the medium may be noticeable, and where panels may not show that."""
+        return self.classifier.medium.visible(stretch, self.context)

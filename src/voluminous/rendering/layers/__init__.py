@@ -1,0 +1,1 @@
+"""Stars, lines and other things, each at its depth in a picture."""

@@ -1,0 +1,101 @@
+"""The one ray loop: grid walk → scheme ← medium, folded into a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ...backend import dr
+from ...grids.cartesian.leap import leap
+from ...grids.contract import Ray
+from ...schemes.path import Path, most, over
+
+
+@dataclass
+class Cutoff:
+    """When a front-to-back ray stops: what is behind can no longer matter.
+
+    A ray stops where ``transparency · behind < Σ weight · emission + least``: `behind` bounds what
+    can come from behind, and the sum is an allowed fraction of what the ray has gathered. With
+    ``behind = 1`` and no weights it stops at transparency `least`.
+    """
+
+    behind: Any
+    weights: list[Any]
+    least: Any
+
+    def reached(self, path: Path) -> Any:
+        """Return the lanes that may stop."""
+        brightest = most(path.transparency)
+        enough = self.least
+        for weight, b in zip(self.weights, path.emission, strict=False):
+            enough = dr.fma(weight, b, enough)
+        return brightest * self.behind < enough
+
+
+@dataclass
+class State:
+    """What goes round the loop; `over` tells the lanes that reached the cut-off."""
+
+    cursor: Any
+    carried: list[Any]
+    path: Path
+    over: Any
+
+
+def march(
+    walk: Any, source: Any, scheme: Any, ray: Ray, path: Path, cutoff: Cutoff | None, backward: bool
+) -> State:
+    """Follow rays through the volume and return where they end, and what they have gathered.
+
+    The cursor of a ray that stopped early is still inside.
+
+    Parameters
+    ----------
+    walk, source, scheme
+        How to step, what the medium is, and how one segment is solved.
+    ray : Ray
+        Rays to follow; they run towards the camera if `backward`.
+    path : Path
+        What the rays have gathered before: a chunk goes on where the one before it stopped.
+    cutoff : Cutoff or None
+        When to stop early (only away from the camera).
+    backward : bool
+        Fold back to front.
+    """
+    track, cursor = walk.enter(ray)
+    never = cursor.inside & False
+    state = State(cursor, scheme.start(source, walk, track, cursor), path, never)
+
+    def going_on(state: State) -> Any:
+        return state.cursor.inside & ~state.over
+
+    def step(state: State) -> tuple[State]:
+        segment, cursor = walk.next(track, state.cursor)
+        solution, carried = scheme.solve(source, walk, track, segment, state.carried, backward)
+        front, back = (solution, state.path) if backward else (state.path, solution)
+        # The path BEFORE this segment is tested: the next look-up then need not wait for this
+        # segment's exponential (first order: 32 instead of 43 ms; one segment more is harmless).
+        reached = never if cutoff is None else cutoff.reached(state.path)
+        return (State(cursor, carried, over(front, back), reached),)
+
+    def visit(state: State) -> tuple[State]:
+        """Cross what is empty, then the block that is not."""
+        found = leap(walk, track, state.cursor, source.blocks)
+        carried = scheme.leapt(state.carried, found.moved)
+
+        def within(state: State) -> Any:
+            return going_on(state) & (state.cursor.t < found.leave)
+
+        entered = State(found.cursor, carried, state.path, state.over)
+        if source.blocks.coarse:
+            # One step crosses most blocks: a loop over them takes longer than looking again where
+            # it does not (core, 100³: 20 ms with it, 17 ms without).
+            (left,) = step(entered)
+            return (dr.select(going_on(entered), left, entered),)
+        (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} block")
+        return (left,)
+
+    body = visit if walk.leaps and source.blocks is not None else step
+    (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
+    return state
