@@ -322,7 +322,7 @@ def test_every_level_has_its_own_opacity(opacity, rows, width):
     medium = vm.Isosurface("a", levels=[1, 2, 3], color=colors, opacity=opacity, width=width)
     image = vm.render(ramp(), medium, vm.Orthographic(width=1, resolution=1), bounds=True)
     through = 1 - np.array(rows)
-    # From the observer, above, to the last one: every crossing shows color · opacity of what is left.
+    # From the observer, above, to the last one: each shows color · opacity of what is left.
     before = np.cumprod(np.vstack([np.ones(3), through[:0:-1]]), axis=0)[::-1]
     shown = (before * colors * (1 - through)).sum(axis=0)
     np.testing.assert_allclose(image.intensity[0, 0], shown, rtol=1e-5)

@@ -99,6 +99,24 @@ def unit_quantity(array: np.ndarray, unit: Any) -> Any:
     return u.Quantity(array, unit, copy=False, subok=True)
 
 
+def checked_grid(grid: Any) -> Any:
+    """Return a grid, or refuse what is none.
+
+    Raises
+    ------
+    InputError
+        For anything without cells that rays can walk through.
+    """
+    if hasattr(grid, "walk") and hasattr(grid, "coordinates"):
+        return grid
+    advice = "vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), density=array)"
+    if isinstance(grid, np.ndarray):
+        advice = f"vm.Volume(vm.CartesianGrid.uniform({grid.shape}, (-1, 1)), density=array)"
+    raise InputError(
+        f"a Volume is a grid and its fields, such as {advice}; got {type(grid).__name__} first"
+    )
+
+
 def checked_name(name: Any, reserved: tuple[str, ...] = COORDINATES) -> str:
     """Return the name as expressions know it (Unicode-normalised, as in Python).
 

@@ -24,6 +24,7 @@ from .expressions import (
 )
 from .fields import (
     checked_array,
+    checked_grid,
     checked_name,
     coordinate_names,
     coordinates,
@@ -70,7 +71,7 @@ class Volume(OnOtherCells):
     """
 
     def __init__(self, grid: Any, fields: Mapping[str, Any] | None = None, **named: Any) -> None:
-        self.grid = grid
+        self.grid = checked_grid(grid)
         # What a file tells besides: "time", "redshift", "object" …, as plain values or texts.
         self.meta: dict[str, Any] = {}
         # The sky and the spectrum behind the grid's x, y, z: an astropy WCS, or None.

@@ -23,6 +23,7 @@ from .layers.pairs import with_channels
 from .options import background_array
 from .prepare import prepare, silent
 from .sky import image_wcs
+from .unseen import warn_if_nothing_shows
 
 # For a first picture: all is seen, from obliquely above.
 _ABOVE = Orthographic(incl=60.0, phi=30.0)
@@ -94,6 +95,11 @@ def render(
         Intensity (ny, nx, channel), transparency and optical depth. An opaque object makes the
         transparency zero; optical depths are always those of the medium alone.
 
+    Warns
+    -----
+    UserWarning
+        If the picture shows nothing of the medium, with the ranges of what it looks at.
+
     Raises
     ------
     InputError
@@ -123,7 +129,9 @@ def render(
     planes = job.run(float(np.max(np.abs(behind))))
     _check_finite(planes)
     told = {"samples": samples, "order": order}
-    if things:
+    if not things:
+        warn_if_nothing_shows(job, planes)
+    else:
         channels = channel_count(things, job)
         behind = wide_background(behind, job.medium.channels, channels)
         planes = with_objects(planes, job, things, behind, channels)
