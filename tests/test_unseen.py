@@ -57,7 +57,7 @@ def test_no_warning_where_anything_shows_or_other_things_are_drawn(volume):
         warnings.simplefilter("error")
         vm.render(volume, vm.Isosurface("density", 100.0), CAMERA)
         vm.render(volume, vm.Isosurface("density", 100.0, color=0.0), CAMERA)  # it absorbs
-        stars = vm.Stars([[0, 0, 0]], luminosity=1.0)
+        stars = vm.Star((0, 0, 0), luminosity=1.0)
         vm.render(volume, vm.Isosurface("density", 500.0), CAMERA, objects=[stars])
 
 
