@@ -104,7 +104,7 @@ class Nearest:
         UInt, box = self.backend.UInt, dr.arange(self.backend.UInt, 8 * len(counts)) >> 3
         ends = np.cumsum(counts, dtype=np.int64)
         last = dr.gather(UInt, from_host(UInt, ends), box)
-        first = last - dr.gather(UInt, UInt(counts), box)
+        first = last - dr.gather(UInt, from_host(UInt, counts), box)
         begin, end = (from_host(UInt, self.start[n]) for n in (node, self.nodes.after[node]))
 
         def more(j: Any, best: Any, found: Any) -> Any:

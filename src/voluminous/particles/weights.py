@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, get_backend
+from ..backend import dr, from_host, get_backend
 from .kernels import Kernel
 from .overlaps import Overlaps, Pairs
 
@@ -40,8 +40,8 @@ class KernelWeights:
         """Return the weights of pairs, float32: they add up to about one for each particle."""
         UInt, over = self.backend.UInt, self.overlaps
         packet = self.backend.packet(4)
-        box = dr.gather(packet, over.boxes, UInt(pairs.node))
-        sphere = dr.gather(packet, over.spheres, UInt(pairs.particle))
+        box = dr.gather(packet, over.boxes, from_host(UInt, pairs.node))
+        sphere = dr.gather(packet, over.spheres, from_host(UInt, pairs.particle))
         low, size = [], []
         for axis, width in enumerate(over.width):
             a, b = self._common(box[axis] - sphere[axis], box[3] * width, sphere[3])

@@ -29,7 +29,7 @@ class TracedPatches:
         self.exact = self.sizes.exact and bool((np.frexp(tree.units)[0] == 0.5).all())
         rows = patches.rows.copy()
         rows[:, 3] = self.sizes.codes[patches.level] | (rows[:, 3] & TABLED)
-        self.rows = backend.UInt(rows.reshape(-1))
+        self.rows = from_host(backend.UInt, rows.reshape(-1))
         self.tabled = bool(patches.hidden.any())
         self.numbers = backend.UInt(patches.numbers) if self.tabled else None
         self.Four = backend.module.Array4u
