@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,13 @@ if TYPE_CHECKING:
     from .paths import Paths
 
 # What one segment may be off by, as a fraction of what a pixel may; lower in every round.
-_SHARES = (0.1, 0.02, 0.004)
+_SHARES = (0.05, 0.01, 0.002)
+# So many pixels tell how bright a picture is, if it has at least a few times as many. Of shells in
+# real data half of the pixels were drawn twice without that: 1.07 s in place of 1.72, 1.45 of 2.29.
+_SAMPLES, _WORTHWHILE = 2500, 4
+# Where the brightest of them is so many times as bright as nearly all others, it may be beside a
+# peak that is brighter still.
+_PEAK = 3.0
 # Rounding of a path of many segments, as a fraction of its brightness.
 _ROUNDING = {"single": 3e-6, "double": 1e-14}
 
@@ -21,9 +28,9 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
 
     The second value is False if the medium's faint places, which are left out, may show more.
 
-    First every segment is solved in two panels, whatever its error. That tells how bright the
-    picture is, and in most pixels it is good enough; the others are drawn again with narrower
-    panels.
+    Some pixels tell how bright the picture is, and so what segments may be off by: narrower panels
+    where two per segment are not good enough. Pixels in which that still adds up to too much are
+    drawn again with smaller shares.
 
     Parameters
     ----------
@@ -34,18 +41,56 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
     """
     source = drawing.source
     behind = background / source.numbers.unit
-    source.allow(np.inf, np.inf)
+    first, *shares = _SHARES
+    brightness = _sampled_brightness(drawing)
+    if brightness > 0.0:
+        scale = brightness + behind
+        source.allow(first * tolerance * scale, first * tolerance)
+    else:  # not known yet
+        source.allow(np.inf, np.inf)
+        shares = list(_SHARES)
     paths = drawing.frame()
-    for share in _SHARES:
-        scale = float(np.max(paths.error[2], initial=0.0)) + behind
+    for share in shares:
+        scale = _brightness(paths) + behind
         wrong = _too_wrong(paths, tolerance, scale, behind)
         if not len(wrong):
             break
         source.allow(share * tolerance * scale, share * tolerance)
         paths.put(wrong, drawing.pixels(wrong))
-    source.allow(_SHARES[0] * tolerance * scale, _SHARES[0] * tolerance)  # for rays still to come
+    source.allow(first * tolerance * scale, first * tolerance)  # for rays still to come
     _add_floor(drawing, paths)
     return paths, source.neglected <= tolerance * scale
+
+
+def _brightness(paths: Paths) -> float:
+    return float(np.max(paths.error[2], initial=0.0))
+
+
+def _sampled_brightness(drawing: Drawing) -> float:
+    """Return how bright the brightest of some pixels is, without looking at errors; 0 of few."""
+    nx, ny = drawing.job.frame.pixels
+    if nx * ny < _WORTHWHILE * _SAMPLES:
+        return 0.0
+    drawing.source.allow(np.inf, np.inf)
+    step = nx * ny // _SAMPLES | 1  # odd: not in few columns
+    pixel = np.arange(step // 2, nx * ny, step)
+    found = drawing.pixels(pixel).error[2]
+    brightest = float(np.max(found))
+    if brightest <= _PEAK * float(np.quantile(found, 0.99)):
+        return brightest
+    return max(
+        brightest, _brightness(drawing.pixels(_around(pixel[np.argmax(found)], step, nx, ny)))
+    )
+
+
+def _around(pixel: int, step: int, nx: int, ny: int) -> np.ndarray:
+    """Return the pixels around one, about as far as the next samples."""
+    reach = math.isqrt(step) + 1
+    x, y = (
+        np.arange(max(place - reach, 0), min(place + reach + 1, count))
+        for place, count in ((pixel % nx, nx), (pixel // nx, ny))
+    )
+    return np.asarray((y[:, None] * nx + x).reshape(-1))
 
 
 def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> np.ndarray:
