@@ -74,6 +74,12 @@ def horner(x: Any, coefficients: Sequence[Any]) -> Any:
     return total
 
 
+def unit_interval(f: Any) -> Any:
+    """Return the number between 0 and 1 that is nearest."""
+    f = dr.select(f > 0.0, f, 0.0)
+    return dr.select(f < 1.0, f, 1.0)
+
+
 def first_true(count: int, UInt: Any, holds: Any) -> Any:
     """Return the first of `count` indices for which an ascending condition holds; `count` if none.
 

@@ -7,9 +7,10 @@ from math import ceil, log10
 from typing import TYPE_CHECKING, Any
 
 from ..errors import VoluminousError
+from ..first_view import FIRST_INCL, FIRST_PHI
 from .data import DataFile
 from .info_field import Look
-from .render_volume import INCL, LEVELS, PHI, PIXELS, shows_labels
+from .render_volume import LEVELS, PIXELS, shows_labels
 
 if TYPE_CHECKING:
     from ..volume import Volume
@@ -50,7 +51,7 @@ def _sections(volume: Volume, name: str) -> dict[str, Any]:
     medium = auto(volume, name, LEVELS)
     parts = [_told(part, volume) for part in medium.components()]
     more = {"render": {"scheme": "first-order"}} if shows_labels(medium) else {}
-    camera = {"incl": INCL, "phi": PHI, "resolution": PIXELS}
+    camera = {"incl": FIRST_INCL, "phi": FIRST_PHI, "resolution": PIXELS}
     return {"medium": parts, "camera": camera, **more}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
+from ..first_view import FIRST_INCL, FIRST_PHI
 from .data import DataFile
 from .info import is_image
 from .opened import opened
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from ..scene import Scene
     from ..volume import Volume
 
-INCL, PHI, LEVELS = 60.0, 30.0, 4
+LEVELS = 4
 PIXELS, _TYPE = 800, "orthographic"
 # Options that belong to data files: a scene says all this itself.
 _OPTIONS = ("field", "levels", "incl", "phi", "format")
@@ -31,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("data files", "what is chosen by itself for these")
     group.add_argument("--field", metavar="EXPR", help="field or expression to show")
     group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")
-    group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({INCL:g})")
-    group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({PHI:g})")
+    group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({FIRST_INCL:g})")
+    group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({FIRST_PHI:g})")
     group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
 
 
@@ -141,7 +142,7 @@ def scene_of(
 def _camera(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the camera; without angles that the user does not choose, if it is another one."""
     other = "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
-    angles: dict[str, Any] = {} if other else {"incl": INCL, "phi": PHI}
+    angles: dict[str, Any] = {} if other else {"incl": FIRST_INCL, "phi": FIRST_PHI}
     for name in ("incl", "phi"):
         if getattr(args, name) is not None:
             angles[name] = getattr(args, name)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr, from_host
-from ..backend.functions import first_true
+from ..backend.functions import first_true, unit_interval
 from ..geometry import is_uniform
 
 # Later than any crossing: when a ray that runs parallel to a wall meets it.
@@ -189,12 +189,6 @@ class RectilinearAxis(Axis):
         lower = dr.gather(self.backend.Float, self.mirrored, slot)
         inverse = dr.gather(self.backend.Float, self.inverse_width, slot)
         return unit_interval((dr.fma(t, track.speed, track.position) - lower) * inverse)
-
-
-def unit_interval(f: Any) -> Any:
-    """Return f between 0 and 1: rounding may put a point a hair outside its cell."""
-    f = dr.select(f > 0.0, f, 0.0)
-    return dr.select(f < 1.0, f, 1.0)
 
 
 def make_axis(edges: np.ndarray, scale: float, backend: Any) -> UniformAxis | RectilinearAxis:

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import precision_of
+from ..backend.functions import precision_of, unit_interval
 
 if TYPE_CHECKING:
     from ..expressions import Expression
@@ -28,7 +28,7 @@ def passes(stretch: Stretch, expr: Expression, level: Any) -> tuple[Any, Any]:
 
 def way_within(values: list[Any], level: Any, width: Any) -> Any:
     """Return how far a sequence goes up and down within a surface, in its widths."""
-    ends = [limited((x - level) / width + 0.5) for x in values]
+    ends = [unit_interval((x - level) / width + 0.5) for x in values]
     return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
 
 
@@ -46,9 +46,3 @@ def _sign_changes(values: list[Any], level: Any) -> Any:
         count += dr.select(below ^ now, 1, 0)
         below = now
     return count + dr.select(below ^ (last < level), 1, 0)
-
-
-def limited(f: Any) -> Any:
-    """Return a number between 0 and 1, the nearest."""
-    f = dr.select(f > 0.0, f, 0.0)
-    return dr.select(f < 1.0, f, 1.0)

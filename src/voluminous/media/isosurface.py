@@ -16,7 +16,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import precision_of
+from ..backend.functions import precision_of, unit_interval
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -27,7 +27,7 @@ from .contract import (
     Context,
     Medium,
 )
-from .crossings import NOISE, limited, passes, way_within
+from .crossings import NOISE, passes, way_within
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Factors
@@ -331,7 +331,7 @@ class Isosurface(Medium):
         """Return how much of the surface lies between two values of x, counted from its level."""
         if not self._thick:
             return dr.select((first < 0.0) ^ (last < 0.0), context.narrow(first * 0 + 1), 0.0)
-        ends = [limited(x / width + 0.5) for x in (first, last)]
+        ends = [unit_interval(x / width + 0.5) for x in (first, last)]
         return context.narrow(dr.abs(ends[1] - ends[0]))
 
     def _obliquity(self, panel: Panel, context: Context, first: Any, last: Any) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from ..calibration import auto
 from ..cameras import Orthographic
 from ..errors import InputError
+from ..first_view import FIRST_INCL, FIRST_PHI
 from ..image import Image
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
@@ -24,9 +25,6 @@ from .options import background_array
 from .prepare import prepare, silent
 from .sky import image_wcs
 from .unseen import warn_if_nothing_shows
-
-# For a first picture: all is seen, from obliquely above.
-_ABOVE = Orthographic(incl=60.0, phi=30.0)
 
 
 def render(
@@ -145,7 +143,7 @@ def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     """Return a medium and a camera, for a first picture where there are none."""
     if medium is None and isinstance(volume, Volume):
         medium = auto(volume)
-    return medium, _ABOVE if camera is None else camera
+    return medium, Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
 
 
 def _check_finite(planes: Planes) -> None:

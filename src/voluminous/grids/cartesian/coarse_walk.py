@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ..axes import Side, unit_interval
+from ...backend.functions import unit_interval
+from ..axes import Side
 from ..contract import Segment
 from .dual_walk import Chord, DualTrack, DualWalk
 from .leap import cell_ahead

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ..axes import unit_interval
+from ...backend.functions import unit_interval
 from ..contract import Ray, Segment
 from ..wall_corners import pick
 from .walk import CartesianWalk, Cursor, Exit, Track, nearest

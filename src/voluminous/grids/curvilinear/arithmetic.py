@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from ...backend import dr
-from ..axes import unit_interval
+from ...backend.functions import unit_interval
 from .edges import FULL_CIRCLE
 
 

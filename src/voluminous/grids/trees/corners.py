@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ..axes import unit_interval
+from ...backend.functions import unit_interval
 from ..contract import Corners, Segment
 from ..wall_corners import bilinear, trilinear
 from .lookup import Cell
