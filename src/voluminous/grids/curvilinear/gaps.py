@@ -80,12 +80,25 @@ class GapCrossing:
         ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
         through = nearest(ends)
         end = lesser(later(-functools.reduce(lesser, ends), t), track.leave)
-        # All walls of the other families on the way have been crossed.
-        count = [
+        count = dr.if_stmt(
+            (count, through, end),
+            end < track.leave,
+            functools.partial(self._passed, track),
+            _as_they_are,
+        )
+        return beyond(count, through), end, self._number(through)
+
+    def _passed(self, track: Any, count: list[Any], through: list[Any], end: Any) -> list[Any]:
+        """Return counts where all walls of the other families on the way have been crossed."""
+        return [
             dr.select(own, k, dr.maximum(k, family.enter(a, end)))
             for own, k, family, a in zip(through, count, self.families, track.axes, strict=True)
         ]
-        return beyond(count, through), end, self._number(through)
+
+
+def _as_they_are(count: list[Any], through: list[Any], end: Any) -> list[Any]:
+    """Return counts of rays that leave the domain: searching took a tenth of a disc's picture."""
+    return count
 
 
 def beyond(count: list[Any], through: list[Any]) -> list[Any]:
