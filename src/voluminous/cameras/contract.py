@@ -38,6 +38,10 @@ class Frame:
         """Width and height of a pixel."""
         return self.width[0] / self.pixels[0], self.width[1] / self.pixels[1]
 
+    def traced_vectors(self, backend: Any) -> list[list[Any]]:
+        """Return the vectors as `Camera.rays` takes them: run-time numbers of a kernel."""
+        return [[backend.wide(c) for c in vector] for vector in self.vectors]
+
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the image-plane coordinates of the pixel centres, x and y."""
         x, y = (

@@ -17,8 +17,8 @@ def lines_of_sight(camera: Any, grid: Any) -> tuple[np.ndarray, np.ndarray]:
     """
     frame, backend = camera.frame(grid), get_backend("cpu", "double")
     u, v = (a.ravel() for a in np.meshgrid(*frame.coordinates()))
-    vectors = [[backend.wide(c) for c in vector] for vector in frame.vectors]
-    ray = camera.rays(vectors, *(from_host(backend.Wide, place) for place in (u, v)))
+    places = (from_host(backend.Wide, place) for place in (u, v))
+    ray = camera.rays(frame.traced_vectors(backend), *places)
     nx, ny = frame.pixels
 
     def stacked(parts: Any) -> np.ndarray:

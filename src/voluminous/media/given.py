@@ -32,3 +32,8 @@ def named(value: Any) -> Any:
     if is_quantity(value):
         return f"{float(value.value)!r} {unit_name(parse_unit(value.unit))}".strip()
     return value
+
+
+def plain_number(value: Any) -> float:
+    """Return a quantity's value, or a number itself."""
+    return float(getattr(value, "value", value))

@@ -29,11 +29,12 @@ from .contract import (
 )
 from .crossings import NOISE, passes, way_within
 from .given import named as _named
+from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors
 from .shape_middles import crossing_middle
 from .stretch import extremes
-from .surface_given import fraction, given_levels, given_opacities, modulated_colors, plain_number
+from .surface_given import fraction, given_levels, given_opacities, modulated_colors
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import InputError
-from ..units import is_quantity, plain
-from .given import scalar
+from ..units import plain
+from .given import plain_number, scalar
 
 # As a path length: the median thickness in the volume (`calibration`).
 AUTO = "auto"
@@ -35,6 +35,5 @@ def length_in(path_length: Any, unit: Any) -> float:
 
 def check_positive(value: Any, what: str) -> None:
     """Refuse a number or quantity that is not positive."""
-    magnitude = value.value if is_quantity(value) else value
-    if magnitude <= 0:
+    if plain_number(value) <= 0:
         raise InputError(f"{what} must be positive, got {value}")

@@ -15,6 +15,7 @@ from ..units import plain
 from .bends import bend, slope_factor, thinness
 from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
 from .given import named as _named
+from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Middle, modulated
 from .path_length import check_positive, given_path_length, length_in
@@ -88,8 +89,7 @@ class Shaped(Medium):
 
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
         """Return the expression of the shape, with its width, and those of the modulation."""
-        width = float(getattr(self.width, "value", self.width))
-        return ((self.expr, width), *self.modulation.expressions())
+        return ((self.expr, plain_number(self.width)), *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:

@@ -14,11 +14,6 @@ from .given import scalar
 from .modulation import Modulation, modulated
 
 
-def plain_number(value: Any) -> float:
-    """Return a quantity's value, or a number itself."""
-    return float(getattr(value, "value", value))
-
-
 def given_levels(level: Any, levels: Any) -> tuple[Any, ...]:
     """Return the levels, from one or several.
 

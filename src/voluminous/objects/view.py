@@ -85,8 +85,7 @@ class View:
                 (x, y), frame.shift, frame.pixel, frame.pixels, strict=True
             )
         )
-        vectors = [[backend.wide(c) for c in vector] for vector in frame.vectors]
-        return self.camera.rays(vectors, u, v)
+        return self.camera.rays(frame.traced_vectors(backend), u, v)
 
     @functools.cached_property
     def observer(self) -> np.ndarray | None:

@@ -127,13 +127,13 @@ def render(
     planes = job.run(float(np.max(np.abs(behind))))
     _check_finite(planes)
     told = {"samples": samples, "order": order}
-    if not things:
-        warn_if_nothing_shows(job, planes)
-    else:
+    if things:
         channels = channel_count(things, job)
         behind = wide_background(behind, job.medium.channels, channels)
         planes = with_objects(planes, job, things, behind, channels)
         told["objects"] = [one.describe(MANY) for one in things]
+    else:
+        warn_if_nothing_shows(job, planes)
     if missing:
         told["missing"] = missing
     return _image(job, planes, behind, budget, told)

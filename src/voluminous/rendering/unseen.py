@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..expressions.interval import Interval
-from ..fields import coordinate_extremes
 from ..media.bounds import RangeContext
 from ..units import unit_name
+from .coefficients.classify import range_of
 from .job import Job, Planes
 
 
@@ -22,7 +22,8 @@ def warn_if_nothing_shows(job: Job, planes: Planes) -> None:
 
 
 def _reason(job: Job) -> str:
-    ranges = {name: _range(job, name) for name in job.medium.names}
+    extremes = job.store.extremes
+    ranges = {name: range_of(job.volume, name, extremes) for name in job.medium.names}
     context = RangeContext(job.volume.unit, job.volume.expression_unit)
     with np.errstate(all="ignore"):
         missed = [
@@ -38,14 +39,6 @@ def _reason(job: Job) -> str:
         )
     several = "; ".join(dict.fromkeys(told))
     return f"{several}. Choose values in that range; vm.auto(volume, ...) finds some"
-
-
-def _range(job: Job, name: str) -> Interval:
-    if name in job.volume.coordinates and name not in job.volume:
-        ends: Any = coordinate_extremes(job.volume.grid, name)
-    else:
-        ends = job.store.extremes(name)
-    return Interval(*(np.asarray(end) for end in ends))
 
 
 def _told(part: Any, ranges: dict[str, Interval], context: RangeContext) -> str:

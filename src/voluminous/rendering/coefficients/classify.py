@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -90,9 +91,7 @@ class Classifier:
 
     def range_of(self, name: str) -> Interval:
         """Return the values of a field, or of a coordinate, in the whole volume."""
-        if name in self.volume:
-            return Interval(*(np.asarray(value) for value in self.extremes(name)))
-        return Interval(*(np.asarray(end) for end in coordinate_extremes(self.grid, name)))
+        return range_of(self.volume, name, self.extremes)
 
     def unusable(self, values: list[Any]) -> Any:
         """Return where numbers are not finite, or an extinction is negative (traced)."""
@@ -136,6 +135,12 @@ class Classifier:
             f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction "
             "finite and not negative: clip the fields, or use where(...) in the expression"
         )
+
+
+def range_of(volume: Any, name: str, extremes: Callable[[str], Any]) -> Interval:
+    """Return the values of a field, of which `extremes` tells the ends, or of a coordinate."""
+    ends = extremes(name) if name in volume else coordinate_extremes(volume.grid, name)
+    return Interval(*(np.asarray(end) for end in ends))
 
 
 def extremes_of(volume: Any, name: str) -> tuple[float, float]:

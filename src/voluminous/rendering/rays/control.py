@@ -42,12 +42,12 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
     source = drawing.source
     behind = background / source.numbers.unit
     first, *shares = _SHARES
+    source.allow(np.inf, np.inf)  # until it is known how bright the picture is
     brightness = _sampled_brightness(drawing)
     if brightness > 0.0:
         scale = brightness + behind
         source.allow(first * tolerance * scale, first * tolerance)
-    else:  # not known yet
-        source.allow(np.inf, np.inf)
+    else:
         shares = list(_SHARES)
     paths = drawing.frame()
     for share in shares:
@@ -71,7 +71,6 @@ def _sampled_brightness(drawing: Drawing) -> float:
     nx, ny = drawing.job.frame.pixels
     if nx * ny < _WORTHWHILE * _SAMPLES:
         return 0.0
-    drawing.source.allow(np.inf, np.inf)
     step = nx * ny // _SAMPLES | 1  # odd: not in few columns
     pixel = np.arange(step // 2, nx * ny, step)
     found = drawing.pixels(pixel).error[2]

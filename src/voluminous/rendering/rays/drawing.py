@@ -132,8 +132,7 @@ class Drawing:
                 (lanes.u, lanes.v), offset, frame.pixel, frame.shift, strict=True
             )
         )
-        vectors = [[wide(c) for c in vector] for vector in frame.vectors]
-        ray = self.job.camera.rays(vectors, u, v)
+        ray = self.job.camera.rays(frame.traced_vectors(self.backend), u, v)
         ray.active = lanes.there
         return reverse(ray) if self.job.backward else ray
 
