@@ -14,6 +14,7 @@ from voluminous.backend.functions import (
     flush_subnormal,
     power_of_two,
     precision_of,
+    sharp_angle,
 )
 
 KINDS = {"single": np.float32, "double": np.float64}
@@ -133,3 +134,23 @@ def test_subnormal_numbers_are_flushed_and_nothing_else(precision):
         same = flush_subnormal(real(precision)(sign * kept))
         np.testing.assert_array_equal(np.asarray(same), sign * kept)
     assert np.isnan(np.asarray(flush_subnormal(real(precision)([np.nan])))).all()
+
+
+def test_angles_of_vectors_of_known_length(precision):
+    kind, eps = KINDS[precision], np.finfo(KINDS[precision]).eps
+    angle = np.concatenate([np.linspace(-0.785, 0.785, 4001), np.geomspace(1e-30, 0.7, 500)])
+    length = np.geomspace(1e-10, 1e10, len(angle))
+    x, y = ((length * f(angle)).astype(kind) for f in (np.cos, np.sin))
+    given = [real(precision)(v) for v in (y, x, np.hypot(x, y).astype(kind))]
+    found = np.asarray(sharp_angle(*given))
+    expected = np.arctan2(y.astype(float), x.astype(float))
+    # A quotient, a polynomial and a product, each rounded; the sum below the line has two.
+    np.testing.assert_allclose(found, expected, rtol=4 * eps, atol=0)
+
+
+def test_angles_of_vectors_that_are_wide_or_of_no_length(precision):
+    y, x = np.array([1.0, -1.0, 0.0, 1e-5]), np.array([0.0, -1.0, 0.0, -1.0])
+    found = sharp_angle(*[real(precision)(v) for v in (y, x, np.hypot(x, y))])
+    assert np.all(np.abs(np.asarray(found)[[0, 1]]) > np.pi / 4)
+    assert np.asarray(found)[2] == 0
+    assert np.isfinite(np.asarray(found)[3])

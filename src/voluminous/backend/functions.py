@@ -148,6 +148,45 @@ def split_log(x: Any) -> tuple[Any, Any]:
     return real(n), f + dr.fma(-0.5, square, tail)
 
 
+# atan(q)/q for |q| <= tan(π/8), in powers of q², fitted to 1e-9 and 4e-17.
+_ATAN = {
+    "single": (
+        0.999999999369465,
+        -0.333333068321333,
+        0.199981797556648,
+        -0.142394717862651,
+        0.105693748527518,
+        -0.0602513405778633,
+    ),
+    "double": (
+        0.999999999999999965,
+        -0.333333333333284159,
+        0.1999999999885039,
+        -0.142857141805968936,
+        0.111111061650365127,
+        -0.0909077271667437228,
+        0.0768994845277858792,
+        -0.0664019012732186543,
+        0.0568812005923421516,
+        -0.0434739031566048804,
+        0.0211272689568591347,
+    ),
+}
+
+
+def sharp_angle(y: Any, x: Any, length: Any) -> Any:
+    """Return the angle of a vector of known length from the x axis, at most π/4 in size.
+
+    Twice that whose tangent is ``y/(x + length)``, for which six terms will do in single precision.
+    Wider ones come out wrong, but wider than π/4. A segment on a spherical grid takes eight angles:
+    with `atan2` second order took 1.1 times as long.
+    """
+    both = x + length
+    q = y / dr.select(both > 0.0, both, 1.0)
+    q = dr.clip(q, -1.0, 1.0)  # what rounding puts far off its cell
+    return 2.0 * q * horner(q * q, _ATAN[precision_of(type(q))])
+
+
 def precision_of(real: Any) -> str:
     """Return ``"single"`` or ``"double"`` for a Dr.Jit float type."""
     return "double" if dr.type_v(real) == dr.VarType.Float64 else "single"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from ...backend import dr
-from ...backend.functions import unit_interval
+from ...backend.functions import sharp_angle, unit_interval
 from .edges import FULL_CIRCLE
 
 
@@ -22,8 +22,11 @@ class Arithmetic(Protocol):
     def mixed(self, a: Any, p: Any, b: Any, q: Any) -> Any:
         """Return a p + b q, of coordinates a and b and numbers p and q."""
 
-    def angle(self, y: Any, x: Any) -> Any:
-        """Return the angle of a vector from the x axis, from -π to π."""
+    def angle(self, y: Any, x: Any, length: Any = None) -> Any:
+        """Return the angle of a vector from the x axis, from -π to π.
+
+        Its length is given where the angle is at most π/4 in size.
+        """
 
     def magnitude(self, a: Any) -> Any:
         """Return a coordinate without its sign."""
@@ -50,9 +53,9 @@ class Numbers:
         """Return a p + b q."""
         return dr.fma(a, p, b * q)
 
-    def angle(self, y: Any, x: Any) -> Any:
+    def angle(self, y: Any, x: Any, length: Any = None) -> Any:
         """Return the angle of a vector."""
-        return dr.atan2(y, x)
+        return dr.atan2(y, x) if length is None else sharp_angle(y, x, length)
 
     def magnitude(self, a: Any) -> Any:
         """Return a number without its sign."""

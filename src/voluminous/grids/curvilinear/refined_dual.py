@@ -90,4 +90,5 @@ def _over(family: Any, parts: float) -> Any:
     """
     wide = copy.copy(family)
     wide.inverse_width = family.inverse_width / parts
+    wide.widest = family.widest * parts
     return wide

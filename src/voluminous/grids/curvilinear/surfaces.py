@@ -22,6 +22,7 @@ from ...backend import dr
 from ...backend.functions import first_true
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines, meet
+from .edges import ANGLE_ROUNDING
 
 
 @dataclass
@@ -86,11 +87,14 @@ class Surfaces:
         Beyond the outermost one is nothing at all: it has `leave`, the distance of its crossing.
     halves_cell : bool
         One of the walls is inside a cell, where there are no vertices: it has `in_cell`.
+    widest : float
+        Angle between the walls of a cell, at most.
     """
 
     has_gaps = False
     encloses = False
     halves_cell = False
+    widest = 0.0
 
     def __init__(self, table: np.ndarray, walls: int, cells: int, backend: Any) -> None:
         self.backend, self.walls, self.cells = backend, walls, cells
@@ -105,6 +109,11 @@ class Surfaces:
     def wall_at(self, slot: Any) -> list[Any]:
         """Return the numbers of a wall of the table."""
         return list(dr.gather(self.backend.packet(2), self.table, self.backend.UInt(slot)))
+
+    @property
+    def sharp(self) -> bool:
+        """Whether no cell is wider than π/4."""
+        return self.widest <= 0.25 * np.pi + ANGLE_ROUNDING
 
     def time(self, track: Any, count: Any) -> Any:
         """Return the distance of the next crossing."""

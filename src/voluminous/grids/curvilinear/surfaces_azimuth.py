@@ -68,6 +68,7 @@ class HalfPlanes(Running):
         kind = backend.dtype
         self.lower = from_host(backend.Float, _directions(edges[:-1]).reshape(-1))
         self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
+        self.widest = float(np.diff(edges).max())
         self.rounding = _PARALLEL * float(np.finfo(kind).eps)
 
     def track(self, approach: Approach) -> RunningTrack:
@@ -164,7 +165,11 @@ class HalfPlanes(Running):
         """Return where between its two half planes a point is."""
         (x, y, _), cell = point, self.backend.UInt(cell)
         c, s = dr.gather(self.backend.packet(2), self.lower, cell)
-        angle = own.upward(own.angle(own.mixed(y, c, x, -s), own.mixed(x, c, y, s)))
+        left, along = own.mixed(y, c, x, -s), own.mixed(x, c, y, s)
+        if self.sharp:
+            angle = own.angle(left, along, own.length(x, y))
+        else:
+            angle = own.upward(own.angle(left, along))
         return own.part(angle, 0.0, dr.gather(self.backend.Float, self.inverse_width, cell))
 
 

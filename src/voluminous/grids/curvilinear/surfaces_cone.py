@@ -77,6 +77,7 @@ class Cones(Turning):
         self.mirrored_start = dr.opaque(backend.Int, len(angles) + 1)
         self.lower = from_host(backend.Float, _sines(edges[:-1]).reshape(-1))
         self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
+        self.widest = float(np.diff(edges).max())
 
     def surface(self, approach: CentreApproach) -> tuple[ConeTrack, Any, Any]:
         """Return how rays run; those whose closest approach is below the midplane are mirrored."""
@@ -171,7 +172,9 @@ class Cones(Turning):
         z = own.magnitude(z) if self.mirrored else z
         across, cell = own.length(x, y), self.backend.UInt(cell)
         cosine, sine = dr.gather(self.backend.packet(2), self.lower, cell)
-        angle = own.angle(own.mixed(across, cosine, z, -sine), own.mixed(z, cosine, across, sine))
+        length = own.length(*point) if self.sharp else None
+        left, along = own.mixed(across, cosine, z, -sine), own.mixed(z, cosine, across, sine)
+        angle = own.angle(left, along, length)
         return own.part(angle, 0.0, dr.gather(self.backend.Float, self.inverse_width, cell))
 
 

@@ -46,7 +46,7 @@ class JetArithmetic:
         first, second = (self.ops.multiply(c, self.constant(k)) for c, k in ((a, p), (b, q)))
         return self.ops.add(first, second)
 
-    def angle(self, y: TracedJet, x: TracedJet) -> TracedJet:
+    def angle(self, y: TracedJet, x: TracedJet, length: TracedJet | None = None) -> TracedJet:
         """Return the angle of a vector."""
         return self.ops.atan2(y, x)
 
