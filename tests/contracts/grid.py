@@ -10,7 +10,7 @@ import pytest
 
 from contracts.bundle import box_limits, on_a_sphere
 from voluminous.backend import dr, get_backend
-from voluminous.grids.contract import Ray
+from voluminous.grids.contract import Ray, has_gaps
 
 
 @dataclass
@@ -38,6 +38,8 @@ def walk_along(grid, backend, ray, visit=None):
     track, cursor = walk.enter(ray)
     dr.eval(track, cursor)
     while dr.any(cursor.inside):
+        if has_gaps(walk):
+            cursor = walk.cross(track, cursor).cursor
         segment, following = walk.next(track, cursor)
         dr.eval(segment, following)
         if visit is not None:

@@ -71,6 +71,24 @@ class Corners:
     weight: list[Any]
 
 
+class Landing(Protocol):
+    """Where rays are once they have crossed space in which there is nothing to gather.
+
+    Attributes
+    ----------
+    cursor : object
+        Where they are.
+    moved : array of Bool
+        Lanes that have crossed any.
+    """
+
+    cursor: Any
+    moved: Any
+
+    def holds(self, cursor: Any) -> Any:
+        """Return the lanes that may go on from there: they have not come to more of it."""
+
+
 class Walk(Protocol):
     """How rays walk through a grid, traced into the kernel.
 
@@ -80,6 +98,10 @@ class Walk(Protocol):
     """
 
     leaps: bool  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
+
+    # Besides, if there is space in the domain that belongs to no cell: `has_gaps`, which is True
+    # then, and `cross(track, cursor)`, which returns the `Landing` beyond it. A cursor in a gap has
+    # no segment.
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
         """Return the track and the cursor at the point where each ray enters."""
@@ -227,3 +249,8 @@ def cells_across(grid: Any) -> float:
 def has_blocks(grid: Any) -> bool:
     """Return whether rays may leap over blocks of a grid's cells."""
     return bool(getattr(grid, "has_blocks", False))
+
+
+def has_gaps(walk: Any) -> bool:
+    """Return whether there may be space in the domain that belongs to no cell."""
+    return bool(getattr(walk, "has_gaps", False))

@@ -49,6 +49,13 @@ def cubic_through(samples: list[Any]) -> list[Any]:
     ]
 
 
+def parabola_through(samples: list[Any]) -> list[Any]:
+    """Return the parabola (power basis) with given values at 0, 1/2 and 1."""
+    a, b, c = samples
+    p, q = b - a, c - b
+    return [a, 3.0 * p - q, 2.0 * (q - p)]
+
+
 def _line(low: Any, high: Any, start: Any, way: Any) -> list[Any]:
     rise = high - low
     return [horner(start, [low, rise]), rise * way]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..backend import dr
-from .contract import Ray, Segment
+from .contract import Landing, Ray, Segment, has_gaps
 
 
 @dataclass
@@ -34,6 +34,20 @@ class TwoCursors:
 
 
 @dataclass
+class TwoLandings:
+    """Where rays are once they are in no gap of either walk; see `grids.contract.Landing`."""
+
+    cursor: TwoCursors
+    moved: Any
+    first: Landing
+    second: Landing
+
+    def holds(self, cursor: TwoCursors) -> Any:
+        """Return the lanes that are in cells of both walks still."""
+        return self.first.holds(cursor.first) & self.second.holds(cursor.second)
+
+
+@dataclass
 class Piece(Segment):
     """A segment of the first walk, or a part of it, within one cell of the second."""
 
@@ -53,6 +67,19 @@ class TwoWalks:
 
     def __init__(self, first: Any, second: Any) -> None:
         self.first, self.second, self.scale = first, second, first.scale
+        self.has_gaps = has_gaps(first)
+
+    def cross(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
+        """Return rays where they are in cells of both walks, beyond the gap they were in."""
+        first = self.first.cross(track.first, cursor.first)
+        second = self.second.cross(track.second, cursor.second)
+        here = first.cursor.t - _arrive(track.first)
+        there = second.cursor.t - _arrive(track.second) + track.later
+        t = dr.select(first.moved, dr.maximum(cursor.t, here), cursor.t)
+        t = dr.select(second.moved, dr.maximum(t, there), t)
+        inside = cursor.inside & first.cursor.inside & second.cursor.inside
+        moved = TwoCursors(first.cursor, second.cursor, t, inside)
+        return TwoLandings(moved, first.moved | second.moved, first, second)
 
     def enter(self, ray: Ray) -> tuple[TwoTracks, TwoCursors]:
         """Return the track and the cursor at the point where each ray enters the domain."""
@@ -71,10 +98,7 @@ class TwoWalks:
         ends, leaves = whole.end <= wall, wall <= whole.end
         end = dr.select(ends, whole.end, wall)
         end = dr.select(end > cursor.t, end, cursor.t)  # two walls in one place, but for rounding
-        length = end - cursor.t
-        # A segment across a gap has no length.
-        length = dr.select(length < whole.length, length, whole.length)
-        parts = {**vars(whole), "length": length, "begin": cursor.t, "end": end}
+        parts = {**vars(whole), "length": end - cursor.t, "begin": cursor.t, "end": end}
         moved = TwoCursors(
             dr.select(ends, onward, cursor.first),
             dr.select(leaves, beyond, cursor.second),

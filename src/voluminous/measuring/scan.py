@@ -35,7 +35,9 @@ class Scanner:
         """Return `recorded`, where it depends on what is integrated."""
         return self.recorded
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Go on as before: nothing is found in empty space."""
         return carried
 

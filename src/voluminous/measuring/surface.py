@@ -113,10 +113,13 @@ class Surface(Scanner):
         depths = [Float(0) for _ in range(self.recorded)]
         return [*places, *depths, *self.scheme.start(source, walk, track, cursor)]
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Let the scheme know."""
         own = 2 * self.recorded
-        return [*carried[:own], *self.scheme.leapt(carried[own:], moved)]
+        inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
+        return [*carried[:own], *inner]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -59,7 +59,9 @@ class Bracket:
         """Carry how much of what is emitted may be seen."""
         return [source.backend.Float(1)]
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Carry the same over empty space."""
         return carried
 

@@ -19,6 +19,8 @@ class Cellwise:
         """Carry nothing; see `schemes.contract.Scheme`."""
         return []
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Carry nothing over empty space either."""
         return carried

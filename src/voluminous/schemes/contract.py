@@ -34,8 +34,13 @@ class Scheme(Protocol):
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
-        """Return what is carried by rays some of which crossed empty space (a mask)."""
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
+        """Return what is carried by rays some of which crossed empty space (a mask).
+
+        The cursor is where they are now.
+        """
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

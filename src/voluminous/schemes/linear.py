@@ -11,6 +11,21 @@ from .contract import Solution
 End = tuple[list[Any], list[Any]]
 
 
+def looked_up(
+    source: Any, walk: Any, track: Any, cursor: Any, known: list[Any], moved: Any
+) -> list[Any]:
+    """Return the coefficients where rays are: looked up anew for those that have moved."""
+
+    def anew(known: list[Any]) -> list[Any]:
+        corners = walk.entry_corners(track, cursor)
+        return list(source.interpolate(corners, moved & cursor.inside))
+
+    def same(known: list[Any]) -> list[Any]:
+        return known
+
+    return list(dr.if_stmt((known,), moved, anew, same))
+
+
 class Linear:
     """Look coefficients up where the ray crosses walls, and solve what lies between.
 
@@ -25,9 +40,11 @@ class Linear:
         """Carry the values where the ray is."""
         return list(source.interpolate(walk.entry_corners(track, cursor), cursor.inside))
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
-        """Return zeros for rays that crossed empty space: its vertices bear nothing."""
-        return [dr.select(moved, 0.0, value) for value in carried]
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
+        """Look up the values where rays are that crossed empty space."""
+        return looked_up(source, walk, track, cursor, carried, moved)
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -46,7 +46,9 @@ class OnePanel:
         """Carry the scalars where the ray is: not known yet."""
         return [source.context.real(math.nan) for _ in source.scalars]
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Forget the scalars of rays that crossed empty space."""
         return [dr.select(moved, math.nan, x) for x in carried]
 
@@ -80,7 +82,7 @@ class OnePanel:
 
 def _straight(source: Any, chord: Any, corners: Any, length: Any) -> Any:
     """Return a segment's stretch, with the fields along it if the medium looks at them."""
-    inside = source.cubics(chord, corners) if source.looks_inside else {}
+    inside = source.cubics(chord, corners, rough=True) if source.looks_inside else {}
     return source.straight(inside, length)
 
 

@@ -65,7 +65,9 @@ class PostClassified:
         unknown = source.context.real(math.nan)
         return [*(unknown for _ in source.scalars), source.backend.Float(1)]
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Forget the scalars of rays that crossed empty space."""
         *scalars, seen_through = carried
         return [*(dr.select(moved, math.nan, x) for x in scalars), seen_through]

@@ -74,6 +74,10 @@ class Leap:
     leave: Any
     moved: Any
 
+    def holds(self, cursor: Any) -> Any:
+        """Return the lanes that are in the same block still."""
+        return cursor.t < self.leave
+
 
 @dataclass
 class Search:

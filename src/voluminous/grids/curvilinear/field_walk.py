@@ -16,7 +16,7 @@ import numpy as np
 
 from ...backend import dr
 from ..contract import Segment
-from ..trilinear import Values, cubic_through, trilinear
+from ..trilinear import Values, cubic_through, parabola_through, trilinear
 from .arithmetic import NUMBERS, Arithmetic
 from .smooth import Smooth
 from .steps import SteppedWalk
@@ -112,9 +112,12 @@ class CurvilinearChord:
         """Return a field along the segment, from its values at the corners of the cell."""
         return cubic_through([trilinear(values, self._place(k / 3)) for k in range(4)])
 
+    def parabola(self, values: Values) -> list[Any]:
+        """Return it from three values, for schemes of second order: in 0.9 of their time."""
+        return parabola_through([trilinear(values, self._place(k / 2)) for k in range(3)])
+
     def distance(self, s: Any) -> Any:
         """Return how far along the ray a place of the segment is, s from 0 to 1."""
-        # From the end: where a gap is crossed, the segment is there, and has no length.
         end = self.segment.end + self.track.arrive
         return dr.fma(s - 1.0, self.segment.length, end)
 
@@ -131,7 +134,7 @@ class CurvilinearChord:
 
     @property
     def _index(self) -> list[Any]:
-        return self.walk.index(self.segment.cell)
+        return self.walk.cells_near(self.track, self.segment.exit.count)
 
 
 class CurvilinearFieldWalk(SteppedWalk):
@@ -145,15 +148,6 @@ class CurvilinearFieldWalk(SteppedWalk):
     def chord(self, track: Any, segment: Segment) -> CurvilinearChord:
         """Return a segment through its dual cell."""
         return CurvilinearChord(self, track, segment)
-
-    def index(self, cell: Any) -> list[Any]:
-        """Return the numbers of dual cells along the axes that there are, from flat ones."""
-        UInt, found, rest = self.backend.UInt, [], self.backend.UInt(cell)
-        for family, stride in zip(self.families, self.strides, strict=True):
-            number = self.backend.quotient(rest, UInt(stride))
-            rest = rest - number * UInt(stride)
-            found.append(dr.minimum(self.backend.Int(number), family.last_cell))
-        return found
 
     def corner(self, index: list[Any]) -> Any:
         """Return the flat number of the lower corner of a dual cell."""

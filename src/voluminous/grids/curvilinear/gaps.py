@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
 from ..axes import NEVER
 from .order import either, later, lesser, nearest
 
-# Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
-Step = tuple[list[Any], list[Any], Any, Any]
+# Counts beyond a wall, and the distance of that wall.
+Jump = tuple[list[Any], Any]
 
-Jump = tuple[list[Any], Any, Any]
+
+@dataclass
+class Landing:
+    """Where rays are once none of them is in a gap: see `grids.contract.Landing`."""
+
+    cursor: Any
+    moved: Any
+    walk: Any
+    track: Any
+
+    def holds(self, cursor: Any) -> Any:
+        """Return the lanes that are in a cell still."""
+        return ~self.walk.in_gap(self.track, cursor.count)
 
 
 class GapCrossing:
@@ -20,12 +33,31 @@ class GapCrossing:
 
     A ray leaves a gap through that wall of its family which is next. Where it is then among the
     walls of the others is looked up, as where it enters the domain: how many there are in the gap
-    does not matter.
+    does not matter. The lanes of a vector do that together: when one comes to a gap, it waits until
+    the others have come to one, or are out (when each did at once, discs took a tenth longer).
     """
 
     backend: Any
     families: list[Any]
     has_gaps: bool
+
+    def cross(self, track: Any, cursor: Any) -> Landing:
+        """Return rays where they are in a cell, beyond the gap they were in, or out."""
+        gap = cursor.inside & self.in_gap(track, cursor.count)
+
+        def beyond(cursor: Any) -> tuple[Any]:
+            count, t = self._cross_gap(track, cursor.count, cursor.t, gap)
+            return (self._standing(track, count, t, cursor.inside & (t < track.leave)),)
+
+        def stay(cursor: Any) -> tuple[Any]:
+            return (cursor,)
+
+        (there,) = dr.if_stmt((cursor,), gap, beyond, stay, label="gap")
+        return Landing(there, gap, self, track)
+
+    def _standing(self, track: Any, count: list[Any], t: Any, inside: Any) -> Any:
+        """Return the cursor of rays at a distance, from their counts."""
+        raise NotImplementedError
 
     def _number(self, through: list[Any]) -> Any:
         """Return the number of the family that is crossed."""
@@ -45,34 +77,20 @@ class GapCrossing:
             for family, a, k in zip(self.families, track.axes, count, strict=True)
         ]
 
-    def _in_gap(self, track: Any, count: list[Any]) -> Any:
+    def in_gap(self, track: Any, count: list[Any]) -> Any:
         """Return the lanes that are in no cell."""
         return functools.reduce(either, self._gaps(track, count))
 
-    def _beyond_gap(
-        self, track: Any, count: list[Any], ahead: list[Any], t: Any, family: Any, gap: Any
-    ) -> Step:
-        """Return where lanes that are in a gap are in a cell again, or out of the domain."""
-
-        def leave(count: list[Any], ahead: list[Any], t: Any, family: Any) -> Step:
-            count, t, family = self._cross_gap(track, count, t, family, gap)
-            return count, self._times(track, count), t, family
-
-        def stay(count: list[Any], ahead: list[Any], t: Any, family: Any) -> Step:
-            return count, ahead, t, family
-
-        return dr.if_stmt((count, ahead, t, family), gap, leave, stay)
-
-    def _cross_gap(self, track: Any, count: list[Any], t: Any, family: Any, lanes: Any) -> Jump:
+    def _cross_gap(self, track: Any, count: list[Any], t: Any, lanes: Any) -> Jump:
         """Move those lanes that are in a gap to the first cell beyond, or out of the domain."""
 
-        def in_gap(count: list[Any], t: Any, family: Any) -> Any:
-            return lanes & (t < track.leave) & self._in_gap(track, count)
+        def in_gap(count: list[Any], t: Any) -> Any:
+            return lanes & (t < track.leave) & self.in_gap(track, count)
 
-        def cross(count: list[Any], t: Any, family: Any) -> Jump:
+        def cross(count: list[Any], t: Any) -> Jump:
             return self._jump(track, count, t)
 
-        return dr.while_loop((count, t, family), in_gap, cross, label="gap")
+        return dr.while_loop((count, t), in_gap, cross, label="gap")
 
     def _jump(self, track: Any, count: list[Any], t: Any) -> Jump:
         """Return where rays leave that gap of those they are in that ends last."""
@@ -86,7 +104,7 @@ class GapCrossing:
             functools.partial(self._passed, track),
             _as_they_are,
         )
-        return beyond(count, through), end, self._number(through)
+        return beyond(count, through), end
 
     def _passed(self, track: Any, count: list[Any], through: list[Any], end: Any) -> list[Any]:
         """Return counts where all walls of the other families on the way have been crossed."""

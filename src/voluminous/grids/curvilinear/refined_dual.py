@@ -34,7 +34,6 @@ class RefinedChord(CurvilinearChord):
 
     def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
         """Return where in its leaf a point is, from 0 to 1 along all three axes."""
-        # Where a gap is crossed, that is the leaf beyond.
         return self.walk.fractions(self.segment.exit.left, point, own)
 
 

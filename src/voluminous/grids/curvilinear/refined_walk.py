@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ..contract import Corners, Ray, Segment
+from ..contract import Corners, Segment
 from ..trees.lookup import TreeLookup
 from ..trees.tree import Tree
 from .approach import dot
-from .gaps import Jump
 from .order import either, later, lesser, nearest
 from .steps import cut
 from .surfaces import Turning
@@ -77,14 +76,9 @@ class RefinedWalk(CurvilinearWalk):
         self.axes, self.lookup = axes, TreeLookup(tree, self.backend)
         self.unit = [self.backend.opaque(float(u)) for u in _three(self.lookup.per_finest)]
 
-    def enter(self, ray: Ray) -> tuple[Track, RefinedCursor]:
-        """Return the track and the cursor at the point where each ray enters the first leaf."""
-        track, cursor = super().enter(ray)
-        return track, self._in_leaf(track, cursor)
-
-    def _in_leaf(self, track: Track, cursor: Cursor) -> RefinedCursor:
-        leaf = self._leaf(track, cursor.count, cursor.inside)
-        return RefinedCursor(cursor.count, [], cursor.t, cursor.inside, leaf)
+    def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> RefinedCursor:
+        """Return the cursor of rays at a distance, from their counts."""
+        return RefinedCursor(count, [], t, inside, self._leaf(track, count, inside))
 
     def _leaf(self, track: Track, count: list[Any], active: Any) -> Leaf:
         """Return the leaves around cells of the evenly refined grid."""
@@ -101,25 +95,15 @@ class RefinedWalk(CurvilinearWalk):
     def next(self, track: Track, cursor: Any) -> tuple[Segment, RefinedCursor]:
         """Return the segment through the present leaf, and the cursor in the next one."""
         count, t, family = self._leave(track, cursor)
-        length, active = t - cursor.t, cursor.inside
-        gap = self.backend.Bool(False)
-        if self.has_gaps:
-            gap = active & self._in_gap(track, cursor.count)
-            start = dr.select(gap, cursor.count, count), dr.select(gap, cursor.t, t)
-            count, t, family = self._cross_gap(track, *start, family, gap)
-            length = dr.select(gap, 0.0, length)
-            active &= ~gap | (t < track.leave)
         inside = cursor.inside & (t < track.leave)
-        onward = inside if not self.has_gaps else inside & ~self._in_gap(track, count)
-        leaf = self._leaf(track, count, inside)
+        onward = inside if not self.has_gaps else inside & ~self.in_gap(track, count)
+        there = self._standing(track, count, t, inside)
         before = [dr.select(family == n, k - 1, k) for n, k in enumerate(count)]
-        left = dr.select(gap, leaf, cursor.leaf)
-        leaving = RefinedExit(family, before, t, left, leaf, onward)
+        leaving = RefinedExit(family, before, t, cursor.leaf, there.leaf, onward)
         begin, end = cursor.t - track.arrive, t - track.arrive
-        segment = Segment(left.number, length, begin, end, active, leaving)
-        return segment, RefinedCursor(count, [], t, inside, leaf)
+        return Segment(cursor.leaf.number, t - cursor.t, begin, end, cursor.inside, leaving), there
 
-    def _leave(self, track: Track, cursor: RefinedCursor) -> Jump:
+    def _leave(self, track: Track, cursor: RefinedCursor) -> tuple[list[Any], Any, Any]:
         """Return counts and distance where rays leave their leaf, and through which family."""
         last = self._last_counts(track, cursor)
         ahead = self._times(track, last)

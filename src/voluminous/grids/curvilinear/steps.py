@@ -11,8 +11,7 @@ from typing import Any
 
 from ...backend import dr
 from .approach import dot
-from .gaps import Step
-from .walk import Cursor, CurvilinearWalk, Track
+from .walk import Cursor, CurvilinearWalk, Step, Track
 
 # RADMC-3D's default of camera_maxdphi.
 _LARGEST_TURN = 0.1
@@ -42,8 +41,6 @@ class SteppedWalk(CurvilinearWalk):
         """Return where rays leave the present cell, or as far inside as a step may go."""
         count, ahead, t, family = super()._step(track, cursor)
         part, short = self._cut(track, cursor, t)
-        if self.has_gaps:
-            short &= ~self._in_gap(track, cursor.count)
         return (
             dr.select(short, cursor.count, count),
             dr.select(short, cursor.ahead, ahead),

@@ -3,7 +3,7 @@
 Where a ray is, is one integer for each family of surfaces (`surfaces`); the next crossing of
 each is computed afresh from its integer, and distances count from where the ray comes nearest to
 the centre or the axis. Space between the surfaces that belongs to no cell (a cavity, open cones, an
-empty wedge) is crossed in one step, a segment of length zero at its far side.
+empty wedge) is crossed in one step (`gaps`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ from ...backend import dr, from_host
 from ..contract import Corners, Ray, Segment
 from .corners import cell_corners, wall_corners
 from .crossing import choose, meet, pick
-from .gaps import GapCrossing, Step, beyond
+from .gaps import GapCrossing, beyond
 from .order import later, lesser, nearest
 from .surfaces import ahead
+
+# Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
+Step = tuple[list[Any], list[Any], Any, Any]
 
 
 @dataclass
@@ -143,29 +146,22 @@ class CurvilinearWalk(GapCrossing):
         track = Track(tracks, point, direction, Float(approach.arrive), leave, bounded, entry)
         t = Float(dr.select(inside, begin, 0.0))
         count = [f.enter(a, t) for f, a in zip(self.families, tracks, strict=True)]
-        if self.has_gaps:
-            count, t, _ = self._cross_gap(track, count, t, self.backend.Int(0), inside)
-        return track, Cursor(count, self._times(track, count), t, inside & (t < track.leave))
+        return track, self._standing(track, count, t, inside & (t < track.leave))
+
+    def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> Cursor:
+        """Return the cursor of rays at a distance, from their counts."""
+        return Cursor(count, self._times(track, count), t, inside)
 
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
         """Return the segment through the present cell, and the cursor in the next one."""
         count, ahead, t, family = self._step(track, cursor)
-        here, length, active = cursor.count, t - cursor.t, cursor.inside
-        if self.has_gaps:
-            gap = active & self._in_gap(track, here)
-            count, ahead, t, family = self._beyond_gap(track, count, ahead, t, family, gap)
-            # What it holds is the cell beyond, if there is one.
-            here = [dr.select(gap, after, k) for after, k in zip(count, here, strict=True)]
-            length = dr.select(gap, 0.0, length)
-            active &= ~gap | (t < track.leave)
-        before = [dr.select(family == n, k - 1, k) for n, k in enumerate(count)]
         segment = Segment(
-            self.backend.UInt(self._flat(self._cells(track, here), self.strides)),
-            length,
+            self.backend.UInt(self._flat(self._cells(track, cursor.count), self.strides)),
+            t - cursor.t,
             cursor.t - track.arrive,
             t - track.arrive,
-            active,
-            Exit(family, before, t),
+            cursor.inside,
+            Exit(family, cursor.count, t),
         )
         return segment, Cursor(count, ahead, t, cursor.inside & (t < track.leave))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...backend import dr
 from ...grids.two_walks import cell_of
+from ...schemes.linear import looked_up
 
 # The middle and the two halves of a segment, of which coefficients are the mean.
 _HALVES = ((0.0, 0.5), (0.5, 1.0))
@@ -76,9 +77,15 @@ class Recorder:
         self.own = len(carried)
         return [*carried, *self.scheme.start(source, walk, track, cursor)]
 
-    def leapt(self, carried: list[Any], moved: Any) -> list[Any]:
+    def leapt(
+        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    ) -> list[Any]:
         """Let the scheme know."""
-        return [*carried[: self.own], *self.scheme.leapt(carried[self.own :], moved)]
+        (row, *before), inner = carried[: self.own], carried[self.own :]
+        if before:
+            before = looked_up(source, walk, track, cursor, before, moved)
+        inner = self.scheme.leapt(source, walk, track, cursor, inner, moved)
+        return [row, *before, *inner]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
@@ -94,7 +101,7 @@ class Recorder:
         values |= {"j": j, "alpha": alpha, "tau": found.depth}
         values |= {"emission": found.emission, "transparency": found.transparency}
         values |= {f"field {name}": [fields[name]] for name in self.names}
-        told = segment.active & (segment.length > 0.0)  # holes of a grid have no length
+        told = segment.active & (segment.length > 0.0)  # walls in one place
         self.tape.write(row, told, values)
         return found, [row + dr.select(told, source.backend.UInt(1), 0), *after, *inner]
 

@@ -83,9 +83,15 @@ class Interpolated:
             found["xyz"[a]] = self.context.real(here)
         return with_coordinates(within_limits(found, self.context), self.context)
 
-    def cubics(self, chord: Chord, corners: dict[str, Corners]) -> dict[str, list[Any]]:
-        """Return every field along a segment, as a polynomial of s from 0 to 1."""
-        found = {name: chord.cubic(values) for name, values in corners.items()}
+    def cubics(
+        self, chord: Chord, corners: dict[str, Corners], *, rough: bool = False
+    ) -> dict[str, list[Any]]:
+        """Return every field along a segment, as a polynomial of s from 0 to 1.
+
+        Where it is none, it is one to fourth order, or to third if that is enough (`rough`).
+        """
+        along = getattr(chord, "parabola", chord.cubic) if rough else chord.cubic
+        found = {name: along(values) for name, values in corners.items()}
         for a in self.coordinates:
             found["xyz"[a]] = [chord.position[a], chord.step[a]]
         return found

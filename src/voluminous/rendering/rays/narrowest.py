@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ...grids.contract import Ray
+from ...grids.contract import Ray, has_gaps
 
 
 @dataclass
@@ -39,8 +39,11 @@ class Narrowest:
             return state.cursor.inside
 
         def step(state: State) -> tuple[State]:
-            segment, cursor = self.walk.next(track, state.cursor)
-            width = self.width(state.cursor, segment, sight)
+            here = state.cursor
+            if has_gaps(self.walk):
+                here = self.walk.cross(track, here).cursor
+            segment, cursor = self.walk.next(track, here)
+            width = self.width(here, segment, sight)
             narrower = segment.active & (segment.length > 0.0) & (width < state.least)
             return (State(cursor, dr.select(narrower, width, state.least)),)
 
