@@ -184,8 +184,21 @@ def pooled(kind, even, precision, tolerance):
 )
 def test_claimed_errors_are_honest(kind, precision):
     error, claimed = pooled(kind, precision == "single", precision, 1e-3)
-    # 98 to 100 % were found; 99 % is what real data keep to (below).
-    assert np.mean(error <= claimed) >= 0.97
+    # 98.9 to 100 % were found in 768 rays; 99 % is what real data keep to (below).
+    assert np.mean(error <= claimed) >= 0.985
+
+
+def test_darkness_in_single_precision_is_not_said_to_be_exact():
+    """Far outside of a shell numbers underflow: what is black there is not in truth."""
+    rng = np.random.default_rng(4)
+    volume = vm.Volume(vm.CartesianGrid.uniform(8, (0, 8)), a=rng.random((8, 8, 8)))
+    medium = vm.Coefficients("exp(-((a - 1.4)/0.06)**2)", 0)
+    camera = vm.Orthographic(50, 20, resolution=24)
+    image = vm.render(volume, medium, camera)
+    truth = vm.render(volume, medium, camera, precision="double", tolerance=1e-7)
+    dark = (image.intensity[..., 0] == 0) & (truth.intensity[..., 0] > 0)
+    assert dark.any()
+    assert np.all(image.error[dark] >= truth.intensity[..., 0][dark])
 
 
 @pytest.mark.parametrize("kind", sorted(MEDIA))

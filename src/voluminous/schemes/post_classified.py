@@ -24,10 +24,10 @@ from .path import Path, empty_path, most, over
 _OPAQUE = 1.0
 # Panels are not made narrower than this fraction of a segment.
 _NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
-# The part of their difference that two approximations are taken to be off by: at least, and where
-# structures are thinner than a panel. Chosen so that 99 % of rays through random fields are off by
-# less than is said.
-_SURE, _SHARP = 0.5, 2.5
+# So many times their difference two approximations are taken to be off by where structures are
+# thinner than a panel. With 5, 99 % of rays through white noise are off by less than is said,
+# whatever the medium; with 2.5 (in 0.9 to 1 of the time) 98 %.
+_SHARP = 5.0
 
 
 @dataclass
@@ -300,20 +300,17 @@ def _extrapolated(
 ) -> tuple[list[Any], list[Any]]:
     """Return what two approximations of second order tend to, and how far that may be off.
 
-    Halves are off by a third of what they differ from the whole; what remains after taking that
-    off is of higher order, about the square of the relative difference. Where they differ much, or
-    structures are thinner than a half, there is no order: then the halves count, and more than
-    the difference. `bent` is a relative error that both may share.
+    Halves are off by a third of what they differ from the whole; that is taken off, and the whole
+    difference said to be the error. Where they differ much, or structures are thinner than a half,
+    there is no order: then the halves count, and more than the difference. `bent` is a relative
+    error that both may share.
     """
     values, errors = [], []
     for c, f in zip(coarse, fine, strict=True):
         off, size = dr.abs(f - c), dr.abs(f)
-        near = off < 0.25 * size
-        ratio = off / dr.select(near, size, 1.0)
-        smooth = dr.select(near, dr.select(2.0 * ratio > _SURE, 2.0 * ratio, _SURE), 1.0)
-        share = dr.select(near, (1.0 - thin) * (1 / 3), 0.0)
+        share = dr.select(off < 0.25 * size, (1.0 - thin) * (1 / 3), 0.0)
         values.append(dr.fma(f - c, share, f))
-        errors.append(off * dr.fma(thin, _SHARP - smooth, smooth) + bent * size)
+        errors.append(off * dr.fma(thin, _SHARP - 1.0, 1.0) + bent * size)
     return values, errors
 
 

@@ -21,6 +21,9 @@ _SAMPLES, _WORTHWHILE = 2500, 4
 _PEAK = 3.0
 # Rounding of a path of many segments, as a fraction of its brightness.
 _ROUNDING = {"single": 3e-6, "double": 1e-14}
+# What is that much fainter than the brightest pixel may be lost to underflow: e.g. far outside of a
+# Gaussian, where pixels are black that are not in truth.
+_UNDERFLOW = 1e-12
 
 
 def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[Paths, bool]:
@@ -99,9 +102,10 @@ def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> n
 
 
 def _add_floor(drawing: Drawing, paths: Paths) -> None:
-    """Add to the errors what rounding, faint places and rays that stop early may have lost."""
+    """Add to the errors what rounding, underflow, faint places and early ends may have lost."""
     wrong, dim, brightness = paths.error
     wrong += lost_share(drawing) * brightness + drawing.source.neglected
+    wrong += _UNDERFLOW * _brightness(paths)
     # Of what is behind, rays that stop early say so by their transparency.
     dim += _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
 
