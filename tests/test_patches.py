@@ -216,6 +216,24 @@ def test_patches_that_do_not_fit(lower, upper, shape, told):
         vm.PatchGrid(*corners)
 
 
+@pytest.mark.parametrize("start", [0.5, 0.75])
+def test_patches_two_levels_finer_that_cut_cells(start):
+    """A patch of whole cells of the next level may cut coarser cells, if nothing is between."""
+    lower, upper = [[0, 0, 0], [2, 2, 2], [start, 0, 0]], [[4, 4, 4], [3, 3, 3], [1.5, 1, 1]]
+    shape = [[4, 4, 4], [2, 2, 2], [round(4 * (1.5 - start)), 4, 4]]
+    with pytest.raises(vm.InputError, match=r"patch 2 .level 2. .* cell of patch \d .level \d."):
+        vm.PatchGrid(lower, upper, shape)
+
+
+def test_a_patch_around_others_lets_them_begin_anywhere_in_it():
+    lower, upper = [[0, 0, 0], [0, 0, 0], [0.5, 0, 0]], [[4, 4, 4], [2, 1, 1], [1.5, 1, 1]]
+    grid = vm.PatchGrid(lower, upper, [[4, 4, 4], [4, 2, 2], [4, 4, 4]])
+    assert grid.size == 62 + 8 + 64
+    points = np.array([[0.3, 0.3, 0.3], [0.7, 0.3, 0.3], [1.7, 0.6, 0.6], [2.5, 0.5, 0.5]])
+    np.testing.assert_array_equal(grid.levels[grid.locate(points)], [1, 2, 1, 0])
+    assert grid.cell_volumes.sum() == 64
+
+
 @pytest.mark.parametrize(
     ("layers", "told"),
     [
