@@ -59,7 +59,7 @@ class OnOtherCells:
         -----
         Between grids whose cells are boxes (Cartesian, octrees, patches) the volumes that cells
         share are computed exactly: Σ f V is kept to rounding. To and from spherical and cylindrical
-        grids they are estimated with ``samples``³ points in each of the smaller cells; a constant
+        grids they are estimated with ``samples**3`` points in each of the smaller cells; a constant
         stays constant, and Σ f V is kept to the error of that estimate.
         """
         names = _named(self, fields)

@@ -1,0 +1,137 @@
+"""Expressions on the cells of a volume: `Volume` inherits it, and has the fields."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .derivatives import component_of_cells, is_component
+from .errors import UnitsError, unknown_name
+from .expressions import Expression, NumpyOps, UnitOps, components, required_names
+from .fields import coordinates
+from .units import parse_unit
+
+# Cells evaluated at once: temporary arrays stay small beside the fields.
+_CHUNK = 1 << 20
+
+
+class Evaluation:
+    """Values, names and units of expressions of a volume's fields and coordinates."""
+
+    def evaluate(self: Any, expression: Any, *, camera: Any = None) -> np.ndarray:
+        """Return an expression of fields and coordinates on all cells, as a plain array.
+
+        Parameters
+        ----------
+        expression : str or Expression
+            May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from
+            the origin, in the volume's unit; and the grid's own, such as ``theta`` and ``phi``.
+            Numbers that are compared may have units: ``"velocity_z > 5 km/s"``.
+        camera : camera, optional
+            From where it is seen, for components along the line of sight such as
+            ``los("velocity")``; positive away from the observer.
+
+        Returns
+        -------
+        array, of the grid's shape, or (3, …)
+            Three components of a vector such as ``grad(density)``, which only text can be.
+
+        Raises
+        ------
+        UnknownNameError
+            If it names a field that does not exist.
+        UnitsError
+            If a number in it has a unit that does not fit what it is compared with.
+        """
+        if camera is not None:
+            return self.seen_by(camera).evaluate(expression)
+        parts = tuple(self.without_units(part) for part in components(expression))
+        for part in parts:
+            self.check_names(part)
+        self.refresh()
+        if len(parts) == 1:
+            return self._evaluate_whole(parts[0])
+        return np.stack([self._evaluate_whole(part) for part in parts])
+
+    def _evaluate_whole(self: Any, expression: Expression) -> np.ndarray:
+        size, out = self.grid.size, None
+        for first in range(0, size, _CHUNK):
+            last = min(first + _CHUNK, size)
+            result = self.evaluate_cells(expression, first, last)
+            if out is None:
+                kind = np.float32 if result.dtype == np.float32 else np.float64
+                out = np.empty(size, dtype=kind)
+            out[first:last] = result
+        assert out is not None
+        return out.reshape(self.grid.shape)
+
+    def evaluate_cells(
+        self: Any, expression: Expression, first: int, last: int, *, double: bool = False
+    ) -> np.ndarray:
+        """Return an expression on the cells with flat numbers from `first` to `last`.
+
+        Computed in double precision whatever the fields are, if `double` is true: for sums.
+        """
+        others = [n for n in expression.names if n in self.coordinates and n not in self._fields]
+        values = coordinates(self.grid, others, first, last) if others else {}
+        for name in expression.names:
+            if name not in values:
+                own = self._cells(name, first, last)
+                values[name] = own.astype(np.float64) if double else own
+        result = np.asarray(expression.evaluate(NumpyOps(), values))
+        return np.broadcast_to(result, (last - first,))  # a constant has no axes
+
+    def _cells(self: Any, name: str, first: int, last: int) -> np.ndarray:
+        """Return a field, or what is made of fields, in consecutive cells."""
+        derived = self._derived(name)
+        if derived is not None and is_component(derived):
+            return component_of_cells(self, derived, first, last)  # not kept: it is quickly made
+        return self.array(name).reshape(-1)[first:last]
+
+    def check_names(self: Any, expression: Expression) -> None:
+        """Raise the error that names the nearest field if an expression uses an unknown one."""
+        known = (*self._fields, *self.coordinates)
+        for name in required_names(expression):
+            if name not in known and name not in self:
+                raise unknown_name("field", name, known)
+
+    def without_units(self: Any, expression: Expression) -> Expression:
+        """Return a condition with plain numbers for those with units, ``velocity_z > 5 km/s``.
+
+        Each is converted to the unit of what it is compared with.
+
+        Raises
+        ------
+        UnitsError
+            If it cannot be.
+        UnknownNameError
+            If it is compared with a field that does not exist.
+        """
+
+        def unit_of(other: Expression) -> Any:
+            self.check_names(other)
+            return self.expression_unit(other)
+
+        return expression.without_units(unit_of)
+
+    def expression_unit(self: Any, expression: Expression) -> Any:
+        """Return the unit of an expression by evaluating it on units, None where it has none.
+
+        An expression that takes a number out of a unit (``log10(density)``) has none: its value is
+        what the fields' own units make it.
+        """
+        units = {name: self.field_unit(name) for name in expression.names}
+        if not any(unit is not None for unit in units.values()):
+            return None
+        from astropy import units as u
+
+        ones = {
+            name: u.Quantity(1.0, unit if unit is not None else u.dimensionless_unscaled)
+            for name, unit in units.items()
+        }
+        try:
+            value = expression.evaluate(UnitOps(), ones)
+        except (u.UnitsError, TypeError, ValueError, UnitsError):
+            return None
+        return parse_unit(getattr(value, "unit", None))
