@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from twin.curvilinear import Frame, chord
+from voluminous.measuring.lines import lines_of_sight
 
 PI = np.pi
 RADII = np.linspace(1.0, 3.0, 21)
@@ -146,3 +148,52 @@ def test_one_panel_is_near_too():
     exact = drawn(volume, medium, "oblique").intensity
     quick = vm.render(volume, medium, CAMERAS["oblique"], tolerance=None).intensity
     assert np.sqrt(np.mean((quick - exact) ** 2)) < 0.01 * exact.max()
+
+
+def sampled(grid, values, points):
+    """Return a field between centres: linear in each own coordinate, constant beyond the last."""
+    own = Frame.of(grid).coordinates(points)
+    index, part = [], []
+    for axis, edges in enumerate(grid.edges):
+        centers = 0.5 * (edges[1:] + edges[:-1])
+        if axis == Frame.of(grid).phi_axis:  # a full circle: one more on either side
+            values = np.take(values, np.arange(-1, len(centers) + 1), axis, mode="wrap")
+            centers = np.concatenate([[centers[-1] - 2 * PI], centers, [centers[0] + 2 * PI]])
+        place = np.interp(own[..., axis], centers, np.arange(len(centers)))
+        low = np.minimum(place.astype(int), len(centers) - 2)
+        index.append(low)
+        part.append(place - low)
+    total = 0.0
+    for corner in np.ndindex(2, 2, 2):
+        weight = np.prod([f if c else 1 - f for f, c in zip(part, corner, strict=True)], axis=0)
+        total = total + weight * values[tuple(i + c for i, c in zip(index, corner, strict=True))]
+    return total
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+@pytest.mark.parametrize("name", ["coarse ball", "coarse cylinder"])
+def test_white_noise_keeps_to_the_tolerance_and_errors_are_honest(name, tolerance):
+    """Wide cells around axis and centre, thin shells: against many points along each ray."""
+    radii, phi = np.linspace(0, 1, 9), np.linspace(0, 2 * PI, 13)
+    grid = {
+        "coarse ball": vm.SphericalGrid(radii, np.linspace(0, PI, 9), phi),
+        "coarse cylinder": vm.CylindricalGrid(radii, phi, np.linspace(-1, 1, 9)),
+    }[name]
+    values, width = np.random.default_rng(5).random(grid.shape), 0.03
+    camera = vm.Orthographic(57, 33, width=1.8, resolution=12, center=(0, 0, 0))
+    shell = vm.Gaussian("f", 0.5, width, 1.0, 0, 1.0)
+    image = vm.render(
+        vm.Volume(grid, f=values), shell, camera, precision="double", tolerance=tolerance
+    )
+    origins, directions = (a.reshape(-1, 3) for a in lines_of_sight(camera, grid))
+    enter, leave = (t.astype(float) for t in chord(Frame.of(grid), origins, directions))
+    truth = []
+    for origin, direction, first, last in zip(origins, directions, enter, leave, strict=True):
+        step = max(last - first, 0.0) / 30_000
+        t = first + step * (np.arange(30_000) + 0.5)
+        f = sampled(grid, values, origin + t[:, None] * direction)
+        truth.append(step * np.sum(np.exp(-0.5 * ((f - 0.5) / width) ** 2)))
+    off = np.abs(image.intensity.reshape(-1) - truth) / np.max(truth)
+    assert off.max() <= 1.2 * tolerance
+    # What sums over points are off by themselves.
+    assert np.mean(off <= image.error.reshape(-1) / np.max(truth) + 2e-6) >= 0.99

@@ -13,7 +13,7 @@ from ..expressions.interval import Interval
 from ..grids.contract import has_blocks
 from ..memory import check_memory, fits
 from .coefficients.classify import Classifier
-from .coefficients.digits import enough_in_single
+from .coefficients.digits import contrast, enough_in_single
 from .coefficients.numbers import plan_numbers
 from .coefficients.on_ray import OnRay
 from .coefficients.own_coordinates import ray_coordinates
@@ -43,6 +43,8 @@ _FAINTEST = {"single": 1e-37, "double": 1e-300}
 # Rays that pass along a shell where it is faint do so for some path lengths at least. For more than
 # the second number nothing need be known: the faintest part of a peak is of a width as before.
 _SOME_PATHS, _MOST_PATHS = 10.0, 1e12
+# What pictures on curvilinear grids are off by, of the tolerance: nearly all of them by less.
+_LOST_BY_CUBICS = 0.1
 # What may be neglected of tabulated coefficients, as a fraction of their peak: below rounding.
 _FAINT = {"single": 1e-9, "double": 1e-18}
 
@@ -141,7 +143,17 @@ def _interpolated(
     source = Interpolated(classifier, lattices, context, blocks, paths)
     if whole:
         source.walk = _pruned(classifier, store, lattices, faint)
+    if scheme.controlled:
+        _keep_walk(source, classifier, tolerance)
     return source
+
+
+def _keep_walk(source: Interpolated, classifier: Classifier, tolerance: float) -> None:
+    """Where fields along a segment are no polynomials, have them near enough to one."""
+    walk = source.walk or classifier.grid.walk(classifier.backend, source.walk_kind)
+    if hasattr(walk, "kept_to"):
+        source.walk = walk.kept_to(tolerance / contrast(classifier))
+        source.lost = _LOST_BY_CUBICS * tolerance
 
 
 def _path_lengths(classifier: Classifier) -> float:

@@ -9,6 +9,7 @@ ends of segments it is exact: what a ray sees is continuous.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -144,6 +145,12 @@ class CurvilinearFieldWalk(SteppedWalk):
         super().__init__(*args)
         self.axes, self.smooth = axes, smooth
         self.length = self.backend.opaque(length)
+
+    def kept_to(self, error: float) -> CurvilinearFieldWalk:
+        """Return the same walk where fields may be off by less than a part of their range."""
+        kept = copy.copy(self)
+        kept.smooth = self.smooth.kept_to(error)
+        return kept
 
     def chord(self, track: Any, segment: Segment) -> CurvilinearChord:
         """Return a segment through its dual cell."""

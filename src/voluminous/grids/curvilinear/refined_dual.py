@@ -64,6 +64,12 @@ class RefinedFieldWalk(RefinedWalk):
         self.parts = [self.backend.opaque(p) for p in parts]
         self.wide = [_over(f, p) for f, p in zip(self.families, parts, strict=True)]
 
+    def kept_to(self, error: float) -> RefinedFieldWalk:
+        """Return the same walk where fields may be off by less than a part of their range."""
+        kept = copy.copy(self)
+        kept.smooth = self.smooth.kept_to(error)
+        return kept
+
     def chord(self, track: Any, segment: Segment) -> RefinedChord:
         """Return a segment through its leaf."""
         return RefinedChord(self, track, segment)

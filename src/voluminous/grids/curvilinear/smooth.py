@@ -4,12 +4,14 @@ Along a ray that passes the axis or the centre at distance q, with u counted fro
 approach, radii are √(q² + u²) and angles those of the point (u, q): functions with singularities at
 u = ±iq. The cubic through four values on a segment is off by about (h/4ρ)⁴, with h its length and ρ
 the distance of the singularities from it, which is the ray's least distance from the axis or the
-centre there. So h is at most a fraction of that: rays that pass by far from both are not cut at
-all, and those that come near are cut into ever smaller segments.
+centre there. So h is at most a fraction of that, the smaller the less fields may be off: rays that
+pass by far from both are not cut at all, and those that come near are cut into ever smaller
+segments.
 """
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -18,8 +20,12 @@ from ...backend import dr
 from .approach import dot
 from .order import lesser
 
-# The longest segment, as a part of its distance: √(q² + u²) is then off by 6e-6 q at most.
+# The longest segment, as a part of its distance, where nothing is asked: √(q² + u²) is then off by
+# 6e-6 q at most, and a field of white noise by 4e-4 of its range.
 _PART = 0.25
+# The fourth root of an error times this: white noise is then off by a tenth of the error.
+_PER_ROOT = 1.0
+_SHORTEST = 0.01
 # In ε of the domain: rays count as passing no nearer than that, since places are not known better.
 _NEAREST = 64.0
 # Slower than this, a ray runs parallel to the axis.
@@ -38,7 +44,8 @@ class Smooth:
     """
 
     def __init__(self, centre: bool, extent: float, backend: Any) -> None:
-        self.centre = centre
+        self.centre, self.backend = centre, backend
+        self.part = backend.opaque(_PART)
         self.least = backend.opaque(_NEAREST * float(np.finfo(backend.dtype).eps) * extent)
 
     @classmethod
@@ -47,6 +54,13 @@ class Smooth:
         farthest = [float(np.abs(grid.edges[k]).max()) / grid.scale for k in (0, 2)]
         centre = bool(grid.type_name == "spherical")
         return cls(centre, farthest[0] if centre else max(farthest), backend)
+
+    def kept_to(self, error: float) -> Smooth:
+        """Return the same for fields that are to be off by less than a part of their range."""
+        kept = copy.copy(self)
+        part = np.clip(_PER_ROOT * error**0.25, _SHORTEST, _PART)
+        kept.part = self.backend.opaque(float(part))
+        return kept
 
     def cut(self, track: Any, begin: Any, end: Any) -> tuple[Any, Any]:
         """Return where segments from `begin` to a wall at `end` are to end, and which do before."""
@@ -72,6 +86,6 @@ class Smooth:
     def _longest(self, nearest: Any, away: Any) -> Any:
         """Return how long segments may be that begin so far behind the closest approach."""
         # On the way there a segment's end is nearest, behind it its beginning is.
-        own = dr.select(away < 0.0, -away * (1.0 / (1.0 + _PART)), away)
+        own = dr.select(away < 0.0, -away / (1.0 + self.part), away)
         own = dr.select(own > nearest, own, nearest)
-        return _PART * dr.select(own > self.least, own, self.least)
+        return self.part * dr.select(own > self.least, own, self.least)

@@ -1,4 +1,4 @@
-"""Whether single precision has digits enough to evaluate a medium's expressions along rays."""
+"""How exactly a medium's expressions must be known: are the digits of single precision enough?"""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ _SAMPLE = 4096
 _RUN = 64
 # What may be lost, of the range of an expression's values, and of the width of a shape.
 _LOST, _LOST_OF_WIDTH = 1e-5, 0.01
+# The contrast of media of which nothing is told.
+_UNKNOWN = 10.0
 
 
 def enough_in_single(classifier: Classifier) -> bool:
@@ -29,6 +31,25 @@ def enough_in_single(classifier: Classifier) -> bool:
         return False
     sample = _sample(classifier)
     return all(_same(expr, least, sample) for expr, least in expressions)
+
+
+def contrast(classifier: Classifier) -> float:
+    """Return how many times narrower a medium's structures are than the ranges of what they show.
+
+    So many times what interpolated fields are off by, as a part of their range, a picture may be.
+    """
+    try:
+        expressions = classifier.medium.expressions()
+    except NotImplementedError:
+        return _UNKNOWN
+    sample, most = _sample(classifier), 1.0
+    with np.errstate(all="ignore"):
+        for expr, width in expressions:
+            values = _values(expr, sample, np.float64)
+            values = values[np.isfinite(values)]
+            if width > 0.0 and values.size:
+                most = max(most, float(np.ptp(values)) / width)
+    return most
 
 
 def _sample(classifier: Classifier) -> dict[str, np.ndarray]:

@@ -31,6 +31,8 @@ class Interpolated:
         The errors of emission and transparency allowed per stretch.
     neglected, neglected_depth : float
         What faint places that are left out may emit and absorb along a ray, in all.
+    lost : float
+        The part of a pixel that the interpolation itself may be off by.
     """
 
     def __init__(
@@ -44,9 +46,10 @@ class Interpolated:
         self.classifier, self.lattices, self.context = classifier, lattices, context
         self.numbers, self.backend = classifier.numbers, classifier.backend
         self.blocks = blocks
-        self.walk: Any = None  # through less than the whole grid
+        self.walk: Any = None  # through less than the whole grid, or in other steps
         self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
         self.tolerance: tuple[Any, Any] = ()  # type: ignore[assignment]
+        self.lost = 0.0
         # A ray that never comes nearer to a shell than where it is neglected may pass along it
         # all the way.
         most = 1e-3 * float(np.finfo(self.backend.dtype).max)

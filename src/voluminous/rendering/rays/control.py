@@ -111,9 +111,13 @@ def _add_floor(drawing: Drawing, paths: Paths) -> None:
 
 
 def lost_share(drawing: Drawing) -> float:
-    """Return what rounding and rays that stop early may have lost, as a fraction of brightness."""
-    lost = drawing.job.early_error if drawing.ending is not None else 0.0
-    return lost + _ROUNDING[drawing.backend.precision]
+    """Return what rounding, cubics and early ends may have lost, as a fraction of brightness."""
+    lost = _ROUNDING[drawing.backend.precision]
+    if drawing.ending is not None:
+        lost += drawing.job.early_error
+    if drawing.job.scheme.controlled:
+        lost += drawing.source.lost
+    return lost
 
 
 def total_error(paths: Paths, background: float) -> Any:
