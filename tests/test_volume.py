@@ -128,7 +128,7 @@ def test_single_precision_stays_single():
 
 
 def test_large_volumes_are_evaluated_in_parts(monkeypatch):
-    monkeypatch.setattr("voluminous.volume._CHUNK", 5)
+    monkeypatch.setattr("voluminous.evaluation._CHUNK", 5)
     volume = vm.Volume(GRID, a=COUNTED)
     np.testing.assert_array_equal(volume.evaluate("a*2 + x*0"), 2.0 * COUNTED)
 

@@ -40,6 +40,7 @@ def walk_along(grid, backend, ray, visit=None):
     while dr.any(cursor.inside):
         if has_gaps(walk):
             cursor = walk.cross(track, cursor).cursor
+            dr.eval(cursor)  # or the kernels of all steps grow, and are compiled one by one
         segment, following = walk.next(track, cursor)
         dr.eval(segment, following)
         if visit is not None:
