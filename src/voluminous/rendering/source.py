@@ -13,7 +13,7 @@ from ..expressions.interval import Interval
 from ..grids.contract import has_blocks
 from ..memory import check_memory, fits
 from .coefficients.classify import Classifier
-from .coefficients.digits import contrast, enough_in_single
+from .coefficients.digits import Exactness, exactness
 from .coefficients.numbers import plan_numbers
 from .coefficients.on_ray import OnRay
 from .coefficients.own_coordinates import ray_coordinates
@@ -118,7 +118,7 @@ def _interpolated(
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are kept with the volume."""
     volume, backend = classifier.volume, classifier.backend
-    single = _remember(classifier, store)
+    needed = _remember(classifier, store)
     classifier.numbers.normalise(classifier.largest())
     # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
     dense = float(classifier.numbers.densest(classifier.largest()))
@@ -128,7 +128,7 @@ def _interpolated(
     faint *= _SOME_PATHS / paths
     least = _FAINTEST[backend.precision]
     faint = least if faintest else max(faint, least)
-    real = backend.Float if single else backend.Wide
+    real = backend.Float if needed.single else backend.Wide
     context = replace(
         classifier.context(real),
         narrow=backend.Float,
@@ -144,15 +144,15 @@ def _interpolated(
     if whole:
         source.walk = _pruned(classifier, store, lattices, faint)
     if scheme.controlled:
-        _keep_walk(source, classifier, tolerance)
+        _keep_walk(source, tolerance, needed.contrast)
     return source
 
 
-def _keep_walk(source: Interpolated, classifier: Classifier, tolerance: float) -> None:
+def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
     """Where fields along a segment are no polynomials, have them near enough to one."""
-    walk = source.walk or classifier.grid.walk(classifier.backend, source.walk_kind)
+    walk = source.walk or source.classifier.grid.walk(source.backend, source.walk_kind)
     if hasattr(walk, "kept_to"):
-        source.walk = walk.kept_to(tolerance / contrast(classifier))
+        source.walk = walk.kept_to(tolerance / contrast)
         source.lost = _LOST_BY_CUBICS * tolerance
 
 
@@ -179,21 +179,21 @@ def _pruned(classifier: Classifier, store: Store, lattices: dict[str, Any], fain
     return store.kept(("pruned", own, faint, store.digests(medium.names), backend), make)
 
 
-def _remember(classifier: Classifier, store: Store) -> bool:
-    """Have what was found for the same medium before, and return if single precision is enough."""
+def _remember(classifier: Classifier, store: Store) -> Exactness:
+    """Have what was found for the same medium before, and return how exact expressions must be."""
     own = classifier.medium.key()
 
-    def make() -> tuple[list[float], bool]:
-        return classifier.largest(), enough_in_single(classifier)
+    def make() -> tuple[list[float], Exactness]:
+        return classifier.largest(), exactness(classifier)
 
     if own is None:
         return make()[1]
     # Shapes have other numbers than what is made of all their colours.
     kind = type(classifier.numbers).__name__
     key = ("numbers", kind, own, store.digests(classifier.medium.names))
-    largest, single = store.kept(key, make)
-    classifier.expect(largest)
-    return bool(single)
+    found: tuple[list[float], Exactness] = store.kept(key, make)
+    classifier.expect(found[0])
+    return found[1]
 
 
 def _limits(classifier: Classifier, real: Any) -> dict[str, tuple[Any, Any]]:

@@ -9,7 +9,6 @@ ends of segments it is exact: what a ray sees is continuous.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +18,7 @@ from ...backend import dr
 from ..contract import Segment
 from ..trilinear import Values, cubic_through, parabola_through, trilinear
 from .arithmetic import NUMBERS, Arithmetic
-from .smooth import Smooth
+from .smooth import Smooth, Smoothed
 from .steps import SteppedWalk
 
 
@@ -138,19 +137,13 @@ class CurvilinearChord:
         return self.walk.cells_near(self.track, self.segment.exit.count)
 
 
-class CurvilinearFieldWalk(SteppedWalk):
+class CurvilinearFieldWalk(Smoothed, SteppedWalk):
     """Rays through a dual grid that know where in its cells they are."""
 
     def __init__(self, *args: Any, axes: list[int], smooth: Smooth, length: float) -> None:
         super().__init__(*args)
         self.axes, self.smooth = axes, smooth
         self.length = self.backend.opaque(length)
-
-    def kept_to(self, error: float) -> CurvilinearFieldWalk:
-        """Return the same walk where fields may be off by less than a part of their range."""
-        kept = copy.copy(self)
-        kept.smooth = self.smooth.kept_to(error)
-        return kept
 
     def chord(self, track: Any, segment: Segment) -> CurvilinearChord:
         """Return a segment through its dual cell."""
@@ -166,6 +159,3 @@ class CurvilinearFieldWalk(SteppedWalk):
         for axis, family, i in zip(self.axes, self.families, index, strict=True):
             found[axis] = family.fraction(i, point, own)
         return found
-
-    def _cut(self, track: Any, cursor: Any, t: Any) -> tuple[Any, Any]:
-        return self.smooth.cut(track, cursor.t, t)

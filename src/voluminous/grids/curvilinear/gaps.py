@@ -59,13 +59,6 @@ class GapCrossing:
         """Return the cursor of rays at a distance, from their counts."""
         raise NotImplementedError
 
-    def _number(self, through: list[Any]) -> Any:
-        """Return the number of the family that is crossed."""
-        number = self.backend.Int(0)
-        for k, crossed in enumerate(through[1:]):
-            number = dr.select(crossed, k + 1, number)
-        return number
-
     def _times(self, track: Any, count: list[Any]) -> list[Any]:
         """Return the distances of the next wall of each family."""
         return [f.time(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]

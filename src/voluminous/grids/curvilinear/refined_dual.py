@@ -15,7 +15,7 @@ from ..contract import Segment
 from .arithmetic import NUMBERS, Arithmetic
 from .field_walk import CurvilinearChord
 from .refined_walk import Leaf, RefinedWalk
-from .smooth import Smooth
+from .smooth import Smooth, Smoothed
 
 
 class RefinedChord(CurvilinearChord):
@@ -37,7 +37,7 @@ class RefinedChord(CurvilinearChord):
         return self.walk.fractions(self.segment.exit.left, point, own)
 
 
-class RefinedFieldWalk(RefinedWalk):
+class RefinedFieldWalk(Smoothed, RefinedWalk):
     """Rays through a refined grid that know where in its leaves they are.
 
     Parameters
@@ -64,12 +64,6 @@ class RefinedFieldWalk(RefinedWalk):
         self.parts = [self.backend.opaque(p) for p in parts]
         self.wide = [_over(f, p) for f, p in zip(self.families, parts, strict=True)]
 
-    def kept_to(self, error: float) -> RefinedFieldWalk:
-        """Return the same walk where fields may be off by less than a part of their range."""
-        kept = copy.copy(self)
-        kept.smooth = self.smooth.kept_to(error)
-        return kept
-
     def chord(self, track: Any, segment: Segment) -> RefinedChord:
         """Return a segment through its leaf."""
         return RefinedChord(self, track, segment)
@@ -83,9 +77,6 @@ class RefinedFieldWalk(RefinedWalk):
         ):
             found[axis] = own.stretched(family.fraction(low, point, own), parts / Float(size))
         return found
-
-    def _cut(self, track: Any, cursor: Any, t: Any) -> tuple[Any, Any]:
-        return self.smooth.cut(track, cursor.t, t)
 
 
 def _over(family: Any, parts: float) -> Any:

@@ -32,6 +32,22 @@ _NEAREST = 64.0
 _PARALLEL = 1e-12
 
 
+class Smoothed:
+    """A walk whose segments end where its `smooth` says."""
+
+    smooth: Smooth
+
+    def kept_to(self, error: float) -> Any:
+        """Return the same walk where fields may be off by less than a part of their range."""
+        kept = copy.copy(self)
+        kept.smooth = self.smooth.kept_to(error)
+        return kept
+
+    def _cut(self, track: Any, cursor: Any, t: Any) -> tuple[Any, Any]:
+        """Return where steps to a wall at `t` are to end, and which do before it."""
+        return self.smooth.cut(track, cursor.t, t)
+
+
 class Smooth:
     """Ends segments near the axis, and near the centre of a spherical grid.
 

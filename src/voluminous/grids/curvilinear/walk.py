@@ -186,6 +186,13 @@ class CurvilinearWalk(GapCrossing):
         wall = self.families[0].wall_at(ahead(slot, number))
         return meet(lines, wall, number < 0)
 
+    def _number(self, through: list[Any]) -> Any:
+        """Return the number of the family that is crossed."""
+        number = self.backend.Int(0)
+        for k, crossed in enumerate(through[1:]):
+            number = dr.select(crossed, k + 1, number)
+        return number
+
     def _cells(self, track: Track, count: list[Any]) -> list[Any]:
         """Return the number of the cell along each axis; beyond its ends where there is none."""
         return [f.cell(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]

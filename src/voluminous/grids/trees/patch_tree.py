@@ -79,6 +79,7 @@ class PatchEntries:
 
     def located(self, level: int, entry: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield entries of a level, some at a time, and where they are: indices (3, n)."""
+        # Made again: kept, it would take twice the memory of the entries.
         order = _brick_order(self.shape)[1] if level == 0 else None
         for first in range(0, len(entry), _SOME):
             some = entry[first : first + _SOME]
@@ -200,7 +201,7 @@ class _Painted:
     corner: np.ndarray
 
 
-_NONE = np.zeros(0, np.int64)
+_NOTHING = np.zeros(0, np.int64)
 
 # A patch by rank, and a mixed entry, by its place among them, that it touches but does not cover.
 _Pairs = tuple[np.ndarray, np.ndarray]
@@ -217,8 +218,7 @@ def _painted_root(boxes: Boxes, shape: np.ndarray, unit: np.ndarray) -> tuple[_P
     touch = full.copy()
     _paint(touch, low[partly], high[partly], partly)
     mixed = np.flatnonzero(touch > full)
-    corner = np.stack(np.unravel_index(mixed, full.shape)[::-1], axis=1)
-    painted = _Painted(full.reshape(-1), mixed, corner)
+    painted = _Painted(full.reshape(-1), mixed, _unravelled(mixed, shape).T)
     rank, entry = _beyond(full, low[partly], high[partly], partly)
     return painted, (rank, np.searchsorted(mixed, entry))
 
@@ -301,7 +301,6 @@ def _painted_blocks(
     """Return the painted blocks of mixed entries, and what their own mixed entries need."""
     volume = int(ratio.prod())
     full = np.repeat(above.full[above.mixed], volume)
-    touch = full.copy()
     order = np.argsort(pairs[0], kind="stable")  # the last one painted is the finest
     rank, block = pairs[0][order], pairs[1][order]
     start = above.corner[block] * ratio
@@ -313,19 +312,18 @@ def _painted_blocks(
     entry = block * volume + local[:, 0] + ratio[0] * (local[:, 1] + ratio[1] * local[:, 2])
     if not (boxes.low[pairs[0]] % unit).any() and not (boxes.high[pairs[0]] % unit).any():
         full[entry] = rank  # none is covered partly
-        return _Painted(full, _NONE, _NONE.reshape(0, 3)), (_NONE, _NONE)
+        return _Painted(full, _NOTHING, _NOTHING.reshape(0, 3)), (_NOTHING, _NOTHING)
     inside = ((boxes.low[rank] <= index.T * unit) & ((index.T + 1) * unit <= boxes.high[rank])).all(
         axis=1
     )
+    touch = full.copy()
     full[entry[inside]] = rank[inside]
     touch[entry] = rank
     touch = np.maximum(touch, full)
     mixed = np.flatnonzero(touch > full)
     place = np.full(len(full), -1)
     place[mixed] = np.arange(len(mixed))
-    inner = mixed % volume
-    corner = above.corner[mixed // volume] * ratio + np.stack(
-        [inner % ratio[0], inner // ratio[0] % ratio[1], inner // (ratio[0] * ratio[1])], axis=1
-    )
+    block, inner = np.divmod(mixed, volume)
+    corner = above.corner[block] * ratio + _unravelled(inner, ratio).T
     needed = (place[entry] >= 0) & (rank > full[entry]) & ~inside
     return _Painted(full, mixed, corner), (rank[needed], place[entry[needed]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,24 @@ _LOST, _LOST_OF_WIDTH = 1e-5, 0.01
 _UNKNOWN = 10.0
 
 
-def enough_in_single(classifier: Classifier) -> bool:
-    """Return True if all expressions have nearly the same values in single as in double precision.
+class Exactness(NamedTuple):
+    """How exactly the expressions of a medium are to be known.
+
+    Attributes
+    ----------
+    single : bool
+        In single precision they have nearly the same values as in double precision.
+    contrast : float
+        How many times narrower the medium's structures are than the ranges of what they show. So
+        many times what fields are off by, as a part of their range, a picture may be.
+    """
+
+    single: bool
+    contrast: float
+
+
+def exactness(classifier: Classifier) -> Exactness:
+    """Return how exactly a medium's expressions are to be known.
 
     Tried on a sample of cells: overflow and underflow (squares of lengths in cm), cancellation, and
     shells narrower than the spacing of single-precision numbers all show there.
@@ -28,28 +44,18 @@ def enough_in_single(classifier: Classifier) -> bool:
     try:
         expressions = classifier.medium.expressions()
     except NotImplementedError:
-        return False
+        return Exactness(False, _UNKNOWN)
     sample = _sample(classifier)
-    return all(_same(expr, least, sample) for expr, least in expressions)
-
-
-def contrast(classifier: Classifier) -> float:
-    """Return how many times narrower a medium's structures are than the ranges of what they show.
-
-    So many times what interpolated fields are off by, as a part of their range, a picture may be.
-    """
-    try:
-        expressions = classifier.medium.expressions()
-    except NotImplementedError:
-        return _UNKNOWN
-    sample, most = _sample(classifier), 1.0
+    single, contrast = True, 1.0
     with np.errstate(all="ignore"):
-        for expr, width in expressions:
-            values = _values(expr, sample, np.float64)
-            values = values[np.isfinite(values)]
-            if width > 0.0 and values.size:
-                most = max(most, float(np.ptp(values)) / width)
-    return most
+        for expr, least in expressions:
+            exact, rounded = (_values(expr, sample, kind) for kind in (np.float64, np.float32))
+            defined = np.isfinite(exact)
+            single = single and np.array_equal(defined, np.isfinite(rounded))
+            single = single and _same(exact[defined], rounded[defined], least)
+            if least > 0.0:
+                contrast = max(contrast, _span(exact[defined]) / least)
+    return Exactness(single, contrast)
 
 
 def _sample(classifier: Classifier) -> dict[str, np.ndarray]:
@@ -68,21 +74,18 @@ def _sample(classifier: Classifier) -> dict[str, np.ndarray]:
     return found
 
 
-def _same(expr: Expression, least: float, sample: dict[str, np.ndarray]) -> bool:
-    with np.errstate(all="ignore"):
-        exact = _values(expr, sample, np.float64)
-        rounded = _values(expr, sample, np.float32)
-        defined = np.isfinite(exact)
-        if not np.array_equal(defined, np.isfinite(rounded)):
-            return False
-        exact, rounded = exact[defined], rounded[defined]
-        lost = float(np.max(np.abs(exact - rounded), initial=0.0))
-        size = float(np.max(np.abs(exact), initial=0.0))
-        # Rounding of the values themselves, which the sample may show none of.
-        lost = max(lost, size * float(np.finfo(np.float32).eps))
-    span = float(np.ptp(exact)) if exact.size else 0.0
+def _same(exact: np.ndarray, rounded: np.ndarray, least: float) -> bool:
+    lost = float(np.max(np.abs(exact - rounded), initial=0.0))
+    size = float(np.max(np.abs(exact), initial=0.0))
+    # Rounding of the values themselves, which the sample may show none of.
+    lost = max(lost, size * float(np.finfo(np.float32).eps))
     tiny = 0.0 < size < 1e-30 or size > 1e30
-    return not tiny and (lost <= _LOST * max(span, size)) and not 0 < least * _LOST_OF_WIDTH < lost
+    few = lost <= _LOST * max(_span(exact), size)
+    return not tiny and few and not 0 < least * _LOST_OF_WIDTH < lost
+
+
+def _span(values: np.ndarray) -> float:
+    return float(np.ptp(values)) if values.size else 0.0
 
 
 def _values(expr: Expression, sample: dict[str, np.ndarray], kind: Any) -> np.ndarray:
