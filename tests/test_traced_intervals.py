@@ -21,7 +21,7 @@ from voluminous.expressions.interval import Interval
 from voluminous.expressions.traced_interval import TracedInterval, traced
 from voluminous.expressions.traced_interval_ops import TracedIntervalOps
 from voluminous.media import Colormap, Context, Gaussian, Medium, Rectangle, Table
-from voluminous.media.contract import no_unit
+from voluminous.media.context import no_unit
 from voluminous.media.traced_bounds import TracedRangeContext, traced_ranges
 
 INF, NAN = math.inf, math.nan

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
-from .jumps import Margin, margins
+from .jumps import Margin, is_smooth, margins
 from .ops import Ops
 from .parser import parse
 from .source import one_line
@@ -90,6 +90,11 @@ class Expression:
     def margins(self) -> tuple[Margin, ...]:
         """Return the differences of what it compares: where one changes its sign, it may jump."""
         return margins(self._tree, self.text)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it has neither jumps nor kinks wherever it is finite, nor waves of its own."""
+        return is_smooth(self._tree)
 
     def without_units(self, unit_of: Callable[[Expression], Any]) -> Expression:
         """Return it with plain numbers for those with units; itself if there are none.

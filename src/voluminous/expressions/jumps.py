@@ -1,4 +1,4 @@
-"""Where expressions jump: at the places where two sides of a comparison are equal."""
+"""Where expressions jump, which is where two sides of a comparison are equal; or not at all."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from itertools import pairwise
 from typing import Any
 
 from .ops import Ops
-from .tree import Comparison, Field, Node
+from .tree import Call, Comparison, Constant, Field, IntegerPower, Node
+
+_ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "positive")
+_SMOOTH = frozenset((*_ARITHMETIC, "log10", "log", "exp", "sqrt", "power", "tanh"))
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,15 @@ def margins(tree: Node, text: str) -> tuple[Margin, ...]:
                 names = tuple(dict.fromkeys(own))
                 found.append(Margin(f"{text}: margin {len(found)}", names, left, right))
     return tuple(found)
+
+
+def is_smooth(tree: Node) -> bool:
+    """Return whether there is nothing in an expression that jumps, bends sharply or oscillates."""
+    return all(
+        isinstance(node, (Constant, Field, IntegerPower))
+        or (isinstance(node, Call) and node.operation in _SMOOTH)
+        for node in nodes(tree)
+    )
 
 
 def nodes(tree: Node) -> Iterator[Node]:

@@ -3,7 +3,8 @@
 from .coefficients import Coefficients
 from .color_by import ColorBy
 from .colormap import Colormap
-from .contract import Context, Medium
+from .context import Context
+from .contract import Medium
 from .function import Function
 from .gaussian import Gaussian
 from .isosurface import Isosurface

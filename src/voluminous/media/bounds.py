@@ -15,7 +15,8 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression, IntervalOps
 from ..expressions.interval import Interval
-from .contract import Context, Medium
+from .context import Context
+from .contract import Medium
 from .interpolation import interpolate_ranges
 
 

@@ -10,8 +10,9 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import parse_unit, unit_name
+from .context import Context
 from .contract import Coefficients as Values
-from .contract import Context, Medium
+from .contract import Medium
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses

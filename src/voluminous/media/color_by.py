@@ -13,7 +13,8 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..units import plain
 from .color_scale import ColorScale
-from .contract import Context, channel_values
+from .context import Context
+from .contract import channel_values
 from .table_means import PiecewiseLinear
 
 

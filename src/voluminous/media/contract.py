@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,87 +12,17 @@ import numpy as np
 from ..backend import dr
 from ..colormaps import get_color
 from ..errors import InputError
-from ..expressions import DrjitOps, Expression, Margin, Ops
+from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import is_quantity
-from .interpolation import interpolate
+from .context import Context, no_unit
 
 if TYPE_CHECKING:
+    from .at_nodes import AtNodes
     from .bounds import Bounds
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
-
-
-def _same(value: Any) -> Any:
-    return value
-
-
-def no_unit(expression: Expression) -> None:
-    """Return None: nothing is known of the unit of an expression."""
-
-
-@dataclass
-class Context:
-    """How a medium is evaluated: number type, run-time constants, units.
-
-    Attributes
-    ----------
-    real : type
-        Dr.Jit float type of the field values and of what is computed from them.
-    number : callable
-        Turns a Python float into run-time data of that type: changing it never compiles again.
-    unit : astropy unit or None
-        The volume's length unit.
-    unit_of : callable
-        Returns the unit of an `Expression`, or None where it has none or it is not known.
-    narrow : callable
-        Turns values of `real` into what integrals along rays are computed with.
-    scale : float
-        The unit of lengths along rays (`Stretch.length`), in the volume's: what `Medium.means`
-        returns is per this length.
-    radiance : float
-        The unit of emission of `Medium.means`.
-    limits : dict of str to (array, array)
-        Least and largest values of fields: what is interpolated between cells must not leave them
-        by rounding, or logarithms of fields with zeros have no value.
-    faint : float
-        Coefficients below this fraction of their peak may be neglected.
-    coordinates : dict of str to Expression
-        How a grid's own coordinates follow from x, y and z.
-    """
-
-    real: Any
-    number: Callable[[float], Any]
-    unit: Any
-    unit_of: Callable[[Expression], Any]
-    narrow: Callable[[Any], Any] = _same
-    scale: float = 1.0
-    radiance: float = 1.0
-    limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
-    faint: float = 1e-8
-    coordinates: dict[str, Expression] = field(default_factory=dict)
-    _kept: dict[Any, Any] = field(default_factory=dict)
-
-    @property
-    def ops(self) -> Ops:
-        """The operations and functions to compute with."""
-        return DrjitOps(self.real, constant=self.number)
-
-    def keep(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what `make` returned the first time: run-time numbers are put in a kernel once."""
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
-
-    def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
-        """Return the value of an expression of the fields."""
-        return self.real(expression.evaluate(self.ops, fields))
-
-    def interpolate(self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
-        """Return the columns of a table, given at its nodes, interpolated at x."""
-        return interpolate(self.real, x, nodes, columns)
-
 
 # What a structure wider than a panel counts, among those narrower.
 WIDE = 0.75
@@ -169,6 +99,27 @@ class Medium:
             values = [weight * context.narrow(v) for v in values]
             total = [t + v for t, v in zip(total, values, strict=True)] if total else values
         return Coefficients(total[: self.channels], total[self.channels :])
+
+    @property
+    def smooth(self) -> bool:
+        """Whether `at_nodes` says of some stretches how far means of nodes are off."""
+        return False
+
+    def at_nodes(self, stretch: Stretch, context: Context) -> AtNodes:
+        """Return j and α at four nodes of a stretch, and how far their means may be off.
+
+        In the units of `means`. By default nothing is known where it may be noticeable.
+        """
+        from .at_nodes import AtNodes
+
+        seen, _ = self.visible(stretch, context)
+        zero = stretch.length * 0.0
+        count = 1 if self.grey else self.channels
+        nothing, unknown = (
+            Coefficients([value] * self.channels, [value] * count)
+            for value in (zero, dr.select(seen, math.inf, zero))
+        )
+        return AtNodes([nothing] * 4, unknown)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where it may be noticeable on a stretch, and where panels may not show that.

@@ -13,7 +13,7 @@ from ..expressions.traced_interval import TracedInterval, extremes
 from ..expressions.traced_jet import Derivative, TracedJet
 from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import larger, lowered, raised, smaller
-from .contract import Context
+from .context import Context
 from .traced_bounds import TracedRangeContext
 
 _AXES = ("x", "y", "z")

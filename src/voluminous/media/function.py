@@ -7,7 +7,8 @@ from typing import Any
 
 from ..errors import InputError
 from ..expressions import Expression
-from .contract import Coefficients, Context, Medium
+from .context import Context
+from .contract import Coefficients, Medium
 
 
 class Function(Medium):

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..expressions import Ops
+from .at_nodes import ShapeAtNodes, gaussian_at_nodes
 from .modulation import Middle
 from .shape_means import gaussian_mean
 from .shape_middles import gaussian_middle
@@ -71,6 +72,12 @@ class Gaussian(Shaped):
     def mean_shape(self, first: Any, last: Any) -> Any:
         """Return the mean of a Gaussian between two distances, in σ."""
         return gaussian_mean(first, last)
+
+    def shape_at_nodes(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
+    ) -> ShapeAtNodes:
+        """Return a Gaussian at four nodes of a stretch."""
+        return gaussian_at_nodes(nodes, derivatives)
 
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval

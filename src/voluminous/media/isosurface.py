@@ -21,12 +21,8 @@ from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
-from .contract import (
-    WIDE,
-    Coefficients,
-    Context,
-    Medium,
-)
+from .context import Context
+from .contract import WIDE, Coefficients, Medium
 from .crossings import NOISE, passes, way_within
 from .given import named as _named
 from .given import plain_number

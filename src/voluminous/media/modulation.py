@@ -19,7 +19,8 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_interval_ops import TracedIntervalOps
 from .color_by import ColorBy
-from .contract import Coefficients, Context, color_values
+from .context import Context
+from .contract import Coefficients, color_values
 
 if TYPE_CHECKING:
     from .stretch import Panel, Stretch

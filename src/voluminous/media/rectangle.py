@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ..backend import dr
 from ..expressions import Ops
-from .contract import Context
+from .at_nodes import ShapeAtNodes
+from .context import Context
 from .crossings import passes
 from .modulation import Middle
 from .shape_means import box_mean
@@ -58,6 +60,14 @@ class Rectangle(Shaped):
         """Return which part of the way is within the half width."""
         return box_mean(first, last)
 
+    def shape_at_nodes(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
+    ) -> ShapeAtNodes:
+        """Return one at all nodes: known where the whole stretch is within the half width."""
+        low, high = ends
+        one = type(low)(1.0)
+        return ShapeAtNodes([one] * 4, dr.select((low >= -1.0) & (high <= 1.0), 0.0 * one, dr.inf))
+
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
     ) -> TracedInterval:
@@ -78,6 +88,13 @@ class Rectangle(Shaped):
             possible, shown = passes(stretch, self.expr, edge)
             hidden |= seen & (possible > shown)
         return seen, hidden
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return one where an edge may be: nothing is thinner, however wide the shell is."""
+        low, high = self._offsets(stretch.hull(self.expr), context)
+        _, off = super().sharpness(stretch, context)
+        edge = (low <= 1.0) & (high >= -1.0) & ((low < -1.0) | (high > 1.0))
+        return dr.select(edge, 1.0 + 0.0 * low, 0.0), off
 
     def reach(self, faint: float) -> float:
         """Return one: beyond the half width there is nothing."""

@@ -6,14 +6,17 @@ and of `opacity` for the extinction: seen through one path length of its peak, i
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..expressions import Expression, Ops
 from ..expressions.interval import Interval
 from ..units import plain
+from .at_nodes import PLACES, AtNodes, ShapeAtNodes
 from .bends import bend, slope_factor, thinness
-from .contract import WIDE, Coefficients, Context, Medium, channel_values, check_extinction
+from .context import Context
+from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
@@ -110,6 +113,57 @@ class Shaped(Medium):
         middle = self.middle(*self._ends(panel, context))
         return self.modulation.means(found, panel, context, middle)
 
+    @property
+    def smooth(self) -> bool:
+        """Whether the scalar has no kinks, and nothing else varies."""
+        return self.modulation.fixed and self.expr.smooth
+
+    def at_nodes(self, stretch: Stretch, context: Context) -> AtNodes:
+        """Return j and α at four nodes of a stretch; see `Medium.at_nodes`."""
+        if not self.smooth:
+            return super().at_nodes(stretch, context)
+        shape = self.per_length_at_nodes(stretch, context)
+        color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
+
+        def painted(value: Any, size: Any) -> Coefficients:
+            return Coefficients([size(h) * value for h in color], [h * value for h in opacity])
+
+        return AtNodes([painted(v, _same) for v in shape.nodes], painted(shape.off, dr.abs))
+
+    def per_length_at_nodes(self, stretch: Stretch, context: Context) -> ShapeAtNodes:
+        """Return the shape per path length at four nodes of a stretch; zero where neglected.
+
+        Of several shells a ray is mostly in one: a branch for each.
+        """
+        _, narrowness, per_length = self._kept(context)
+        reach = self._reach(context)
+        low, high = ends = self._offsets(stretch.hull(self.expr), context)
+        nodes = self._offsets([stretch.scalar(self.expr, s) for s in PLACES], context)
+        slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
+        found = dr.if_stmt(
+            args=(nodes, ends, slopes),
+            cond=~((low > reach) | (high < -reach)),
+            true_fn=self.shape_at_nodes,
+            false_fn=_nothing_at_nodes,
+        )
+        return found.times(per_length)
+
+    def shape_at_nodes(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
+    ) -> ShapeAtNodes:
+        """Return the shape at four nodes of a stretch.
+
+        Parameters
+        ----------
+        nodes : four arrays
+            Distances from the centre at `at_nodes.PLACES`, in widths.
+        ends : two arrays
+            The least and the greatest distance on the stretch.
+        derivatives : three arrays
+            Bounds of the first three derivatives of that distance.
+        """
+        raise NotImplementedError
+
     def mean_per_length(self, panel: Panel, context: Context) -> Any:
         """Return the mean of the shape per path length, exact if x is linear over the panel."""
         _, _, per_length = self._kept(context)
@@ -151,9 +205,13 @@ class Shaped(Medium):
 
     def _ends(self, panel: Panel, context: Context) -> tuple[Any, Any]:
         """Return how far x is from the centre at both ends, in widths."""
-        center, narrowness, _ = self._kept(context)
-        first, last = (context.narrow(x - center) * narrowness for x in panel.ends(self.expr))
+        first, last = self._offsets(panel.ends(self.expr), context)
         return first, last
+
+    def _offsets(self, values: Iterable[Any], context: Context) -> list[Any]:
+        """Return how far values of x are from the centre, in widths."""
+        center, narrowness, _ = self._kept(context)
+        return [context.narrow(x - center) * narrowness for x in values]
 
     def mean_shape(self, first: Any, last: Any) -> Any:
         """Return the mean of the shape between two distances from the centre, in widths."""
@@ -169,12 +227,9 @@ class Shaped(Medium):
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where the shape may be noticeable, and where a panel's ends may not show that."""
-        center, narrowness, _ = self._kept(context)
         reach = self._reach(context)
         nodes = extremes(stretch.nodes(self.expr))
-        below, above, low, high = (
-            context.narrow(x - center) * narrowness for x in (*nodes, *stretch.hull(self.expr))
-        )
+        below, above, low, high = self._offsets((*nodes, *stretch.hull(self.expr)), context)
         seen = ~((low > reach) | (high < -reach))  # where there is NaN, it must show
         over = (high > above + _DOUBT) & (above < reach) & (high > -reach)
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
@@ -189,8 +244,7 @@ class Shaped(Medium):
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return in which halves the shell is: one if it is narrower than they are, else less."""
-        center, narrowness, _ = self._kept(context)
-        nodes = [context.narrow(x - center) * narrowness for x in stretch.nodes(self.expr)]
+        nodes = self._offsets(stretch.nodes(self.expr), context)
         counts = []
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)
@@ -296,3 +350,12 @@ class Shaped(Medium):
 
 def _nothing(first: Any, last: Any) -> Any:
     return type(first)(0.0)
+
+
+def _nothing_at_nodes(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> ShapeAtNodes:
+    zero = type(nodes[0])(0.0)
+    return ShapeAtNodes([zero] * 4, zero)
+
+
+def _same(value: Any) -> Any:
+    return value

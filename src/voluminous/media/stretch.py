@@ -14,7 +14,7 @@ from typing import Any
 from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
-from .contract import Context
+from .context import Context
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
 NODES = (0.0, 0.5, 1.0)
@@ -38,6 +38,7 @@ class Stretch:
         self.cubics, self.context, self.length = cubics, context, length
         self._scalars: dict[tuple[str, float], Any] = {}
         self._controls: dict[str, list[Any]] = {}
+        self._derivatives: dict[str, list[Any]] = {}
 
     def fields(self, s: Any) -> dict[str, Any]:
         """Return all fields at a place."""
@@ -88,6 +89,22 @@ class Stretch:
             inner = [self.context.evaluate(expr, self._control(i)) for i in (1, 2)]
             self._controls[expr.text] = [self.scalar(expr, 0.0), *inner, self.scalar(expr, 1.0)]
         return self._controls[expr.text]
+
+    def derivatives(self, expr: Expression) -> list[Any]:
+        """Return bounds of an expression's first three derivatives by s; computed once.
+
+        Of a cubic with these control points: differences of them bound the second (Farin 2002,
+        section 5.3), and half of that is how far the first departs from its mean.
+        """
+        if expr.text not in self._derivatives:
+            b0, b1, b2, b3 = self.controls(expr)
+            rise, middle, last = b1 - b0, b2 - b1, b3 - b2
+            start, end = middle - rise, last - middle
+            apart = dr.abs(end - start)
+            second = 3.0 * (dr.abs(start + end) + apart)
+            first = dr.fma(second, 0.5, dr.abs(b3 - b0))
+            self._derivatives[expr.text] = [first, second, 6.0 * apart]
+        return self._derivatives[expr.text]
 
     def part(self, start: Any, width: Any) -> Stretch:
         """Return the part from `start` on, of a width, as a stretch of its own."""

@@ -14,7 +14,8 @@ from ..expressions.interval import Interval
 from ..units import plain, unit_of
 from .bends import bend, thinness
 from .color_by import ColorBy
-from .contract import Coefficients, Context, Medium, check_plain
+from .context import Context
+from .contract import Coefficients, Medium, check_plain
 from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in

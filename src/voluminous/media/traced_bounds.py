@@ -12,7 +12,8 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval, traced
 from ..expressions.traced_interval_ops import TracedIntervalOps
-from .contract import Coefficients, Context, Medium
+from .context import Context
+from .contract import Coefficients, Medium
 from .traced_interpolation import interpolate_traced_ranges
 
 

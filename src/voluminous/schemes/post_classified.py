@@ -1,8 +1,10 @@
 """Post-classified: fields are interpolated along the ray, and classified there.
 
-Between cell centres a field is trilinear, so along a segment it is a cubic. Over panels on which a
-medium's scalars are nearly linear its integrals are known in closed form (`Medium.means`); panels
-are halved until a panel and its two halves agree. What they differ by is the error that is kept.
+Between cell centres a field is trilinear, so along a segment it is a cubic. Where a medium is
+smooth along a whole segment, four samples give its integral and a bound of their error
+(`smooth_segment`). Elsewhere a segment is cut into panels on which the medium's scalars are nearly
+linear, and its integrals known in closed form (`Medium.means`): panels are halved until a panel and
+its two halves agree, and what they differ by is the error that is kept (`halving`).
 """
 
 from __future__ import annotations
@@ -10,24 +12,17 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 from ..backend import dr
-from ..backend.functions import any_attenuation, precision_of
-from ..media.stretch import NODES
+from ..backend.functions import precision_of
 from .contract import Solution
-from .one_panel import solved
+from .halving import attempt
 from .path import Path, empty_path, most, over
+from .smooth_segment import smooth_segment
 
-# Optical depth above which only the front of a panel shows: means over it then say little.
-_OPAQUE = 1.0
 # Panels are not made narrower than this fraction of a segment.
 _NARROWEST = {"single": 2.0**-8, "double": 2.0**-14}
-# So many times their difference two approximations are taken to be off by where structures are
-# thinner than a panel. With 5, 99 % of rays through white noise are off by less than is said,
-# whatever the medium; with 2.5 (in 0.9 to 1 of the time) 98 %.
-_SHARP = 5.0
 
 
 @dataclass
@@ -38,15 +33,6 @@ class Progress:
     width: Any
     scalars: list[Any]
     path: Path
-
-
-@dataclass
-class Share:
-    """A medium of a sum on a panel: how many structures it has there, what it emits and absorbs."""
-
-    count: Any
-    bright: Any
-    depth: Any
 
 
 class PostClassified:
@@ -83,12 +69,12 @@ class PostClassified:
         for expr, before in zip(source.scalars, scalars, strict=True):
             fresh = whole.scalar(expr, 0.0)
             whole.set_scalar(expr, 0.0, dr.select(dr.isnan(before), fresh, before))
-        visible, hidden = source.visible(whole)
+        visible, _ = source.visible(whole)
         known = [whole.known(expr) for expr in source.scalars]
         numbers = source.numbers
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
         path = dr.if_stmt(
-            args=(cubics, known, segment.length, seen_through, hidden, nothing),
+            args=(cubics, known, segment.length, seen_through, nothing),
             cond=visible & segment.active,
             true_fn=functools.partial(_visible, source, backward),
             false_fn=_invisible,
@@ -98,9 +84,7 @@ class PostClassified:
         return path, [*(values[-1] for values in known), seen_through]
 
 
-def _invisible(
-    cubics: Any, known: Any, length: Any, seen_through: Any, hidden: Any, nothing: Path
-) -> Path:
+def _invisible(cubics: Any, known: Any, length: Any, seen_through: Any, nothing: Path) -> Path:
     return nothing
 
 
@@ -111,20 +95,31 @@ def _visible(
     known: Any,
     length: Any,
     seen_through: Any,
-    hidden: Any,
     nothing: Path,
 ) -> Path:
-    """Return a segment solved in two panels, or in more where that is not good enough."""
+    """Return a segment solved at once, or in panels where that is not good enough."""
+    whole = _stretch(source, cubics, known, length)
+    if source.smooth:
+        found, good = smooth_segment(source, whole, seen_through, backward)
+        widest = 1.0
+    else:
+        found, good = attempt(source, whole, seen_through, backward, seen_through < 0.0)
+        _, hidden = source.visible(whole)
+        good, widest = good & ~hidden, 0.5
+    return dr.if_stmt(
+        args=(cubics, known, length, seen_through, nothing, found),
+        cond=good,
+        true_fn=_good_enough,
+        false_fn=functools.partial(_in_panels, source, backward, widest),
+    )
+
+
+def _stretch(source: Any, cubics: Any, known: Any, length: Any) -> Any:
+    """Return a segment's stretch with what was computed of it outside of a branch."""
     whole = source.stretch(cubics, length)
     for expr, values in zip(source.scalars, known, strict=True):
         whole.set_known(expr, values)
-    fine, good = _attempt(source, whole, seen_through, backward, seen_through < 0.0)
-    return dr.if_stmt(
-        args=(cubics, known, length, seen_through, nothing, fine),
-        cond=good & ~hidden,
-        true_fn=_good_enough,
-        false_fn=functools.partial(_refined, source, backward),
-    )
+    return whole
 
 
 def _good_enough(
@@ -133,20 +128,24 @@ def _good_enough(
     return fine
 
 
-def _refined(
+def _in_panels(
     source: Any,
     backward: bool,
+    widest: float,
     cubics: Any,
     known: Any,
     length: Any,
     seen_through: Any,
     nothing: Path,
-    fine: Path,
+    found: Path,
 ) -> Path:
-    """Return a segment solved in panels that are narrow enough."""
+    """Return a segment solved in panels that are narrow enough.
+
+    The first of them is as wide as `widest` of the segment, if it can be.
+    """
     real = type(length)
     narrowest = _NARROWEST[precision_of(real)]
-    whole = source.stretch(cubics, length)
+    whole = _stretch(source, cubics, known, length)
 
     def going_on(state: Progress) -> Any:
         return state.begin < 1.0
@@ -160,7 +159,7 @@ def _refined(
             part.set_scalar(expr, 1.0, dr.select(last, values[-1], part.scalar(expr, 1.0)))
         seen = seen_through if backward else seen_through * most(state.path.transparency)
         least = state.width <= narrowest
-        found, good = _attempt(source, part, seen, backward, least)
+        found, good = attempt(source, part, seen, backward, least)
         _, hidden = source.visible(part)
         good = (good & ~hidden) | least
         front, back = (found, state.path) if backward else (state.path, found)
@@ -174,149 +173,6 @@ def _refined(
         return (Progress(begin, width, scalars, dr.select(good, over(front, back), state.path)),)
 
     starts = [values[0] for values in known]
-    state = Progress(real(0), real(0.5), starts, nothing)
+    state = Progress(real(0), real(widest), starts, nothing)
     (state,) = dr.while_loop((state,), going_on, step, label="panels")
     return state.path
-
-
-def _attempt(
-    source: Any, part: Any, seen_through: Any, backward: bool, least: Any
-) -> tuple[Path, Any]:
-    """Return a part solved, and where that is good enough; `least` cannot be halved again.
-
-    Twice: as one panel and as two; where they are near each other what is left of their difference
-    is extrapolated away (Richardson 1911).
-    """
-    halves = [_solved(source, part.panel(a, b)) for a, b in pairwise(NODES)]
-    fine = over(*(halves[::-1] if backward else halves))
-    coarse = _solved(source, part.panel(0.0, 1.0))
-    sharp = source.sharpness(part)
-    emission, wrong = _extrapolated(coarse.emission, fine.emission, *sharp)
-    depth, _ = _extrapolated(coarse.depth, fine.depth, *sharp)
-    through, dim = _extrapolated(
-        [1.0 - theta for theta in coarse.transparency],
-        [1.0 - theta for theta in fine.transparency],
-        *sharp,
-    )
-    brightness = source.numbers.brightness
-    parts = _in_parts(source, part, halves)
-    doubtful = _crowded(parts[0]) | _crowded(parts[1])
-    if not source.steady:
-        doubtful |= most(fine.depth) > _OPAQUE
-    # A branch: few panels need it.
-    unsure = dr.if_stmt(
-        args=(halves, parts, least),
-        cond=doubtful,
-        true_fn=functools.partial(_unsure, source, backward),
-        false_fn=_sure,
-    )
-    error = [brightness(wrong) + unsure, most(dim), brightness(emission)]
-    path = Path(emission, [1.0 - lost for lost in through], depth, error)
-    allowed, allowed_dim = source.tolerance
-    good = (seen_through * error[0] <= allowed) & (seen_through * error[1] <= allowed_dim)
-    return path, good
-
-
-def _unsure(
-    source: Any, backward: bool, halves: list[Path], parts: list[list[Share]], least: Any
-) -> Any:
-    """Return how far panels may be off for what lies in front of what in them."""
-    found = _mixed(parts)
-    if source.steady:
-        return found
-    way = -1 if backward else 1
-    return found + _hidden_behind(source, halves[::way], parts[::way], least)
-
-
-def _sure(halves: list[Path], parts: list[list[Share]], least: Any) -> Any:
-    return halves[0].error[2] * 0.0
-
-
-def _in_parts(source: Any, part: Any, halves: list[Path]) -> list[list[Share]]:
-    """Return what each medium of a sum does in both halves."""
-    counts, found = source.cores(part), []
-    for h, (half, (start, end)) in enumerate(zip(halves, pairwise(NODES), strict=True)):
-        shares = source.shares(half, part.panel(start, end))
-        found.append(
-            [
-                Share(count[h], bright, depth)
-                for count, (bright, depth) in zip(counts, shares, strict=True)
-            ]
-        )
-    return found
-
-
-def _mixed(halves: list[list[Share]]) -> Any:
-    """Return how far panels may be off that hold several structures, one in front of another.
-
-    Of two of them each may dim the other, or none: that is what their order decides.
-    """
-    total: Any = 0.0
-    for shares in halves:
-        several = _crowded(shares)
-        for k, share in enumerate(shares):
-            own = dr.select(share.count > 1.5, _absorbed(share.depth), 0.0)
-            others = [other.depth for other in shares[:k] + shares[k + 1 :]]
-            if others:
-                between = _absorbed(sum(others[1:], others[0]))
-                own = own + dr.select(several, between, 0.0)
-            total = total + 0.5 * share.bright * own
-    return total
-
-
-def _crowded(shares: list[Share]) -> Any:
-    return sum((share.count for share in shares[1:]), shares[0].count) > 1.5
-
-
-def _absorbed(depth: Any) -> Any:
-    return 1.0 - any_attenuation(depth)[0]
-
-
-def _hidden_behind(source: Any, halves: list[Path], parts: list[list[Share]], least: Any) -> Any:
-    """Return how far opaque panels may be off of which only the front shows, the front one first.
-
-    That halves agree says nothing then. Where they cannot be narrower, they tell how much varies.
-    Structures narrower than a panel do not count: what lies before and behind them is `_mixed`.
-    """
-    front, back = halves
-    opaque = [
-        sum(dr.select(share.count < 1.0, share.depth, 0.0) for share in shares) > _OPAQUE
-        for shares in parts
-    ]
-    varies = []
-    for c, (b, behind) in enumerate(zip(front.emission, back.emission, strict=True)):
-        k = c if len(front.transparency) > 1 else 0
-        lost, other = 1.0 - front.transparency[k], 1.0 - back.transparency[k]
-        both = (lost > 0.0) & (other > 0.0)
-        varies.append(dr.select(both, b - behind * (lost / dr.select(both, other, 1.0)), 0.0))
-    known = dr.select(opaque[0], source.numbers.brightness(varies), 0.0)
-    unsure = dr.select(opaque[0], front.error[2], 0.0)
-    unsure = unsure + dr.select(opaque[1], back.error[2] * most(front.transparency), 0.0)
-    return dr.select(least, known, 0.5 * unsure)
-
-
-def _extrapolated(
-    coarse: list[Any], fine: list[Any], thin: Any, bent: Any
-) -> tuple[list[Any], list[Any]]:
-    """Return what two approximations of second order tend to, and how far that may be off.
-
-    Halves are off by a third of what they differ from the whole; that is taken off, and the whole
-    difference said to be the error. Where they differ much, or structures are thinner than a half,
-    there is no order: then the halves count, and more than the difference. `bent` is a relative
-    error that both may share.
-    """
-    values, errors = [], []
-    for c, f in zip(coarse, fine, strict=True):
-        off, size = dr.abs(f - c), dr.abs(f)
-        share = dr.select(off < 0.25 * size, (1.0 - thin) * (1 / 3), 0.0)
-        values.append(dr.fma(f - c, share, f))
-        errors.append(off * dr.fma(thin, _SHARP - 1.0, 1.0) + bent * size)
-    return values, errors
-
-
-def _solved(source: Any, panel: Any) -> Path:
-    """Return a panel solved with its mean coefficients, and how bright it is."""
-    path = solved(source, panel)
-    zero = type(panel.length)(0)
-    path.error = [zero, zero, source.numbers.brightness(path.emission)]
-    return path

@@ -13,7 +13,8 @@ from ...errors import InputError
 from ...expressions.interval import Interval
 from ...fields import coordinate_extremes
 from ...media.bounds import RangeContext
-from ...media.contract import Context, Medium
+from ...media.context import Context
+from ...media.contract import Medium
 from .centers import Centers
 
 # Fields up to this size are copied to where kernels are the same for all (`backend.host`); larger

@@ -21,8 +21,9 @@ from ...backend.functions import any_attenuation
 from ...expressions.interval import Interval
 from ...media import Shaped
 from ...media.bounds import RangeContext
-from ...media.contract import Context, Medium
-from ...media.stretch import Panel
+from ...media.context import Context
+from ...media.contract import Medium
+from ...media.stretch import Panel, Stretch
 from ...schemes.path import Path, most
 
 
@@ -69,6 +70,11 @@ class Direct:
         """Return the means of the values over a panel of a ray."""
         found = self.medium.means(panel, context)
         return [*found.emissivity, *found.extinction]
+
+    def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+        """Return the values at four nodes of a stretch, and how far their means may be off."""
+        found = self.medium.at_nodes(stretch, context)
+        return [[*own.emissivity, *own.extinction] for own in (*found.nodes, found.off)]
 
     def brightness(self, emission: list[Any]) -> Any:
         """Return the magnitude of the brightest channel."""
@@ -192,6 +198,11 @@ class Shapes:
     def means(self, panel: Panel, context: Context) -> list[Any]:
         """Return the means of the shapes over a panel of a ray."""
         return [part.mean_per_length(panel, context) for part in self.parts]
+
+    def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+        """Return the shapes at four nodes of a stretch, and how far their means may be off."""
+        found = [part.per_length_at_nodes(stretch, context) for part in self.parts]
+        return [*map(list, zip(*(f.nodes for f in found), strict=True)), [f.off for f in found]]
 
     def brightness(self, emission: list[Any]) -> Any:
         """Return a bound of the magnitude of the brightest channel."""

@@ -11,7 +11,7 @@ from ...backend import dr
 from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.trilinear import trilinear
-from ...media.contract import Context
+from ...media.context import Context
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
 from ...schemes.path import Path
 from ..coefficients.classify import Classifier
@@ -120,6 +120,18 @@ class Interpolated:
         j, alpha = self.numbers.split(self.numbers.means(panel, self.context))
         # What no physics can use becomes NaN, which the picture shows: it is looked at afterwards.
         return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
+
+    @property
+    def smooth(self) -> bool:
+        """Whether means of nodes will do for some stretches, and it is known for which.
+
+        Double precision is for those who want digits: panels have all of them in linear fields.
+        """
+        return self.backend.precision == "single" and self.classifier.medium.smooth
+
+    def at_nodes(self, stretch: Stretch) -> list[tuple[list[Any], list[Any]]]:
+        """Return j and α at four nodes of a stretch, and how far their means may be off."""
+        return [self.numbers.split(own) for own in self.numbers.at_nodes(stretch, self.context)]
 
     def cores(self, stretch: Stretch) -> list[list[Any]]:
         """Return how many structures are in each half of a stretch, for each part of a sum."""

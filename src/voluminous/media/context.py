@@ -1,0 +1,82 @@
+"""How media are evaluated: number type, run-time constants, units."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..expressions import DrjitOps, Expression, Margin, Ops
+from .interpolation import interpolate
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def no_unit(expression: Expression) -> None:
+    """Return None: nothing is known of the unit of an expression."""
+
+
+@dataclass
+class Context:
+    """How a medium is evaluated: number type, run-time constants, units.
+
+    Attributes
+    ----------
+    real : type
+        Dr.Jit float type of the field values and of what is computed from them.
+    number : callable
+        Turns a Python float into run-time data of that type: changing it never compiles again.
+    unit : astropy unit or None
+        The volume's length unit.
+    unit_of : callable
+        Returns the unit of an `Expression`, or None where it has none or it is not known.
+    narrow : callable
+        Turns values of `real` into what integrals along rays are computed with.
+    scale : float
+        The unit of lengths along rays (`Stretch.length`), in the volume's: what `Medium.means`
+        returns is per this length.
+    radiance : float
+        The unit of emission of `Medium.means`.
+    limits : dict of str to (array, array)
+        Least and largest values of fields: what is interpolated between cells must not leave them
+        by rounding, or logarithms of fields with zeros have no value.
+    faint : float
+        Coefficients below this fraction of their peak may be neglected.
+    coordinates : dict of str to Expression
+        How a grid's own coordinates follow from x, y and z.
+    """
+
+    real: Any
+    number: Callable[[float], Any]
+    unit: Any
+    unit_of: Callable[[Expression], Any]
+    narrow: Callable[[Any], Any] = _same
+    scale: float = 1.0
+    radiance: float = 1.0
+    limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
+    faint: float = 1e-8
+    coordinates: dict[str, Expression] = field(default_factory=dict)
+    _kept: dict[Any, Any] = field(default_factory=dict)
+
+    @property
+    def ops(self) -> Ops:
+        """The operations and functions to compute with."""
+        return DrjitOps(self.real, constant=self.number)
+
+    def keep(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what `make` returned the first time: run-time numbers are put in a kernel once."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
+        """Return the value of an expression of the fields."""
+        return self.real(expression.evaluate(self.ops, fields))
+
+    def interpolate(self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
+        """Return the columns of a table, given at its nodes, interpolated at x."""
+        return interpolate(self.real, x, nodes, columns)
