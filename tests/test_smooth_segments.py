@@ -9,9 +9,10 @@ import voluminous as vm
 from voluminous.backend import get_backend
 from voluminous.backend.functions import decay
 from voluminous.expressions import Expression
-from voluminous.media.at_nodes import PLACES, WEIGHTS, gaussian_at_nodes, mean
 from voluminous.media.context import Context
+from voluminous.media.sampled import BEND, PAIR, PLACES, WEIGHTS, sampled_gaussian
 from voluminous.media.stretch import Stretch
+from voluminous.media.table_means import PiecewiseLinear
 
 BOTH = pytest.mark.parametrize("precision", ["single", "double"])
 # Relative: the fit of the polynomial and a few roundings; Dr.Jit's own exponential in double. The
@@ -72,8 +73,8 @@ def stretches(points, backend):
 def solved(points, backend):
     """Return the mean of the Gaussian of every cubic by four nodes, and the bound of its error."""
     stretch, expr = stretches(points, backend), Expression("a")
-    found = gaussian_at_nodes([stretch.scalar(expr, s) for s in PLACES], stretch.derivatives(expr))
-    return mean(found.nodes).numpy(), found.off.numpy()
+    found = sampled_gaussian([stretch.scalar(expr, s) for s in PLACES], stretch.derivatives(expr))
+    return found.mean.numpy(), found.off.numpy()
 
 
 def exact(points):
@@ -115,6 +116,50 @@ def test_bounds_are_of_sixth_order():
     np.testing.assert_allclose(off[:-1] / off[1:], 64, rtol=0.1)
 
 
+def test_two_samples_are_exact_for_cubics_and_off_by_at_most_their_kernel():
+    a, b = PAIR
+    for degree in range(4):
+        assert 0.5 * (a**degree + b**degree) == pytest.approx(1 / (degree + 1), rel=1e-14)
+    bend = np.linspace(0, 1, 2001)  # of (s - bend)+ the mean is (1 - bend)²/2
+    off = 0.5 * (np.maximum(a - bend, 0) + np.maximum(b - bend, 0)) - 0.5 * (1 - bend) ** 2
+    assert 0.99 * BEND < np.abs(off).max() <= BEND
+
+
+TABLES = {
+    "regular": np.linspace(-4, 4, 17),
+    "irregular": np.cumsum(np.random.default_rng(2).uniform(0.05, 1, 17)) - 4,
+    "two nodes": np.array([-1.0, 1.5]),
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_means_of_tables_are_within_their_bound(kind):
+    nodes, backend = TABLES[kind], backend_of("double")
+    column = np.random.default_rng(3).random(len(nodes))
+    medium = vm.Table("a", nodes, column, column, 1.0)
+    points = cubics(20_000, 4)
+    stretch = stretches(points, backend)
+    found = medium.sampled(stretch, stretch.context)
+    s = (np.arange(4000) + 0.5) / 4000  # the middles of as many parts: off by 1e-7
+    exact = np.mean([np.interp(bezier(points, place), nodes, column) for place in s], axis=0)
+    wrong = np.abs(found.mean.extinction[0].numpy() - exact)
+    off = found.off.extinction[0].numpy()
+    assert np.all(wrong <= off + 1e-6)
+    assert (off == 0).mean() > 0.05  # within an interval: exact
+
+
+@pytest.mark.parametrize("kind", TABLES)
+@BOTH
+def test_samples_of_tables_are_those_of_numpy(kind, precision):
+    nodes, backend = TABLES[kind], backend_of(precision)
+    columns = np.random.default_rng(3).random((len(nodes), 3))
+    table = PiecewiseLinear(backend.Float, nodes, columns)
+    x = np.concatenate([np.linspace(-6, 12, 5000), nodes, [-np.inf, np.inf]])
+    found = np.stack([v.numpy() for v in table.values(backend.Float(x))])
+    expected = np.stack([np.interp(x, nodes, c) for c in columns.T])
+    assert np.abs(found - expected).max() < {"single": 2e-5, "double": 1e-13}[precision]
+
+
 @pytest.mark.parametrize(
     ("text", "smooth"),
     [
@@ -151,6 +196,10 @@ MEDIA = {
     ),
     "coloured": lambda: vm.Gaussian("a", 0.6, 0.3, (1, 0.5, 0.2), (0.5, 1.0, 3.0), 0.3),
     "rectangle": lambda: vm.Rectangle("a", 0.6, 0.3, (1, 0.5, 0.2), 2.0, 0.3),
+    "table": lambda: vm.Table(
+        "a", np.linspace(0, 2, 9), np.random.default_rng(1).random((9, 3)), np.full(9, 1.5), 0.3
+    ),
+    "colormap": lambda: vm.Colormap("a", "viridis", 0, 2, 0.7, 0.3),
     "beside a surface": lambda: (
         vm.Gaussian("a", 0.6, 0.2, (1, 0.5, 0.2), 2.0, 0.3)
         + vm.Isosurface("b", 1.2, (0.1, 0.5, 1), 0.5)
@@ -160,6 +209,12 @@ MEDIA = {
         + vm.Gaussian("b", 1.2, 0.2, (0.1, 0.5, 1), 0.5, 0.3, where="a > 0.5")
     ),
 }
+
+
+def test_tables_with_jumps_are_not_smooth():
+    assert vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0).smooth
+    assert not vm.Table("a", [0, 1, 1, 2], [0, 0, 1, 0], [0, 0, 1, 0], 1.0).smooth
+    assert not vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0, where="b > 1").smooth
 
 
 @pytest.mark.parametrize("kind", MEDIA)

@@ -18,10 +18,10 @@ from ..units import is_quantity
 from .context import Context, no_unit
 
 if TYPE_CHECKING:
-    from .at_nodes import AtNodes
     from .bounds import Bounds
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
+    from .sampled import Sampled
     from .stretch import Panel, Stretch
 
 # What a structure wider than a panel counts, among those narrower.
@@ -102,15 +102,15 @@ class Medium:
 
     @property
     def smooth(self) -> bool:
-        """Whether `at_nodes` says of some stretches how far means of nodes are off."""
+        """Whether `sampled` knows of some stretches how far means of samples are off."""
         return False
 
-    def at_nodes(self, stretch: Stretch, context: Context) -> AtNodes:
-        """Return j and α at four nodes of a stretch, and how far their means may be off.
+    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the means of j and α over a stretch from samples, and how far they may be off.
 
         In the units of `means`. By default nothing is known where it may be noticeable.
         """
-        from .at_nodes import AtNodes
+        from .sampled import Sampled
 
         seen, _ = self.visible(stretch, context)
         zero = stretch.length * 0.0
@@ -119,7 +119,7 @@ class Medium:
             Coefficients([value] * self.channels, [value] * count)
             for value in (zero, dr.select(seen, math.inf, zero))
         )
-        return AtNodes([nothing] * 4, unknown)
+        return Sampled(nothing, nothing, nothing, unknown)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where it may be noticeable on a stretch, and where panels may not show that.

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ..expressions import Ops
-from .at_nodes import ShapeAtNodes, gaussian_at_nodes
 from .modulation import Middle
+from .sampled import SampledShape, sampled_gaussian
 from .shape_means import gaussian_mean
 from .shape_middles import gaussian_middle
 from .shaped import Shaped
@@ -73,11 +73,11 @@ class Gaussian(Shaped):
         """Return the mean of a Gaussian between two distances, in σ."""
         return gaussian_mean(first, last)
 
-    def shape_at_nodes(
+    def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> ShapeAtNodes:
-        """Return a Gaussian at four nodes of a stretch."""
-        return gaussian_at_nodes(nodes, derivatives)
+    ) -> SampledShape:
+        """Return the mean of a Gaussian over a stretch from samples."""
+        return sampled_gaussian(nodes, derivatives)
 
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval

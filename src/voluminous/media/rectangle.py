@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..expressions import Ops
-from .at_nodes import ShapeAtNodes
 from .context import Context
 from .crossings import passes
 from .modulation import Middle
+from .sampled import SampledShape
 from .shape_means import box_mean
 from .shape_middles import box_middle
 from .shaped import Shaped
@@ -60,13 +60,14 @@ class Rectangle(Shaped):
         """Return which part of the way is within the half width."""
         return box_mean(first, last)
 
-    def shape_at_nodes(
+    def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> ShapeAtNodes:
-        """Return one at all nodes: known where the whole stretch is within the half width."""
+    ) -> SampledShape:
+        """Return one: known where the whole stretch is within the half width."""
         low, high = ends
         one = type(low)(1.0)
-        return ShapeAtNodes([one] * 4, dr.select((low >= -1.0) & (high <= 1.0), 0.0 * one, dr.inf))
+        inside = (low >= -1.0) & (high <= 1.0)
+        return SampledShape(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
 
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval

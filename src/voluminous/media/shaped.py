@@ -13,7 +13,6 @@ from ..backend import dr
 from ..expressions import Expression, Ops
 from ..expressions.interval import Interval
 from ..units import plain
-from .at_nodes import PLACES, AtNodes, ShapeAtNodes
 from .bends import bend, slope_factor, thinness
 from .context import Context
 from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
@@ -22,6 +21,7 @@ from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Middle, modulated
 from .path_length import check_positive, given_path_length, length_in
+from .sampled import PLACES, Sampled, SampledShape
 from .stretch import Straight, extremes
 
 if TYPE_CHECKING:
@@ -118,20 +118,21 @@ class Shaped(Medium):
         """Whether the scalar has no kinks, and nothing else varies."""
         return self.modulation.fixed and self.expr.smooth
 
-    def at_nodes(self, stretch: Stretch, context: Context) -> AtNodes:
-        """Return j and α at four nodes of a stretch; see `Medium.at_nodes`."""
+    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
         if not self.smooth:
-            return super().at_nodes(stretch, context)
-        shape = self.per_length_at_nodes(stretch, context)
+            return super().sampled(stretch, context)
+        shape = self.sampled_per_length(stretch, context)
         color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
+        found = [
+            Coefficients([h * value for h in color], [h * value for h in opacity])
+            for value in shape.parts()
+        ]
+        found[-1].emissivity = [dr.abs(off) for off in found[-1].emissivity]
+        return Sampled(*found)
 
-        def painted(value: Any, size: Any) -> Coefficients:
-            return Coefficients([size(h) * value for h in color], [h * value for h in opacity])
-
-        return AtNodes([painted(v, _same) for v in shape.nodes], painted(shape.off, dr.abs))
-
-    def per_length_at_nodes(self, stretch: Stretch, context: Context) -> ShapeAtNodes:
-        """Return the shape per path length at four nodes of a stretch; zero where neglected.
+    def sampled_per_length(self, stretch: Stretch, context: Context) -> SampledShape:
+        """Return the mean of the shape per path length from samples; zero where neglected.
 
         Of several shells a ray is mostly in one: a branch for each.
         """
@@ -143,20 +144,20 @@ class Shaped(Medium):
         found = dr.if_stmt(
             args=(nodes, ends, slopes),
             cond=~((low > reach) | (high < -reach)),
-            true_fn=self.shape_at_nodes,
-            false_fn=_nothing_at_nodes,
+            true_fn=self.sampled_shape,
+            false_fn=_nothing_sampled,
         )
         return found.times(per_length)
 
-    def shape_at_nodes(
+    def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> ShapeAtNodes:
-        """Return the shape at four nodes of a stretch.
+    ) -> SampledShape:
+        """Return the mean of the shape over a stretch from samples.
 
         Parameters
         ----------
         nodes : four arrays
-            Distances from the centre at `at_nodes.PLACES`, in widths.
+            Distances from the centre at `sampled.PLACES`, in widths.
         ends : two arrays
             The least and the greatest distance on the stretch.
         derivatives : three arrays
@@ -352,10 +353,6 @@ def _nothing(first: Any, last: Any) -> Any:
     return type(first)(0.0)
 
 
-def _nothing_at_nodes(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> ShapeAtNodes:
+def _nothing_sampled(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> SampledShape:
     zero = type(nodes[0])(0.0)
-    return ShapeAtNodes([zero] * 4, zero)
-
-
-def _same(value: Any) -> Any:
-    return value
+    return SampledShape(zero, zero, zero, zero)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from .at_nodes import AtNodes
 from .context import Context
 from .contract import Coefficients, Medium
+from .sampled import Sampled
 from .stretch import extremes
 
 if TYPE_CHECKING:
@@ -70,11 +70,10 @@ class Sum(Medium):
         """Whether one of the parts is."""
         return any(part.smooth for part in self.parts)
 
-    def at_nodes(self, stretch: Stretch, context: Context) -> AtNodes:
-        """Return the sums of the parts', and of what they may be off by."""
-        found = [part.at_nodes(stretch, context) for part in self.parts]
-        nodes = [self._total(list(own)) for own in zip(*(f.nodes for f in found), strict=True)]
-        return AtNodes(nodes, self._total([f.off for f in found]))
+    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the sums of the parts' means, and of what they may be off by."""
+        found = [part.sampled(stretch, context).parts() for part in self.parts]
+        return Sampled(*(self._total(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where one of the parts may be noticeable, and where one may hide."""

@@ -19,6 +19,7 @@ from .contract import Coefficients, Medium, check_plain
 from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
+from .sampled import BEND, PAIR, Sampled
 from .stretch import extremes
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 # Control points that stick out by this part of a structure's width call for smaller panels.
 _DOUBT = 0.25
+# Half of how far apart the ends of a stretch are, over the distance of two samples.
+_TO_ENDS = 0.5 / (PAIR[1] - PAIR[0])
 
 
 class Table(Medium):
@@ -100,8 +103,7 @@ class Table(Medium):
         x = context.evaluate(self.expr, fields)
         scale = 1.0 / self._length(context)
         columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
-        found = context.interpolate(x, self._nodes(context), columns)
-        result = Coefficients(found[: self.channels], found[self.channels :])
+        result = self._split(context.interpolate(x, self._nodes(context), columns))
         return self.modulation.coefficients(result, fields, context)
 
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
@@ -125,12 +127,45 @@ class Table(Medium):
         heights = context.keep((id(self), "heights"), lambda: self._heights(context))
         table = self._table(context, type(ends[0].x))
         means = table.means(*ends)[: len(heights)]
-        found = [h * v for h, v in zip(heights, means, strict=True)]
-        result = Coefficients(found[: self.channels], found[self.channels :])
+        result = self._split([h * v for h, v in zip(heights, means, strict=True)])
         if self.modulation.fixed:
             return result
         middles = context.keep((id(self), "middles"), lambda: self._middles(context, table.real))
         return self.modulation.means(result, panel, context, middles.between(*ends))
+
+    @property
+    def smooth(self) -> bool:
+        """Whether there are neither jumps in the table nor kinks in x, and nothing else varies."""
+        jumps = np.any(np.diff(self.values) == 0)
+        return self.modulation.fixed and self.expr.smooth and not jumps
+
+    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the means of j and α over a stretch from samples; see `Medium.sampled`.
+
+        Two of them are exact for the lines between nodes (x is a cubic), and off by as much as the
+        table bends at nodes on the way.
+        """
+        if not self.smooth:
+            return super().sampled(stretch, context)
+        low, high, *samples = (
+            context.narrow(x)
+            for x in (*stretch.hull(self.expr), *(stretch.scalar(self.expr, s) for s in PAIR))
+        )
+        table = self._table(context, type(low))
+        first, second, _ = (context.narrow(d) for d in stretch.derivatives(self.expr))
+        off = BEND * table.bends(low, high, first + second)
+        heights = context.keep((id(self), "heights"), lambda: self._heights(context))
+        a, b = ([h * v for h, v in zip(heights, table.values(x), strict=True)] for x in samples)
+        # The line through both samples: √3 of their difference is that of its ends.
+        middle = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
+        lean = [_TO_ENDS * (q - p) for p, q in zip(a, b, strict=True)]
+        start, end = (
+            [m + way * d for m, d in zip(middle, lean, strict=True)] for way in (-1.0, 1.0)
+        )
+        return Sampled(*map(self._split, (middle, start, end, [h * off for h in heights])))
+
+    def _split(self, values: list[Any]) -> Coefficients:
+        return Coefficients(values[: self.channels], values[self.channels :])
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where an entry may be noticeable, and where a panel's ends may not show that."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr, from_host
-from ..backend.functions import first_true, precision_of
+from ..backend.functions import first_true, precision_of, unit_interval
 
 # Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
 _EVEN = 0.4
@@ -80,12 +80,15 @@ class PiecewiseLinear:
         areas = np.diff(nodes)[:, None] * 0.5 * (columns[1:] + columns[:-1])
         self.sums = Sums(real, areas)
         self.walls = from_host(real, np.concatenate([[-np.inf], rounded, [np.inf]]))
-        self.even = _spacing(real, rounded)
+        self.even = _spacing(real, rounded, _EVEN)
+        # Where nodes are off by no more than rounding, nothing need be corrected.
+        regular = _spacing(real, rounded, 4.0 * len(nodes) * float(np.finfo(dtype).eps))
+        self.regular = regular is not None
+        self.bent = from_host(real, _bends(nodes, columns).astype(dtype))
 
     def at(self, x: Any) -> Place:
         """Return where x lies, and the columns there; NaN where x is."""
-        x = x * self.unit
-        x = dr.select(x > self.far, self.far, dr.select(x < -self.far, -self.far, x))
+        x = self._near(x)
         k = self._interval(x)
         low, high, narrowness, stretch = self.pieces.at(k)
         f = (x - low) * narrowness
@@ -96,6 +99,34 @@ class PiecewiseLinear:
         left = [to_x * (a + v) for a, v in zip(before, value, strict=True)]
         right = [from_x * (v + b) for v, b in zip(value, after, strict=True)]
         return Place(x, k, low, high, before, value, after, left, right)
+
+    def values(self, x: Any) -> list[Any]:
+        """Return the columns at x."""
+        if not self.regular:
+            return self.at(x).value
+        place = self._position(self._near(x))
+        k = dr.floor(
+            dr.select(place < self.real(self.last) - 2.0, place, self.real(self.last) - 2.0)
+        )
+        k = dr.select(k > 0.0, k, 0.0)
+        f = unit_interval(place - k)
+        before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
+        return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
+
+    def bends(self, low: Any, high: Any, rate: Any) -> Any:
+        """Return by how much the steepest column's derivative along a way may change, in all.
+
+        Parameters
+        ----------
+        low, high : arrays
+            Between which x stays.
+        rate : array
+            A bound of the change of x per way, which is once at each node.
+        """
+        first, last = (
+            dr.gather(self.real, self.bent, self._below(self._near(x))) for x in (low, high)
+        )
+        return (last - first) * (rate * self.unit)
 
     def means(self, first: Place, last: Place) -> list[Any]:
         """Return the means of the columns between two places, in either order."""
@@ -113,6 +144,24 @@ class PiecewiseLinear:
             found.append(dr.select(together, middle, per_way * (inner + ends)))
         return found
 
+    def _near(self, x: Any) -> Any:
+        """Return x in the unit of the nodes, and not too far from them."""
+        x = x * self.unit
+        return dr.select(x > self.far, self.far, dr.select(x < -self.far, -self.far, x))
+
+    def _position(self, x: Any) -> Any:
+        """Return where x is among evenly spaced nodes, counted from the first."""
+        assert self.even is not None
+        start, per_node = self.even
+        return (x - start) * per_node
+
+    def _below(self, x: Any) -> Any:
+        """Return the number of nodes that are not above x; rounded where they are regular."""
+        if not self.regular:
+            return self._interval(x)
+        place, most = self._position(x) + 1.0, self.real(self.last)
+        return self.UInt(dr.select(place > 0.0, dr.select(place < most, place, most), 0.0))
+
     def _interval(self, x: Any) -> Any:
         """Return the number of nodes that are not above x."""
         if self.even is None:
@@ -121,8 +170,7 @@ class PiecewiseLinear:
                 self.UInt,
                 lambda k: dr.gather(self.real, self.walls, k + 1) > x,
             )
-        start, per_node = self.even
-        guess = (x - start) * per_node + 1.0
+        guess = self._position(x) + 1.0
         most = self.real(self.last)
         guess = dr.select(guess > 0.0, dr.select(guess < most, guess, most), 0.0)
         k = self.UInt(guess)
@@ -199,6 +247,15 @@ def _pieces(nodes: np.ndarray, rounded: np.ndarray) -> np.ndarray:
     return np.stack([low, high, narrowness, ratio], axis=1)
 
 
+def _bends(nodes: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return per interval how much the slope of the steepest column changes at all nodes before."""
+    steps = np.diff(nodes)[:, None]
+    slopes = np.divide(np.diff(columns, axis=0), steps, where=steps > 0, out=0.0 * columns[1:])
+    flat = np.zeros((1, columns.shape[1]))
+    changes = np.abs(np.diff(np.concatenate([flat, slopes, flat]), axis=0)).max(axis=1)
+    return np.concatenate([[0.0], np.cumsum(changes)])
+
+
 def unit_exponent(nodes: np.ndarray) -> int:
     """Return the power of two that brings any unit near one, and rounds nothing."""
     extent = float(np.ptp(nodes))
@@ -220,13 +277,13 @@ def running_sums(steps: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]
     return large, (total - large + rest).astype(dtype)
 
 
-def _spacing(real: Any, nodes: np.ndarray) -> tuple[Any, Any] | None:
-    """Return start and 1/spacing of evenly spaced nodes, else None."""
+def _spacing(real: Any, nodes: np.ndarray, most: float) -> tuple[Any, Any] | None:
+    """Return start and 1/spacing of nodes off by at most so many spacings, else None."""
     start, count = float(nodes[0]), len(nodes) - 1
     spacing = (float(nodes[-1]) - start) / count
     if spacing <= 0:
         return None
     off = np.abs(nodes.astype(np.float64) - (start + spacing * np.arange(count + 1)))
-    if off.max() > _EVEN * spacing:
+    if off.max() > most * spacing:
         return None
     return dr.opaque(real, start), dr.opaque(real, 1.0 / spacing)

@@ -1,4 +1,4 @@
-"""A segment on which the medium is smooth: the means of a few nodes, and a bound of their error.
+"""A segment on which the medium is smooth: means of a few samples, and a bound of their error.
 
 Where shells are wider than cells most segments need no more, and take a quarter of the time of
 three panels that are compared.
@@ -9,12 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 from ..backend.functions import THIN, thin_attenuation
-from ..media.at_nodes import mean
 from .path import Path, most
 
 
 def smooth_segment(source: Any, whole: Any, seen_through: Any, backward: bool) -> tuple[Path, Any]:
-    """Return a segment solved with means of nodes, and where that is good enough.
+    """Return a segment solved with means of samples, and where that is good enough.
 
     Parameters
     ----------
@@ -25,12 +24,8 @@ def smooth_segment(source: Any, whole: Any, seen_through: Any, backward: bool) -
     backward : bool
         The walk goes towards the observer.
     """
-    *nodes, (off, off_depth) = source.at_nodes(whole)
-    length = whole.length
-    (j_first, a_first), *_, (j_last, a_last) = nodes
-    emissivity, extinction = (
-        [mean(own) for own in zip(*(node[k] for node in nodes), strict=True)] for k in (0, 1)
-    )
+    mean, (j_first, a_first), (j_last, a_last), (off, off_depth) = source.sampled(whole)
+    (emissivity, extinction), length = mean, whole.length
     depth = [a * length for a in extinction]
     found = [thin_attenuation(tau) for tau in depth]
     ahead = (-1.0 if backward else 1.0) / 12.0 * length * length

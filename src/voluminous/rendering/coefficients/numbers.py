@@ -71,10 +71,10 @@ class Direct:
         found = self.medium.means(panel, context)
         return [*found.emissivity, *found.extinction]
 
-    def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Any]]:
-        """Return the values at four nodes of a stretch, and how far their means may be off."""
-        found = self.medium.at_nodes(stretch, context)
-        return [[*own.emissivity, *own.extinction] for own in (*found.nodes, found.off)]
+    def sampled(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+        """Return mean, first and last values of a stretch, and how far the means may be off."""
+        found = self.medium.sampled(stretch, context)
+        return [[*own.emissivity, *own.extinction] for own in found.parts()]
 
     def brightness(self, emission: list[Any]) -> Any:
         """Return the magnitude of the brightest channel."""
@@ -199,10 +199,10 @@ class Shapes:
         """Return the means of the shapes over a panel of a ray."""
         return [part.mean_per_length(panel, context) for part in self.parts]
 
-    def at_nodes(self, stretch: Stretch, context: Context) -> list[list[Any]]:
-        """Return the shapes at four nodes of a stretch, and how far their means may be off."""
-        found = [part.per_length_at_nodes(stretch, context) for part in self.parts]
-        return [*map(list, zip(*(f.nodes for f in found), strict=True)), [f.off for f in found]]
+    def sampled(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+        """Return mean, first and last shapes of a stretch, and how far the means may be off."""
+        found = [part.sampled_per_length(stretch, context).parts() for part in self.parts]
+        return [list(own) for own in zip(*found, strict=True)]
 
     def brightness(self, emission: list[Any]) -> Any:
         """Return a bound of the magnitude of the brightest channel."""

@@ -123,15 +123,15 @@ class Interpolated:
 
     @property
     def smooth(self) -> bool:
-        """Whether means of nodes will do for some stretches, and it is known for which.
+        """Whether means of samples will do for some stretches, and it is known for which.
 
         Double precision is for those who want digits: panels have all of them in linear fields.
         """
         return self.backend.precision == "single" and self.classifier.medium.smooth
 
-    def at_nodes(self, stretch: Stretch) -> list[tuple[list[Any], list[Any]]]:
-        """Return j and α at four nodes of a stretch, and how far their means may be off."""
-        return [self.numbers.split(own) for own in self.numbers.at_nodes(stretch, self.context)]
+    def sampled(self, stretch: Stretch) -> list[tuple[list[Any], list[Any]]]:
+        """Return mean, first and last j and α of a stretch, and how far the means may be off."""
+        return [self.numbers.split(own) for own in self.numbers.sampled(stretch, self.context)]
 
     def cores(self, stretch: Stretch) -> list[list[Any]]:
         """Return how many structures are in each half of a stretch, for each part of a sum."""

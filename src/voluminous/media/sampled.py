@@ -1,0 +1,101 @@
+"""Means over a stretch on which a medium is smooth, from a few samples: how far they are off.
+
+Shapes whose sixth derivative is known take four nodes, both ends among them, which are exact for
+polynomials of degree five (Lobatto's rule; Abramowitz & Stegun 1964, 25.4.32). Of piecewise-linear
+tables it is known where they bend: two nodes of Gauss and Legendre.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from ..backend import dr
+from ..backend.functions import decay, horner
+from .stretch import extremes
+
+if TYPE_CHECKING:
+    from .contract import Coefficients
+
+# Lobatto's places and weights on [0, 1], and what is off: the sixth derivative over this.
+PLACES = (0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0)
+WEIGHTS = (1 / 12, 5 / 12, 5 / 12, 1 / 12)
+_OFF = 1_512_000.0
+# Those of Gauss and Legendre, equal weights, and what is off for a bend of one: half the square of
+# the first place (Peano's kernel).
+PAIR = (0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12))
+BEND = 0.5 * PAIR[0] ** 2
+# The second to sixth derivative of exp(-z²/2) are below these times its square root.
+_DERIVATIVES = (1.15, 1.95, 3.75, 8.3, 20.0)
+# A Gaussian is smooth where its argument changes by less than this along a stretch, in σ.
+_SMOOTH = 3.0
+
+
+@dataclass
+class Sampled:
+    """The means of coefficients over a stretch, from samples.
+
+    Attributes
+    ----------
+    mean : Coefficients
+        The means.
+    first, last : Coefficients
+        What they begin and end with, or a line through the samples does.
+    off : Coefficients
+        How far the means may be off; infinite where nothing is known.
+    """
+
+    mean: Coefficients
+    first: Coefficients
+    last: Coefficients
+    off: Coefficients
+
+    def parts(self) -> tuple[Coefficients, ...]:
+        """Return mean, first, last and off."""
+        return (self.mean, self.first, self.last, self.off)
+
+
+@dataclass
+class SampledShape:
+    """The same of a shape."""
+
+    mean: Any
+    first: Any
+    last: Any
+    off: Any
+
+    def times(self, factor: Any) -> SampledShape:
+        """Return all of it times a number that is not negative."""
+        return SampledShape(*(factor * value for value in self.parts()))
+
+    def parts(self) -> tuple[Any, ...]:
+        """Return mean, first, last and off."""
+        return (self.mean, self.first, self.last, self.off)
+
+
+def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> SampledShape:
+    """Return the mean of exp(-z²/2) over a stretch, with a bound of its error.
+
+    The latter is made of the sixth derivative by the place: with numbers for derivatives, T₂ … T₆
+    of the Gaussian by z and z₁ … z₃ of z by the place, T₆ z₁⁶ + 15 T₅ z₁⁴ z₂ + T₄ (45 z₁² z₂² +
+    20 z₁³ z₃) + T₃ (15 z₂³ + 60 z₁ z₂ z₃) + 10 T₂ z₃² (Faà di Bruno's formula).
+
+    Parameters
+    ----------
+    nodes : four arrays
+        z at Lobatto's `PLACES`.
+    derivatives : three arrays
+        Bounds of |z₁|, |z₂| and |z₃|.
+    """
+    values = [decay(0.5 * (z * z)) for z in nodes]
+    largest = extremes(values)[1]
+    z1, z2, z3 = derivatives
+    t2, t3, t4, t5, t6 = (t / _OFF for t in _DERIVATIVES)
+    square = z1 * z1
+    straight = horner(square, [15.0 * t3 * z2 * z2 * z2, 45.0 * t4 * z2 * z2, 15.0 * t5 * z2, t6])
+    turning = dr.fma(z1, 20.0 * t4 * square + 60.0 * t3 * z2, 10.0 * t2 * z3)
+    off = dr.sqrt(largest) * dr.fma(z3, turning, straight)
+    start, *inner, end = values
+    mean = dr.fma(WEIGHTS[0], start + end, WEIGHTS[1] * (inner[0] + inner[1]))
+    return SampledShape(mean, start, end, dr.select(z1 <= _SMOOTH, off, dr.inf))
