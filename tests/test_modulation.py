@@ -52,10 +52,11 @@ KINDS = sorted(media())
     ("scheme", "precision"), [("post-classified", "single"), ("first-order", "double")]
 )
 def test_a_gate_of_one_changes_nothing_and_one_of_zero_leaves_nothing(kind, scheme, precision):
-    options = {"scheme": scheme, "precision": precision}
+    options = {"scheme": scheme, "precision": precision, "tolerance": 1e-5}
     plain = seen(media()[kind], **options)
     found = seen(media(where="b + 2")[kind], **options)
-    np.testing.assert_allclose(found, plain, rtol=1e-6 if precision == "single" else 1e-14)
+    # In single precision media without a gate are sampled, to the tolerance.
+    np.testing.assert_allclose(found, plain, rtol=1e-5 if precision == "single" else 1e-14)
     closed = seen(media(where="log10(-1 - b)")[kind], **options)  # NaN
     np.testing.assert_array_equal(closed, 0)
 
@@ -65,7 +66,8 @@ def test_a_number_is_a_soft_gate(kind):
     # Half of emission and extinction is a medium of twice the path length.
     half, other = media(where="0.5 * (b == b)")[kind], media()[kind]
     other.path_length = 2 * other.path_length
-    np.testing.assert_allclose(seen(half), seen(other), rtol=1e-6)
+    exact = {"precision": "double"}
+    np.testing.assert_allclose(seen(half, **exact), seen(other, **exact), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -158,6 +158,7 @@ def test_samples_of_tables_are_those_of_numpy(kind, precision):
     found = np.stack([v.numpy() for v in table.values(backend.Float(x))])
     expected = np.stack([np.interp(x, nodes, c) for c in columns.T])
     assert np.abs(found - expected).max() < {"single": 2e-5, "double": 1e-13}[precision]
+    assert np.isnan([v.numpy() for v in table.values(backend.Float([np.nan]))]).all()
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ class ColorBy:
             (id(self), "table"),
             lambda: PiecewiseLinear(type(x), self._nodes(context), self.scale.rgb),
         )
-        return [_or_black(value) for value in table.at(x).value]
+        return [_or_black(value) for value in table.values(x)]
 
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""

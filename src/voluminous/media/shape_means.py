@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from ..backend import dr
-from ..backend.functions import horner, precision_of
+from ..backend.functions import decay, horner, precision_of
 
 # Half width of a stretch, in σ, up to which the series is taken, and its terms. What is left out is
 # 2e-6 and 1e-18 of the peak; beyond it the difference of error functions loses 3e-6 and 4e-16.
@@ -50,7 +50,7 @@ def _series(first: Any, last: Any, half: Any) -> Any:
     middle = 0.5 * (first + last)
     square = middle * middle
     total = horner(half * half, [horner(square, row) for row in _hermite_rows(terms)])
-    return dr.exp(-0.5 * square) * total
+    return decay(0.5 * square) * total
 
 
 @functools.cache

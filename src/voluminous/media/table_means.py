@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr, from_host
-from ..backend.functions import first_true, precision_of, unit_interval
+from ..backend.functions import first_true, precision_of
 
 # Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
 _EVEN = 0.4
@@ -91,8 +91,7 @@ class PiecewiseLinear:
         x = self._near(x)
         k = self._interval(x)
         low, high, narrowness, stretch = self.pieces.at(k)
-        f = (x - low) * narrowness
-        f = dr.select(f < 0.0, 0.0, dr.select(f > 1.0, 1.0, f))
+        f = _fraction((x - low) * narrowness)
         before, after = self.before.at(k), self.after.at(k)
         value = [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
         to_x, from_x = (0.5 * stretch * (x - low), 0.5 * stretch * (high - x))
@@ -101,7 +100,7 @@ class PiecewiseLinear:
         return Place(x, k, low, high, before, value, after, left, right)
 
     def values(self, x: Any) -> list[Any]:
-        """Return the columns at x."""
+        """Return the columns at x; NaN where x is."""
         if not self.regular:
             return self.at(x).value
         place = self._position(self._near(x))
@@ -109,7 +108,7 @@ class PiecewiseLinear:
             dr.select(place < self.real(self.last) - 2.0, place, self.real(self.last) - 2.0)
         )
         k = dr.select(k > 0.0, k, 0.0)
-        f = unit_interval(place - k)
+        f = _fraction(place - k)
         before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
 
@@ -223,6 +222,11 @@ class Sums:
             for k in (dr.select(apart, lower, 0), dr.select(apart, upper - 1, 0))
         )
         return [(b - a) + (d - c) for a, b, c, d in zip(high_0, high_1, low_0, low_1, strict=True)]
+
+
+def _fraction(f: Any) -> Any:
+    """Return a number from 0 to 1; NaN stays."""
+    return dr.select(f < 0.0, 0.0, dr.select(f > 1.0, 1.0, f))
 
 
 def _packet(real: Any, width: int) -> Any:
