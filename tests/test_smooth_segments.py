@@ -10,7 +10,15 @@ from voluminous.backend import get_backend
 from voluminous.backend.functions import decay
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
-from voluminous.media.sampled import BEND, PAIR, PLACES, WEIGHTS, sampled_gaussian
+from voluminous.media.sampled import (
+    BEND,
+    FIVE,
+    PAIR,
+    PLACES,
+    WEIGHTS,
+    compared,
+    sampled_gaussian,
+)
 from voluminous.media.stretch import Stretch
 from voluminous.media.table_means import PiecewiseLinear
 
@@ -161,6 +169,15 @@ def test_samples_of_tables_are_those_of_numpy(kind, precision):
     assert np.isnan([v.numpy() for v in table.values(backend.Float([np.nan]))]).all()
 
 
+def test_compared_samples():
+    a = np.array(FIVE)
+    for degree in range(9):
+        mean, first, last, off = compared(list(a**degree))
+        assert (mean == pytest.approx(1 / (degree + 1), rel=1e-14)) == (degree < 8)
+        assert (off < 1e-15) == (degree < 4)
+        assert (first, last) == (a[0] ** degree, 1.0)
+
+
 @pytest.mark.parametrize(
     ("text", "smooth"),
     [
@@ -201,6 +218,20 @@ MEDIA = {
         "a", np.linspace(0, 2, 9), np.random.default_rng(1).random((9, 3)), np.full(9, 1.5), 0.3
     ),
     "colormap": lambda: vm.Colormap("a", "viridis", 0, 2, 0.7, 0.3),
+    "gate": lambda: vm.Gaussian("a", 0.6, 0.3, (1, 0.5, 0.2), 2.0, 0.3, where="b > 1"),
+    "soft gate": lambda: vm.Gaussian(
+        "a", 0.6, 0.3, (1, 0.5, 0.2), 2.0, 0.3, where="1 / (1 + exp(-(b - 1) / 0.2))"
+    ),
+    "coloured by b": lambda: vm.Gaussian("a", 0.6, 0.3, vm.ColorBy("b", "viridis", 0, 3), 2.0, 0.3),
+    "rectangle by b": lambda: vm.Rectangle(
+        "a", 0.6, 0.3, vm.ColorBy("b", "viridis", 0, 3), 2.0, 0.3, where="b > 1"
+    ),
+    "signed": lambda: (
+        vm.Gaussian("a", 0.6, 0.3, (1, -0.5, 0.2), 0.5, 0.3)
+        + vm.Gaussian("b", 1.2, 0.4, (-1, 0.5, 0.2), 0.5, 0.3)
+    ),
+    "coefficients": lambda: vm.Coefficients(["a**2", "exp(-b)"], "b / (1 + a**2)"),
+    "coefficients per channel": lambda: vm.Coefficients(["a**2", "exp(-b)"], ["b", "2 * a**2"]),
     "beside a surface": lambda: (
         vm.Gaussian("a", 0.6, 0.2, (1, 0.5, 0.2), 2.0, 0.3)
         + vm.Isosurface("b", 1.2, (0.1, 0.5, 1), 0.5)
@@ -232,6 +263,18 @@ def test_pictures_are_those_of_panels(kind, order, monkeypatch):
     off = np.abs(image.intensity - panels.intensity).max(-1)
     assert np.all(off <= image.error + panels.error)
     assert not np.array_equal(image.error, panels.error)  # it was another way
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_is_behind_opaque_panels_is_no_better_known(seed):
+    """Extrapolated transparencies were below zero, and whatever was behind counted as exact."""
+    rng = np.random.default_rng(seed)
+    fields = {"a": 10 ** rng.uniform(-5, 5, (8, 8, 8)), "b": rng.random((8, 8, 8))}
+    data = vm.Volume(vm.CartesianGrid.uniform(8, (0, 8)), **fields)
+    medium = vm.Gaussian("log10(a)", 1.4, 1.0, (1, 0.5), 10.0, 1.0, where="b > 0.5")
+    image = vm.render(data, medium, vm.Orthographic(70, 200, resolution=40), cutoff=0)
+    assert np.isfinite(image.error).all()
+    assert (image.transparency >= 0).all()
 
 
 def test_double_precision_keeps_to_closed_forms(monkeypatch):

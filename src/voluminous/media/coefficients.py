@@ -13,6 +13,7 @@ from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
+from .sampled import FIVE, Sampled, compared
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -67,6 +68,18 @@ class Coefficients(Medium):
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
         """Return the expressions of all coefficients; no difference of values is too small."""
         return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
+
+    @property
+    def smooth(self) -> bool:
+        """Whether no expression has jumps, kinks or waves."""
+        return all(e.smooth for e in (*self.emissivity, *self.extinction))
+
+    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the means of j and α from five samples; see `Medium.sampled`."""
+        values = [self.in_units(stretch.fields(s), context) for s in FIVE]
+        found = [compared(list(own)) for own in zip(*values, strict=True)]
+        k = self.channels
+        return Sampled(*(Values(list(own[:k]), list(own[k:])) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return everywhere, and where an expression may jump: panels must be narrow there.

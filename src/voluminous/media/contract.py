@@ -86,19 +86,23 @@ class Medium:
         Per `context.scale` of length, emission in units of `context.radiance`. By default three
         points of Gauss and Legendre, exact for polynomials of degree five.
         """
+        total: list[Any] = []
+        for place, weight in GAUSS_LEGENDRE_3:
+            values = [weight * v for v in self.in_units(panel.fields(place), context)]
+            total = [t + v for t, v in zip(total, values, strict=True)] if total else values
+        return Coefficients(total[: self.channels], total[self.channels :])
+
+    def in_units(self, fields: dict[str, Any], context: Context) -> list[Any]:
+        """Return j, then α, at a place in the units of `means`."""
         bright, dense = context.keep(
             "units",
             lambda: [context.number(u) for u in (context.scale / context.radiance, context.scale)],
         )
-        total: list[Any] = []
-        for place, weight in GAUSS_LEGENDRE_3:
-            found = self.coefficients(panel.fields(place), context)
-            # What no physics can use shows as NaN, even where the mean would hide it.
-            usable = [dr.select(a >= 0.0, a, math.nan) for a in found.extinction]
-            values = [bright * j for j in found.emissivity] + [dense * a for a in usable]
-            values = [weight * context.narrow(v) for v in values]
-            total = [t + v for t, v in zip(total, values, strict=True)] if total else values
-        return Coefficients(total[: self.channels], total[self.channels :])
+        found = self.coefficients(fields, context)
+        # What no physics can use shows as NaN, even where the mean would hide it.
+        usable = [dr.select(a >= 0.0, a, math.nan) for a in found.extinction]
+        values = [bright * j for j in found.emissivity] + [dense * a for a in usable]
+        return [context.narrow(v) for v in values]
 
     @property
     def smooth(self) -> bool:

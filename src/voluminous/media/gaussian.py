@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from ..backend.functions import decay
 from ..expressions import Ops
 from .modulation import Middle
 from .sampled import SampledShape, sampled_gaussian
+from .sampled_shapes import SampledShaped
 from .shape_means import gaussian_mean
 from .shape_middles import gaussian_middle
-from .shaped import Shaped
 
 if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
 
 
-class Gaussian(Shaped):
+# Five samples show what a Gaussian times other functions is where it changes by less, in σ.
+_WIDE = 1.5
+
+
+class Gaussian(SampledShaped):
     """A Gaussian shell: T = h/path_length · exp(-((x - center)/sigma)²/2).
 
     Parameters
@@ -72,6 +77,14 @@ class Gaussian(Shaped):
     def mean_shape(self, first: Any, last: Any) -> Any:
         """Return the mean of a Gaussian between two distances, in σ."""
         return gaussian_mean(first, last)
+
+    def sample(self, offset: Any) -> Any:
+        """Return exp(-offset²/2)."""
+        return decay(0.5 * (offset * offset))
+
+    def is_wide(self, ends: list[Any], rate: Any) -> Any:
+        """Return where it changes by less than one and a half σ."""
+        return rate <= _WIDE
 
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any]

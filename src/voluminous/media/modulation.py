@@ -136,7 +136,7 @@ class Modulation:
 
     def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
         """Return the mean factors over a panel for a shape with its mass at a place."""
-        first, last = (self._at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
+        first, last = (self.at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
         here = self._factors(panel.fields(middle.place), context)
         spread, place = middle.spread, middle.place
         weights = ((1.0 - place) * spread, 1.0 - spread, place * spread)
@@ -189,7 +189,7 @@ class Modulation:
             return [type(paint[0])(1.0), *paint]
         return [gate, *(gate * c for c in paint)]
 
-    def _at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
+    def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
         """Return the factors at an end or in the middle of a stretch; computed once."""
         return kept(stretch, (id(self), s), lambda: self._factors(stretch.fields(s), context))
 

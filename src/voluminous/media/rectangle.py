@@ -10,16 +10,16 @@ from .context import Context
 from .crossings import passes
 from .modulation import Middle
 from .sampled import SampledShape
+from .sampled_shapes import SampledShaped
 from .shape_means import box_mean
 from .shape_middles import box_middle
-from .shaped import Shaped
 
 if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
     from .stretch import Stretch
 
 
-class Rectangle(Shaped):
+class Rectangle(SampledShaped):
     """A shell of constant coefficients: T = h/path_length up to `half_width` from the centre.
 
     Parameters
@@ -60,13 +60,21 @@ class Rectangle(Shaped):
         """Return which part of the way is within the half width."""
         return box_mean(first, last)
 
+    def sample(self, offset: Any) -> Any:
+        """Return one: samples are taken within the half width."""
+        return type(offset)(1.0)
+
+    def is_wide(self, ends: list[Any], rate: Any) -> Any:
+        """Return where the whole stretch is within the half width."""
+        low, high = ends
+        return (low >= -1.0) & (high <= 1.0)
+
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
     ) -> SampledShape:
         """Return one: known where the whole stretch is within the half width."""
-        low, high = ends
-        one = type(low)(1.0)
-        inside = (low >= -1.0) & (high <= 1.0)
+        one = type(ends[0])(1.0)
+        inside = self.is_wide(ends, derivatives[0])
         return SampledShape(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
 
     def mean_bounds(

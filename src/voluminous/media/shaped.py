@@ -21,7 +21,6 @@ from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Middle, modulated
 from .path_length import check_positive, given_path_length, length_in
-from .sampled import PLACES, Sampled, SampledShape
 from .stretch import Straight, extremes
 
 if TYPE_CHECKING:
@@ -112,58 +111,6 @@ class Shaped(Medium):
             return found
         middle = self.middle(*self._ends(panel, context))
         return self.modulation.means(found, panel, context, middle)
-
-    @property
-    def smooth(self) -> bool:
-        """Whether the scalar has no kinks, and nothing else varies."""
-        return self.modulation.fixed and self.expr.smooth
-
-    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
-        if not self.smooth:
-            return super().sampled(stretch, context)
-        shape = self.sampled_per_length(stretch, context)
-        color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
-        found = [
-            Coefficients([h * value for h in color], [h * value for h in opacity])
-            for value in shape.parts()
-        ]
-        found[-1].emissivity = [dr.abs(off) for off in found[-1].emissivity]
-        return Sampled(*found)
-
-    def sampled_per_length(self, stretch: Stretch, context: Context) -> SampledShape:
-        """Return the mean of the shape per path length from samples; zero where neglected.
-
-        Of several shells a ray is mostly in one: a branch for each.
-        """
-        _, narrowness, per_length = self._kept(context)
-        reach = self._reach(context)
-        low, high = ends = self._offsets(stretch.hull(self.expr), context)
-        nodes = self._offsets([stretch.scalar(self.expr, s) for s in PLACES], context)
-        slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
-        found = dr.if_stmt(
-            args=(nodes, ends, slopes),
-            cond=~((low > reach) | (high < -reach)),
-            true_fn=self.sampled_shape,
-            false_fn=_nothing_sampled,
-        )
-        return found.times(per_length)
-
-    def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> SampledShape:
-        """Return the mean of the shape over a stretch from samples.
-
-        Parameters
-        ----------
-        nodes : four arrays
-            Distances from the centre at `sampled.PLACES`, in widths.
-        ends : two arrays
-            The least and the greatest distance on the stretch.
-        derivatives : three arrays
-            Bounds of the first three derivatives of that distance.
-        """
-        raise NotImplementedError
 
     def mean_per_length(self, panel: Panel, context: Context) -> Any:
         """Return the mean of the shape per path length, exact if x is linear over the panel."""
@@ -351,8 +298,3 @@ class Shaped(Medium):
 
 def _nothing(first: Any, last: Any) -> Any:
     return type(first)(0.0)
-
-
-def _nothing_sampled(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> SampledShape:
-    zero = type(nodes[0])(0.0)
-    return SampledShape(zero, zero, zero, zero)

@@ -62,7 +62,9 @@ def attempt(
         false_fn=_sure,
     )
     error = [brightness(wrong) + unsure, most(dim), brightness(emission)]
-    path = Path(emission, [1.0 - lost for lost in through], depth, error)
+    # What was extrapolated may be a little more than everything.
+    transparency = [dr.select(lost > 1.0, 0.0, 1.0 - lost) for lost in through]
+    path = Path(emission, transparency, depth, error)
     allowed, allowed_dim = source.tolerance
     good = (seen_through * error[0] <= allowed) & (seen_through * error[1] <= allowed_dim)
     return path, good

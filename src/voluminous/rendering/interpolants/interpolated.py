@@ -68,9 +68,9 @@ class Interpolated:
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
 
     def allow(self, emission: float, transparency: float) -> None:
-        """Set the errors allowed per segment."""
+        """Set the errors allowed per segment; an infinite one never is."""
         o = self.backend.opaque
-        most = float(np.finfo(self.backend.dtype).max)
+        most = 0.5 * float(np.finfo(self.backend.dtype).max)
         self.tolerance = (o(min(emission, most)), o(min(transparency, most)))
 
     def corners(self, chord: Chord, active: Any) -> dict[str, Corners]:

@@ -1,0 +1,118 @@
+"""Shapes that a few samples show, where they are wider than the way along which they are taken."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..backend import dr
+from .context import Context
+from .contract import Coefficients
+from .sampled import FIVE, PLACES, Sampled, SampledShape, compared
+from .shaped import Shaped
+from .stretch import Stretch
+
+
+class SampledShaped(Shaped):
+    """Common part of `Gaussian` and `Rectangle` where these are sampled."""
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the scalar has neither jumps nor kinks."""
+        return self.expr.smooth
+
+    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
+        if not self.smooth:
+            return super().sampled(stretch, context)
+        if not self.modulation.fixed:
+            return self._sampled_modulated(stretch, context)
+        shape = self.sampled_per_length(stretch, context)
+        ones = [1.0] * (self.channels + 1)
+        found = Sampled(*(self._painted(v, ones, context) for v in shape.parts()))
+        found.off.emissivity = [dr.abs(off) for off in found.off.emissivity]
+        return found
+
+    def _painted(self, shape: Any, factors: list[Any], context: Context) -> Coefficients:
+        """Return coefficients for a shape per path length, times factors of each channel and α."""
+        color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
+        *own, gate = factors
+        return Coefficients(
+            [h * f * shape for h, f in zip(color, own, strict=True)],
+            [h * gate * shape for h in opacity],
+        )
+
+    def _sampled_modulated(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the same with a gate, or in the colours of another expression: five samples."""
+        _, narrowness, per_length = self._kept(context)
+        seen, hidden = self.visible(stretch, context)
+        ends = self._offsets(stretch.hull(self.expr), context)
+        rate = narrowness * context.narrow(stretch.derivatives(self.expr)[0])
+        unsure = hidden | ~self.is_wide(ends, rate)
+        rows = []
+        for s in FIVE:
+            (z,) = self._offsets([stretch.scalar(self.expr, s)], context)
+            gate, *paint = self.modulation.at_node(stretch, s, context)
+            factors = [*(paint or [gate] * self.channels), gate]
+            shape = dr.select(seen, per_length * self.sample(z), 0.0)
+            found = self._painted(shape, factors, context)
+            rows.append([*found.emissivity, *found.extinction])
+        means = [compared(list(column)) for column in zip(*rows, strict=True)]
+        mean, first, last, off = (list(own) for own in zip(*means, strict=True))
+        off = [dr.select(seen & unsure, dr.inf, o) for o in off]
+        k = self.channels
+        return Sampled(*(Coefficients(own[:k], own[k:]) for own in (mean, first, last, off)))
+
+    def sampled_per_length(self, stretch: Stretch, context: Context) -> SampledShape:
+        """Return the mean of the shape per path length from samples; zero where neglected.
+
+        Of several shells a ray is mostly in one: a branch for each.
+        """
+        _, narrowness, per_length = self._kept(context)
+        reach = self._reach(context)
+        low, high = ends = self._offsets(stretch.hull(self.expr), context)
+        nodes = self._offsets([stretch.scalar(self.expr, s) for s in PLACES], context)
+        slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
+        found = dr.if_stmt(
+            args=(nodes, ends, slopes),
+            cond=~((low > reach) | (high < -reach)),
+            true_fn=self.sampled_shape,
+            false_fn=_nothing_sampled,
+        )
+        return found.times(per_length)
+
+    def sample(self, offset: Any) -> Any:
+        """Return the shape at a distance from the centre in widths, on a ray."""
+        raise NotImplementedError
+
+    def is_wide(self, ends: list[Any], rate: Any) -> Any:
+        """Return where a few samples show what the shape is along a stretch.
+
+        Parameters
+        ----------
+        ends : two arrays
+            The least and the greatest distance from the centre on the stretch, in widths.
+        rate : array
+            A bound of its change along the stretch.
+        """
+        raise NotImplementedError
+
+    def sampled_shape(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
+    ) -> SampledShape:
+        """Return the mean of the shape over a stretch from samples.
+
+        Parameters
+        ----------
+        nodes : four arrays
+            Distances from the centre at `sampled.PLACES`, in widths.
+        ends : two arrays
+            The least and the greatest distance on the stretch.
+        derivatives : three arrays
+            Bounds of the first three derivatives of that distance.
+        """
+        raise NotImplementedError
+
+
+def _nothing_sampled(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> SampledShape:
+    zero = type(nodes[0])(0.0)
+    return SampledShape(zero, zero, zero, zero)
