@@ -70,11 +70,15 @@ class SampledShaped(Shaped):
         _, narrowness, per_length = self._kept(context)
         reach = self._reach(context)
         low, high = ends = self._offsets(stretch.hull(self.expr), context)
+        seen = ~((low > reach) | (high < -reach))
+        if not self.smooth:
+            zero = type(low)(0.0)
+            return SampledShape(zero, zero, zero, dr.select(seen, dr.inf, zero))
         nodes = self._offsets([stretch.scalar(self.expr, s) for s in PLACES], context)
         slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
         found = dr.if_stmt(
             args=(nodes, ends, slopes),
-            cond=~((low > reach) | (high < -reach)),
+            cond=seen,
             true_fn=self.sampled_shape,
             false_fn=_nothing_sampled,
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..backend import dr
 from ..backend.functions import THIN, thin_attenuation
 from .path import Path, most
 
@@ -24,22 +25,34 @@ def smooth_segment(source: Any, whole: Any, seen_through: Any, backward: bool) -
     backward : bool
         The walk goes towards the observer.
     """
-    mean, (j_first, a_first), (j_last, a_last), (off, off_depth) = source.sampled(whole)
-    (emissivity, extinction), length = mean, whole.length
+    (emissivity, extinction), first, last, (off, off_depth) = source.sampled(whole)
+    length, brightness = whole.length, source.numbers.brightness
     depth = [a * length for a in extinction]
     found = [thin_attenuation(tau) for tau in depth]
-    ahead = (-1.0 if backward else 1.0) / 12.0 * length * length
-    emission, order = [], []
-    for c, j in enumerate(emissivity):
-        k = c if len(found) > 1 else 0
-        turn = ahead * (j_first[c] * a_last[k] - j_last[c] * a_first[k])
-        emission.append(j * length * found[k][1] + turn)
-        order.append(turn)
-    brightness = source.numbers.brightness
-    bright = brightness(emission)
+    emission = [j * length * found[c if len(found) > 1 else 0][1] for c, j in enumerate(emissivity)]
     dim = most(off_depth) * length
-    wrong = brightness(off) * length + 0.5 * (dim * bright + brightness(order))
+    wrong = brightness(off) * length
+    if not source.steady:
+        turns = _turns(first, last, -length if backward else length, length)
+        emission = [b + turn for b, turn in zip(emission, turns, strict=True)]
+        wrong = dr.fma(0.5, brightness(turns), wrong)
+    bright = brightness(emission)
+    wrong = dr.fma(0.5 * dim, bright, wrong)
     allowed, allowed_dim = source.tolerance
     good = (seen_through * wrong <= allowed) & (seen_through * dim <= allowed_dim)
     path = Path(emission, [theta for theta, _ in found], depth, [wrong, dim, bright])
     return path, good & (most(depth) <= THIN)
+
+
+def _turns(first: Any, last: Any, ahead: Any, length: Any) -> list[Any]:
+    """Return what means miss of what is in front of what, for j and α linear along the segment.
+
+    To first order in α: ∫ j(s) (1 - ∫₀ˢ α ds') ds is that of means and L² (j₀ α₁ - j₁ α₀)/12.
+    """
+    (j_first, a_first), (j_last, a_last) = first, last
+    factor = ahead * length * (1.0 / 12.0)
+    turns = []
+    for c, (j0, j1) in enumerate(zip(j_first, j_last, strict=True)):
+        k = c if len(a_first) > 1 else 0
+        turns.append(factor * (j0 * a_last[k] - j1 * a_first[k]))
+    return turns
