@@ -59,7 +59,7 @@ def render(
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
         `Image.error` tells what was reached. None: do not look, which takes a half to a
-        seventh of the time.
+        sixth of the time.
     background : float, sequence of float, array (ny, nx[, channel]) or Image
         Intensity behind everything.
     precision : {"single", "double"}

@@ -2,8 +2,8 @@
 
 The value of each scalar where the ray leaves a cell is all that is computed: the medium's integrals
 between that and the value where it entered are known in closed form. Where the scalars are nearly
-linear over cubes of 2, 4 or 8 cells, those are one segment. That takes a seventh of the time that
-panels take which are compared with their halves, but nobody knows how far it is off: of second
+linear over cubes of 2, 4 or 8 cells, those are one segment. That takes a half to a sixth of
+the time that is taken where errors are looked at, but nobody knows how far it is off: of second
 order in the cell size, and blind to what lies between the ends of a segment.
 """
 
