@@ -12,7 +12,7 @@ from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.coarse_walk import WIDEST
-from voluminous.grids.cartesian.leap import BITS, leap, make_blocks
+from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
 from voluminous.rendering.empty_space.blocks import DUAL
 from voluminous.schemes.one_panel import OnePanel
 
@@ -50,7 +50,7 @@ def test_steps_of_any_width_add_up_and_stay_in_their_cubes(precision, cells, sha
     rounding = 200 * np.finfo(backend.dtype).eps
     total = np.zeros(48)
     while dr.any(cursor.inside):
-        found = leap(walk, track, cursor, blocks)
+        found = leap(Way(walk, track, blocks), cursor)
         cursor = found.cursor
         dr.eval(found)
         segment, following = walk.next(track, cursor)

@@ -12,6 +12,7 @@ from voluminous.backend.functions import (
     attenuation,
     first_true,
     flush_subnormal,
+    inverse_power_of_two,
     power_of_two,
     precision_of,
     sharp_angle,
@@ -118,6 +119,13 @@ def test_powers_of_two_are_exact(precision):
     exponents = np.arange(info.minexp, info.maxexp)
     found = power_of_two(real(precision)(exponents.astype(KINDS[precision])))
     np.testing.assert_array_equal(np.asarray(found), 2.0**exponents)
+
+
+def test_inverses_of_powers_of_two_are_exact(precision):
+    n = np.arange(-100, 101)
+    powers = np.exp2(n).astype(KINDS[precision])
+    found = np.asarray(inverse_power_of_two(real(precision)(powers)))
+    np.testing.assert_array_equal(found, np.exp2(-n))
 
 
 def test_precision_is_read_from_the_type(precision):

@@ -13,7 +13,14 @@ import voluminous as vm
 from contracts.bundle import on_a_sphere
 from contracts.grid import make_ray, walk_along
 from voluminous.backend import dr, get_backend
-from voluminous.grids.cartesian.leap import BITS, block_shape, empty_ahead, leap, make_blocks
+from voluminous.grids.cartesian.leap import (
+    BITS,
+    Way,
+    block_shape,
+    empty_ahead,
+    leap,
+    make_blocks,
+)
 
 RAYS = 64
 numbers = st.integers(0, 2**32 - 1)
@@ -89,7 +96,7 @@ def leaping(walk, ray, blocks):
     nowhere = np.zeros(len(np.asarray(cursor.t)))
     rows = [[nowhere.astype(int), nowhere, nowhere > 0]]
     while dr.any(cursor.inside):
-        found = leap(walk, track, cursor, blocks)
+        found = leap(Way(walk, track, blocks), cursor)
         cursor = found.cursor
         dr.eval(found)
         while dr.any(within := cursor.inside & (cursor.t < found.leave)):

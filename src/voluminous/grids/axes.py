@@ -23,12 +23,17 @@ _PARALLEL = 1e-20
 
 @dataclass
 class Side:
-    """One axis of rays in `Wide`: their coordinate, and when they are between the outer walls."""
+    """One axis of rays in `Wide`: their coordinate, and when they are between the outer walls.
+
+    `pace` is one over `speed`, and one where rays run parallel to the walls.
+    """
 
     origin: Any
     direction: Any
     position: Any
     speed: Any
+    pace: Any
+    parallel: Any
     down: Any
     arrive: Any
     leave: Any
@@ -82,7 +87,7 @@ class Axis:
         never = dr.select(between, Wide(-NEVER), Wide(NEVER))
         arrive = dr.select(parallel, never, -position * pace)
         leave = dr.select(parallel, Wide(NEVER), (extent - position) * pace)
-        return Side(origin, direction, position, speed, down, arrive, leave)
+        return Side(origin, direction, position, speed, pace, parallel, down, arrive, leave)
 
     def cell(self, side: Side, coordinate: Any) -> Any:
         """Return the number of the cell that a ray at `coordinate` is about to cross.
@@ -98,11 +103,6 @@ class Axis:
     def _wall_near(self, side: Side, coordinate: Any) -> Any:
         """Return the number of a wall that bounds the cell of `coordinate`."""
         raise NotImplementedError
-
-    def _pace(self, side: Side) -> tuple[Any, Any]:
-        """Return distance per coordinate, zero where the ray runs along the walls, and where."""
-        parallel = side.speed == 0
-        return dr.select(parallel, 0.0, 1.0 / dr.select(parallel, 1.0, side.speed)), parallel
 
     def _narrowed(
         self, position: Any, speed: Any, pace: Any, lead: Any, table: Any = None
@@ -124,9 +124,9 @@ class UniformAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace, parallel = self._pace(side)
+        pace = dr.select(side.parallel, 0.0, side.pace)
         # Cell i is left at wall i + 1: the one is part of the lead, so a crossing is one FMA.
-        lead = dr.select(parallel, NEVER, (1.0 - position) * pace)
+        lead = dr.select(side.parallel, NEVER, (1.0 - position) * pace)
         return self._narrowed(position, side.speed, pace, lead)
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
@@ -163,8 +163,8 @@ class RectilinearAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace, parallel = self._pace(side)
-        lead = dr.select(parallel, NEVER, -position * pace)
+        pace = dr.select(side.parallel, 0.0, side.pace)
+        lead = dr.select(side.parallel, NEVER, -position * pace)
         table = dr.select(side.down, self.down_table, 0)
         return self._narrowed(position, side.speed, pace, lead, table)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ...backend.functions import unit_interval
+from ...backend.functions import inverse_power_of_two, unit_interval
 from ..axes import Side
 from ..contract import Segment
 from .dual_walk import Chord, DualTrack, DualWalk
@@ -85,7 +85,7 @@ class CoarseChord(Chord):
     def _fractions(self, t: Any) -> list[Any]:
         """Return where a ray is in the cube, counted upwards along each axis."""
         exit_ = self.segment.exit
-        scale, found = 1.0 / exit_.width, []
+        scale, found = inverse_power_of_two(exit_.width), []
         for k in range(3):
             own = self.track.axes[k]
             here = dr.fma(t, own.speed, own.position) - exit_.index[k]
@@ -137,7 +137,8 @@ class CoarseWalk(DualWalk):
 
     def settle(self, cursor: Any, width: Any) -> CoarseCursor:
         """Return the cursor in a cube of so many cells, around the cell it is in."""
-        index = [dr.floor(i * (1.0 / width)) * width for i in cursor.index]
+        narrow = inverse_power_of_two(width)
+        index = [dr.floor(i * narrow) * width for i in cursor.index]
         return CoarseCursor(index, width, cursor.t, cursor.inside)
 
     def chord(self, track: DualTrack, segment: Segment) -> CoarseChord:

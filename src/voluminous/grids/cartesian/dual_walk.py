@@ -18,9 +18,6 @@ from ..contract import Ray, Segment
 from ..straight_chord import StraightChord
 from .walk import CartesianWalk, Cursor, Track
 
-# Slower than this along an axis, a ray runs parallel to its walls.
-PARALLEL = 1e-150
-
 
 @dataclass
 class DualTrack(Track):
@@ -89,17 +86,17 @@ class DualWalk(CartesianWalk):
         """Return the distances at which rays enter and leave the domain; the wrong way if never."""
         Wide = self.backend.Wide
         first, last = Wide(-NEVER), Wide(NEVER)
-        for origin, direction, (low, high) in zip(
-            ray.origin, ray.direction, self.faces, strict=True
+        for axis, origin, direction, (low, high) in zip(
+            self.axes, ray.origin, ray.direction, self.faces, strict=True
         ):
-            parallel = dr.abs(direction) < PARALLEL
+            side = axis.side(origin, direction)
             between = (origin >= low) & (origin <= high)
-            pace = 1.0 / dr.select(parallel, 1.0, direction)
-            a, b = (low - origin) * pace, (high - origin) * pace
-            arrive, leave = dr.minimum(a, b), dr.maximum(a, b)
+            per_length = side.pace * axis.speed_unit
+            arrive = dr.select(side.down, origin - high, low - origin) * per_length
+            leave = dr.select(side.down, origin - low, high - origin) * per_length
             never = dr.select(between, Wide(-NEVER), Wide(NEVER))
-            first = dr.maximum(first, dr.select(parallel, never, arrive))
-            last = dr.minimum(last, dr.select(parallel, Wide(NEVER), leave))
+            first = dr.maximum(first, dr.select(side.parallel, never, arrive))
+            last = dr.minimum(last, dr.select(side.parallel, Wide(NEVER), leave))
         return first, last
 
     def _start(

@@ -165,10 +165,10 @@ def _both(empty: np.ndarray, distance: int, axis: int) -> np.ndarray:
     return result
 
 
-def leap(walk: Any, track: Any, cursor: Any, blocks: Blocks) -> Leap:
+def leap(way: Way, cursor: Any) -> Leap:
     """Move rays to where they enter the next block that is not empty; those in one stay."""
+    walk, track, blocks = way.walk, way.track, way.blocks
     cursor = walk.precise(track, cursor)
-    way = _Way(walk, track, blocks)
     block = [way.block(axis, i) for axis, i in enumerate(cursor.index)]
     start = Search(block, cursor.t, way.code(block, cursor.inside))
     moved = start.empty
@@ -198,11 +198,12 @@ def _stay(index: list[Any], block: list[Any], t: Any) -> list[Any]:
     return index
 
 
-class _Way:
+class Way:
     """Rays among blocks, which are counted along each axis in the sense of the ray, like cells.
 
     Blocks begin with the first cell of the volume. So for a ray that runs down an axis the first
-    one it meets may lack some cells: those before the first that it counts.
+    one it meets may lack some cells: those before the first that it counts. To be made outside of
+    loops: what is constant along rays is then computed once.
     """
 
     def __init__(self, walk: Any, track: Any, blocks: Blocks) -> None:

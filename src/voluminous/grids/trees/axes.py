@@ -39,7 +39,8 @@ class UniformTreeAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace, parallel = self._pace(side)
+        parallel = side.parallel
+        pace = dr.select(parallel, 0.0, side.pace)
         lead = dr.select(parallel, NEVER, -position * pace)
         return self._narrowed(position, side.speed, pace, lead)
 
@@ -93,7 +94,8 @@ class RectilinearTreeAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace, parallel = self._pace(side)
+        parallel = side.parallel
+        pace = dr.select(parallel, 0.0, side.pace)
         lead = dr.select(parallel, NEVER, -position * pace)
         table = dr.select(side.down, self.down_table, 0)
         return self._narrowed(position, side.speed, pace, lead, table)

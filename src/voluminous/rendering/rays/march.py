@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ...grids.cartesian.leap import leap
+from ...grids.cartesian.leap import Way, leap
 from ...grids.contract import Landing, Ray, has_gaps
 from ...schemes.path import Path, most, over
 
@@ -80,12 +80,13 @@ def march(
         return (State(cursor, carried, over(front, back), reached),)
 
     leaps = walk.leaps and source.blocks is not None
+    way = Way(walk, track, source.blocks) if leaps else None
 
     def visit(state: State) -> tuple[State]:
         """Cross what is empty, then the block, or the cells up to a gap, where something is."""
         found: Landing
-        if leaps:
-            found = leap(walk, track, state.cursor, source.blocks)
+        if way is not None:
+            found = leap(way, state.cursor)
         else:
             found = walk.cross(track, state.cursor)
         carried = scheme.leapt(source, walk, track, found.cursor, state.carried, found.moved)
