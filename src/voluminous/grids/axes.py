@@ -25,7 +25,7 @@ _PARALLEL = 1e-20
 class Side:
     """One axis of rays in `Wide`: their coordinate, and when they are between the outer walls.
 
-    `pace` is one over `speed`, and one where rays run parallel to the walls.
+    `pace` is one over `speed`, and zero where rays run parallel to the walls.
     """
 
     origin: Any
@@ -81,7 +81,7 @@ class Axis:
         speed = dr.abs(direction) * self.speed_unit
         parallel = speed < _PARALLEL
         speed = dr.select(parallel, 0.0, speed)
-        pace = 1.0 / dr.select(parallel, 1.0, speed)
+        pace = dr.select(parallel, 0.0, 1.0 / dr.select(parallel, 1.0, speed))
         between = (origin >= self.low) & (origin <= self.high)
         extent = (self.high - self.low) * self.inverse_unit
         never = dr.select(between, Wide(-NEVER), Wide(NEVER))
@@ -124,10 +124,9 @@ class UniformAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace = dr.select(side.parallel, 0.0, side.pace)
         # Cell i is left at wall i + 1: the one is part of the lead, so a crossing is one FMA.
-        lead = dr.select(side.parallel, NEVER, (1.0 - position) * pace)
-        return self._narrowed(position, side.speed, pace, lead)
+        lead = dr.select(side.parallel, NEVER, (1.0 - position) * side.pace)
+        return self._narrowed(position, side.speed, side.pace, lead)
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
         """Return the distance at which the ray leaves mirrored cell `index`."""
@@ -163,10 +162,9 @@ class RectilinearAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        pace = dr.select(side.parallel, 0.0, side.pace)
-        lead = dr.select(side.parallel, NEVER, -position * pace)
+        lead = dr.select(side.parallel, NEVER, -position * side.pace)
         table = dr.select(side.down, self.down_table, 0)
-        return self._narrowed(position, side.speed, pace, lead, table)
+        return self._narrowed(position, side.speed, side.pace, lead, table)
 
     def crossing(self, track: AxisTrack, index: Any) -> Any:
         """Return the distance at which the ray leaves mirrored cell `index`."""

@@ -78,8 +78,7 @@ class Coefficients(Medium):
         """Return the means of j and α from five samples; see `Medium.sampled`."""
         values = [self.in_units(stretch.fields(s), context) for s in FIVE]
         found = [compared(list(own)) for own in zip(*values, strict=True)]
-        k = self.channels
-        return Sampled(*(Values(list(own[:k]), list(own[k:])) for own in zip(*found, strict=True)))
+        return Sampled(*(self.split(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return everywhere, and where an expression may jump: panels must be narrow there.

@@ -41,6 +41,10 @@ class Coefficients:
     emissivity: list[Any]
     extinction: list[Any]
 
+    def listed(self) -> list[Any]:
+        """Return all values, those of the emissivity first."""
+        return [*self.emissivity, *self.extinction]
+
 
 class Medium:
     """A rule from field values to (j, α); media add with ``+``.
@@ -90,7 +94,11 @@ class Medium:
         for place, weight in GAUSS_LEGENDRE_3:
             values = [weight * v for v in self.in_units(panel.fields(place), context)]
             total = [t + v for t, v in zip(total, values, strict=True)] if total else values
-        return Coefficients(total[: self.channels], total[self.channels :])
+        return self.split(total)
+
+    def split(self, values: list[Any]) -> Coefficients:
+        """Return listed values, j of all channels first, as coefficients."""
+        return Coefficients(values[: self.channels], values[self.channels :])
 
     def in_units(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return j, then α, at a place in the units of `means`."""

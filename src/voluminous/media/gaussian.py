@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..backend.functions import decay
 from ..expressions import Ops
 from .modulation import Middle
-from .sampled import SampledShape, sampled_gaussian
+from .sampled import Sampled, sampled_gaussian
 from .sampled_shapes import SampledShaped
 from .shape_means import gaussian_mean
 from .shape_middles import gaussian_middle
@@ -86,9 +86,7 @@ class Gaussian(SampledShaped):
         """Return where it changes by less than one and a half σ."""
         return rate <= _WIDE
 
-    def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> SampledShape:
+    def sampled_shape(self, nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
         """Return the mean of a Gaussian over a stretch from samples."""
         return sampled_gaussian(nodes, derivatives)
 

@@ -190,7 +190,7 @@ class Modulation:
         return [gate, *(gate * c for c in paint)]
 
     def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
-        """Return the factors at an end or in the middle of a stretch; computed once."""
+        """Return the factors, the gate first, at a place of a stretch; computed once."""
         return kept(stretch, (id(self), s), lambda: self._factors(stretch.fields(s), context))
 
     def _possible(self, stretch: Stretch, context: Context) -> Any:

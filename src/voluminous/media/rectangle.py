@@ -9,7 +9,7 @@ from ..expressions import Ops
 from .context import Context
 from .crossings import passes
 from .modulation import Middle
-from .sampled import SampledShape
+from .sampled import Sampled
 from .sampled_shapes import SampledShaped
 from .shape_means import box_mean
 from .shape_middles import box_middle
@@ -69,13 +69,11 @@ class Rectangle(SampledShaped):
         low, high = ends
         return (low >= -1.0) & (high <= 1.0)
 
-    def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> SampledShape:
+    def sampled_shape(self, nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
         """Return one: known where the whole stretch is within the half width."""
         one = type(ends[0])(1.0)
         inside = self.is_wide(ends, derivatives[0])
-        return SampledShape(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
+        return Sampled(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
 
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
@@ -100,10 +98,10 @@ class Rectangle(SampledShaped):
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return one where an edge may be: nothing is thinner, however wide the shell is."""
-        low, high = self._offsets(stretch.hull(self.expr), context)
-        _, off = super().sharpness(stretch, context)
-        edge = (low <= 1.0) & (high >= -1.0) & ((low < -1.0) | (high > 1.0))
-        return dr.select(edge, 1.0 + 0.0 * low, 0.0), off
+        low, high = ends = self._offsets(stretch.hull(self.expr), context)
+        thin, off = super().sharpness(stretch, context)
+        edge = (low <= 1.0) & (high >= -1.0) & ~self.is_wide(ends, None)
+        return dr.select(edge, type(thin)(1.0), 0.0), off
 
     def reach(self, faint: float) -> float:
         """Return one: beyond the half width there is nothing."""

@@ -10,15 +10,13 @@ Simpson's (degree three) among them.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..backend import dr
 from ..backend.functions import decay, horner
 from .stretch import extremes
-
-if TYPE_CHECKING:
-    from .contract import Coefficients
 
 # Lobatto's places and weights on [0, 1], and what is off: the sixth derivative over this.
 PLACES = (0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0)
@@ -40,47 +38,29 @@ _SMOOTH = 3.0
 
 @dataclass
 class Sampled:
-    """The means of coefficients over a stretch, from samples.
+    """The mean over a stretch, from samples: of a shape, or of all coefficients.
 
     Attributes
     ----------
-    mean : Coefficients
-        The means.
-    first, last : Coefficients
-        What they begin and end with, or a line through the samples does.
-    off : Coefficients
-        How far the means may be off; infinite where nothing is known.
+    mean : array or Coefficients
+        The mean.
+    first, last : array or Coefficients
+        What it begins and ends with, or a line through the samples does.
+    off : array or Coefficients
+        How far the mean may be off; infinite where nothing is known.
     """
-
-    mean: Coefficients
-    first: Coefficients
-    last: Coefficients
-    off: Coefficients
-
-    def parts(self) -> tuple[Coefficients, ...]:
-        """Return mean, first, last and off."""
-        return (self.mean, self.first, self.last, self.off)
-
-
-@dataclass
-class SampledShape:
-    """The same of a shape."""
 
     mean: Any
     first: Any
     last: Any
     off: Any
 
-    def times(self, factor: Any) -> SampledShape:
-        """Return all of it times a number that is not negative."""
-        return SampledShape(*(factor * value for value in self.parts()))
-
-    def parts(self) -> tuple[Any, ...]:
-        """Return mean, first, last and off."""
-        return (self.mean, self.first, self.last, self.off)
+    def __iter__(self) -> Iterator[Any]:
+        """Yield all four."""
+        return iter((self.mean, self.first, self.last, self.off))
 
 
-def compared(values: list[Any]) -> tuple[Any, Any, Any, Any]:
+def compared(values: list[Any]) -> Sampled:
     """Return the mean of a function with these values at five nodes, its ends, and the error.
 
     The latter is the difference of two rules, of which the better is used: in truth it is off by
@@ -91,10 +71,10 @@ def compared(values: list[Any]) -> tuple[Any, Any, Any, Any]:
     outer, between, central = _WEIGHTS_OF_FIVE
     mean = dr.fma(outer, ends, dr.fma(between, inner, central * middle))
     simpson = dr.fma(_SIMPSON[0], ends, _SIMPSON[1] * middle)
-    return mean, first, last, dr.abs(mean - simpson)
+    return Sampled(mean, first, last, dr.abs(mean - simpson))
 
 
-def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> SampledShape:
+def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:
     """Return the mean of exp(-z²/2) over a stretch, with a bound of its error.
 
     The latter is made of the sixth derivative by the place: with numbers for derivatives, T₂ … T₆
@@ -118,4 +98,4 @@ def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> SampledShape:
     off = dr.sqrt(largest) * dr.fma(z3, turning, straight)
     start, *inner, end = values
     mean = dr.fma(WEIGHTS[0], start + end, WEIGHTS[1] * (inner[0] + inner[1]))
-    return SampledShape(mean, start, end, dr.select(z1 <= _SMOOTH, off, dr.inf))
+    return Sampled(mean, start, end, dr.select(z1 <= _SMOOTH, off, dr.inf))

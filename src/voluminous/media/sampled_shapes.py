@@ -7,7 +7,7 @@ from typing import Any
 from ..backend import dr
 from .context import Context
 from .contract import Coefficients
-from .sampled import FIVE, PLACES, Sampled, SampledShape, compared
+from .sampled import FIVE, PLACES, Sampled, compared
 from .shaped import Shaped
 from .stretch import Stretch
 
@@ -28,7 +28,7 @@ class SampledShaped(Shaped):
             return self._sampled_modulated(stretch, context)
         shape = self.sampled_per_length(stretch, context)
         ones = [1.0] * (self.channels + 1)
-        found = Sampled(*(self._painted(v, ones, context) for v in shape.parts()))
+        found = Sampled(*(self._painted(v, ones, context) for v in shape))
         found.off.emissivity = [dr.abs(off) for off in found.off.emissivity]
         return found
 
@@ -54,26 +54,23 @@ class SampledShaped(Shaped):
             gate, *paint = self.modulation.at_node(stretch, s, context)
             factors = [*(paint or [gate] * self.channels), gate]
             shape = dr.select(seen, per_length * self.sample(z), 0.0)
-            found = self._painted(shape, factors, context)
-            rows.append([*found.emissivity, *found.extinction])
+            rows.append(self._painted(shape, factors, context).listed())
         means = [compared(list(column)) for column in zip(*rows, strict=True)]
         mean, first, last, off = (list(own) for own in zip(*means, strict=True))
         off = [dr.select(seen & unsure, dr.inf, o) for o in off]
-        k = self.channels
-        return Sampled(*(Coefficients(own[:k], own[k:]) for own in (mean, first, last, off)))
+        return Sampled(*map(self.split, (mean, first, last, off)))
 
-    def sampled_per_length(self, stretch: Stretch, context: Context) -> SampledShape:
+    def sampled_per_length(self, stretch: Stretch, context: Context) -> Sampled:
         """Return the mean of the shape per path length from samples; zero where neglected.
 
         Of several shells a ray is mostly in one: a branch for each.
         """
         _, narrowness, per_length = self._kept(context)
-        reach = self._reach(context)
         low, high = ends = self._offsets(stretch.hull(self.expr), context)
-        seen = ~((low > reach) | (high < -reach))
+        seen = self._seen(low, high, context)
         if not self.smooth:
             zero = type(low)(0.0)
-            return SampledShape(zero, zero, zero, dr.select(seen, dr.inf, zero))
+            return Sampled(zero, zero, zero, dr.select(seen, dr.inf, zero))
         nodes = self._offsets([stretch.scalar(self.expr, s) for s in PLACES], context)
         slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
         found = dr.if_stmt(
@@ -82,7 +79,7 @@ class SampledShaped(Shaped):
             true_fn=self.sampled_shape,
             false_fn=_nothing_sampled,
         )
-        return found.times(per_length)
+        return Sampled(*(per_length * value for value in found))
 
     def sample(self, offset: Any) -> Any:
         """Return the shape at a distance from the centre in widths, on a ray."""
@@ -100,9 +97,7 @@ class SampledShaped(Shaped):
         """
         raise NotImplementedError
 
-    def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any]
-    ) -> SampledShape:
+    def sampled_shape(self, nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
         """Return the mean of the shape over a stretch from samples.
 
         Parameters
@@ -117,6 +112,6 @@ class SampledShaped(Shaped):
         raise NotImplementedError
 
 
-def _nothing_sampled(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> SampledShape:
+def _nothing_sampled(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
     zero = type(nodes[0])(0.0)
-    return SampledShape(zero, zero, zero, zero)
+    return Sampled(zero, zero, zero, zero)

@@ -127,11 +127,9 @@ class Shaped(Medium):
 
         Of several shells a ray is mostly in one: a branch for each.
         """
-        reach = self._reach(context)
-        low, high = extremes((first, last))
         return dr.if_stmt(
             args=(first, last),
-            cond=~((low > reach) | (high < -reach)),
+            cond=self._seen(*extremes((first, last)), context),
             true_fn=self.mean_shape,
             false_fn=_nothing,
         )
@@ -156,6 +154,11 @@ class Shaped(Medium):
         first, last = self._offsets(panel.ends(self.expr), context)
         return first, last
 
+    def _seen(self, low: Any, high: Any, context: Context) -> Any:
+        """Return where it is not neglected between two distances; where there is NaN, it shows."""
+        reach = self._reach(context)
+        return ~((low > reach) | (high < -reach))
+
     def _offsets(self, values: Iterable[Any], context: Context) -> list[Any]:
         """Return how far values of x are from the centre, in widths."""
         center, narrowness, _ = self._kept(context)
@@ -178,7 +181,7 @@ class Shaped(Medium):
         reach = self._reach(context)
         nodes = extremes(stretch.nodes(self.expr))
         below, above, low, high = self._offsets((*nodes, *stretch.hull(self.expr)), context)
-        seen = ~((low > reach) | (high < -reach))  # where there is NaN, it must show
+        seen = self._seen(low, high, context)
         over = (high > above + _DOUBT) & (above < reach) & (high > -reach)
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
         # Between log10 of nothing and a value there is all of the shell, and ends show none of it.

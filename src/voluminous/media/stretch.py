@@ -65,15 +65,16 @@ class Stretch:
         self._scalars[expr.text, s] = value
 
     def known(self, expr: Expression) -> list[Any]:
-        """Return all that was computed of an expression: at both ends, between, and the middle."""
-        return [*self.controls(expr)[:3], self.scalar(expr, 0.5), self.scalar(expr, 1.0)]
+        """Return what was computed of an expression at the control points, both ends among them.
+
+        Not in the middle: where samples will do it is not needed.
+        """
+        return self.controls(expr)
 
     def set_known(self, expr: Expression, values: list[Any]) -> None:
         """Take what `known` returned for the same stretch in another scope of a kernel."""
-        first, second, third, middle, last = values
-        for s, value in zip(NODES, (first, middle, last), strict=True):
-            self._scalars[expr.text, s] = value
-        self._controls[expr.text] = [first, second, third, last]
+        self._scalars[expr.text, 0.0], self._scalars[expr.text, 1.0] = values[0], values[-1]
+        self._controls[expr.text] = values
 
     def hull(self, expr: Expression | Margin) -> tuple[Any, Any]:
         """Return the least and largest value of an expression at the Bézier control points.

@@ -72,7 +72,7 @@ class Sum(Medium):
 
     def sampled(self, stretch: Stretch, context: Context) -> Sampled:
         """Return the sums of the parts' means, and of what they may be off by."""
-        found = [part.sampled(stretch, context).parts() for part in self.parts]
+        found = [part.sampled(stretch, context) for part in self.parts]
         return Sampled(*(self._total(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:

@@ -103,7 +103,7 @@ class Table(Medium):
         x = context.evaluate(self.expr, fields)
         scale = 1.0 / self._length(context)
         columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
-        result = self._split(context.interpolate(x, self._nodes(context), columns))
+        result = self.split(context.interpolate(x, self._nodes(context), columns))
         return self.modulation.coefficients(result, fields, context)
 
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
@@ -127,7 +127,7 @@ class Table(Medium):
         heights = context.keep((id(self), "heights"), lambda: self._heights(context))
         table = self._table(context, type(ends[0].x))
         means = table.means(*ends)[: len(heights)]
-        result = self._split([h * v for h, v in zip(heights, means, strict=True)])
+        result = self.split([h * v for h, v in zip(heights, means, strict=True)])
         if self.modulation.fixed:
             return result
         middles = context.keep((id(self), "middles"), lambda: self._middles(context, table.real))
@@ -162,10 +162,7 @@ class Table(Medium):
         start, end = (
             [m + way * d for m, d in zip(middle, lean, strict=True)] for way in (-1.0, 1.0)
         )
-        return Sampled(*map(self._split, (middle, start, end, [h * off for h in heights])))
-
-    def _split(self, values: list[Any]) -> Coefficients:
-        return Coefficients(values[: self.channels], values[self.channels :])
+        return Sampled(*map(self.split, (middle, start, end, [h * off for h in heights])))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where an entry may be noticeable, and where a panel's ends may not show that."""

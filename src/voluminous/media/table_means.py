@@ -80,10 +80,11 @@ class PiecewiseLinear:
         areas = np.diff(nodes)[:, None] * 0.5 * (columns[1:] + columns[:-1])
         self.sums = Sums(real, areas)
         self.walls = from_host(real, np.concatenate([[-np.inf], rounded, [np.inf]]))
-        self.even = _spacing(real, rounded, _EVEN)
+        start, spacing, off = _spacing(rounded)
+        even = off <= _EVEN
+        self.even = (dr.opaque(real, start), dr.opaque(real, 1.0 / spacing)) if even else None
         # Where nodes are off by no more than rounding, nothing need be corrected.
-        regular = _spacing(real, rounded, 4.0 * len(nodes) * float(np.finfo(dtype).eps))
-        self.regular = regular is not None
+        self.regular = off <= 4.0 * len(nodes) * float(np.finfo(dtype).eps)
         self.bent = from_host(real, _bends(nodes, columns).astype(dtype))
 
     def at(self, x: Any) -> Place:
@@ -104,10 +105,8 @@ class PiecewiseLinear:
         if not self.regular:
             return self.at(x).value
         place = self._position(self._near(x))
-        k = dr.floor(
-            dr.select(place < self.real(self.last) - 2.0, place, self.real(self.last) - 2.0)
-        )
-        k = dr.select(k > 0.0, k, 0.0)
+        most = self.real(self.last) - 2.0
+        k = dr.floor(dr.select(place > 0.0, dr.select(place < most, place, most), 0.0))
         f = _fraction(place - k)
         before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
@@ -281,13 +280,11 @@ def running_sums(steps: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]
     return large, (total - large + rest).astype(dtype)
 
 
-def _spacing(real: Any, nodes: np.ndarray, most: float) -> tuple[Any, Any] | None:
-    """Return start and 1/spacing of nodes off by at most so many spacings, else None."""
+def _spacing(nodes: np.ndarray) -> tuple[float, float, float]:
+    """Return start and spacing of evenly spaced nodes, and how far these are off, in spacings."""
     start, count = float(nodes[0]), len(nodes) - 1
     spacing = (float(nodes[-1]) - start) / count
     if spacing <= 0:
-        return None
+        return start, 1.0, np.inf
     off = np.abs(nodes.astype(np.float64) - (start + spacing * np.arange(count + 1)))
-    if off.max() > most * spacing:
-        return None
-    return dr.opaque(real, start), dr.opaque(real, 1.0 / spacing)
+    return start, spacing, float(off.max()) / spacing

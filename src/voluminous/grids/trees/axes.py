@@ -39,10 +39,8 @@ class UniformTreeAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        parallel = side.parallel
-        pace = dr.select(parallel, 0.0, side.pace)
-        lead = dr.select(parallel, NEVER, -position * pace)
-        return self._narrowed(position, side.speed, pace, lead)
+        lead = dr.select(side.parallel, NEVER, -position * side.pace)
+        return self._narrowed(position, side.speed, side.pace, lead)
 
     def first_place(self, side: Side, position: Any) -> Any:
         """Return the place at a mirrored position in or around the domain."""
@@ -94,11 +92,9 @@ class RectilinearTreeAxis(Axis):
 
     def track(self, side: Side, position: Any) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
-        parallel = side.parallel
-        pace = dr.select(parallel, 0.0, side.pace)
-        lead = dr.select(parallel, NEVER, -position * pace)
+        lead = dr.select(side.parallel, NEVER, -position * side.pace)
         table = dr.select(side.down, self.down_table, 0)
-        return self._narrowed(position, side.speed, pace, lead, table)
+        return self._narrowed(position, side.speed, side.pace, lead, table)
 
     def first_place(self, side: Side, position: Any) -> Any:
         """Return the place at a mirrored position in or around the domain."""

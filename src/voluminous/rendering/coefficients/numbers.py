@@ -68,13 +68,11 @@ class Direct:
 
     def means(self, panel: Panel, context: Context) -> list[Any]:
         """Return the means of the values over a panel of a ray."""
-        found = self.medium.means(panel, context)
-        return [*found.emissivity, *found.extinction]
+        return self.medium.means(panel, context).listed()
 
     def sampled(self, stretch: Stretch, context: Context) -> list[list[Any]]:
         """Return mean, first and last values of a stretch, and how far the means may be off."""
-        found = self.medium.sampled(stretch, context)
-        return [[*own.emissivity, *own.extinction] for own in found.parts()]
+        return [own.listed() for own in self.medium.sampled(stretch, context)]
 
     def brightness(self, emission: list[Any]) -> Any:
         """Return the magnitude of the brightest channel."""
@@ -201,7 +199,7 @@ class Shapes:
 
     def sampled(self, stretch: Stretch, context: Context) -> list[list[Any]]:
         """Return mean, first and last shapes of a stretch, and how far the means may be off."""
-        found = [part.sampled_per_length(stretch, context).parts() for part in self.parts]
+        found = [part.sampled_per_length(stretch, context) for part in self.parts]
         return [list(own) for own in zip(*found, strict=True)]
 
     def brightness(self, emission: list[Any]) -> Any:
