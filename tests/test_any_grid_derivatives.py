@@ -7,6 +7,7 @@ import pytest
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
+from voluminous.derivatives.neighbours import by_neighbours
 
 EDGES = ([0.0, 1.0, 3.0, 3.5, 4.0], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 OPERATORS = ["gradmag(f)", "laplacian(f)", "grad(f).x", "grad(f).y", "grad(f).z"]
@@ -156,6 +157,26 @@ def test_linear_fields_are_exact_across_jumps_of_level(kind):
     rounding = 1e-14 * 10 / volume.grid.cell_sizes().min()
     expected = np.array([[2.0], [-3.0], [0.5]]) + 0 * gradient
     np.testing.assert_allclose(gradient, expected, atol=max(1e-12, rounding))
+
+
+def flat_cells():
+    """Return a tree of cells a thousand times wider than high."""
+    edges = [np.array([0.0, 1e3, 3e3, 4e3]), np.array([0.0, 1.0, 2.0, 4.0]), np.arange(4.0)]
+    grid = vm.OctreeGrid(*edges)
+    return grid.refine(np.arange(grid.size) % 3 == 0)
+
+
+@pytest.mark.parametrize("operation", OPERATORS)
+@pytest.mark.parametrize("kind", [*UNEVEN, "flat"])
+def test_kernels_find_what_the_plain_rule_finds(kind, operation):
+    """On trees derivatives are made in kernels; `by_neighbours` is the same in plain NumPy."""
+    grid = flat_cells() if kind == "flat" else UNEVEN[kind]()
+    volume = vm.Volume(grid, f=random_fields(grid))
+    found = volume.evaluate(operation)
+    name = operation.replace("(f)", "")
+    expected = by_neighbours(grid, lambda first, last: volume["f"][first:last], name)
+    # What a matrix loses that is nearly singular: cells have neighbours on few sides.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
 def test_laplacians_of_linear_fields_vanish_across_jumps_of_level():

@@ -1,8 +1,17 @@
 """Fields made of fields: what ``gradmag``, ``grad``, ``los`` … in expressions stand for."""
 
+from .cell_slopes import CellSlopes
 from .fields import Derivatives
 from .neighbours import Cells
 from .sight import Sight
 from .vectors import component, component_of_cells, is_component
 
-__all__ = ["Cells", "Derivatives", "Sight", "component", "component_of_cells", "is_component"]
+__all__ = [
+    "CellSlopes",
+    "Cells",
+    "Derivatives",
+    "Sight",
+    "component",
+    "component_of_cells",
+    "is_component",
+]

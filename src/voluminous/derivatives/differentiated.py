@@ -12,6 +12,7 @@ from .curvilinear import Curvilinear
 from .differences import differentiate
 from .layers import in_single, whole
 from .neighbours import by_neighbours
+from .on_trees import is_tree, on_tree
 
 
 def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndarray:
@@ -38,7 +39,8 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
     def cells(first: int, last: int) -> np.ndarray:
         return np.asarray(volume.evaluate_cells(argument, first, last))
 
-    found = by_neighbours(volume.grid, cells, operation)
+    make = on_tree if is_tree(volume.grid) else by_neighbours
+    found = make(volume.grid, cells, operation)
     single = cells(0, 1).dtype == np.float32 and in_single(found)
     return found.astype(np.float32) if single else found
 

