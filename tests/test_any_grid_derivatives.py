@@ -7,7 +7,8 @@ import pytest
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
-from voluminous.derivatives.neighbours import by_neighbours
+from voluminous.derivatives import differences
+from voluminous.derivatives.neighbours import Cells
 
 EDGES = ([0.0, 1.0, 3.0, 3.5, 4.0], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 OPERATORS = ["gradmag(f)", "laplacian(f)", "grad(f).x", "grad(f).y", "grad(f).z"]
@@ -169,14 +170,25 @@ def flat_cells():
 @pytest.mark.parametrize("operation", OPERATORS)
 @pytest.mark.parametrize("kind", [*UNEVEN, "flat"])
 def test_kernels_find_what_the_plain_rule_finds(kind, operation):
-    """On trees derivatives are made in kernels; `by_neighbours` is the same in plain NumPy."""
+    """On trees derivatives are made in kernels; `Cells` is the same in plain NumPy."""
     grid = flat_cells() if kind == "flat" else UNEVEN[kind]()
     volume = vm.Volume(grid, f=random_fields(grid))
     found = volume.evaluate(operation)
-    name = operation.replace("(f)", "")
-    expected = by_neighbours(grid, lambda first, last: volume["f"][first:last], name)
+    cells = Cells(grid, lambda first, last: volume["f"][first:last])
+    expected = cells.derivative(operation.replace("(f)", ""))
     # What a matrix loses that is nearly singular: cells have neighbours on few sides.
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", UNEVEN)
+def test_some_cells_are_looked_at_as_all_of_them_are(kind):
+    grid = UNEVEN[kind]()
+    values = random_fields(grid)
+    plain, fast = (make(grid, lambda a, b: values[a:b]) for make in (Cells, differences))
+    for first, last in ((0, grid.size), (7, 30)):
+        (slope, surface), (gradient, alone) = (own.gradient(first, last) for own in (plain, fast))
+        np.testing.assert_allclose(gradient, slope, rtol=0, atol=1e-11 * np.abs(slope).max())
+        np.testing.assert_array_equal(alone, surface)
 
 
 def test_laplacians_of_linear_fields_vanish_across_jumps_of_level():

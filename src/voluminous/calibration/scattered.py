@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..derivatives import Cells
+from ..derivatives import BoxesOfTree, Cells, differences
 from ..expressions import Expression
 from ..volume import Volume
 
@@ -32,7 +32,9 @@ class ScatteredPiece:
         As of a `Piece`; the reach is measured along the cell's own coordinates.
     """
 
-    def __init__(self, cells: Cells, volumes: np.ndarray, first: int, last: int) -> None:
+    def __init__(
+        self, cells: Cells | BoxesOfTree, volumes: np.ndarray, first: int, last: int
+    ) -> None:
         self._cells, self._first, self._last = cells, first, last
         self.volume = volumes[first:last]
         x = cells.values[first:last]
@@ -71,7 +73,7 @@ class ScatteredPiece:
 def scattered_pieces(volume: Volume, expr: Expression, budget: float) -> Iterator[ScatteredPiece]:
     """Yield all cells in pieces, or every k-th piece where there are more cells than `budget`."""
     grid = volume.grid
-    cells = Cells(grid, lambda first, last: volume.evaluate_cells(expr, first, last))
+    cells = differences(grid, lambda first, last: volume.evaluate_cells(expr, first, last))
     volumes = np.reshape(grid.cell_volumes, -1) / grid.scale**3
     count = -(-grid.size // _PIECE)
     step = min(count, max(1, int(np.ceil(_DEAR * grid.size / budget))))

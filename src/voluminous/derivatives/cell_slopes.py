@@ -30,11 +30,21 @@ CHUNK = 1 << 18
 
 @dataclass
 class State:
-    """Sums over the faces of cells: which one is next, the symmetric matrix, the right side."""
+    """Sums over the faces of cells, and which one is next.
+
+    Attributes
+    ----------
+    matrix : list of six arrays
+    right : list of three arrays
+        The symmetric matrix and the right side of the best fit.
+    alone : array of Bool
+        There is a face with nothing beyond.
+    """
 
     face: Any
     matrix: list[Any]
     right: list[Any]
+    alone: Any
 
 
 @dataclass
@@ -77,9 +87,10 @@ class CellSlopes:
     def parts(self) -> Iterator[tuple[int, Part]]:
         """Yield all cells, some at a time, each time with the number of the first."""
         for first in range(0, self.grid.size, CHUNK):
-            yield first, self._part(first, min(first + CHUNK, self.grid.size))
+            yield first, self.part(first, min(first + CHUNK, self.grid.size))
 
-    def _part(self, first: int, last: int) -> Part:
+    def part(self, first: int, last: int) -> Part:
+        """Return consecutive cells."""
         real, UInt, Wide = self.backend.Float, self.backend.UInt, self.backend.Wide
         low, size = ([from_host(Wide, v) for v in part] for part in self.grid.boxes(first, last))
         number = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
@@ -89,18 +100,23 @@ class CellSlopes:
 
     def gradient(self, part: Part) -> list[Any]:
         """Return the gradients in some cells."""
+        return self.looked_at(part)[0]
+
+    def looked_at(self, part: Part) -> tuple[list[Any], Any]:
+        """Return the gradients in some cells, and which have a face with nothing beyond."""
         real, UInt = self.backend.Float, self.backend.UInt
 
         def more(state: State) -> Any:
             return state.face < 6
 
         def step(state: State) -> tuple[State]:
-            matrix, right = self._through(state.face, part)
+            matrix, right, any_there = self._through(state.face, part)
             return (
                 State(
                     state.face + 1,
                     [a + b for a, b in zip(state.matrix, matrix, strict=True)],
                     [a + b for a, b in zip(state.right, right, strict=True)],
+                    state.alone | ~any_there,
                 ),
             )
 
@@ -110,9 +126,10 @@ class CellSlopes:
             dr.zeros(UInt, count),
             [real(zero) for _ in range(6)],
             [real(zero) for _ in range(3)],
+            dr.full(self.backend.Bool, False, count),
         )
         (state,) = dr.while_loop((state,), more, step, label="slopes")
-        return solved(state.matrix, state.right)
+        return solved(state.matrix, state.right), state.alone
 
     def laplacian(self, part: Part) -> Any:
         """Return the Laplacians in some cells."""
@@ -152,8 +169,11 @@ class CellSlopes:
         share = dr.select(count > 0.0, 1.0 / count, 0.0)
         return share * distance, share * total
 
-    def _through(self, face: Any, part: Part) -> tuple[list[Any], list[Any]]:
-        """Return the sums over the neighbours beyond a face, each side having its share."""
+    def _through(self, face: Any, part: Part) -> tuple[list[Any], list[Any], Any]:
+        """Return the sums over the neighbours beyond a face, and where there are any.
+
+        Each face has the same share.
+        """
         real = self.backend.Float
         matrix, right, count = [real(0)] * 6, [real(0)] * 3, real(0)
         for way, rise, there in self._beyond(face, part):
@@ -164,7 +184,7 @@ class CellSlopes:
             matrix = [dr.fma(pull[a], way[b], m) for (a, b), m in zip(_PAIRS, matrix, strict=True)]
             count += dr.select(there, 1.0, 0.0)
         share = dr.select(count > 0.0, 1.0 / count, 0.0)
-        return [share * m for m in matrix], [share * r for r in right]
+        return [share * m for m in matrix], [share * r for r in right], count > 0.0
 
     def _beyond(self, face: Any, part: Part) -> Iterator[tuple[list[Any], Any, Any]]:
         """Yield the cells at four places beyond a face: the way there, the rise, and if any is."""

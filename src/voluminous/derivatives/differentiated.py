@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from ..geometry import CARTESIAN
 from .curvilinear import Curvilinear
 from .differences import differentiate
 from .layers import in_single, whole
-from .neighbours import by_neighbours
-from .on_trees import is_tree, on_tree
+from .neighbours import Cells
+from .on_trees import BoxesOfTree, is_tree
 
 
 def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndarray:
@@ -39,10 +40,22 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
     def cells(first: int, last: int) -> np.ndarray:
         return np.asarray(volume.evaluate_cells(argument, first, last))
 
-    make = on_tree if is_tree(volume.grid) else by_neighbours
-    found = make(volume.grid, cells, operation)
+    found = differences(volume.grid, cells).derivative(operation).reshape(volume.grid.shape)
     single = cells(0, 1).dtype == np.float32 and in_single(found)
     return found.astype(np.float32) if single else found
+
+
+def differences(grid: Any, evaluate: Callable[[int, int], np.ndarray]) -> Cells | BoxesOfTree:
+    """Return what compares the neighbours of any grid: in kernels, where these find them.
+
+    Parameters
+    ----------
+    grid : grid
+        See `grids.contract.Grid`.
+    evaluate : callable
+        Returns what is differentiated, for the cells between two numbers.
+    """
+    return (BoxesOfTree if is_tree(grid) else Cells)(grid, evaluate)
 
 
 def _along_axes(volume: Any, operation: str, argument: Expression) -> np.ndarray:

@@ -63,6 +63,19 @@ class Cells:
         missing = [np.bincount(face.cell, minlength=count) == 0 for face in faces]
         return _gradient(faces, count), np.any(missing, axis=0)
 
+    def derivative(self, operation: str) -> np.ndarray:
+        """Return a derivative in all cells, float64, shape (N,).
+
+        Parameters
+        ----------
+        operation : str
+            See `differences.differentiate`.
+        """
+        out = np.empty(self.grid.size)
+        for first, last in _parts(self.grid.size):
+            out[first:last] = _differentiated(self, operation, first, last)
+        return out
+
 
 @dataclass
 class Face:
@@ -98,31 +111,6 @@ class Part:
     last: int
     middle: np.ndarray
     width: np.ndarray
-
-
-def by_neighbours(
-    grid: Any, evaluate: Callable[[int, int], np.ndarray], operation: str
-) -> np.ndarray:
-    """Return a derivative in all cells of any grid, by its `locate`.
-
-    Parameters
-    ----------
-    grid : grid
-        See `grids.contract.Grid`.
-    evaluate : callable
-        Returns what is differentiated, for the cells between two numbers.
-    operation : str
-        See `differences.differentiate`.
-
-    Returns
-    -------
-    array
-        float64, of the grid's shape.
-    """
-    cells, out = Cells(grid, evaluate), np.empty(grid.size)
-    for first, last in _parts(grid.size):
-        out[first:last] = _differentiated(cells, operation, first, last)
-    return out.reshape(grid.shape)
 
 
 def _parts(size: int) -> list[tuple[int, int]]:

@@ -18,26 +18,50 @@ def is_tree(grid: Any) -> bool:
     return hasattr(grid, "surroundings") and tuple(grid.coordinates) == CARTESIAN
 
 
-def on_tree(grid: Any, evaluate: Callable[[int, int], np.ndarray], operation: str) -> np.ndarray:
-    """Return a derivative in all cells of a tree; see `neighbours.by_neighbours`."""
-    check_memory(16 * grid.size, f"differences between {grid.size} cells", "coarsen the volume")
-    values, out = np.empty(grid.size), np.empty(grid.size)
-    for first in range(0, grid.size, CHUNK):
-        last = min(first + CHUNK, grid.size)
-        values[first:last] = evaluate(first, last)
-    backend = get_backend("cpu", "double")
-    slopes = CellSlopes(grid, from_host(backend.Float, values), backend)
-    for first, part in slopes.parts():
-        found = np.array(_differentiated(slopes, part, operation))
-        out[first : first + len(found)] = found
-    return out
+class BoxesOfTree:
+    """What `neighbours.Cells` is for grids of any kind, for those that `is_tree`.
 
+    Parameters
+    ----------
+    grid : TreeCells
+    evaluate : callable
+        Returns what is differentiated, for the cells between two numbers.
 
-def _differentiated(slopes: CellSlopes, part: Part, operation: str) -> Any:
-    per_length = slopes.backend.opaque(1.0 / slopes.grid.scale)
-    if operation == "laplacian":
-        return slopes.laplacian(part) * (per_length * per_length)
-    x, y, z = slopes.gradient(part)
-    if operation == "gradmag":
-        return dr.sqrt(x * x + y * y + z * z) * per_length
-    return (x, y, z)["xyz".index(operation[-1])] * per_length
+    Attributes
+    ----------
+    values : array, shape (N,)
+    """
+
+    def __init__(self, grid: Any, evaluate: Callable[[int, int], np.ndarray]) -> None:
+        size = grid.size
+        check_memory(16 * size, f"differences between {size} cells", "coarsen the volume")
+        self.grid, self.values = grid, np.empty(size)
+        for first in range(0, size, CHUNK):
+            last = min(first + CHUNK, size)
+            self.values[first:last] = evaluate(first, last)
+        backend = get_backend("cpu", "double")
+        self.slopes = CellSlopes(grid, from_host(backend.Float, self.values), backend)
+        self._per_length = backend.opaque(1.0 / grid.scale)
+
+    def gradient(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradients (3, n) of consecutive cells, and which cells are at the surface (n,)."""
+        slopes, alone = self.slopes.looked_at(self.slopes.part(first, last))
+        found = [slope * self._per_length for slope in slopes]
+        dr.eval(found, alone)
+        return np.array([np.array(slope) for slope in found]), np.array(alone)
+
+    def derivative(self, operation: str) -> np.ndarray:
+        """Return a derivative in all cells; see `neighbours.by_neighbours`."""
+        out = np.empty(self.grid.size)
+        for first, part in self.slopes.parts():
+            found = np.array(self._differentiated(part, operation))
+            out[first : first + len(found)] = found
+        return out
+
+    def _differentiated(self, part: Part, operation: str) -> Any:
+        if operation == "laplacian":
+            return self.slopes.laplacian(part) * (self._per_length * self._per_length)
+        x, y, z = self.slopes.gradient(part)
+        if operation == "gradmag":
+            return dr.sqrt(x * x + y * y + z * z) * self._per_length
+        return (x, y, z)["xyz".index(operation[-1])] * self._per_length
