@@ -67,10 +67,12 @@ class CellSlopes:
         The field, for all cells, in any precision.
     backend : Backend
         For which device; all is computed in double precision.
+    boxes : Boxes, optional
+        Where all cells are (`grids.trees.vertices`), if that is known already.
     """
 
-    def __init__(self, grid: Any, values: Any, backend: Any) -> None:
-        self.grid, self.values = grid, values
+    def __init__(self, grid: Any, values: Any, backend: Any, boxes: Any = None) -> None:
+        self.grid, self.values, self.boxes = grid, values, boxes
         self.backend = backend = get_backend(backend.device, "double")
         self.around = grid.surroundings(backend)
         self.spacing = self.around.spacing(grid, backend)
@@ -91,12 +93,19 @@ class CellSlopes:
 
     def part(self, first: int, last: int) -> Part:
         """Return consecutive cells."""
-        real, UInt, Wide = self.backend.Float, self.backend.UInt, self.backend.Wide
-        low, size = ([from_host(Wide, v) for v in part] for part in self.grid.boxes(first, last))
+        real, UInt = self.backend.Float, self.backend.UInt
         number = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
+        low, size = self._where(first, last, number)
         middle = [dr.fma(s, 0.5, a) for a, s in zip(low, size, strict=True)]
         value = real(dr.gather(type(self.values), self.values, number))
         return Part(middle, size, value)
+
+    def _where(self, first: int, last: int, number: Any) -> Iterator[list[Any]]:
+        """Return lower corners and sizes of some cells."""
+        if self.boxes is not None:
+            return iter((self.boxes.low(number), self.boxes.size(number)))
+        found = self.grid.boxes(first, last)
+        return ([from_host(self.backend.Wide, v) for v in part] for part in found)
 
     def gradient(self, part: Part) -> list[Any]:
         """Return the gradients in some cells."""

@@ -18,6 +18,17 @@ _LEVELS_PER_WORD = 10
 _PART = 1 << 16
 
 
+def _masks(n: int) -> list[int]:
+    """Return masks of ten bits: groups of 1, 2, 4, 8 and 16 of them, which begin n·group apart."""
+    return [
+        sum(1 << (bit // group * group * n + bit % group) for bit in range(_LEVELS_PER_WORD))
+        for group in (1, 2, 4, 8, 16)
+    ]
+
+
+_EVERY = {n: _masks(n) for n in (1, 2, 3)}
+
+
 @dataclass(frozen=True)
 class Places:
     """Where leaves begin, from their levels.
@@ -131,20 +142,20 @@ def _carried(words: np.ndarray, bits: int) -> np.ndarray:
 
 
 def _every_nth_bit(v: np.ndarray, n: int) -> np.ndarray:
-    """Return ten bits that lie n bits apart, moved together."""
-    if n == 1:
-        return v & 0x3FF
-    gathered = np.zeros_like(v)
-    for bit in range(_LEVELS_PER_WORD):
-        gathered |= ((v >> n * bit) & 1) << bit
+    """Return ten bits that lie n bits apart, moved together: by twos, fours, eights and all."""
+    gathered = v & _EVERY[n][0]
+    for together, mask in zip((1, 2, 4, 8), _EVERY[n][1:], strict=True):
+        gathered |= gathered >> together * (n - 1)
+        gathered &= mask
     return gathered
 
 
 def spread_bits(v: np.ndarray, n: int) -> np.ndarray:
     """Return the ten bits of numbers moved n bits apart: the inverse of gathering every n-th."""
-    spread = np.zeros_like(v)
-    for bit in range(_LEVELS_PER_WORD):
-        spread |= ((v >> bit) & 1) << n * bit
+    spread = v & _EVERY[n][-1]
+    for together, mask in zip((8, 4, 2, 1), _EVERY[n][-2::-1], strict=True):
+        spread |= spread << together * (n - 1)
+        spread &= mask
     return spread
 
 

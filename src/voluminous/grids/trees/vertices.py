@@ -18,35 +18,50 @@ from .spacing import Spacing
 
 # Corners of a cell, or octants around a vertex: below (0) or above along x, y and z.
 OCTANTS = tuple(itertools.product((0, 1), repeat=3))
+# Cells whose corners are found at once, and what corners are kept as: short or long.
+_CHUNK = 1 << 18
+_DTYPES = (np.float64, np.uint32)
 
 
 class Boxes:
-    """Some cells of a tree, for kernels.
+    """Consecutive cells of a tree, for kernels: lower corners and sizes in finest units.
 
     Parameters
     ----------
-    low, size : int arrays, shape (3, n)
-        Lower corners and sizes in finest units.
+    grid : TreeCells or RefinedCells
+    first, last : int
     backend : Backend
+        Of double precision: corners and sizes are given in it. They are kept in half the memory
+        where the domain is short enough.
     """
 
-    def __init__(self, low: np.ndarray, size: np.ndarray, backend: Any) -> None:
+    def __init__(self, grid: Any, first: int, last: int, backend: Any) -> None:
         self.backend = backend
-        self.low, self.size = ([from_host(backend.Wide, v) for v in part] for part in (low, size))
+        self.kind = backend.UInt if max(grid.tree.extent) < 1 << 32 else backend.Wide
+        kept = [np.empty((3, last - first), _DTYPES[self.kind is backend.UInt]) for _ in range(2)]
+        for begin in range(first, last, _CHUNK):
+            end = min(begin + _CHUNK, last)
+            for whole, part in zip(kept, grid.boxes(begin, end), strict=True):
+                whole[:, begin - first : end - first] = part
+        self._low, self._size = ([from_host(self.kind, v) for v in part] for part in kept)
+
+    def low(self, lane: Any) -> list[Any]:
+        """Return the lower corners of cells, given by their numbers among these."""
+        return self._of(self._low, lane)
+
+    def size(self, lane: Any) -> list[Any]:
+        """Return the sizes of cells."""
+        return self._of(self._size, lane)
 
     def corner(self, lane: Any, corner: Any) -> list[Any]:
-        """Return the place of a corner of a cell, given by its number among these."""
-        found = []
-        for axis, (low, size) in enumerate(zip(self.low, self.size, strict=True)):
-            start, wide = (dr.gather(self.backend.Wide, v, lane) for v in (low, size))
-            found.append(dr.select((corner >> (2 - axis)) & 1 == 1, start + wide, start))
-        return found
+        """Return the places of corners of cells."""
+        return [
+            low + dr.select((corner >> (2 - axis)) & 1 == 1, size, 0.0)
+            for axis, (low, size) in enumerate(zip(self.low(lane), self.size(lane), strict=True))
+        ]
 
-
-def boxes_between(grid: Any, first: int, last: int, backend: Any) -> Boxes:
-    """Return consecutive cells of a grid."""
-    low, size = grid.boxes(first, last)
-    return Boxes(low, size, backend)
+    def _of(self, parts: list[Any], lane: Any) -> list[Any]:
+        return [self.backend.Wide(dr.gather(self.kind, v, lane)) for v in parts]
 
 
 class Surroundings:
@@ -112,7 +127,7 @@ def cells_around(grid: Any, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
     """
     numbers = np.asarray(vertex)
     first, last = int(numbers[0]) >> 3, (int(numbers[-1]) >> 3) + 1
-    boxes = boxes_between(grid, first, last, backend)
+    boxes = Boxes(grid, first, last, backend)
     lane = backend.UInt(vertex)
     place = boxes.corner((lane >> 3) - dr.opaque(backend.UInt, first), lane & 7)
     around = grid.surroundings(backend).cells(place, dr.full(backend.Bool, True, len(numbers)))

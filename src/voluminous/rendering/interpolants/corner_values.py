@@ -17,7 +17,6 @@ Of a smooth field on a tree refined twice around a shell, corners are off by 1.4
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ import numpy as np
 from ...backend import dr, from_host, get_backend
 from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
-from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings, boxes_between
+from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings
 from ...memory import check_memory
 from .meeting import Meeting, is_corner
 
@@ -50,13 +49,16 @@ class CornerValues:
     """
 
     def __init__(self, grid: Any, values: np.ndarray, backend: Any) -> None:
-        needed = 12 * grid.size * backend.dtype.itemsize + min(_CHUNK_BYTES, 1600 * grid.size)
+        # Eight corners, three slopes, a value; where a cell is.
+        needed = (12 * backend.dtype.itemsize + 24) * grid.size
+        needed += min(_CHUNK_BYTES, 1600 * grid.size)
         advice = "use scheme='first-order', or a coarser or smaller volume"
         check_memory(needed, "a field at the corners of cells", advice)
         self.grid, self.backend = grid, get_backend(backend.device, "double")
         self.real = backend.Float
         self.values = self.real(np.ascontiguousarray(values, dtype=backend.dtype))
-        self.derivatives = CellSlopes(grid, self.values, backend)
+        self.boxes = Boxes(grid, 0, grid.size, self.backend)
+        self.derivatives = CellSlopes(grid, self.values, backend, self.boxes)
         self.around: Surroundings = self.derivatives.around
         self.spacing = self.derivatives.spacing
         self.slopes = [dr.zeros(self.real, grid.size) for _ in range(3)]
@@ -65,17 +67,11 @@ class CornerValues:
     def compute(self) -> Any:
         """Return them: eight numbers per cell, z fastest."""
         self._set_slopes()
-        for first, boxes in self._parts():
-            self._share(first, boxes)
+        for first in range(0, self.grid.size, _CHUNK):
+            self._share(first, min(first + _CHUNK, self.grid.size))
         for level in range(len(self.grid.cells_per_level)):
             self._complete(level)
         return self.data
-
-    def _parts(self) -> Iterator[tuple[int, Boxes]]:
-        """Return consecutive cells: the first one's number, and where they are."""
-        for first in range(0, self.grid.size, _CHUNK):
-            last = min(first + _CHUNK, self.grid.size)
-            yield first, boxes_between(self.grid, first, last, self.backend)
 
     def _set_slopes(self) -> None:
         """Compute the gradients in all cells."""
@@ -86,12 +82,13 @@ class CornerValues:
                 dr.scatter(whole, self.real(slope), number)
             dr.eval(self.slopes)
 
-    def _share(self, first: int, boxes: Boxes) -> None:
+    def _share(self, first: int, last: int) -> None:
         """Compute the values at lower corners of cells, for all cells that meet there.
 
         Where one of these has no corner there, it is left to `_complete`.
         """
-        vertex, UInt = boxes.low, self.backend.UInt
+        UInt = self.backend.UInt
+        vertex = self.boxes.low(dr.arange(UInt, last - first) + dr.opaque(UInt, first))
         found = self._meeting(vertex)
         value = self.real(found.mean())
 
@@ -115,10 +112,7 @@ class CornerValues:
             slot = self._lacking(from_host(UInt, first + own))
             if not dr.width(slot):
                 continue
-            last = min(first + _CHUNK, grid.size)
-            boxes = boxes_between(grid, first, last, self.backend)
-            vertex = boxes.corner((slot >> 3) - dr.opaque(UInt, first), slot & 7)
-            value = self._value(vertex)
+            value = self._value(self.boxes.corner(slot >> 3, slot & 7))
             dr.eval(value)  # what is read while it is written would be copied
             dr.scatter(self.data, value, slot)
             dr.eval(self.data)
