@@ -273,3 +273,17 @@ def test_a_scene_may_say_auto():
     assert scene.to_dict()["medium"][0]["path_length"] == "auto"
     with pytest.raises(vm.InputError, match="'auto'"):
         scene.replaced({"medium.1.path_length": "automatic"})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **own: vm.Gaussian("a", 20, 2, (1, 0.5, 0.2), 0.3, **own),
+        lambda **own: vm.Rectangle("a", 20, 2, (1, 0.5, 0.2), 0.3, **own),
+        lambda **own: vm.Table("a", [10, 20, 30], [0, 1, 0], [0, 0.3, 0], **own),
+        lambda **own: vm.Colormap("a", "viridis", 10, 30, 0.3, **own),
+    ],
+)
+def test_a_path_length_that_is_not_given_is_measured(make):
+    assert make().key() == make(path_length="auto").key()
+    assert vm.calibrate(make(), ramp()).path_length > 0

@@ -25,7 +25,7 @@ class Colormap(Table):
         Range of x; beyond it the colours of the ends go on.
     opacity : float or callable
         Extinction h_α, or a function of the position 0 … 1 in the colormap.
-    path_length : float, Quantity or "auto"
+    path_length : float, Quantity or "auto", default "auto"
         Length to which colour and opacity refer: seen through one path length, a value shows the
         colour of the map times `opacity` (emission weighted by opacity, as in a picture).
         ``"auto"`` as in `Table`.
@@ -51,7 +51,7 @@ class Colormap(Table):
         vmin: Any,
         vmax: Any,
         opacity: Any,
-        path_length: Any,
+        path_length: Any = "auto",
         *,
         norm: Any = None,
         samples: int = 256,

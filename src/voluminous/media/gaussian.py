@@ -36,7 +36,7 @@ class Gaussian(SampledShaped):
     opacity : float or sequence
         Extinction h_α, one for all channels (grey) or one per channel: the optical depth of one
         `path_length` of the peak.
-    path_length : float, Quantity or "auto"
+    path_length : float, Quantity or "auto", default "auto"
         Length to which `color` and `opacity` refer; plain numbers are in the volume's unit.
         ``"auto"`` is the median thickness of the shell in the volume that is rendered: one crossing
         shows the colour. `voluminous.calibrate` gives the number.
@@ -63,7 +63,7 @@ class Gaussian(SampledShaped):
         sigma: Any,
         color: Any,
         opacity: Any,
-        path_length: Any,
+        path_length: Any = "auto",
         *,
         where: Any = None,
     ) -> None:

@@ -45,7 +45,7 @@ class Rectangle(SampledShaped):
         half_width: Any,
         color: Any,
         opacity: Any,
-        path_length: Any,
+        path_length: Any = "auto",
         *,
         where: Any = None,
     ) -> None:

@@ -50,7 +50,7 @@ class Table(Medium):
         expression.
     opacities : array_like, shape (n,), (n, channel) or a number
         Extinction h_α at these values.
-    path_length : float, Quantity or "auto"
+    path_length : float, Quantity or "auto", default "auto"
         Length to which colours and opacities refer; ``"auto"`` as in `Gaussian`, for the width of
         all that is opaque (or, where nothing is, bright) in the volume's range of x.
     where : str, optional
@@ -69,7 +69,7 @@ class Table(Medium):
         values: Any,
         colors: Any,
         opacities: Any,
-        path_length: Any,
+        path_length: Any = "auto",
         *,
         where: Any = None,
     ) -> None:
