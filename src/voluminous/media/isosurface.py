@@ -12,7 +12,6 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
@@ -30,7 +29,15 @@ from .given import scalar as _scalar
 from .modulation import Factors
 from .shape_middles import crossing_middle
 from .stretch import extremes
-from .surface_given import fraction, given_levels, given_opacities, modulated_colors
+from .surface_given import (
+    depth_of,
+    fraction,
+    given_levels,
+    given_opacities,
+    modulated_colors,
+    plain_opacities,
+)
+from .surface_light import lambert, obliquity
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -40,8 +47,6 @@ if TYPE_CHECKING:
 # Segments are counted as at least this long, in cells: a surface between two of them is not lost.
 _SHORTEST = 1e-20
 DENSITIES = ("crossing", "gradient")
-# The optical depth of an opaque surface: what shows through is below all rounding.
-_OPAQUE = 40.0
 # Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
 _FOLD = 1e-4
 
@@ -280,7 +285,7 @@ class Isosurface(Medium):
             "expr": self.expr.text,
             "level": _named(self.levels[0]) if one else [_named(v) for v in self.levels],
             "color": list(self.colors[0]) if one else [list(row) for row in self.colors],
-            "opacity": _plain(self.opacities),
+            "opacity": plain_opacities(self.opacities),
             "width": _named(self.width),
             "density": self.density,
             "shading": self.shading,
@@ -334,38 +339,15 @@ class Isosurface(Medium):
     def _obliquity(self, panel: Panel, context: Context, first: Any, last: Any) -> Any:
         """Return |∇x| over |∂x/∂s|, at least one."""
         scale = context.keep((id(self), "scale"), lambda: context.number(context.scale))
-        slope = context.narrow(scale * context.evaluate(self.slope, panel.fields(0.5)))
-        way = dr.abs(context.narrow(last - first))
-        ratio = slope * panel.length / dr.select(way > 0.0, way, 1.0)
-        return dr.select(ratio > 1.0, ratio, 1.0)
+        return obliquity(
+            scale * context.evaluate(self.slope, panel.fields(0.5)), last - first, panel, context
+        )
 
     def _shade(self, panel: Panel, context: Context) -> Any:
         """Return how bright the surface looks by the light of a lamp at the camera."""
         if self.shading == 0:
             return 1.0
-        cubics = panel.stretch.cubics
-        fields = panel.fields(0.5)
-        normal = [context.narrow(context.evaluate(e, fields)) for e in self.normal]
-        way = [context.narrow(cubics[axis][1]) for axis in "xyz"]
-        size = dr.sqrt(_dot(normal, normal) * _dot(way, way))
-        cosine = dr.abs(_dot(normal, way)) / dr.select(size > 0.0, size, 1.0)
         share = context.keep(
             (id(self), "shading"), lambda: context.narrow(context.number(self.shading))
         )
-        return 1.0 - share + share * dr.select(size > 0.0, cosine, 1.0)
-
-
-def _dot(a: list[Any], b: list[Any]) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def depth_of(opacity: float) -> float:
-    """Return the optical depth of a crossing."""
-    return min(-math.log1p(-opacity), _OPAQUE) if opacity < 1 else _OPAQUE
-
-
-def _plain(opacities: tuple[tuple[float, ...], ...]) -> Any:
-    """Return opacities as short as they can be given: a number, or a row (of them) per level."""
-    rows = [row[0] if len(row) == 1 else list(row) for row in opacities]
-    alike = len(set(opacities)) == 1 and (len(rows) == 1 or not isinstance(rows[0], list))
-    return rows[0] if alike else rows
+        return 1.0 - share + share * lambert(self.normal, panel, context)

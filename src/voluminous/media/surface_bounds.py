@@ -11,8 +11,8 @@ from ..backend import dr
 from ..expressions import Expression
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_rounding import larger, positive, raised, smaller
-from .isosurface import depth_of
 from .part_bounds import PartBounds
+from .surface_given import depth_of
 
 if TYPE_CHECKING:
     from .course import Course, CourseContext, Courses

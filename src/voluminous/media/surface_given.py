@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,9 @@ from .color_by import ColorBy
 from .contract import channel_values, check_extinction, color_values
 from .given import scalar
 from .modulation import Modulation, modulated
+
+# The optical depth of an opaque surface: what shows through is below all rounding.
+_OPAQUE = 40.0
 
 
 def given_levels(level: Any, levels: Any) -> tuple[Any, ...]:
@@ -113,3 +117,15 @@ def fraction(value: Any, what: str) -> float:
     if not isinstance(value, (int, float)) or not 0 <= value <= 1:
         raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
     return float(value)
+
+
+def depth_of(opacity: float) -> float:
+    """Return the optical depth of a crossing."""
+    return min(-math.log1p(-opacity), _OPAQUE) if opacity < 1 else _OPAQUE
+
+
+def plain_opacities(opacities: tuple[tuple[float, ...], ...]) -> Any:
+    """Return opacities as short as they can be given: a number, or a row (of them) per level."""
+    rows = [row[0] if len(row) == 1 else list(row) for row in opacities]
+    alike = len(set(opacities)) == 1 and (len(rows) == 1 or not isinstance(rows[0], list))
+    return rows[0] if alike else rows

@@ -1,0 +1,46 @@
+"""How a surface lies in the light of a ray: the angles between its normal and the ray."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..backend import dr
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .stretch import Panel
+
+
+def obliquity(slope: Any, rise: Any, panel: Panel, context: Context) -> Any:
+    """Return |∇x| over |∂x/∂s|, at least one.
+
+    Parameters
+    ----------
+    slope : array
+        |∇x| per length of the grid's scale.
+    rise : array
+        What x changes by over the panel.
+    """
+    way = dr.abs(context.narrow(rise))
+    ratio = context.narrow(slope) * panel.length / dr.select(way > 0.0, way, 1.0)
+    return dr.select(ratio > 1.0, ratio, 1.0)
+
+
+def lambert(normal: list[Any], panel: Panel, context: Context) -> Any:
+    """Return the cosine of ray and normal in the middle of a panel; one if there is no normal.
+
+    Parameters
+    ----------
+    normal : list of three Expression
+        The components of the gradient.
+    """
+    cubics, fields = panel.stretch.cubics, panel.fields(0.5)
+    across = [context.narrow(context.evaluate(e, fields)) for e in normal]
+    way = [context.narrow(cubics[axis][1]) for axis in "xyz"]
+    size = dr.sqrt(_dot(across, across) * _dot(way, way))
+    cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
+    return dr.select(size > 0.0, cosine, 1.0)
+
+
+def _dot(a: list[Any], b: list[Any]) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
