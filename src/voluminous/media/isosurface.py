@@ -129,8 +129,9 @@ class Isosurface(Medium):
         return tuple(o for row in self.opacities for o in row)
 
     def expressions(self) -> tuple[tuple[Expression, float], ...]:
-        """Return the expression of the surfaces, with their width, and those of the modulation."""
-        return ((self.expr, plain_number(self.width)), *self.modulation.expressions())
+        """Return the expression of the surfaces, with their width, and all others."""
+        others = ((expr, 0.0) for expr in self._directions())
+        return ((self.expr, plain_number(self.width)), *others, *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:
@@ -296,13 +297,15 @@ class Isosurface(Medium):
     def _thick(self) -> bool:
         return plain_number(self.width) > 0
 
+    def _directions(self) -> list[Expression]:
+        """Return the derivatives that are looked at on a ray."""
+        slope = [self.slope] if self.density == "gradient" else []
+        return [*slope, *(self.normal if self.shading > 0 else ())]
+
     def _names(self) -> tuple[str, ...]:
-        used = list(self.expr.names)
-        if self.density == "gradient" or self._thick:
-            used += self.slope.names
-        if self.shading > 0:
-            used += [name for e in self.normal for name in e.names]
-            used += ["x", "y", "z"]
+        used = [name for e in (self.expr, *self._directions()) for name in e.names]
+        used += self.slope.names if self._thick else ()
+        used += ["x", "y", "z"] if self.shading > 0 else ()
         used += self.modulation.names
         return tuple(dict.fromkeys(used))
 

@@ -21,8 +21,8 @@ def obliquity(slope: Any, rise: Any, panel: Panel, context: Context) -> Any:
     rise : array
         What x changes by over the panel.
     """
-    way = dr.abs(context.narrow(rise))
-    ratio = context.narrow(slope) * panel.length / dr.select(way > 0.0, way, 1.0)
+    way = dr.abs(rise)
+    ratio = panel.length * context.narrow(slope / dr.select(way > 0.0, way, 1.0))
     return dr.select(ratio > 1.0, ratio, 1.0)
 
 
@@ -35,11 +35,18 @@ def lambert(normal: list[Any], panel: Panel, context: Context) -> Any:
         The components of the gradient.
     """
     cubics, fields = panel.stretch.cubics, panel.fields(0.5)
-    across = [context.narrow(context.evaluate(e, fields)) for e in normal]
-    way = [context.narrow(cubics[axis][1]) for axis in "xyz"]
+    across = _scaled([context.evaluate(e, fields) for e in normal], context)
+    way = _scaled([cubics[axis][1] for axis in "xyz"], context)
     size = dr.sqrt(_dot(across, across) * _dot(way, way))
     cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
     return dr.select(size > 0.0, cosine, 1.0)
+
+
+def _scaled(vector: list[Any], context: Context) -> list[Any]:
+    """Return a vector over its largest component: squares of gradients in g/cm⁴ underflow."""
+    x, y, z = (dr.abs(v) for v in vector)
+    most = dr.maximum(x, dr.maximum(y, z))
+    return [context.narrow(v / dr.select(most > 0.0, most, 1.0)) for v in vector]
 
 
 def _dot(a: list[Any], b: list[Any]) -> Any:

@@ -63,7 +63,8 @@ def render(
     background : float, sequence of float, array (ny, nx[, channel]) or Image
         Intensity behind everything.
     precision : {"single", "double"}
-        Floating-point precision. Where single cannot tell the grid's cells apart, double is taken.
+        Floating-point precision. Where single cannot tell the grid's cells apart, or cannot hold
+        what the medium is a function of (below 1e-30, above 1e30), double is taken.
     device : {"auto", "cpu", "cuda", "metal"}
         Where to compute.
     order : {"front-to-back", "back-to-front"}

@@ -11,8 +11,9 @@ from ..errors import InputError
 from ..media.contract import Medium
 from ..schemes import get_scheme
 from ..volume import Volume
+from .coefficients.digits import beyond_single
 from .job import Job
-from .missing import complete
+from .missing import Completed, complete
 from .options import (
     check_cutoff,
     check_order,
@@ -50,6 +51,8 @@ def prepare(
         precision = "double"
     volume.refresh()  # derivatives of fields that were changed in place
     completed = complete(volume, medium.names, solver.place == "field")
+    if solver.place == "field" and precision == "single" and _needs_double(completed, medium):
+        precision = "double"
     job = Job(
         volume=completed.volume,
         store=completed.store,
@@ -68,6 +71,14 @@ def prepare(
     job.recursive = is_recursive(samples, volume.grid)
     job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
     return job, completed.counts
+
+
+def _needs_double(completed: Completed, medium: Medium) -> bool:
+    """Return True if what the medium looks at is too small or too large for single precision."""
+    store = completed.store
+    key = ("reach", *(expr.text for expr in medium.scalars()), store.digests(medium.names))
+    found: bool = store.kept(key, lambda: beyond_single(completed.volume, medium))
+    return found
 
 
 def _check_types(volume: Any, medium: Any, camera: Any) -> None:

@@ -15,6 +15,8 @@ _SAMPLE = 4096
 _RUN = 64
 # What may be lost, of the range of an expression's values, and of the width of a shape.
 _LOST, _LOST_OF_WIDTH = 1e-5, 0.01
+# Sizes that leave room in single precision for products with widths and lengths.
+_TINY, _HUGE = 1e-30, 1e30
 # The contrast of media of which nothing is told.
 _UNKNOWN = 10.0
 
@@ -45,7 +47,7 @@ def exactness(classifier: Classifier) -> Exactness:
         expressions = classifier.medium.expressions()
     except NotImplementedError:
         return Exactness(False, _UNKNOWN)
-    sample = _sample(classifier)
+    sample = _sample(classifier.volume, classifier.medium.names)
     single, contrast = True, 1.0
     with np.errstate(all="ignore"):
         for expr, least in expressions:
@@ -58,9 +60,24 @@ def exactness(classifier: Classifier) -> Exactness:
     return Exactness(single, contrast)
 
 
-def _sample(classifier: Classifier) -> dict[str, np.ndarray]:
+def beyond_single(volume: Any, medium: Any) -> bool:
+    """Return True if what a medium is a function of is out of reach for single precision.
+
+    Not only its expressions then need more, but all that becomes of them on a ray: differences,
+    widths, tables.
+    """
+    sample = _sample(volume, medium.names)
+    with np.errstate(all="ignore"):
+        return any(_tiny_or_huge(_values(e, sample, np.float64)) for e in medium.scalars())
+
+
+def _tiny_or_huge(values: np.ndarray) -> bool:
+    size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+    return 0.0 < size < _TINY or size > _HUGE
+
+
+def _sample(volume: Any, names: Any) -> dict[str, np.ndarray]:
     """Return all fields at cells spread over the volume, in double precision."""
-    volume, names = classifier.volume, classifier.medium.names
     size = volume.grid.size
     # Coordinates are computed for runs of cells.
     run = 1 if all(name in volume for name in names) else min(_RUN, size)
@@ -79,9 +96,8 @@ def _same(exact: np.ndarray, rounded: np.ndarray, least: float) -> bool:
     size = float(np.max(np.abs(exact), initial=0.0))
     # Rounding of the values themselves, which the sample may show none of.
     lost = max(lost, size * float(np.finfo(np.float32).eps))
-    tiny = 0.0 < size < 1e-30 or size > 1e30
     few = lost <= _LOST * max(_span(exact), size)
-    return not tiny and few and not 0 < least * _LOST_OF_WIDTH < lost
+    return not _tiny_or_huge(exact) and few and not 0 < least * _LOST_OF_WIDTH < lost
 
 
 def _span(values: np.ndarray) -> float:
