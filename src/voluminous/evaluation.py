@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from .derivatives import component_of_cells, is_component
-from .errors import UnitsError, unknown_name
-from .expressions import Expression, NumpyOps, UnitOps, components, required_names
+from .errors import unknown_name
+from .expressions import Expression, NumpyOps, components, required_names, unit_of
 from .fields import coordinates
-from .units import parse_unit
 
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
@@ -42,13 +41,15 @@ class Evaluation:
         UnknownNameError
             If it names a field that does not exist.
         UnitsError
-            If a number in it has a unit that does not fit what it is compared with.
+            If a number in it has a unit that does not fit what it is compared with, or fields of
+            one kind, but in different units, are added or compared.
         """
         if camera is not None:
             return self.seen_by(camera).evaluate(expression)
         parts = tuple(self.without_units(part) for part in components(expression))
         for part in parts:
             self.check_names(part)
+            self.expression_unit(part)  # refuses what would have to be converted
         self.refresh()
         if len(parts) == 1:
             return self._evaluate_whole(parts[0])
@@ -116,22 +117,11 @@ class Evaluation:
         return expression.without_units(unit_of)
 
     def expression_unit(self: Any, expression: Expression) -> Any:
-        """Return the unit of an expression by evaluating it on units, None where it has none.
+        """Return the unit of an expression, None where it has none (``log10(density)``).
 
-        An expression that takes a number out of a unit (``log10(density)``) has none: its value is
-        what the fields' own units make it.
+        Raises
+        ------
+        UnitsError
+            If numbers of one kind, but in different units, are added or compared.
         """
-        units = {name: self.field_unit(name) for name in expression.names}
-        if not any(unit is not None for unit in units.values()):
-            return None
-        from astropy import units as u
-
-        ones = {
-            name: u.Quantity(1.0, unit if unit is not None else u.dimensionless_unscaled)
-            for name, unit in units.items()
-        }
-        try:
-            value = expression.evaluate(UnitOps(), ones)
-        except (u.UnitsError, TypeError, ValueError, UnitsError):
-            return None
-        return parse_unit(getattr(value, "unit", None))
+        return unit_of(expression, tuple(self.field_unit(name) for name in expression.names))

@@ -16,7 +16,7 @@ from .interval_ops import IntervalOps
 from .jumps import Margin
 from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
-from .unit_ops import UnitOps
+from .unit_ops import unit_of
 
 __all__ = [
     "CONSTANTS",
@@ -28,9 +28,9 @@ __all__ = [
     "Margin",
     "NumpyOps",
     "Ops",
-    "UnitOps",
     "check_names",
     "components",
     "derived_field",
     "required_names",
+    "unit_of",
 ]

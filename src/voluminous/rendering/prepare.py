@@ -49,6 +49,7 @@ def prepare(
     medium = calibrate(medium, volume)
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
+    _check_units(volume, medium)
     volume.refresh()  # derivatives of fields that were changed in place
     completed = complete(volume, medium.names, solver.place == "field")
     if solver.place == "field" and precision == "single" and _needs_double(completed, medium):
@@ -71,6 +72,24 @@ def prepare(
     job.recursive = is_recursive(samples, volume.grid)
     job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
     return job, completed.counts
+
+
+def _check_units(volume: Volume, medium: Medium) -> None:
+    """Refuse expressions of fields that would have to be converted.
+
+    Raises
+    ------
+    UnitsError
+        If numbers of one kind, but in different units, are added or compared.
+    """
+    for part in medium.components():
+        try:
+            used = [expr for expr, _ in part.expressions()]
+        except NotImplementedError:  # a function of fields, or one that is told of none
+            used = list(part.scalars())
+        for expr in used:
+            if all(name in volume or name in volume.coordinates for name in expr.names):
+                volume.expression_unit(expr)
 
 
 def _needs_double(completed: Completed, medium: Medium) -> bool:
