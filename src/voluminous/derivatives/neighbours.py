@@ -8,8 +8,9 @@ a Cartesian grid, whatever their widths. It is exact for linear fields everywher
 and at the surface of the domain too.
 
 The Laplacian is made of parabolas through the cell and, along each axis, the means of what lies
-beyond its two faces, moved onto the axis with the gradient; so it vanishes for linear fields. An
-axis along which a neighbour is missing is left out.
+beyond its two faces, moved onto the axis with the gradient; so it vanishes for linear fields. At
+the surface the second derivative across it is that of the cell further in; across the only cell
+along an angle, where all is symmetric, it follows from the gradient.
 """
 
 from __future__ import annotations
@@ -71,10 +72,26 @@ class Cells:
         operation : str
             See `differences.differentiate`.
         """
+        if operation == "laplacian":
+            return self._laplacian()
         out = np.empty(self.grid.size)
         for first, last in _parts(self.grid.size):
-            out[first:last] = _differentiated(self, operation, first, last)
+            gradient = _gradient(_faces(self, first, last), last - first)
+            if operation == "gradmag":
+                out[first:last] = np.sqrt(np.sum(gradient * gradient, axis=0))
+            else:
+                out[first:last] = gradient["xyz".index(operation[-1])]
         return out
+
+    def _laplacian(self) -> np.ndarray:
+        """Return the sum of the second derivatives along the axes of each cell."""
+        size = self.grid.size
+        check_memory(48 * size, f"second differences of {size} cells", "coarsen the volume")
+        bends, inner = np.empty((3, size)), np.empty((3, size), np.int64)
+        for first, last in _parts(size):
+            part = slice(first, last)
+            bends[:, part], inner[:, part] = _second_derivatives(self, first, last)
+        return filled_up(bends, inner).sum(axis=0)
 
 
 @dataclass
@@ -85,6 +102,8 @@ class Face:
     ----------
     cell : int array, shape (m,)
         Whose neighbours they are, counted from the first of the cells.
+    number : int array, shape (m,)
+        Which cells they are.
     way : array, shape (3, m)
         From centre to centre.
     rise : array, shape (m,)
@@ -94,6 +113,7 @@ class Face:
     """
 
     cell: np.ndarray
+    number: np.ndarray
     way: np.ndarray
     rise: np.ndarray
     weight: np.ndarray
@@ -117,16 +137,52 @@ def _parts(size: int) -> list[tuple[int, int]]:
     return [(first, min(first + _CHUNK, size)) for first in range(0, size, _CHUNK)]
 
 
-def _differentiated(cells: Cells, operation: str, first: int, last: int) -> np.ndarray:
-    faces = _faces(cells, first, last)
+def filled_up(bends: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    """Return second derivatives (3, N), at the surface those of the cells further in.
+
+    Parameters
+    ----------
+    bends : array, shape (3, N)
+        NaN where a neighbour is missing.
+    inner : int array, shape (3, N)
+        The neighbour on the other side there, by its number.
+    """
+    for own, beside in zip(bends, inner, strict=True):
+        lacking = np.flatnonzero(np.isnan(own))
+        own[lacking] = own[beside[lacking]]
+        own[lacking[np.isnan(own[lacking])]] = 0.0  # two cells are all there is
+    return bends
+
+
+def _second_derivatives(cells: Cells, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return those along the axes of some cells, and who else may know; see `filled_up`."""
+    faces, basis = _faces(cells, first, last), cells.grid.basis(first, last)
     gradient = _gradient(faces, last - first)
-    if operation == "gradmag":
-        return np.asarray(np.sqrt(np.sum(gradient * gradient, axis=0)))
-    if operation == "laplacian":
-        basis = cells.grid.basis(first, last)
-        pairs = zip(faces[::2], faces[1::2], basis, strict=True)
-        return np.asarray(sum(_second(pair, along, gradient) for *pair, along in pairs))
-    return np.asarray(gradient["xyz".index(operation[-1])])
+    own = np.arange(first, last)
+    bends, inner = np.empty((3, last - first)), np.empty((3, last - first), np.int64)
+    for axis, along in enumerate(basis):
+        pair = faces[2 * axis : 2 * axis + 2]
+        bends[axis] = _second(pair, along, gradient)
+        inner[axis] = own
+        for face in pair:
+            inner[axis, face.cell] = face.number
+        alone = inner[axis] == own  # one cell goes all around
+        bends[axis, alone] = _turning(cells, axis, own[alone], gradient[:, alone])
+    return bends, inner
+
+
+def _turning(cells: Cells, axis: int, which: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+    """Return the second derivative across the only cell along an axis, where all is symmetric.
+
+    Along an angle the gradient turns: it is the gradient's part away from the axis (centre), over
+    the distance from there.
+    """
+    name = cells.grid.coordinates[axis]
+    away = {"phi": (0, 1), "theta": (0, 1, 2)}.get(name, ())
+    center = cells.centers[:, which]
+    square = np.sum(center[list(away)] ** 2, axis=0)
+    inward = np.sum((center * gradient)[list(away)], axis=0)
+    return np.asarray(np.divide(inward, square, out=np.zeros(len(which)), where=square > 0.0))
 
 
 def _faces(cells: Cells, first: int, last: int) -> list[Face]:
@@ -150,6 +206,7 @@ def _face(cells: Cells, part: Part, axis: int, sense: int) -> Face:
     own, count = part.first + cell, np.bincount(cell, minlength=1)
     return Face(
         cell,
+        number,
         cells.centers[:, number] - cells.centers[:, own],
         cells.values[number] - cells.values[own],
         1.0 / count[cell],
@@ -193,11 +250,14 @@ def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _second(pair: list[Face], along: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Return the second derivative along a direction (3, n), from the faces before and behind."""
+    """Return the second derivative along a direction (3, n), from the faces before and behind.
+
+    NaN where one has nothing beyond.
+    """
     (before, fell), (behind, rose) = (_onto(face, along, gradient) for face in pair)
     both = (before < 0) & (behind > 0)
     before, behind = np.where(both, before, -1.0), np.where(both, behind, 1.0)
-    return np.where(both, 2.0 * (rose / behind - fell / before) / (behind - before), 0.0)
+    return np.where(both, 2.0 * (rose / behind - fell / before) / (behind - before), np.nan)
 
 
 def _onto(face: Face, along: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

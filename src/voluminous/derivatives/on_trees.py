@@ -11,6 +11,7 @@ from ..backend import dr, from_host, get_backend
 from ..geometry import CARTESIAN
 from ..memory import check_memory
 from .cell_slopes import CHUNK, CellSlopes, Part
+from .neighbours import filled_up
 
 
 def is_tree(grid: Any) -> bool:
@@ -51,17 +52,30 @@ class BoxesOfTree:
         return np.array([np.array(slope) for slope in found]), np.array(alone)
 
     def derivative(self, operation: str) -> np.ndarray:
-        """Return a derivative in all cells; see `neighbours.by_neighbours`."""
+        """Return a derivative in all cells; see `neighbours.Cells.derivative`."""
+        if operation == "laplacian":
+            return self._laplacian()
         out = np.empty(self.grid.size)
         for first, part in self.slopes.parts():
-            found = np.array(self._differentiated(part, operation))
+            found = np.array(self._of_gradient(part, operation))
             out[first : first + len(found)] = found
         return out
 
-    def _differentiated(self, part: Part, operation: str) -> Any:
-        if operation == "laplacian":
-            return self.slopes.laplacian(part) * (self._per_length * self._per_length)
+    def _of_gradient(self, part: Part, operation: str) -> Any:
         x, y, z = self.slopes.gradient(part)
         if operation == "gradmag":
             return dr.sqrt(x * x + y * y + z * z) * self._per_length
         return (x, y, z)["xyz".index(operation[-1])] * self._per_length
+
+    def _laplacian(self) -> np.ndarray:
+        """Return the sum of the second derivatives along the axes."""
+        size = self.grid.size
+        check_memory(36 * size, f"second differences of {size} cells", "coarsen the volume")
+        bends, inner = np.empty((3, size)), np.empty((3, size), np.uint32)
+        for first, part in self.slopes.parts():
+            found = self.slopes.second_derivatives(part)
+            dr.eval(found)
+            for whole, own in zip((bends, inner), found, strict=True):
+                for row, values in zip(whole, own, strict=True):
+                    row[first : first + dr.width(values)] = np.array(values)
+        return filled_up(bends, inner).sum(axis=0) / self.grid.scale**2

@@ -182,8 +182,8 @@ class OnOtherCells:
         """
         columns = cell_columns(self.grid)
         for name in _named(self, fields):
-            unit = self.expression_unit(Expression(name))
             values = self.array(name) if name in self.fields else self.evaluate(name)
+            unit = self.expression_unit(Expression(name))
             columns[f"{name}_" if name in columns else name] = (values.reshape(-1), unit)
         if where is not None:
             chosen = self.evaluate(where).reshape(-1) != 0

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..media.contract import Medium
 from ..schemes import get_scheme
 from ..volume import Volume
+from .coefficients.classify import check_fields
 from .coefficients.digits import beyond_single
 from .job import Job
 from .missing import Completed, complete
@@ -49,6 +50,7 @@ def prepare(
     medium = calibrate(medium, volume)
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
+    check_fields(volume, medium)
     _check_units(volume, medium)
     volume.refresh()  # derivatives of fields that were changed in place
     completed = complete(volume, medium.names, solver.place == "field")
@@ -88,8 +90,7 @@ def _check_units(volume: Volume, medium: Medium) -> None:
         except NotImplementedError:  # a function of fields, or one that is told of none
             used = list(part.scalars())
         for expr in used:
-            if all(name in volume or name in volume.coordinates for name in expr.names):
-                volume.expression_unit(expr)
+            volume.expression_unit(expr)
 
 
 def _needs_double(completed: Completed, medium: Medium) -> bool:

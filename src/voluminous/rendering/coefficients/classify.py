@@ -40,10 +40,7 @@ class Classifier:
         self._largest: list[float] | None = None
         self.backend, self.grid = backend, volume.grid
         self.extremes = extremes if extremes is not None else functools.partial(extremes_of, volume)
-        for part in medium.components():
-            for name in part.names:
-                if name not in volume.coordinates and name not in volume:
-                    volume.array(name)  # raises the error that names the nearest field
+        check_fields(volume, medium)
         self.centers = Centers(volume, medium.names, backend)
 
     def context(self, real: Any) -> Context:
@@ -136,6 +133,13 @@ class Classifier:
             f"{f', where {fields}' if fields else ''}. Emissivity must be finite, extinction "
             "finite and not negative: clip the fields, or use where(...) in the expression"
         )
+
+
+def check_fields(volume: Any, medium: Medium) -> None:
+    """Raise the error that names the nearest field if a medium looks at an unknown one."""
+    for name in medium.names:
+        if name not in volume.coordinates and name not in volume:
+            volume.array(name)
 
 
 def range_of(volume: Any, name: str, extremes: Callable[[str], Any]) -> Interval:

@@ -15,6 +15,8 @@ _SAMPLE = 4096
 _RUN = 64
 # What may be lost, of the range of an expression's values, and of the width of a shape.
 _LOST, _LOST_OF_WIDTH = 1e-5, 0.01
+# The same of the range alone: fields of 500 ± 1 are still drawn in single precision.
+_LOST_OF_SPAN = 3e-5
 # Sizes that leave room in single precision for products with widths and lengths.
 _TINY, _HUGE = 1e-30, 1e30
 # The contrast of media of which nothing is told.
@@ -63,12 +65,42 @@ def exactness(classifier: Classifier) -> Exactness:
 def beyond_single(volume: Any, medium: Any) -> bool:
     """Return True if what a medium is a function of is out of reach for single precision.
 
-    Not only its expressions then need more, but all that becomes of them on a ray: differences,
-    widths, tables.
+    Too small or too large, or small differences of large numbers: fields are rounded before they
+    are interpolated, and no care taken afterwards brings digits back.
     """
     sample = _sample(volume, medium.names)
+    rounded = {n: _disturbed(v) if n in volume else v for n, v in sample.items()}
+    looked_at = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
-        return any(_tiny_or_huge(_values(e, sample, np.float64)) for e in medium.scalars())
+        for expr, least in _told(medium):
+            if expr.text not in looked_at:
+                continue
+            exact, off = (_values(expr, fields, np.float64) for fields in (sample, rounded))
+            if _tiny_or_huge(exact) or _differs(exact, off, least):
+                return True
+    return False
+
+
+def _told(medium: Any) -> Any:
+    """Return a medium's expressions and the widths of its structures, as far as they are known."""
+    try:
+        return medium.expressions()
+    except NotImplementedError:
+        return [(expr, 0.0) for expr in medium.scalars()]
+
+
+def _disturbed(values: np.ndarray) -> np.ndarray:
+    """Return values up or down by what rounding to single precision may do to them."""
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), size=values.shape)
+    return values * (1.0 + 0.5 * float(np.finfo(np.float32).eps) * signs)
+
+
+def _differs(exact: np.ndarray, off: np.ndarray, least: float) -> bool:
+    """Return True if values are off by too much of their range, or of a structure's width."""
+    defined = np.isfinite(exact) & np.isfinite(off)
+    lost = float(np.max(np.abs(exact - off)[defined], initial=0.0))
+    span = _span(exact[defined])
+    return lost > _LOST_OF_SPAN * span > 0.0 or lost > _LOST_OF_WIDTH * least > 0.0
 
 
 def _tiny_or_huge(values: np.ndarray) -> bool:
