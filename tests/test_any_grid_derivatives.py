@@ -210,3 +210,43 @@ def test_gradients_on_a_tree_converge():
         errors.append(np.sqrt(np.average(wrong**2, weights=grid.cell_volumes)))
     # Of second order inside a level; of first at jumps and at the surface, which are a thin layer.
     assert np.log2(errors[1] / errors[2]) > 1.3
+
+
+def one_level():
+    edges = np.linspace(-1, 1, 9)
+    return vm.OctreeGrid(edges, edges, edges)
+
+
+def tiles():
+    """Return a grid of eight patches of one level."""
+    corners = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)
+    return vm.PatchGrid(corners, corners + 1, [[4, 4, 4]] * 8)
+
+
+@pytest.mark.parametrize("make", [one_level, tiles])
+def test_laplacians_of_quadratic_fields_are_exact_up_to_the_surface(make):
+    volume = vm.Volume(make())
+    volume["f"] = "x**2 + 2*y**2 + 3*z**2 + x*y"
+    np.testing.assert_allclose(volume.evaluate("laplacian(f)"), 12, rtol=1e-11)
+
+
+R = np.linspace(1, 2, 17)
+SYMMETRIC = {
+    "radial": lambda refined: vm.SphericalGrid(R, refined=refined),
+    "axisymmetric": lambda refined: vm.CylindricalGrid(
+        R, np.array([0, 2 * np.pi]), np.linspace(0, 1, 5), refined=refined
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", SYMMETRIC)
+def test_what_turns_with_an_angle_counts_where_there_is_one_cell_around(kind):
+    """∇² r² is 6 and ∇² R² is 4: two thirds (a half) of it along angles that have one cell."""
+    count = SYMMETRIC[kind](None).size
+    distance, exact = ("r", 6) if kind == "radial" else ("R", 4)
+    for refined in (None, [0] * count):
+        volume = vm.Volume(SYMMETRIC[kind](refined))
+        found = volume.evaluate(f"laplacian({distance}**2)")
+        # One-sided gradients at the surface are of first order: half a cell, 1/32 of the radius.
+        np.testing.assert_allclose(found, exact, rtol=0.04)
+        np.testing.assert_allclose(np.median(found), exact, rtol=2e-3)

@@ -142,6 +142,25 @@ def checked_name(name: Any, reserved: tuple[str, ...] = COORDINATES) -> str:
     return unicodedata.normalize("NFKC", name)
 
 
+def without_mask(value: Any) -> Any:
+    """Return what is given for a field with NaN where it is masked; most things as they are.
+
+    Parameters
+    ----------
+    value : array_like, or a list of them
+        NumPy's masked arrays and astropy's `Masked` have masks.
+    """
+    if isinstance(value, (list, tuple)):
+        masked = any(isinstance(getattr(part, "mask", None), np.ndarray) for part in value)
+        return [without_mask(part) for part in value] if masked else value
+    mask = getattr(value, "mask", None)
+    if not hasattr(value, "filled") or mask is None:
+        return value
+    if not np.any(mask):
+        return value.filled(0)  # nothing is filled
+    return (value if value.dtype.kind == "f" else value.astype(np.float64)).filled(np.nan)
+
+
 def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
     """Return an array as volumes keep it: C-contiguous, and of a type that kernels know.
 

@@ -23,6 +23,7 @@ from .fields import (
     is_angle,
     split_unit,
     unit_quantity,
+    without_mask,
 )
 from .memory import check_memory
 from .regrid import OnOtherCells
@@ -181,7 +182,7 @@ class Volume(Evaluation, OnOtherCells):
             self._defer(name, value)
             return
         else:
-            values, unit = split_unit(value)
+            values, unit = split_unit(without_mask(value))
             array = self.grid.pack(values)
         self._fields[name] = checked_array(name, array, self.grid)
         self._units[name] = unit

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import InputError
 from ..expressions import Expression
 from ..grids import CartesianGrid
 from ..volume import Volume
@@ -63,6 +64,11 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     list of Thickness
         For a shell that is nowhere in the volume, the shortest side.
 
+    Raises
+    ------
+    InputError
+        If gradients are too large for their squares.
+
     Notes
     -----
     The area follows from the coarea formula, ∫ f |∇x| dV = ∫ dx ∫ f dA.
@@ -74,7 +80,14 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
         for k, shell in zip(missed, again, strict=True):
             found[k] = shell
     scale, longest = volume.grid.scale, _shortest_side(volume)
-    return [shell.measured(longest, scale) for shell in found]
+    measured = [shell.measured(longest, scale) for shell in found]
+    if not all(0.0 < shell.length < np.inf for shell in measured):
+        raise InputError(
+            f"how thick a shell of {expr.text} is cannot be measured in this volume: squares of "
+            "its gradient are too large for double precision. Take another unit for the field, or "
+            "give path_length"
+        )
+    return measured
 
 
 @dataclass

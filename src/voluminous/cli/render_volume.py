@@ -123,6 +123,8 @@ def scene_of(
     found = opened(data, args.field)
     volume, there = found.volume, found.volume.fields
     shown = args.field or first_field(volume)
+    if args.levels is not None and args.levels < 1:
+        raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
     medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
     labels = shows_labels(medium)  # between two labels there are no others

@@ -33,7 +33,7 @@ class Function(Medium):
     Raises
     ------
     InputError
-        If the function returns something else, or a parameter is not a number.
+        If the function returns something else or cannot be traced, or a parameter is not a number.
     """
 
     def __init__(
@@ -61,7 +61,15 @@ class Function(Medium):
         """Return j and α as the function gives them."""
         arguments = [context.evaluate(e, fields) for e in self.inputs]
         numbers = {name: context.number(value) for name, value in self.parameters.items()}
-        result = self.function(*arguments, **numbers)
+        try:
+            result = self.function(*arguments, **numbers)
+        except (RuntimeError, TypeError) as error:
+            told = str(error).strip().partition("\n")[0].rstrip(".")
+            raise InputError(
+                f"{self._name} fails: {told}. It is called with arrays that stand for all places "
+                "at once: use voluminous.math (vm.math.exp, vm.math.where, …) in place of NumPy's "
+                "functions and of `if`"
+            ) from error
         if not isinstance(result, tuple) or len(result) != 2:
             raise InputError(
                 f"{self._name} must return (emissivity, extinction), got {type(result).__name__}"

@@ -82,7 +82,7 @@ def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[floa
     InputError
         If they are not from 0 to 1, or as many as levels or channels.
     """
-    rows = [channel_values(row, "opacity") for row in _opacity_rows(opacity, count)]
+    rows = [channel_values(row, "opacity") for row in _opacity_rows(opacity, count, channels)]
     for row in rows:
         check_extinction(row, channels, "opacity")
         if max(row) > 1:
@@ -95,13 +95,18 @@ def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[floa
     return tuple(row if len(row) > 1 else row * channels for row in rows)
 
 
-def _opacity_rows(opacity: Any, count: int) -> list[Any]:
+def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
     """Return what is given for each level."""
     several = isinstance(opacity, (list, tuple, np.ndarray))
     nested = several and any(np.ndim(row) for row in opacity)
     if nested and len(opacity) != count:
         raise InputError(
             f"opacity must be one row per level (there are {count}), got {len(opacity)} rows"
+        )
+    if several and not nested and count > 1 and len(opacity) not in (1, channels, count):
+        raise InputError(
+            f"opacity must be one number, {count} (one per level) or {channels} (one per channel), "
+            f"got {len(opacity)}"
         )
     return list(opacity) if nested or (several and len(opacity) == count > 1) else [opacity] * count
 

@@ -151,7 +151,8 @@ def _check_finite(planes: Planes) -> None:
     if not np.all(np.isfinite(planes.emission)) or not np.all(np.isfinite(planes.depth)):
         raise InputError(
             "the picture is not finite: the medium gives coefficients that are not, or a negative "
-            "extinction, in cells that rays visit; look at the fields with `volume.evaluate(...)`"
+            "extinction, in cells that rays visit; scheme='first-order' names the first of them, "
+            "and `volume.evaluate(...)` shows fields and expressions"
         )
 
 

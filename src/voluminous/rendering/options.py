@@ -10,13 +10,37 @@ import numpy as np
 
 from ..errors import InputError, unknown_name
 from ..geometry import CARTESIAN
+from ..memory import check_memory
 
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
 DEFAULT_ERROR = 1e-4
 _MOST_SAMPLES = 4096
+# Pixels are counted in 32 bits, in blocks that may reach beyond the edge.
+MOST_PIXELS = 1 << 31
+# Numbers per pixel that are kept besides those of channels: errors and order.
+_OTHER_PLANES = 6
 # What counts as tolerance where none is asked for: faint places are left out accordingly.
 _CARELESS = 0.1
+
+
+def check_pixels(pixels: tuple[int, int], channels: int, backend: Any) -> None:
+    """Refuse a picture that cannot be held.
+
+    Raises
+    ------
+    InputError
+        If it has more pixels than an array can have.
+    MemoryNeededError
+        If there is not enough memory for it.
+    """
+    count = int(pixels[0]) * int(pixels[1])
+    size = f"a picture of {pixels[0]} x {pixels[1]} pixels"
+    if count > MOST_PIXELS:
+        raise InputError(f"{size} is too large: {MOST_PIXELS} pixels are the most there can be")
+    # Emission, transparency and depth of every channel, on the device and in the image.
+    needed = count * backend.dtype.itemsize * (6 * channels + _OTHER_PLANES)
+    check_memory(needed, size, "lower the resolution, or draw it in parts")
 
 
 def check_order(order: Any) -> bool:

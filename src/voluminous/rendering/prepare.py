@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from os import PathLike
 from typing import Any
 
 from ..backend import get_backend
@@ -18,6 +19,7 @@ from .missing import Completed, complete
 from .options import (
     check_cutoff,
     check_order,
+    check_pixels,
     check_tolerance,
     check_walk,
     is_recursive,
@@ -70,6 +72,7 @@ def prepare(
         tolerance=check_tolerance(tolerance),
         progress=progress or silent,
     )
+    check_pixels(job.frame.pixels, medium.channels, job.backend)
     job.adaptive = isinstance(samples, str) and samples == "adaptive"
     job.recursive = is_recursive(samples, volume.grid)
     job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
@@ -103,10 +106,12 @@ def _needs_double(completed: Completed, medium: Medium) -> bool:
 
 def _check_types(volume: Any, medium: Any, camera: Any) -> None:
     if not isinstance(volume, Volume):
-        raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}")
+        hint = "; vm.open(path) makes one of a file" if isinstance(volume, (str, PathLike)) else ""
+        raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}{hint}")
     if not isinstance(medium, Medium):
         raise InputError(
             f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
+            + ("; media are added: first + second" if isinstance(medium, (list, tuple)) else "")
         )
     if not hasattr(camera, "frame") or not hasattr(camera, "rays"):
         raise InputError(

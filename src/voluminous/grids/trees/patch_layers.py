@@ -23,6 +23,8 @@ def boxes_of_layers(
         Rows ``parent, ix, iy, iz, nx, ny, nz`` as RADMC-3D has them.
     """
     rows = as_array(layers, "layers")
+    if not rows.size:  # the base grid alone
+        rows = np.zeros((0, 7), np.int64)
     if rows.ndim != 2 or rows.shape[1] != 7 or rows.dtype.kind not in "iu":
         raise InputError(
             "layers must be rows of seven integers (parent, ix, iy, iz, nx, ny, nz), got "

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...memory import check_memory
 from ...units import parse_unit, plain, unit_of
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
@@ -18,6 +19,8 @@ from .tree import Tree
 
 # Double precision must tell places in the middle of finest cells apart.
 _LONGEST = 1 << 50
+# Cells are counted in 32 bits; a byte for the level of each is what a grid takes at least.
+_MOST_CELLS = (1 << 32) - 1
 
 
 class PatchGrid(TreeCells):
@@ -63,6 +66,7 @@ class PatchGrid(TreeCells):
 
     def __init__(self, lower: Any, upper: Any, shape: Any, *, unit: Any = None) -> None:
         self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or parse_unit(unit)
+        _check_count(shape)
         lower, upper = (
             plain(c, self.unit, "corners") if unit_of(c) is not None else c for c in (lower, upper)
         )
@@ -112,6 +116,7 @@ class PatchGrid(TreeCells):
             Length unit of plain edges.
         """
         base = CartesianGrid(x, y, z, unit=unit)
+        _check_count(shape)
         grid = cls.__new__(cls)
         grid.unit = base.unit
         grid._set(Lattice.from_boxes(base.edges, level, low, shape, ratio))
@@ -193,3 +198,15 @@ class PatchGrid(TreeCells):
     def describe(self) -> dict[str, Any]:
         """Return type, patches, cells per level, bounds and unit as plain values."""
         return {**super().describe(), "patches": len(self.patches.level)}
+
+
+def _check_count(shape: Any) -> None:
+    """Refuse more cells than can be counted, or held."""
+    try:
+        count = float(np.prod(np.asarray(shape, dtype=float).reshape(-1, 3), axis=1).sum())
+    except (TypeError, ValueError):
+        return  # what is wrong is told where shapes are looked at
+    if count > _MOST_CELLS:
+        raise InputError(f"patches of {count:.3g} cells in all are too many: {_MOST_CELLS} at most")
+    if count > 0:
+        check_memory(int(count), f"a grid of {count:.0f} cells", "use a coarser one")

@@ -73,9 +73,13 @@ def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
 
 
 def _drawn(drawing: Drawing, pixel: np.ndarray, numbers: range) -> Paths:
-    """Return the sums of the paths of the rays with some numbers through each pixel."""
+    """Return the sums of the paths of the rays with some numbers through each pixel.
+
+    Each of them is reported: there may be many times as many as the picture has pixels.
+    """
     total = None
-    for number in numbers:
+    for done, number in enumerate(numbers):
+        drawing.job.progress(done * len(pixel), len(numbers) * len(pixel))
         du, dv = _offsets(pixel, number)
         found = drawing.rays(pixel, du, dv)
         total = found if total is None else total.plus(found)

@@ -1,0 +1,110 @@
+"""What is too large is refused before it is made, and masks mean that nothing is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.utils.masked import Masked
+
+import voluminous as vm
+
+GRID = vm.CartesianGrid.uniform(8, (-1, 1))
+VALUES = np.random.default_rng(0).random(GRID.shape)
+SHELL = vm.Gaussian("a", 0.5, 0.1, 1, 0.3, 1)
+
+
+def test_a_picture_that_does_not_fit_says_what_it_needs():
+    with pytest.raises(vm.MemoryNeededError, match=r"40000 x 40000 pixels needs \d+ bytes"):
+        vm.render(vm.Volume(GRID, a=VALUES), SHELL, vm.Orthographic(resolution=40000))
+
+
+def test_a_picture_of_more_pixels_than_can_be_counted_is_refused():
+    with pytest.raises(vm.InputError, match="1000000 x 1000000 pixels is too large"):
+        vm.render(vm.Volume(GRID, a=VALUES), SHELL, vm.Orthographic(resolution=10**6))
+
+
+def test_patches_of_too_many_cells_are_refused_at_once():
+    with pytest.raises(vm.InputError, match="patches of 1e\\+27 cells in all are too many"):
+        vm.PatchGrid([[0, 0, 0]], [[1, 1, 1]], [[10**9] * 3])
+    edges = np.arange(3.0)
+    with pytest.raises(vm.InputError, match="too many"):
+        vm.PatchGrid.from_boxes(edges, edges, edges, [0], [[0, 0, 0]], [[10**6] * 3])
+
+
+def test_a_grid_without_layers_is_its_base():
+    edges = np.arange(4.0)
+    grid = vm.PatchGrid.from_layers(edges, edges, edges, [])
+    assert grid.cells_per_level == (27,)
+
+
+@pytest.mark.parametrize(
+    "masked",
+    [
+        np.ma.masked_where(VALUES > 0.5, VALUES),
+        np.ma.masked_where(VALUES > 0.5, (10 * VALUES).astype(int)),
+        Masked(VALUES * u.K, mask=VALUES > 0.5),
+    ],
+)
+def test_what_is_masked_is_missing(masked):
+    found = vm.Volume(GRID, a=masked).array("a")
+    np.testing.assert_array_equal(np.isnan(found), VALUES > 0.5)
+
+
+def test_a_mask_of_nothing_changes_nothing():
+    whole = np.ma.masked_where(VALUES > 2, (10 * VALUES).astype(np.int16))
+    found = vm.Volume(GRID, a=whole).array("a")
+    assert found.dtype == np.int16
+    np.testing.assert_array_equal(found, whole.data)
+
+
+def test_masked_patches_are_missing_too():
+    grid = vm.PatchGrid([[0, 0, 0], [2, 0, 0]], [[2, 2, 2], [4, 2, 2]], [[2, 2, 2]] * 2)
+    parts = [np.ma.masked_less(np.arange(8.0).reshape(2, 2, 2), 3), np.ones((2, 2, 2))]
+    assert np.count_nonzero(np.isnan(vm.Volume(grid, a=parts).array("a"))) == 3
+
+
+def test_thicknesses_that_cannot_be_measured_say_so():
+    volume = vm.Volume(GRID, a=1e200 * VALUES)
+    with np.errstate(all="ignore"), pytest.raises(vm.InputError, match="Take another unit"):
+        vm.calibrate(vm.Gaussian("a", 5e199, 1e198, 1, 0.1), volume)
+
+
+@pytest.mark.parametrize("offset", [1e5, 1e7])
+def test_small_differences_of_large_numbers_are_seen(offset):
+    """Rounded to single precision a field of 1e7 ± 1 has two values left."""
+    volume, camera = vm.Volume(GRID, a=VALUES + offset), vm.Orthographic(resolution=12)
+    for medium in (
+        vm.Gaussian("a", offset + 0.5, 0.05, 1, 0.3, 0.3),
+        vm.Gaussian(f"a - {offset}", 0.5, 0.05, 1, 0.3, 0.3),
+        vm.Isosurface("a", offset + 0.5, 1, 0.5),
+    ):
+        image = vm.render(volume, medium, camera)
+        plain = vm.render(vm.Volume(GRID, a=VALUES), shifted(medium, offset), camera)
+        # Both keep to the tolerance, 1e-3.
+        np.testing.assert_allclose(
+            image.intensity, plain.intensity, rtol=0, atol=2e-3 * plain.intensity.max()
+        )
+
+
+def shifted(medium, offset):
+    """Return the medium that sees in `a` what the given one sees in `a + offset`."""
+    if isinstance(medium, vm.Isosurface):
+        return vm.Isosurface("a", 0.5, 1, 0.5)
+    return vm.Gaussian("a", 0.5, 0.05, 1, 0.3, 0.3)
+
+
+@pytest.mark.parametrize(
+    "function", [lambda a: ([np.exp(a)], 0.1), lambda a: ([1.0 if a > 0.5 else 0.0], 0.1)]
+)
+def test_functions_that_cannot_be_traced_say_what_to_use(function):
+    medium = vm.Medium.from_function(function, fields=["a"], channels=1)
+    with pytest.raises(vm.InputError, match=r"vm\.math\.where"):
+        vm.render(vm.Volume(GRID, a=VALUES), medium, vm.Orthographic(resolution=4))
+
+
+def test_hints_for_files_and_lists():
+    with pytest.raises(vm.InputError, match=r"vm\.open\(path\)"):
+        vm.render("file.vti")
+    with pytest.raises(vm.InputError, match="media are added"):
+        vm.render(vm.Volume(GRID, a=VALUES), [SHELL, SHELL])
