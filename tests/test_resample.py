@@ -180,3 +180,9 @@ def test_more_samples_keep_the_integral_better():
     ]
     assert wrong[1] < 0.2 * wrong[0]
     assert wrong[1] < 1e-3
+
+
+def test_a_grid_elsewhere_is_refused():
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 1)), f=np.ones((4, 4, 4)))
+    with pytest.raises(InputError, match="nowhere in the volume"):
+        volume.resample(vm.CartesianGrid.uniform(4, (2, 3)))

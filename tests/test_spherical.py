@@ -372,3 +372,8 @@ def test_description():
 def test_there_is_no_other_walk():
     with pytest.raises(vm.InputError, match="no walk of the kind 'coarse'"):
         GRIDS["full"].walk(get_backend("cpu", "single"), "coarse")
+
+
+def test_a_mirror_is_there_or_not():
+    with pytest.raises(vm.InputError, match="mirror must be True or False"):
+        vm.SphericalGrid([1, 2], [0, np.pi / 2], mirror="no")

@@ -156,3 +156,9 @@ def _check(source: Any, target: Any, samples: int) -> None:
             f"the new grid's lengths are in {names[0]}, the volume's in {names[1]}; make the grid "
             "in the volume's unit"
         )
+    (low, high), (first, last) = source.bounds.T, target.bounds.T
+    if np.any(np.maximum(low, first) >= np.minimum(high, last)):
+        told = [" x ".join(f"{a:g} … {b:g}" for a, b in g.bounds) for g in (target, source)]
+        raise InputError(
+            f"the new grid, {told[0]}, is nowhere in the volume, {told[1]}; compare their bounds"
+        )

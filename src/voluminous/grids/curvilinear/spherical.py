@@ -88,6 +88,8 @@ class SphericalGrid(CurvilinearGrid):
         unit: Any = None,
     ) -> None:
         super().__init__()
+        if not isinstance(mirror, (bool, np.bool_)):
+            raise InputError(f"mirror must be True or False, got {mirror!r}")
         self.unit, self.mirror = length_unit((r,), unit), bool(mirror)
         self.edges = (
             radii(length_edges(r, self.unit, "r"), "r"),
