@@ -87,6 +87,13 @@ def test_small_differences_of_large_numbers_are_seen(offset):
         )
 
 
+def test_the_precision_follows_the_width_of_a_shell():
+    volume, camera = vm.Volume(GRID, a=VALUES), vm.Orthographic(resolution=4)
+    wide, thin = (vm.Gaussian("a", 0.5, sigma, 1, 0.3, 1) for sigma in (0.1, 1e-8))
+    used = [vm.render(volume, m, camera).provenance["precision"] for m in (wide, thin, wide)]
+    assert used == ["single", "double", "single"]
+
+
 def shifted(medium, offset):
     """Return the medium that sees in `a` what the given one sees in `a + offset`."""
     if isinstance(medium, vm.Isosurface):

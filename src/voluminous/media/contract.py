@@ -75,6 +75,16 @@ class Medium:
         """
         raise NotImplementedError
 
+    def known_expressions(self) -> tuple[tuple[Expression, float], ...]:
+        """Return `expressions` as far as they can be told, with 0 where no difference is known."""
+        found: list[tuple[Expression, float]] = []
+        for part in self.components():
+            try:
+                found += part.expressions()
+            except NotImplementedError:
+                found += [(expr, 0.0) for expr in part.scalars()]
+        return tuple(found)
+
     @property
     def looks_inside(self) -> bool:
         """Whether `means` looks at fields between a panel's ends."""

@@ -87,19 +87,15 @@ def _check_units(volume: Volume, medium: Medium) -> None:
     UnitsError
         If numbers of one kind, but in different units, are added or compared.
     """
-    for part in medium.components():
-        try:
-            used = [expr for expr, _ in part.expressions()]
-        except NotImplementedError:  # a function of fields, or one that is told of none
-            used = list(part.scalars())
-        for expr in used:
-            volume.expression_unit(expr)
+    for expr, _ in medium.known_expressions():
+        volume.expression_unit(expr)
 
 
 def _needs_double(completed: Completed, medium: Medium) -> bool:
-    """Return True if what the medium looks at is too small or too large for single precision."""
+    """Return True if single precision cannot tell apart what the medium looks at."""
     store = completed.store
-    key = ("reach", *(expr.text for expr in medium.scalars()), store.digests(medium.names))
+    told = tuple((expr.text, least) for expr, least in medium.known_expressions())
+    key = ("beyond single", told, store.digests(medium.names))
     found: bool = store.kept(key, lambda: beyond_single(completed.volume, medium))
     return found
 

@@ -14,10 +14,7 @@ from ..quantity import Quantity
 def looked_at(medium: Any) -> tuple[list[Expression], list[Expression]]:
     """Return a medium's fields, and its expressions that are more than a field."""
     fields = [Expression(name) for name in medium.names]
-    try:
-        known = [expr for expr, _ in medium.expressions()]
-    except NotImplementedError:
-        known = list(medium.scalars())
+    known = [expr for expr, _ in medium.known_expressions()]
     texts = {expr.text for expr in fields}
     more = {e.text: e for e in known if e.text not in texts and e.names}
     return fields, list(more.values())

@@ -72,21 +72,13 @@ def beyond_single(volume: Any, medium: Any) -> bool:
     rounded = {n: _disturbed(v) if n in volume else v for n, v in sample.items()}
     looked_at = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
-        for expr, least in _told(medium):
+        for expr, least in medium.known_expressions():
             if expr.text not in looked_at:
                 continue
             exact, off = (_values(expr, fields, np.float64) for fields in (sample, rounded))
             if _tiny_or_huge(exact) or _differs(exact, off, least):
                 return True
     return False
-
-
-def _told(medium: Any) -> Any:
-    """Return a medium's expressions and the widths of its structures, as far as they are known."""
-    try:
-        return medium.expressions()
-    except NotImplementedError:
-        return [(expr, 0.0) for expr in medium.scalars()]
 
 
 def _disturbed(values: np.ndarray) -> np.ndarray:
