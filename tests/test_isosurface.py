@@ -337,7 +337,7 @@ def test_every_level_has_its_own_opacity(opacity, rows, width):
 def test_opacities_that_fit_no_level_are_refused():
     with pytest.raises(InputError, match="one row per level"):
         vm.Isosurface("a", levels=[1, 2], opacity=[[0.1, 0.2, 0.3]])
-    with pytest.raises(InputError, match=r"one number \(grey\) or 3"):
+    with pytest.raises(InputError, match=r"one number, 2 \(one per level\) or 3"):
         vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 0.2, 0.3, 0.4])
     with pytest.raises(InputError, match="from 0 to 1"):
         vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 1.2])
