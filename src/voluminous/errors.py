@@ -51,6 +51,10 @@ class MissingPackageError(VoluminousError, ImportError):
     """An optional package is needed; says how to install it."""
 
 
+# Lists of more names than this are a screenful: of these so many are shown.
+_MANY, _SHOWN = 60, 12
+
+
 def unknown_name(
     kind: str, name: str, known: Iterable[str], *, other: tuple[str, Iterable[str]] = ("", ())
 ) -> UnknownNameError:
@@ -73,11 +77,22 @@ def unknown_name(
     "unknown field 'densty'; did you mean 'density'? known fields: density, temperature"
     """
     names = sorted(known)
-    near = difflib.get_close_matches(name, [*names, *other[1]], n=1)
+    choice = [*names, *other[1]]
+    near = difflib.get_close_matches(name, choice, n=1)
+    near = near or [n for n in choice if len(name) > 2 and n.startswith(name)][:1]
     which = "" if not near or near[0] in names else f"the {other[0]} "
     hint = f"; did you mean {which}{near[0]!r}?" if near else ";"
-    listed = ", ".join(names) if names else "(none)"
-    return UnknownNameError(f"unknown {kind} {name!r}{hint} known {_several(kind)}: {listed}")
+    return UnknownNameError(
+        f"unknown {kind} {name!r}{hint} known {_several(kind)}: {_told(names, name)}"
+    )
+
+
+def _told(names: list[str], name: str) -> str:
+    """Return names in a line; of very many those that are most like the one that was given."""
+    if len(names) <= _MANY:
+        return ", ".join(names) if names else "(none)"
+    like = difflib.get_close_matches(name, names, n=_SHOWN, cutoff=0.0)
+    return f"{', '.join(like)} … ({len(names)} in all)"
 
 
 def _several(kind: str) -> str:
