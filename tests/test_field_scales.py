@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from astropy import units as u
 
 import voluminous as vm
 
@@ -53,3 +54,24 @@ def test_lengths_in_cm_make_gradients_small():
     )
     assert double.max() > 1
     np.testing.assert_allclose(single, double, rtol=0, atol=1e-3 * double.max())
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-3])
+@pytest.mark.parametrize("kind", ["gaussian", "table"])
+def test_widths_may_be_in_any_unit(tolerance, kind):
+    """Steps are as wide as structures allow: a width of 0.1 km/s is one of 1e4 cm/s."""
+    volume = vm.Volume(vm.CartesianGrid.uniform(32, (-1, 1)))
+    volume["a"] = volume.evaluate("5*r + sin(9*x)*cos(7*y)") * u.km / u.s
+
+    def shell(unit):
+        center, width = (3 * u.km / u.s).to(unit), (0.1 * u.km / u.s).to(unit)
+        if kind == "gaussian":
+            return vm.Gaussian("a", center, width, 1, 0.3, 0.1)
+        places = [(center + k * width).value for k in (-1, 0, 1)]
+        return vm.Table("a", places * width.unit, [0, 1, 0], [0, 0.3, 0], 0.1)
+
+    own, other = (
+        vm.render(volume, shell(unit), CAMERA, tolerance=tolerance) for unit in ("km/s", "cm/s")
+    )
+    assert own.provenance["precision"] == other.provenance["precision"] == "single"
+    np.testing.assert_allclose(other.intensity, own.intensity, rtol=0, atol=1e-5)

@@ -65,7 +65,7 @@ class Coefficients(Medium):
             ],
         )
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of all coefficients; no difference of values is too small."""
         return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
 

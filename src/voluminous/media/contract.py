@@ -67,17 +67,17 @@ class Medium:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
         raise NotImplementedError
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return all expressions, each with the smallest difference of its values that matters.
 
-        They tell whether single precision is enough to evaluate them along rays. Raises
-        NotImplementedError where that cannot be told.
+        That is a number or a quantity. They tell whether single precision is enough to evaluate
+        them along rays. Raises NotImplementedError where that cannot be told.
         """
         raise NotImplementedError
 
-    def known_expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def known_expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return `expressions` as far as they can be told, with 0 where no difference is known."""
-        found: list[tuple[Expression, float]] = []
+        found: list[tuple[Expression, Any]] = []
         for part in self.components():
             try:
                 found += part.expressions()

@@ -128,10 +128,10 @@ class Isosurface(Medium):
         """All numbers of the opacities: the largest is what one crossing takes away at most."""
         return tuple(o for row in self.opacities for o in row)
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expression of the surfaces, with their width, and all others."""
         others = ((expr, 0.0) for expr in self._directions())
-        return ((self.expr, plain_number(self.width)), *others, *self.modulation.expressions())
+        return ((self.expr, self.width), *others, *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:

@@ -104,7 +104,7 @@ class Modulation:
         used = [*(self.where.names if self.where else ()), *(color.names if color else ())]
         self.names = tuple(dict.fromkeys(used))
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of gate and colour; no difference of values is too small."""
         found = (self.where, self.color.expr if self.color else None)
         return tuple((expr, 0.0) for expr in found if expr is not None)

@@ -17,7 +17,6 @@ from .bends import bend, slope_factor, thinness
 from .context import Context
 from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
 from .given import named as _named
-from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Middle, modulated
 from .path_length import check_positive, given_path_length, length_in
@@ -89,9 +88,9 @@ class Shaped(Medium):
         shape = self.shape(context.ops, x - context.number(center), context.number(width))
         return context.number(1.0 / length) * shape
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expression of the shape, with its width, and those of the modulation."""
-        return ((self.expr, plain_number(self.width)), *self.modulation.expressions())
+        return ((self.expr, self.width), *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:

@@ -47,7 +47,7 @@ class Sum(Medium):
         """Return the sums of j and of α."""
         return self._total([part.coefficients(fields, context) for part in self.parts])
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of all parts."""
         return tuple(found for part in self.parts for found in part.expressions())
 

@@ -106,10 +106,12 @@ class Table(Medium):
         result = self.split(context.interpolate(x, self._nodes(context), columns))
         return self.modulation.coefficients(result, fields, context)
 
-    def expressions(self) -> tuple[tuple[Expression, float], ...]:
+    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expression, with the narrowest interval of the table, and the modulation's."""
         steps = np.diff(self.values)
-        return ((self.expr, float(steps[steps > 0].min())), *self.modulation.expressions())
+        least = float(steps[steps > 0].min())
+        width = least if self.unit is None else least * self.unit
+        return ((self.expr, width), *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:

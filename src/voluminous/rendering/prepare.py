@@ -13,7 +13,7 @@ from ..media.contract import Medium
 from ..schemes import get_scheme
 from ..volume import Volume
 from .coefficients.classify import check_fields
-from .coefficients.digits import beyond_single
+from .coefficients.digits import beyond_single, plain_widths
 from .job import Job
 from .missing import Completed, complete
 from .options import (
@@ -94,7 +94,8 @@ def _check_units(volume: Volume, medium: Medium) -> None:
 def _needs_double(completed: Completed, medium: Medium) -> bool:
     """Return True if single precision cannot tell apart what the medium looks at."""
     store = completed.store
-    told = tuple((expr.text, least) for expr, least in medium.known_expressions())
+    widths = plain_widths(completed.volume, medium.known_expressions())
+    told = tuple((expr.text, least) for expr, least in widths)
     key = ("beyond single", told, store.digests(medium.names))
     found: bool = store.kept(key, lambda: beyond_single(completed.volume, medium))
     return found

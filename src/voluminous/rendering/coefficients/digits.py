@@ -6,8 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...errors import UnitsError
 from ...expressions import Expression, NumpyOps
 from ...fields import coordinates
+from ...units import is_quantity, plain
 from .classify import Classifier
 
 # Cells looked at.
@@ -46,7 +48,7 @@ def exactness(classifier: Classifier) -> Exactness:
     shells narrower than the spacing of single-precision numbers all show there.
     """
     try:
-        expressions = classifier.medium.expressions()
+        expressions = plain_widths(classifier.volume, classifier.medium.expressions())
     except NotImplementedError:
         return Exactness(False, _UNKNOWN)
     sample = _sample(classifier.volume, classifier.medium.names)
@@ -62,6 +64,20 @@ def exactness(classifier: Classifier) -> Exactness:
     return Exactness(single, contrast)
 
 
+def plain_widths(volume: Any, expressions: Any) -> tuple[tuple[Expression, float], ...]:
+    """Return expressions with what matters of their values as numbers, in the volume's units."""
+    return tuple((expr, _plain_width(volume, expr, width)) for expr, width in expressions)
+
+
+def _plain_width(volume: Any, expr: Expression, width: Any) -> float:
+    if not is_quantity(width):
+        return float(width)
+    try:
+        return float(plain(width, volume.expression_unit(expr), "width"))
+    except UnitsError:
+        return 0.0  # refused, by its own name, where the medium is evaluated
+
+
 def beyond_single(volume: Any, medium: Any) -> bool:
     """Return True if what a medium is a function of is out of reach for single precision.
 
@@ -72,7 +88,7 @@ def beyond_single(volume: Any, medium: Any) -> bool:
     rounded = {n: _disturbed(v) if n in volume else v for n, v in sample.items()}
     looked_at = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
-        for expr, least in medium.known_expressions():
+        for expr, least in plain_widths(volume, medium.known_expressions()):
             if expr.text not in looked_at:
                 continue
             exact, off = (_values(expr, fields, np.float64) for fields in (sample, rounded))

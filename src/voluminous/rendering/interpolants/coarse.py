@@ -20,6 +20,7 @@ from ...grids.cartesian.coarse_walk import WIDEST
 from ...grids.cartesian.leap import BITS
 from ...media.shaped import Shaped
 from ..coefficients.classify import Classifier, device_array
+from ..coefficients.digits import plain_widths
 
 # The corners of a cube.
 _UP = tuple(itertools.product((0, 1), repeat=3))
@@ -74,7 +75,7 @@ def allowed_differences(classifier: Classifier, fraction: float) -> Any:
     if not scalars or used != set(medium.names) or not all(n in classifier.volume for n in used):
         return None
     least: dict[str, float] = {}
-    for expr, width in medium.expressions():
+    for expr, width in plain_widths(classifier.volume, medium.expressions()):
         least[expr.text] = min(width, least.get(expr.text, np.inf))
     if not all(0 < least.get(expr.text, 0.0) < np.inf for expr in scalars):
         return None
