@@ -110,11 +110,11 @@ class Evaluation:
             If it is compared with a field that does not exist.
         """
 
-        def unit_of(other: Expression) -> Any:
+        def unit_of_other(other: Expression) -> Any:
             self.check_names(other)
             return self.expression_unit(other)
 
-        return expression.without_units(unit_of)
+        return expression.without_units(unit_of_other)
 
     def expression_unit(self: Any, expression: Expression) -> Any:
         """Return the unit of an expression, None where it has none (``log10(density)``).

@@ -4,7 +4,7 @@ As in `neighbours`: the linear function through a cell's own value that fits tho
 beyond its faces best, each difference weighted by the inverse cube of its distance. Four places are
 looked at beyond each face; where they are in one cell, it counts once.
 
-A gradient of 1.2 million cells takes 0.1 s, a thirtieth of what it takes in NumPy.
+A gradient of 1.2 million cells takes 0.2 s, a sixteenth of what it takes in NumPy.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # What keeps a direction in which no neighbour tells anything at no slope, relative to others.
 _LEAST = 1e-13
 # Cells that are worked on at once.
-CHUNK = 1 << 18
+_CHUNK = 1 << 18
 
 
 @dataclass
@@ -89,8 +89,8 @@ class CellSlopes:
 
     def parts(self) -> Iterator[tuple[int, Part]]:
         """Yield all cells, some at a time, each time with the number of the first."""
-        for first in range(0, self.grid.size, CHUNK):
-            yield first, self.part(first, min(first + CHUNK, self.grid.size))
+        for first in range(0, self.grid.size, _CHUNK):
+            yield first, self.part(first, min(first + _CHUNK, self.grid.size))
 
     def part(self, first: int, last: int) -> Part:
         """Return consecutive cells."""

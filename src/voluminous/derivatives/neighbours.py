@@ -52,9 +52,7 @@ class Cells:
     def __init__(self, grid: Any, evaluate: Callable[[int, int], np.ndarray]) -> None:
         size = grid.size
         check_memory(40 * size, f"differences between {size} cells", "coarsen the volume")
-        self.grid, self.values = grid, np.empty(size)
-        for first, last in _parts(size):
-            self.values[first:last] = evaluate(first, last)
+        self.grid, self.values = grid, evaluated(size, evaluate)
         self.levels = np.asarray(grid.levels).reshape(-1)
         self.centers = np.asarray(grid.cell_centers(0, size))
 
@@ -131,6 +129,14 @@ class Part:
     last: int
     middle: np.ndarray
     width: np.ndarray
+
+
+def evaluated(size: int, evaluate: Callable[[int, int], np.ndarray]) -> np.ndarray:
+    """Return in double precision what `evaluate` gives for all cells, some at a time."""
+    values = np.empty(size)
+    for first, last in _parts(size):
+        values[first:last] = evaluate(first, last)
+    return values
 
 
 def _parts(size: int) -> list[tuple[int, int]]:

@@ -10,8 +10,8 @@ import numpy as np
 from ..backend import dr, from_host, get_backend
 from ..geometry import CARTESIAN
 from ..memory import check_memory
-from .cell_slopes import CHUNK, CellSlopes, Part
-from .neighbours import filled_up
+from .cell_slopes import CellSlopes, Part
+from .neighbours import evaluated, filled_up
 
 
 def is_tree(grid: Any) -> bool:
@@ -36,10 +36,7 @@ class BoxesOfTree:
     def __init__(self, grid: Any, evaluate: Callable[[int, int], np.ndarray]) -> None:
         size = grid.size
         check_memory(16 * size, f"differences between {size} cells", "coarsen the volume")
-        self.grid, self.values = grid, np.empty(size)
-        for first in range(0, size, CHUNK):
-            last = min(first + CHUNK, size)
-            self.values[first:last] = evaluate(first, last)
+        self.grid, self.values = grid, evaluated(size, evaluate)
         backend = get_backend("cpu", "double")
         self.slopes = CellSlopes(grid, from_host(backend.Float, self.values), backend)
         self._per_length = backend.opaque(1.0 / grid.scale)

@@ -75,7 +75,7 @@ class Ops(ABC):
 
     def not_equal(self, left: Any, right: Any) -> Any:
         """Return where two numbers differ; NaN differs from everything (not so in Dr.Jit's !=)."""
-        return ~(left == right)
+        return ~self.equal(left, right)
 
     def min(self, *values: Any) -> Any:
         """Return the smallest of two or more; NaN if one is."""

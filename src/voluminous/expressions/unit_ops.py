@@ -114,10 +114,6 @@ class UnitOps(NumpyOps):
         """Return the value as it is."""
         return value
 
-    def not_equal(self, left: Any, right: Any) -> Any:
-        """Return where two numbers differ."""
-        return ~self.equal(left, right)
-
     def where(self, condition: Any, chosen: Any, otherwise: Any) -> Any:  # type: ignore[override]
         """Return what NumPy does, of numbers in the same unit."""
         _check_alike(chosen, otherwise)

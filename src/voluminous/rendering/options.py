@@ -17,7 +17,7 @@ ORDERS = ("front-to-back", "back-to-front")
 DEFAULT_ERROR = 1e-4
 _MOST_SAMPLES = 4096
 # Pixels are counted in 32 bits, in blocks that may reach beyond the edge.
-MOST_PIXELS = 1 << 31
+_MOST_PIXELS = 1 << 31
 # Numbers per pixel that are kept besides those of channels: errors and order.
 _OTHER_PLANES = 6
 # What counts as tolerance where none is asked for: faint places are left out accordingly.
@@ -36,8 +36,8 @@ def check_pixels(pixels: tuple[int, int], channels: int, backend: Any) -> None:
     """
     count = int(pixels[0]) * int(pixels[1])
     size = f"a picture of {pixels[0]} x {pixels[1]} pixels"
-    if count > MOST_PIXELS:
-        raise InputError(f"{size} is too large: {MOST_PIXELS} pixels are the most there can be")
+    if count > _MOST_PIXELS:
+        raise InputError(f"{size} is too large: {_MOST_PIXELS} pixels are the most there can be")
     # Emission, transparency and depth of every channel, on the device and in the image.
     needed = count * backend.dtype.itemsize * (6 * channels + _OTHER_PLANES)
     check_memory(needed, size, "lower the resolution, or draw it in parts")
