@@ -424,8 +424,8 @@ def test_without_asking_there_are_none():
     assert image.upper is None
 
 
-def test_media_from_functions_have_no_bounds():
-    medium = vm.Medium.from_function(lambda d: (d, d), "density", 1)
+def test_functions_that_cannot_be_read_have_no_bounds():
+    medium = vm.Medium.from_function(lambda d: (vm.math.erf(d), d), "density", 1)
     with pytest.raises(InputError, match="nothing is known of the range"):
         vm.render(volume(), medium, camera(), bounds=True)
 

@@ -1,14 +1,17 @@
 """Functions for media written in Python (`Medium.from_function`); they trace, on every device.
 
-Use these instead of NumPy's, and `where` instead of ``if``: the function is run once, to record
-what it computes, and then compiled for all cells at once.
+NumPy's functions do as well where a function is read as formulas (`expressions.symbols`); these
+also where it cannot be and is given arrays of Dr.Jit's. Use `where` instead of ``if``: the function
+is run once, to record what it computes, and then compiled for all cells at once.
 """
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from .errors import unknown_name
+from .expressions.symbols import apply, is_symbolic
 
 _SAME = (
     "exp",
@@ -40,6 +43,8 @@ def where(condition: Any, if_true: Any, if_false: Any) -> Any:
     """Return `if_true` where the condition holds, else `if_false`."""
     from .backend import dr
 
+    if is_symbolic(condition, if_true, if_false):
+        return apply("where", condition, if_true, if_false)
     return dr.select(condition, if_true, if_false)
 
 
@@ -47,12 +52,17 @@ def log10(x: Any) -> Any:
     """Return the decimal logarithm."""
     from .backend import dr
 
-    return dr.log2(x) * 0.30102999566398119521
+    return apply("log10", x) if is_symbolic(x) else dr.log2(x) * 0.30102999566398119521
+
+
+def _evaluated(name: str, *values: Any) -> Any:
+    """Return one of Dr.Jit's functions of arrays, or write it down for symbols."""
+    from .backend import dr
+
+    return apply(name, *values) if is_symbolic(*values) else getattr(dr, name)(*values)
 
 
 def __getattr__(name: str) -> Any:
     if name in _SAME:
-        from .backend import dr
-
-        return getattr(dr, name)
+        return functools.partial(_evaluated, name)
     raise AttributeError(str(unknown_name("function", name, __all__)))

@@ -66,6 +66,10 @@ class DrjitOps(Ops):
         """Return the constant as `float_type`."""
         return self._constant(value)
 
+    def literal(self, value: float) -> Any:
+        """Return the number as `float_type`, in the code: functions take 0.6 to 0.9 of the time."""
+        return self._float(value)
+
     def is_mask(self, value: Any) -> bool:
         """Return True for Dr.Jit's Bool types."""
         return bool(self._dr.is_mask_v(value))

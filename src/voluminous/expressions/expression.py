@@ -70,31 +70,46 @@ class Expression:
     array([0., 6.])
     """
 
-    __slots__ = ("_tree", "names", "text")
+    __slots__ = ("names", "text", "tree")
 
     text: str
     names: tuple[str, ...]
-    _tree: Node
+    tree: Node
 
     def __new__(cls, source: str | float | Expression) -> Expression:
         """Return the parsed `source`, or `source` itself if it is parsed already."""
         if isinstance(source, Expression):
             return source
-        self = super().__new__(cls)
         shown = _source_text(source)
         tree, names = _parsed(shown)
-        for attribute, value in (("text", shown), ("names", names), ("_tree", tree)):
+        return cls.of_tree(tree, shown, names)
+
+    @classmethod
+    def of_tree(cls, tree: Node, shown: str, names: tuple[str, ...]) -> Expression:
+        """Return the expression of a tree of which there is no text in the language.
+
+        Parameters
+        ----------
+        tree : Node
+            What it means.
+        shown : str
+            What stands for it: of no other expression of the same fields.
+        names : tuple of str
+            The fields in it, at least.
+        """
+        self = super().__new__(cls)
+        for attribute, value in (("text", shown), ("names", names), ("tree", tree)):
             object.__setattr__(self, attribute, value)
         return self
 
     def margins(self) -> tuple[Margin, ...]:
         """Return the differences of what it compares: where one changes its sign, it may jump."""
-        return margins(self._tree, self.text)
+        return margins(self.tree, self.text)
 
     @property
     def smooth(self) -> bool:
         """Whether it has neither jumps nor kinks wherever it is finite, nor waves of its own."""
-        return is_smooth(self._tree)
+        return is_smooth(self.tree)
 
     def without_units(self, unit_of: Callable[[Expression], Any]) -> Expression:
         """Return it with plain numbers for those with units; itself if there are none.
@@ -110,7 +125,7 @@ class Expression:
         UnitsError
             If a number's unit does not exist, or does not fit.
         """
-        if not isinstance(self._tree, WithUnits):
+        if not isinstance(self.tree, WithUnits):
             return self
         return Expression(converted(self.text, lambda other: unit_of(Expression(other))))
 
@@ -141,16 +156,16 @@ class Expression:
         fitted, fields = ops.prepare({name: values[name] for name in self.names})
         # Dr.Jit knows no floating-point warnings; for NumPy the result itself says enough.
         with np.errstate(all="ignore"):
-            return self._tree.number(fitted, fields)
+            return self.tree.number(fitted, fields)
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         raise AttributeError("an Expression cannot be changed; make a new one")
 
     def __eq__(self, other: object) -> bool:
-        return self._tree == other._tree if isinstance(other, Expression) else NotImplemented
+        return self.tree == other.tree if isinstance(other, Expression) else NotImplemented
 
     def __hash__(self) -> int:
-        return hash(self._tree)
+        return hash(self.tree)
 
     def __repr__(self) -> str:
         return f"Expression({self.text!r})"

@@ -9,7 +9,8 @@ from itertools import pairwise
 from typing import Any
 
 from .ops import Ops
-from .tree import Call, Comparison, Constant, Field, IntegerPower, Node
+from .steps import in_steps
+from .tree import Call, Comparison, Constant, Earlier, Field, IntegerPower, Node, Steps
 
 _ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "positive")
 _SMOOTH = frozenset((*_ARITHMETIC, "log10", "log", "exp", "sqrt", "power", "tanh"))
@@ -33,9 +34,10 @@ class Margin:
 def margins(tree: Node, text: str) -> tuple[Margin, ...]:
     """Return the margins of all comparisons in an expression."""
     found: list[Margin] = []
+    before = tree.steps if isinstance(tree, Steps) else ()
     for node in nodes(tree):
         if isinstance(node, Comparison):
-            for left, right in pairwise(node.operands):
+            for left, right in pairwise(in_steps(before, side) for side in node.operands):
                 own = (
                     n.name for side in (left, right) for n in nodes(side) if isinstance(n, Field)
                 )
@@ -47,7 +49,7 @@ def margins(tree: Node, text: str) -> tuple[Margin, ...]:
 def is_smooth(tree: Node) -> bool:
     """Return whether there is nothing in an expression that jumps, bends sharply or oscillates."""
     return all(
-        isinstance(node, (Constant, Field, IntegerPower))
+        isinstance(node, (Constant, Field, Earlier, Steps, IntegerPower))
         or (isinstance(node, Call) and node.operation in _SMOOTH)
         for node in nodes(tree)
     )

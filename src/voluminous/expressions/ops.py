@@ -61,6 +61,10 @@ class Ops(ABC):
     def constant(self, value: float) -> Any:
         """Return a constant in the evaluator's type."""
 
+    def literal(self, value: float) -> Any:
+        """Return a number that is never turned; where it can be, a part of the machine code."""
+        return self.constant(value)
+
     @abstractmethod
     def is_mask(self, value: Any) -> bool:
         """Return True if `value` is true or false rather than a number."""

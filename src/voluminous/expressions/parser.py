@@ -93,7 +93,7 @@ class _Builder(VectorBuilder):
             end_of_left = self._character(node.left.end_col_offset or 0)
             fail(self._text, self._text.index(symbol, end_of_left), problem)
         if operator is ast.Pow:
-            return _power(self.build(node.left), self.build(node.right))
+            return power(self.build(node.left), self.build(node.right))
         if operator in TIGHT_LOGIC:
             return Logic(TIGHT_LOGIC[operator], self._many([node.left, node.right]))
         return Call(ARITHMETIC[operator], self._many([node.left, node.right]))
@@ -137,7 +137,7 @@ class _Builder(VectorBuilder):
         return Where(*arguments) if name == "where" else Call(name, arguments)
 
 
-def _power(base: Node, exponent: Node) -> Node:
+def power(base: Node, exponent: Node) -> Node:
     """Return the node for a power; exponents known beforehand need no logarithm."""
     if isinstance(exponent, Constant):
         if exponent.value == 0.5:

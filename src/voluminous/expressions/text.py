@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from itertools import chain
 
-from .tree import Call, Comparison, Constant, Field, IntegerPower, Logic, Node, Where
+from .tree import (
+    Call,
+    Comparison,
+    Constant,
+    Earlier,
+    Field,
+    IntegerPower,
+    Logic,
+    Node,
+    Steps,
+    Where,
+)
 
 _PREFIX = {"negative": "-", "positive": "+", "logical_not": "not "}
 _INFIX = {
@@ -27,12 +38,17 @@ _INFIX = {
 
 
 def text(node: Node) -> str:
-    """Return a text that is parsed into this very tree."""
+    """Return a text that is parsed into this very tree; steps, which no text has, one by one."""
     match node:
         case Constant(value):
             return repr(value).removesuffix(".0")
         case Field(name):  # a derivative too
             return name
+        case Earlier():
+            return node.name
+        case Steps(steps, result):
+            named = [f"{Earlier(k).name} = {text(step)}" for k, step in enumerate(steps)]
+            return "; ".join([*named, text(result)])
         case IntegerPower(base, exponent):
             return f"{_operand(base)} ** {exponent}"
         case Comparison(operations, operands):
@@ -63,7 +79,9 @@ def _operand(node: Node) -> str:
     shown = text(node)
     simple = isinstance(node, Constant) and not shown.startswith("-")
     function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
-    return shown if simple or function or isinstance(node, (Field, Where)) else f"({shown})"
+    return (
+        shown if simple or function or isinstance(node, (Field, Earlier, Where)) else f"({shown})"
+    )
 
 
 def _listed(nodes: tuple[Node, ...]) -> str:

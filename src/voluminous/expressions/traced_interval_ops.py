@@ -52,6 +52,10 @@ class TracedIntervalOps(Ops):
         """Return the interval of one finite number."""
         return TracedInterval.constant(self._constant(value))
 
+    def literal(self, value: float) -> TracedInterval:
+        """Return the interval of one finite number, in the code."""
+        return TracedInterval.constant(self._float(value))
+
     def is_mask(self, value: Any) -> bool:
         """Return True for truth values."""
         return isinstance(value, Truth)

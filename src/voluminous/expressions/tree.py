@@ -42,6 +42,15 @@ class Constant(Node):
 
 
 @dataclass(frozen=True, slots=True)
+class Literal(Constant):
+    """A number that is not to be turned: part of the machine code of a kernel."""
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the number in the evaluator's type."""
+        return ops.literal(self.value)
+
+
+@dataclass(frozen=True, slots=True)
 class Field(Node):
     """The values of a named field."""
 
@@ -49,6 +58,22 @@ class Field(Node):
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
         """Return the field."""
+        return fields[self.name]
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier(Node):
+    """The value of a step before this one; see `Steps`."""
+
+    step: int
+
+    @property
+    def name(self) -> str:
+        """By which it is known among the fields; no field can have it."""
+        return f"%{self.step}"
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return that value."""
         return fields[self.name]
 
 
@@ -134,3 +159,21 @@ class Where(Node):
         """Return the selected numbers; both branches are evaluated everywhere."""
         mask = self.condition.mask(ops, fields)
         return ops.where(mask, self.chosen.number(ops, fields), self.otherwise.number(ops, fields))
+
+
+@dataclass(frozen=True, slots=True)
+class Steps(Node):
+    """A value computed step by step, as a function computes it: each is named, and found once.
+
+    As one tree, where what is used twice is written twice, it may be of any size.
+    """
+
+    steps: tuple[Node, ...]
+    result: Node
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the result."""
+        known = dict(fields)
+        for number, step in enumerate(self.steps):
+            known[Earlier(number).name] = step.evaluate(ops, known)
+        return self.result.evaluate(ops, known)

@@ -13,6 +13,7 @@ from ..errors import UnitsError
 from ..units import parse_unit, unit_name
 from .expression import Expression
 from .ops import NumpyOps, Ops
+from .tree import Steps
 
 
 class _MixedUnitsError(Exception):
@@ -23,7 +24,7 @@ def unit_of(expression: Expression, units: tuple[Any, ...]) -> Any:
     """Return the unit of an expression, None where it has none.
 
     An expression that takes a number out of a unit (``log10(density)``) has none: its value is what
-    the fields' own units make it.
+    the fields' own units make it. So has what a function computes with plain numbers.
 
     Parameters
     ----------
@@ -37,7 +38,7 @@ def unit_of(expression: Expression, units: tuple[Any, ...]) -> Any:
         If numbers of one kind, but in different units, are added or compared: the fields would be
         taken as plain numbers.
     """
-    if not any(unit is not None for unit in units):
+    if isinstance(expression.tree, Steps) or not any(unit is not None for unit in units):
         return None
     return _found(expression, units)
 

@@ -248,8 +248,9 @@ class Medium:
             If a field is missing.
         """
         from .bounds import bounds
+        from .formulas import with_formulas
 
-        return bounds(self, lo, hi, unit, unit_of)
+        return bounds(with_formulas(self), lo, hi, unit, unit_of)
 
     def intensity_unit(self, context: Context) -> Any:
         """Return the unit of emissivity times length; None where colours are plain numbers."""

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from ..errors import InputError
 from ..expressions import Expression
+from ..expressions.symbols import read
 from .context import Context
 from .contract import Coefficients, Medium
+from .formulas import Formulas
 
 
 class Function(Medium):
@@ -19,7 +23,8 @@ class Function(Medium):
     function : callable
         Called as ``function(*fields, **parameters)`` with arrays; returns ``(j, α)`` per unit
         length of the volume: `j` a value per channel (or one value), α one value (grey) or one per
-        channel. It is traced, not called per cell: use ``voluminous.math.where`` for ``if``.
+        channel. It is called once for all cells: use ``voluminous.math.where`` or ``numpy.where``
+        for ``if``.
     fields : sequence of str
         Field names, or expressions of them, in the order of the arguments.
     channels : int
@@ -34,6 +39,13 @@ class Function(Medium):
     ------
     InputError
         If the function returns something else or cannot be traced, or a parameter is not a number.
+
+    Notes
+    -----
+    A function that computes with nothing but arithmetic, comparisons, and functions of NumPy or
+    `voluminous.math` that expressions have as well is read as formulas (`formulas`): then it is
+    known where it jumps, and between which bounds it stays. Any other is a black box: errors are
+    estimated from its values at the places where a ray looks, and jumps between them are missed.
     """
 
     def __init__(
@@ -57,6 +69,17 @@ class Function(Medium):
         self.parameters = {name: _number(name, v) for name, v in (parameters or {}).items()}
         self.names = tuple(dict.fromkeys(n for e in self.inputs for n in e.names))
 
+    def formulas(self) -> Formulas | None:
+        """Return what the function computes as expressions; None where it cannot be read.
+
+        Then it does what only arrays can: whatever it raised for symbols, it raises for them again.
+        """
+        try:
+            result, expression = read(self.function, self.inputs, self.parameters)
+            return Formulas(self, *(tuple(map(expression, v)) for v in self._listed(result)))
+        except Exception:  # anybody's function may raise anything
+            return None
+
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α as the function gives them."""
         arguments = [context.evaluate(e, fields) for e in self.inputs]
@@ -70,23 +93,27 @@ class Function(Medium):
                 "at once: use voluminous.math (vm.math.exp, vm.math.where, …) in place of NumPy's "
                 "functions and of `if`"
             ) from error
+        return Coefficients(*(list(map(context.real, v)) for v in self._listed(result)))
+
+    def _listed(self, result: Any) -> tuple[list[Any], list[Any]]:
+        """Return what the function returned as lists of the emissivities and the extinctions."""
         if not isinstance(result, tuple) or len(result) != 2:
             raise InputError(
                 f"{self._name} must return (emissivity, extinction), got {type(result).__name__}"
             )
         count = 1 if self.grey else self.channels
-        return Coefficients(
-            self._listed(result[0], self.channels, "emissivity", context.real),
-            self._listed(result[1], count, "extinction", context.real),
+        return (
+            self._counted(result[0], self.channels, "emissivity"),
+            self._counted(result[1], count, "extinction"),
         )
 
-    def _listed(self, value: Any, count: int, what: str, real: Any) -> list[Any]:
-        parts = list(value) if isinstance(value, (list, tuple)) else [value]
+    def _counted(self, value: Any, count: int, what: str) -> list[Any]:
+        parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
         if len(parts) != count:
             raise InputError(
                 f"{self._name} returned {len(parts)} values of {what}, expected {count}"
             )
-        return [real(part) for part in parts]
+        return parts
 
     @property
     def _name(self) -> str:

@@ -10,6 +10,7 @@ from ..backend import get_backend
 from ..calibration import calibrate
 from ..errors import InputError
 from ..media.contract import Medium
+from ..media.formulas import with_formulas
 from ..schemes import get_scheme
 from ..volume import Volume
 from .coefficients.classify import check_fields
@@ -49,7 +50,7 @@ def prepare(
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)
     volume = volume.seen_by(camera)
-    medium = calibrate(medium, volume)
+    medium = calibrate(with_formulas(medium), volume)
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
     check_fields(volume, medium)

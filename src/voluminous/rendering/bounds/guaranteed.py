@@ -161,6 +161,7 @@ def _check_known(part: Medium) -> None:
     own = type(part)
     if own.ranges is Medium.ranges and own.on_panel is Medium.on_panel:
         raise InputError(
-            f"nothing is known of the range of {part!r}, so that there are no bounds; media from "
-            "functions have none: write it with expressions (vm.Coefficients, vm.Table, ...)"
+            f"nothing is known of the range of {part!r}, so that there are no bounds; functions "
+            "have some if they compute with nothing but arithmetic, comparisons and NumPy's or "
+            "vm.math's exp, log10, sqrt, where, ... of single numbers (no erf, no if)"
         )

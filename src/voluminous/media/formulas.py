@@ -1,0 +1,71 @@
+"""What a function of the fields computes, read as formulas: known as expressions are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..expressions import Expression
+from .coefficients import Coefficients
+from .context import Context
+from .contract import Coefficients as Values
+from .contract import Medium
+from .sum import Sum
+
+if TYPE_CHECKING:
+    from .function import Function
+
+
+class Formulas(Coefficients):
+    """A function as expressions: where it jumps, how smooth it is and what bounds it is known.
+
+    Parameters
+    ----------
+    function : Function
+        Whose they are.
+    emissivity, extinction : sequence of Expression
+        What it returns, per unit length of the volume: its fields are plain numbers.
+    """
+
+    def __init__(
+        self,
+        function: Function,
+        emissivity: tuple[Expression, ...],
+        extinction: tuple[Expression, ...],
+    ) -> None:
+        super().__init__(emissivity, extinction)
+        self.function, self.names = function, function.names
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> Values:
+        """Return j and α per unit length."""
+        return Values(
+            *([context.evaluate(e, fields) for e in every] for every in self._expressions())
+        )
+
+    def intensity_unit(self, context: Context) -> Any:
+        """Return None: a function returns plain numbers."""
+        return None
+
+    def key(self) -> Any:
+        """Return the formulas, with all numbers in them."""
+        return ("Formulas", *(tuple(e.text for e in every) for every in self._expressions()))
+
+    def describe(self) -> dict[str, Any]:
+        """Return what can be said of the function."""
+        return self.function.describe()
+
+    def _expressions(self) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
+        return self.emissivity, self.extinction
+
+
+def with_formulas(medium: Medium) -> Medium:
+    """Return a medium with the formulas of functions in place of these, where they can be read.
+
+    They are read for each picture: what a function closes over may have changed.
+    """
+    from .function import Function
+
+    parts = medium.components()
+    if not any(isinstance(part, Function) for part in parts):
+        return medium
+    read = tuple((isinstance(p, Function) and p.formulas()) or p for p in parts)
+    return Sum(read) if isinstance(medium, Sum) else read[0]

@@ -1,0 +1,257 @@
+"""Functions of the fields that are read as formulas: known are their jumps, kinks and bounds.
+
+The NumPy twin of such a function is the function itself, called with NumPy arrays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.backend import dr
+from voluminous.expressions import NumpyOps
+from voluminous.media import Coefficients, Function
+from voluminous.media.formulas import Formulas
+
+GRID = vm.CartesianGrid.uniform(16, (-1, 1))
+CAMERA = vm.Orthographic(40, 30, width=3, resolution=32)
+
+
+def volume():
+    """Return a noisy field and a steep one."""
+    rng = np.random.default_rng(5)
+    return vm.Volume(GRID, n=np.exp(0.7 * rng.normal(size=GRID.shape)), t=rng.random(GRID.shape))
+
+
+def values(function, *fields, **parameters):
+    """Return what the formulas of a function of one channel give for NumPy arrays."""
+    names = list("abc")[: len(fields)]
+    medium = Function(lambda *x, **p: (function(*x, **p), 0.0), names, 1, parameters=parameters)
+    formulas = medium.formulas()
+    assert formulas is not None
+    given = dict(zip(names, fields, strict=True))
+    return formulas.emissivity[0].evaluate(NumpyOps(), given)
+
+
+UNARY = {
+    "exp": lambda a: np.exp(-abs(a)),
+    "logarithms": lambda a: np.log(a * a + 1) + np.log10(a**2 + 2) - np.log2(abs(a) + 1),
+    "roots": lambda a: np.sqrt(abs(a)) + (a * a) ** 0.5 + np.abs(a) ** 1.3,
+    "waves": lambda a: np.sin(a) * np.cos(a) + np.tan(0.1 * a),
+    "hyperbolic": lambda a: np.tanh(a) + 1e-3 * np.sinh(0.5 * a) - 1e-3 * np.cosh(0.5 * a),
+    "steps": lambda a: np.floor(a) + np.ceil(a) + a // 3 + a % 3,
+    "numbers on the left": lambda a: 2 - 3 / (a + 100) + 2**a + np.float64(3) * a + (7 % (a + 50)),
+    "powers": lambda a: a**2 + a**-1 + np.square(a) + np.reciprocal(a) + a**9 + np.power(a, 3),
+    "signs": lambda a: +a - -a,
+    "choices": lambda a: np.where((a > 1) & (a <= 5) | ~(a != 2.5), a, -a) + np.clip(a, -1, 1),
+    "logic": lambda a: np.where(np.logical_or(a < -1, np.logical_not(a >= -3)), 1.0, 0.0),
+    "undefined": lambda a: np.where(np.isnan(np.sqrt(a)), -1.0, 1.0) + (a == a),
+    "same shape": lambda a: np.zeros_like(a) + np.ones_like(a) * a,
+}
+
+
+@pytest.mark.parametrize("name", UNARY)
+def test_formulas_compute_what_the_function_computes(name):
+    a = np.random.default_rng(2).uniform(-9, 9, 500)
+    with np.errstate(invalid="ignore"):
+        expected = UNARY[name](a)
+    # Some roundings each; compositions such as log2 round once more.
+    np.testing.assert_allclose(values(UNARY[name], a), expected, rtol=1e-13, atol=1e-14)
+
+
+@given(st.data())
+@settings(max_examples=100)
+def test_any_sequence_of_steps_is_read(data):
+    program = data.draw(
+        st.lists(
+            st.tuples(
+                st.sampled_from(["+", "*", "-", "/", "min", "max", "<", "where", "atan2", "exp"]),
+                st.integers(0, 30),
+                st.integers(0, 30),
+            ),
+            max_size=12,
+        )
+    )
+
+    def run(a, b, scale):
+        known = [a, b, a * scale]
+        for operation, i, j in program:
+            x, y = known[i % len(known)], known[j % len(known)]
+            known.append(
+                {
+                    "+": lambda x, y: x + y,
+                    "*": lambda x, y: 0.1 * x * y,
+                    "-": lambda x, y: x - y,
+                    "/": lambda x, y: x / (1.0 + y * y),
+                    "min": np.minimum,
+                    "max": np.maximum,
+                    "<": lambda x, y: np.where(x < y, 0.25, 0.75),
+                    "where": lambda x, y: np.where(x > y, x, 2 * y),
+                    "atan2": np.arctan2,
+                    "exp": lambda x, y: np.exp(-np.abs(x)) * y,
+                }[operation](x, y)
+            )
+        return sum(known)
+
+    a, b = np.random.default_rng(1).normal(size=(2, 50))
+    # The same operations in the same order, but for those that NumPy fuses.
+    np.testing.assert_allclose(values(run, a, b, scale=1.5), run(a, b, 1.5), rtol=1e-12, atol=1e-12)
+
+
+def test_augmented_assignment_changes_nothing_else():
+    def function(a):
+        b = a
+        b += 1.0
+        b *= 2.0
+        return a + b
+
+    assert values(function, np.array(3.0)) == 3.0 + 8.0
+
+
+def test_what_is_used_often_is_one_step():
+    def function(a):
+        for _ in range(200):
+            a = a * a - a
+        return a
+
+    medium = Function(lambda a: (function(a), 0.0), "a", 1)
+    assert medium.formulas().emissivity[0].text.count(";") == 400
+    assert values(function, np.array(2.0)) == 2.0
+
+
+def test_colours_may_be_arrays():
+    colour = np.array([1.0, 0.5, 0.25])
+    medium = Function(lambda n: (colour * n * np.exp(-n), 0.1 * n), "n", 3)
+    j = medium.formulas().emissivity
+    fields = {"n": np.array([0.5, 2.0])}
+    for part, tint in zip(j, colour, strict=True):
+        expected = tint * fields["n"] * np.exp(-fields["n"])
+        np.testing.assert_allclose(part.evaluate(NumpyOps(), fields), expected, rtol=1e-15)
+    image = vm.render(volume(), medium, CAMERA)
+    np.testing.assert_allclose(image.intensity[..., 1], 0.5 * image.intensity[..., 0], rtol=1e-5)
+
+
+UNREADABLE = {
+    "erf": lambda n, t: (vm.math.erf(n), t),
+    "kernels' functions": lambda n, t: (dr.sqrt(n), t),
+    "infinite": lambda n, t: (vm.math.where(n > 0, n, np.inf), t),
+    "reduced": lambda n, t: (np.add.reduce(n), t),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_other_functions_are_left_alone(name):
+    assert Function(UNREADABLE[name], ["n", "t"], 1).formulas() is None
+
+
+@pytest.mark.parametrize("name", ["erf", "kernels' functions"])
+def test_other_functions_are_drawn(name):
+    image = vm.render(volume(), vm.Medium.from_function(UNREADABLE[name], ["n", "t"], 1), CAMERA)
+    assert image.intensity.max() > 0.0
+
+
+def test_numbers_with_units_are_left_to_the_volume():
+    assert Function(lambda hot: (hot, hot), ["t > 5 K"], 1).formulas() is None
+
+
+def jumping(n, t, edge):
+    """Return a medium that jumps in two fields, in every cell many times."""
+    cold = vm.math.where(t < 0.5, n, 0.0)
+    dense = vm.math.where((n > edge) & (n < 3.0), 1.0, 0.2)
+    return [cold * dense, 0.5 * dense], 0.3 * dense
+
+
+def as_expressions(edge):
+    dense = f"where((n > {edge}) and (n < 3), 1, 0.2)"
+    return Coefficients([f"where(t < 0.5, n, 0) * {dense}", f"0.5 * {dense}"], f"0.3 * {dense}")
+
+
+def function_medium(edge=1.0):
+    return vm.Medium.from_function(jumping, ["n", "t"], 2, parameters={"edge": edge})
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_jumps_are_found_as_those_of_expressions_are(precision):
+    scene = volume()
+    read = vm.render(scene, function_medium(), CAMERA, precision=precision)
+    written = vm.render(scene, as_expressions(1.0), CAMERA, precision=precision)
+    # The same numbers; constants of expressions are data, so that products may be fused otherwise.
+    brightest = written.intensity.max()
+    assert np.abs(read.intensity - written.intensity).max() < 1e-5 * brightest
+
+
+def test_errors_are_honest_where_functions_jump():
+    scene = volume()
+    image = vm.render(scene, function_medium(), CAMERA)
+    truth = vm.render(scene, function_medium(), CAMERA, tolerance=1e-6, precision="double")
+    off = np.abs(image.intensity - truth.intensity).max(axis=-1)
+    assert np.mean(off > image.error) < 0.01  # as promised for every medium
+    assert off.max() < 2e-3 * truth.intensity.max()  # twice the tolerance, in 1024 pixels
+
+
+def test_functions_have_bounds():
+    scene, camera = volume(), vm.Orthographic(40, 30, width=3, resolution=12)
+    image = vm.render(scene, function_medium(), camera, bounds=True)
+    truth = vm.render(scene, function_medium(), camera, tolerance=1e-6, precision="double")
+    slack = 1e-5 * truth.intensity.max()  # what the "truth" may be off by
+    assert np.all(image.lower <= truth.intensity + slack)
+    assert np.all(image.upper >= truth.intensity - slack)
+    assert np.max(image.upper - image.lower) < 1e-2 * truth.intensity.max()
+
+
+def test_ranges_are_those_of_the_formulas():
+    found = function_medium().bounds(
+        {"n": [0.5, 4.0], "t": [0.6, 0.0]}, {"n": [0.8, 5.0], "t": [0.9, 1.0]}
+    )
+    np.testing.assert_allclose(found.j_lo[0], [0, 0])
+    np.testing.assert_allclose(found.j_hi[0], [0, 1])
+    np.testing.assert_allclose(found.a_hi[0], [0.06, 0.06], rtol=1e-12)
+
+
+def test_what_a_function_closes_over_may_change():
+    height = {"value": 1.0}
+    medium = vm.Medium.from_function(lambda n: (height["value"] * n, 0.0 * n), "n", 1)
+    scene = volume()
+    for scheme in ("post-classified", "first-order"):
+        height["value"] = 1.0
+        once = vm.render(scene, medium, CAMERA, scheme=scheme).intensity
+        height["value"] = 2.0
+        twice = vm.render(scene, medium, CAMERA, scheme=scheme).intensity
+        np.testing.assert_allclose(twice, 2 * once, rtol=1e-5, atol=1e-6)
+
+
+def test_parameters_do_not_compile_again():
+    scene = volume()
+    vm.render(scene, function_medium(0.9), CAMERA)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        vm.render(scene, function_medium(1.1), CAMERA)
+        kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    assert kernels
+    assert all(k["cache_hit"] for k in kernels)
+
+
+def test_sums_take_the_formulas_of_their_parts():
+    shell = vm.Gaussian("n", 1.0, 0.1, (1, 1), 0.1, 0.5)
+    scene = volume()
+    read = vm.render(scene, shell + function_medium(), CAMERA).intensity
+    written = vm.render(scene, shell + as_expressions(1.0), CAMERA).intensity
+    assert np.abs(read - written).max() < 1e-5 * written.max()
+
+
+def test_a_picture_tells_of_the_function():
+    described = vm.render(volume(), function_medium(), CAMERA).provenance["medium"]
+    assert described["type"] == "function"
+    assert described["function"] == "jumping"
+    assert isinstance(function_medium().formulas(), Formulas)
+
+
+def test_units_of_fields_are_no_matter():
+    scene = vm.Volume(GRID, n=np.full(GRID.shape, 2.0), t=np.full(GRID.shape, 3.0))
+    scene.set_unit("n", "km/s")
+    scene.set_unit("t", "K")
+    medium = vm.Medium.from_function(lambda n, t: (n + t, 0.0 * n), ["n", "t"], 1)
+    centre = vm.render(scene, medium, vm.Orthographic(0, 0, width=0.1, resolution=1))
+    np.testing.assert_allclose(centre.intensity, 2.0 * 5.0, rtol=1e-6)
