@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from voluminous.backend.device import get_backend
+from voluminous.media.shape_means import gaussian_mean
 from voluminous.media.shape_middles import box_middle, crossing_middle, gaussian_middle
 from voluminous.media.table_means import PiecewiseLinear
 from voluminous.media.table_middles import TableMiddles
@@ -34,10 +35,14 @@ def test_the_middle_of_a_box_is_exact(first, last, precision):
     assert float(np.asarray(found.spread).item()) == pytest.approx(min(spread, 1 / 3), abs=1e-4)
 
 
-@pytest.mark.parametrize(("first", "last"), [(-30, 20), (-0.1, 0.2), (1.0, 1.2), (50, -60)])
-def test_the_middle_of_a_gaussian_is_right_in_both_limits(first, last):
+@pytest.mark.parametrize(
+    ("first", "last"),
+    [(-30, 20), (-0.1, 0.2), (1.0, 1.2), (50, -60), (-3, -8), (2, 5), (-4, 0.5), (1, 2), (7, 6)],
+)
+def test_the_middle_of_a_gaussian_is_its_centre_of_mass(first, last):
     real = get_backend("cpu", "double").Float
-    found = gaussian_middle(real(first), real(last))
+    ends = real(first), real(last)
+    found = gaussian_middle(*ends, gaussian_mean(*ends))
     center, _ = moments(lambda z: np.exp(-z * z / 2), first, last)
     assert float(np.asarray(found.place).item()) == pytest.approx(center, abs=1e-3)
     assert 0 <= float(np.asarray(found.spread).item()) <= 1 / 3

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
-from .jumps import Margin, is_smooth, margins
+from .jumps import Margin, is_smooth, margins, may_peak
+from .monotone import Kind, kind_of
 from .ops import Ops
 from .parser import parse
 from .source import one_line
@@ -110,6 +111,21 @@ class Expression:
     def smooth(self) -> bool:
         """Whether it has neither jumps nor kinks wherever it is finite, nor waves of its own."""
         return is_smooth(self.tree)
+
+    @property
+    def peaked(self) -> bool:
+        """Whether it may have peaks that are narrower than what its fields do."""
+        return may_peak(self.tree)
+
+    def kind(self, curved: Collection[str] = ()) -> Kind:
+        """Return whether it is a sum of fields, grows or falls with one, or neither.
+
+        Parameters
+        ----------
+        curved : collection of str
+            Names that are no polynomials along rays, such as the radius.
+        """
+        return kind_of(self.tree, curved)
 
     def without_units(self, unit_of: Callable[[Expression], Any]) -> Expression:
         """Return it with plain numbers for those with units; itself if there are none.

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from .monotone import Kind, kind_of
 from .ops import Ops
 from .steps import in_steps
-from .tree import Call, Comparison, Constant, Earlier, Field, IntegerPower, Node, Steps
+from .tree import Call, Comparison, Constant, Earlier, Field, IntegerPower, Node, Steps, Where
 
 _ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "positive")
+_PEAKED = frozenset(
+    ("divide", "exp", "power", "tanh", "sin", "cos", "tan", "atan2", "remainder", "floor_divide")
+)
 _SMOOTH = frozenset((*_ARITHMETIC, "log10", "log", "exp", "sqrt", "power", "tanh"))
 
 
@@ -24,6 +28,10 @@ class Margin:
     names: tuple[str, ...]
     left: Node
     right: Node
+
+    def kind(self, curved: Collection[str] = ()) -> Kind:
+        """Return what is known of the difference; see `Expression.kind`."""
+        return kind_of(Call("subtract", (self.left, self.right)), curved)
 
     def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
         """Return the difference; it is zero where the comparison changes."""
@@ -51,6 +59,19 @@ def is_smooth(tree: Node) -> bool:
     return all(
         isinstance(node, (Constant, Field, Earlier, Steps, IntegerPower))
         or (isinstance(node, Call) and node.operation in _SMOOTH)
+        for node in nodes(tree)
+    )
+
+
+def may_peak(tree: Node) -> bool:
+    """Return whether there may be peaks in an expression that are narrower than what its fields do.
+
+    Products and roots of fields bend no more than these.
+    """
+    return any(
+        (isinstance(node, Call) and node.operation in _PEAKED)
+        or isinstance(node, Where)
+        or (isinstance(node, IntegerPower) and not 0 < node.exponent < 4)
         for node in nodes(tree)
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+from ..backend import dr
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -14,11 +15,16 @@ from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
 from .sampled import FIVE, Sampled, compared
+from .stretch import extremes
+from .turning import may_turn, within
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
     from .stretch import Stretch
+
+# Of a coefficient that is one over the scale of length; peaks below that are left alone.
+_FAINT = 1e-4
 
 
 class Coefficients(Medium):
@@ -78,6 +84,9 @@ class Coefficients(Medium):
         """Return the means of j and α from five samples; see `Medium.sampled`."""
         values = [self.in_units(stretch.fields(s), context) for s in FIVE]
         found = [compared(list(own)) for own in zip(*values, strict=True)]
+        _, hidden = self.visible(stretch, context)
+        for one in found:
+            one.off = dr.select(hidden, dr.inf, one.off)
         return Sampled(*(self.split(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
@@ -89,7 +98,17 @@ class Coefficients(Medium):
         for margin in self._margins:
             low, high = stretch.hull(margin)
             hidden = hidden | ((low <= 0.0) & (high >= 0.0))
-        return seen, hidden
+        return seen, hidden | self._peaks(stretch, context)
+
+    def _peaks(self, stretch: Stretch, context: Context) -> Any:
+        """Return where a coefficient may be much larger than at the ends and in the middle."""
+        units = (context.radiance / context.scale, 1.0 / context.scale)
+        found = stretch.length < 0.0
+        for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
+            for expr in every:
+                if expr.peaked and may_turn(expr, context):
+                    found = found | _peaks(stretch, expr, context.number(_FAINT * unit))
+        return found
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
         """Return intervals that hold j and α: the formulas are the same."""
@@ -131,6 +150,14 @@ def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
     if not parts:
         raise InputError(f"{what} must be an expression or a list of them, got {value!r}")
     return tuple(Expression(part) for part in parts)
+
+
+def _peaks(stretch: Stretch, expr: Expression, least: Any) -> Any:
+    """Return where an expression may exceed twice what is seen of it, and something faint."""
+    found = within(stretch, expr)
+    below, above = extremes(stretch.nodes(expr))
+    size = extremes([dr.abs(below), dr.abs(above)])[1] + least
+    return (found.hi - above > size) | (below - found.lo > size)
 
 
 def _per_length(context: Context, expression: Expression) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from .color_scale import ColorScale
 from .context import Context
 from .contract import channel_values
 from .table_means import PiecewiseLinear
+
+if TYPE_CHECKING:
+    from .stretch import Stretch
 
 
 class ColorBy:
@@ -88,6 +91,14 @@ class ColorBy:
             lambda: PiecewiseLinear(type(x), self._nodes(context), self.scale.rgb),
         )
         return [_or_black(value) for value in table.values(x)]
+
+    def turns(self, stretch: Stretch, context: Context, least: float) -> Any:
+        """Return where it may go back and forth by more than a part of its range."""
+        nodes = self._nodes(context)
+        most = context.keep(
+            (id(self), "range"), lambda: context.number(least * float(nodes[-1] - nodes[0]))
+        )
+        return stretch.turns(self.expr, most)
 
     def key(self) -> tuple[Any, ...]:
         """Return the expression and all numbers."""

@@ -73,6 +73,10 @@ class Context:
             self._kept[key] = make()
         return self._kept[key]
 
+    def kept_number(self, value: float) -> Any:
+        """Return a number as run-time data that is put in a kernel once."""
+        return self.keep(("number", value), lambda: self.number(value))
+
     def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
         """Return the value of an expression of the fields."""
         return self.real(expression.evaluate(self.ops, fields))

@@ -155,10 +155,10 @@ class Courses:
         self.length = TracedInterval(lowered(length), raised(length))
         self._ops, self._jets = context.ops, TracedJetOps(self.real, context.plain)
         self._ends = [
-            _completed(self._ops, {n: p.end(k) for n, p in pieces.items()}, context) for k in (0, 1)
+            completed(self._ops, {n: p.end(k) for n, p in pieces.items()}, context) for k in (0, 1)
         ]
         jets = {name: piece.jet() for name, piece in pieces.items()}
-        self._whole = _completed(self._jets, jets, context)
+        self._whole = completed(self._jets, jets, context)
         self._found: dict[str, Course] = {}
         self.fields = {name: jet.value for name, jet in self._whole.items()}
 
@@ -187,7 +187,7 @@ class Courses:
         return derivative.unknown_where(derivative.nan, False)
 
 
-def _completed(ops: Any, fields: dict[str, Any], context: Context) -> dict[str, Any]:
+def completed(ops: Any, fields: dict[str, Any], context: Context) -> dict[str, Any]:
     """Return fields with what follows from x, y and z, if these are among them."""
     if all(axis in fields for axis in _AXES):
         x, y, z = (ops.multiply(fields[a], fields[a]) for a in _AXES)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import precision_of, unit_interval
+from .turning import may_turn
 
 if TYPE_CHECKING:
     from ..expressions import Expression
@@ -17,13 +18,16 @@ NOISE = {"single": 2e-6, "double": 1e-14}
 
 
 def passes(stretch: Stretch, expr: Expression, level: Any) -> tuple[Any, Any]:
-    """Return how often an expression may pass a level on a stretch, and how often nodes show it."""
-    possible = _sign_changes(stretch.controls(expr), level)
-    if len(expr.names) > 1:  # control points do not bound it: look more closely
-        places = (0.0, 0.25, 0.5, 0.75, 1.0)
-        closer = _sign_changes([stretch.scalar(expr, s) for s in places], level)
-        possible = dr.select(closer > possible, closer, possible)
-    return possible, _sign_changes(stretch.nodes(expr), level)
+    """Return how often an expression may pass a level on a stretch, and how often nodes show it.
+
+    Once more than that where it may turn: smaller panels tell.
+    """
+    found, shown = stretch.turning(expr), _sign_changes(stretch.nodes(expr), level)
+    possible = shown
+    if not may_turn(expr, stretch.context):
+        possible = _sign_changes(stretch.controls(expr), level)
+    turns = (found.apart > 0.0) & (found.low <= level) & (found.high >= level)
+    return dr.select(turns, shown + 1, possible), shown
 
 
 def way_within(values: list[Any], level: Any, width: Any) -> Any:

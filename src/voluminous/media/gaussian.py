@@ -98,9 +98,9 @@ class Gaussian(SampledShaped):
 
         return gaussian_bounds(gaussian_mean(first, last), off, z)
 
-    def middle(self, first: Any, last: Any) -> Middle:
+    def middle(self, first: Any, last: Any, mean: Any) -> Middle:
         """Return where the mass of a Gaussian is between two distances, in σ."""
-        return gaussian_middle(first, last)
+        return gaussian_middle(first, last, mean)
 
     def reach(self, faint: float) -> float:
         """Return how many σ away it is below `faint`."""

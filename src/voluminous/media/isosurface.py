@@ -38,6 +38,7 @@ from .surface_given import (
     plain_opacities,
 )
 from .surface_light import lambert, obliquity
+from .turning import may_turn
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -177,7 +178,6 @@ class Isosurface(Medium):
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where a level may be crossed, and where more often than a panel's ends show."""
         levels, width, _, _ = self._kept(context)
-        controls = stretch.controls(self.expr)
         nodes = stretch.nodes(self.expr)
         seen = dr.isnan(nodes[1])  # where there is NaN, it must show
         hidden = stretch.length < 0.0
@@ -187,11 +187,20 @@ class Isosurface(Medium):
                 seen |= possible > 0
                 hidden |= possible > shown
             if self._thick:
-                seen |= dr.abs(controls[0] - level) <= 0.5 * width
-                possible, shown = (way_within(xs, level, width) for xs in (controls, nodes))
-                noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
-                hidden |= possible - shown > _FOLD + noise
+                seen |= dr.abs(nodes[0] - level) <= 0.5 * width
+                hidden |= self._folded(stretch, nodes, level, width)
         return self.modulation.visible(stretch, context, seen, hidden)
+
+    def _folded(self, stretch: Stretch, nodes: list[Any], level: Any, width: Any) -> Any:
+        """Return where it may go further up and down within a thick surface than nodes show."""
+        found = stretch.turning(self.expr)
+        near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
+        hidden = near & (found.apart > _FOLD * width)
+        if may_turn(self.expr, stretch.context):
+            return hidden
+        ways = [way_within(xs, level, width) for xs in (stretch.controls(self.expr), nodes)]
+        noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
+        return hidden | (ways[0] - ways[1] > _FOLD + noise)
 
     @property
     def steady(self) -> bool:

@@ -151,6 +151,8 @@ class Modulation:
         self, stretch: Stretch, context: Context, seen: Any, hidden: Any
     ) -> tuple[Any, Any]:
         """Return the masks of `Medium.visible`, given those of the medium without modulation."""
+        if self.color:
+            hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
         if self.where is None:
             return seen, hidden
         possible = self._possible(stretch, context)

@@ -83,7 +83,7 @@ class Rectangle(SampledShaped):
 
         return box_bounds(first, last, farthest)
 
-    def middle(self, first: Any, last: Any) -> Middle:
+    def middle(self, first: Any, last: Any, mean: Any) -> Middle:
         """Return the middle of the part that is within the half width."""
         return box_middle(first, last)
 

@@ -5,18 +5,32 @@ from __future__ import annotations
 from typing import Any
 
 from ..backend import dr
+from ..backend.functions import decay
 from .modulation import Middle
 
+# Half width, in σ, up to which little is lost by a rational function.
+_NARROW = 0.25
 
-def gaussian_middle(first: Any, last: Any) -> Middle:
+
+def gaussian_middle(first: Any, last: Any, mean: Any) -> Middle:
     """Return where the mass of exp(-z²/2) is between two distances from the centre.
 
-    With t from -1 to 1 over the panel, z = m + h t, the centre of mass is -m h / 3 for narrow
-    panels, -m / h for wide ones, and the variance 1/3 and 1/h²: rational functions of both limits.
+    With t from -1 to 1 over the panel, z = m + h t, the mean of z is the difference of exp(-z²/2)
+    at both ends over its integral. For narrow panels, where that is 0/0, t = -m h / (h² + 3). The
+    variance is 1/3 for narrow panels and 1/h² for wide ones: 1/(h² + 3).
+
+    Parameters
+    ----------
+    mean : array
+        The mean of exp(-z²/2) over the panel.
     """
     middle, half = 0.5 * (first + last), 0.5 * (last - first)
     variance = 1.0 / (half * half + 3.0)
-    return _middle(-middle * half * variance, variance)
+    mass = 2.0 * half * mean
+    drop = decay(0.5 * first * first) - decay(0.5 * last * last)
+    wide = (dr.abs(half) > _NARROW) & (mean > 0.0) & dr.isfinite(half)
+    center = (drop / dr.select(wide, mass, 1.0) - middle) / dr.select(wide, half, 1.0)
+    return _middle(dr.select(wide, center, -middle * half * variance), variance)
 
 
 def box_middle(first: Any, last: Any) -> Middle:

@@ -18,7 +18,7 @@ from .context import Context
 from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
 from .given import named as _named
 from .given import scalar as _scalar
-from .modulation import Middle, modulated
+from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
 from .stretch import Straight, extremes
 
@@ -108,18 +108,25 @@ class Shaped(Medium):
         found = Coefficients([h * shape for h in color], [h * shape for h in opacity])
         if self.modulation.fixed:
             return found
-        middle = self.middle(*self._ends(panel, context))
+        middle = self.middle(*self._ends(panel, context), self._mean(panel, context))
         return self.modulation.means(found, panel, context, middle)
 
     def mean_per_length(self, panel: Panel, context: Context) -> Any:
         """Return the mean of the shape per path length, exact if x is linear over the panel."""
         _, _, per_length = self._kept(context)
-        ends = self._ends(panel, context)
+        mean = self._mean(panel, context)
         if isinstance(panel.stretch, Straight):
-            return self._mean_where_seen(*ends, context) * per_length
-        mean = self.mean_shape(*ends) * per_length
-        place = self.middle(*ends).place
-        return mean * slope_factor(panel, self.expr, place, context.narrow)
+            return mean * per_length
+        place = self.middle(*self._ends(panel, context), mean).place
+        return mean * per_length * slope_factor(panel, self.expr, place, context.narrow)
+
+    def _mean(self, panel: Panel, context: Context) -> Any:
+        """Return the mean of the shape for x linear over the panel; computed once."""
+        ends = self._ends(panel, context)
+        key = (id(self), "mean", panel.first, panel.last)
+        if isinstance(panel.stretch, Straight):
+            return kept(panel.stretch, key, lambda: self._mean_where_seen(*ends, context))
+        return kept(panel.stretch, key, lambda: self.mean_shape(*ends))
 
     def _mean_where_seen(self, first: Any, last: Any, context: Context) -> Any:
         """Return the mean of the shape; zero where it is neglected.
@@ -167,8 +174,11 @@ class Shaped(Medium):
         """Return the mean of the shape between two distances from the centre, in widths."""
         raise NotImplementedError
 
-    def middle(self, first: Any, last: Any) -> Middle:
-        """Return where the mass of the shape is between two distances, in widths."""
+    def middle(self, first: Any, last: Any, mean: Any) -> Middle:
+        """Return where the mass of the shape is between two distances, in widths.
+
+        `mean` is what `mean_shape` returns for them.
+        """
         raise NotImplementedError
 
     def reach(self, faint: float) -> float:
@@ -185,7 +195,11 @@ class Shaped(Medium):
         under = (low < below - _DOUBT) & (below > -reach) & (low < reach)
         # Between log10 of nothing and a value there is all of the shell, and ends show none of it.
         endless = dr.isinf(below) | dr.isinf(above)
-        return self.modulation.visible(stretch, context, seen, over | under | (seen & endless))
+        _, narrowness, _ = self._kept(context)
+        turns = seen & stretch.turns(self.expr, _DOUBT / narrowness)
+        return self.modulation.visible(
+            stretch, context, seen, over | under | turns | (seen & endless)
+        )
 
     @property
     def steady(self) -> bool:

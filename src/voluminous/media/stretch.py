@@ -15,6 +15,7 @@ from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
 from .context import Context
+from .turning import Turning, enclosed
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
 NODES = (0.0, 0.5, 1.0)
@@ -32,13 +33,17 @@ class Stretch:
         How expressions are evaluated.
     length : array
         Its length, in units of the grid's scale.
+    rough : bool
+        It need not be known closely where expressions are: it is asked where something may show.
     """
 
-    def __init__(self, cubics: Mapping[str, Cubic], context: Context, length: Any) -> None:
-        self.cubics, self.context, self.length = cubics, context, length
+    def __init__(
+        self, cubics: Mapping[str, Cubic], context: Context, length: Any, *, rough: bool = False
+    ) -> None:
+        self.cubics, self.context, self.length, self.rough = cubics, context, length, rough
         self._scalars: dict[tuple[str, float], Any] = {}
         self._controls: dict[str, list[Any]] = {}
-        self._derivatives: dict[str, list[Any]] = {}
+        self._turnings: dict[str, Turning] = {}
 
     def fields(self, s: Any) -> dict[str, Any]:
         """Return all fields at a place."""
@@ -77,12 +82,22 @@ class Stretch:
         self._controls[expr.text] = values
 
     def hull(self, expr: Expression | Margin) -> tuple[Any, Any]:
-        """Return the least and largest value of an expression at the Bézier control points.
+        """Return the least and the greatest value that an expression may have.
 
-        A cubic stays within its control points (Farin 2002, section 5.1), and so does a monotonic
-        function of one. Of other functions these are four more samples.
+        Infinite where it is undefined in a part of the stretch.
         """
-        return extremes(self.controls(expr))
+        found = self.turning(expr)
+        return found.low, found.high
+
+    def turns(self, expr: Expression | Margin, least: Any) -> Any:
+        """Return where an expression may go back and forth by more than a number."""
+        return self.turning(expr).apart > least
+
+    def turning(self, expr: Expression | Margin) -> Turning:
+        """Return between which values an expression stays; computed once."""
+        if expr.text not in self._turnings:
+            self._turnings[expr.text] = enclosed(self, expr)
+        return self._turnings[expr.text]
 
     def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at the four Bézier control points of the fields."""
@@ -92,20 +107,19 @@ class Stretch:
         return self._controls[expr.text]
 
     def derivatives(self, expr: Expression) -> list[Any]:
-        """Return bounds of an expression's first three derivatives by s; computed once.
+        """Return bounds of an expression's first three derivatives by s.
 
-        Of a cubic with these control points: differences of them bound the second (Farin 2002,
-        section 5.3), and half of that is how far the first departs from its mean.
+        The third is that of a cubic with its values at the control points.
         """
-        if expr.text not in self._derivatives:
-            b0, b1, b2, b3 = self.controls(expr)
-            rise, middle, last = b1 - b0, b2 - b1, b3 - b2
-            start, end = middle - rise, last - middle
-            apart = dr.abs(end - start)
-            second = 3.0 * (dr.abs(start + end) + apart)
-            first = dr.fma(second, 0.5, dr.abs(b3 - b0))
-            self._derivatives[expr.text] = [first, second, 6.0 * apart]
-        return self._derivatives[expr.text]
+        b0, b1, b2, b3 = self.controls(expr)
+        found = self.turning(expr)
+        return [found.slope, found.bend, 6.0 * dr.abs(b3 - b0 + 3.0 * (b1 - b2))]
+
+    def field_points(self, name: str) -> list[Any]:
+        """Return the Bézier control points of a field."""
+        cubic = self.cubics[name]
+        inner = [control_point(cubic, number) for number in (1, 2)]
+        return [cubic[0], *inner, sum(cubic[1:], cubic[0])]
 
     def part(self, start: Any, width: Any) -> Stretch:
         """Return the part from `start` on, of a width, as a stretch of its own."""
@@ -136,14 +150,20 @@ class Straight(Stretch):
     """A stretch on which scalars are taken as linear, whatever the fields do between its ends."""
 
     def scalar(self, expr: Expression | Margin, s: float) -> Any:
-        """Return an expression at 0, ½ or 1."""
-        if s == 0.5:
-            return 0.5 * (self.scalar(expr, 0.0) + self.scalar(expr, 1.0))
+        """Return an expression at a place."""
+        if 0.0 < s < 1.0:
+            return (1.0 - s) * self.scalar(expr, 0.0) + s * self.scalar(expr, 1.0)
         return super().scalar(expr, s)
 
     def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at both ends: nothing between them counts."""
         return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
+
+    def turning(self, expr: Expression | Margin) -> Turning:
+        """Return that an expression stays between its ends: nothing else is looked at."""
+        first, last = self.controls(expr)
+        zero = self.length * 0.0
+        return Turning(*extremes([first, last]), zero, dr.abs(last - first), zero)
 
 
 @dataclass

@@ -180,6 +180,7 @@ class Table(Medium):
         ):
             hidden |= (high > above + doubt) & (above < end) & (high > begin)
             hidden |= (low < below - doubt) & (below > begin) & (low < end)
+            hidden |= (low < end) & (high > begin) & stretch.turns(self.expr, doubt)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:

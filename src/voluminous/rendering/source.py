@@ -45,6 +45,8 @@ _FAINTEST = {"single": 1e-37, "double": 1e-300}
 _SOME_PATHS, _MOST_PATHS = 10.0, 1e12
 # What pictures on curvilinear grids are off by, of the tolerance: nearly all of them by less.
 _LOST_BY_CUBICS = 0.1
+# What places lose, in ε: seen of a shell with σ = 1e-4 dex in a field of 3 dex, and at most.
+_LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 # What may be neglected of tabulated coefficients, as a fraction of their peak: below rounding.
 _FAINT = {"single": 1e-9, "double": 1e-18}
 
@@ -144,8 +146,17 @@ def _interpolated(
     if whole:
         source.walk = _pruned(classifier, store, lattices, faint)
     if scheme.controlled:
+        source.lost = _lost_by_places(backend, needed.contrast)
         _keep_walk(source, tolerance, needed.contrast)
     return source
+
+
+def _lost_by_places(backend: Any, contrast: float) -> float:
+    """Return the part of a pixel that is lost because places are rounded.
+
+    By as much, in parts of their range, scalars are off: a shell that is grazed shows more or less.
+    """
+    return min(_LOST_PER_EPS * float(np.finfo(backend.dtype).eps) * contrast, _MOST_LOST)
 
 
 def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
@@ -153,7 +164,7 @@ def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
     walk = source.walk or source.classifier.grid.walk(source.backend, source.walk_kind)
     if hasattr(walk, "kept_to"):
         source.walk = walk.kept_to(tolerance / contrast)
-        source.lost = _LOST_BY_CUBICS * tolerance
+        source.lost += _LOST_BY_CUBICS * tolerance
 
 
 def _path_lengths(classifier: Classifier) -> float:

@@ -99,9 +99,9 @@ class Interpolated:
             found["xyz"[a]] = [chord.position[a], chord.step[a]]
         return found
 
-    def stretch(self, cubics: dict[str, list[Any]], length: Any) -> Stretch:
+    def stretch(self, cubics: dict[str, list[Any]], length: Any, *, rough: bool = False) -> Stretch:
         """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
-        return Stretch(self._own(cubics), self.context, length)
+        return Stretch(self._own(cubics), self.context, length, rough=rough)
 
     def straight(self, cubics: dict[str, list[Any]], length: Any) -> Straight:
         """Return the same with scalars taken as linear."""

@@ -1,0 +1,151 @@
+"""Expressions that may turn within a stretch of ray: between which values they stay there.
+
+What grows or falls with a sum of fields is between its values at the fields' Bézier control points.
+Of all others intervals of the value and of its derivatives tell: where the slope has one sign both
+ends say everything, elsewhere nothing is farther from the chord than the bow lets it be. As
+`media.course`, in the precision of the picture, for schemes that estimate errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+from ..backend import dr
+from ..expressions import Expression, Margin
+from ..expressions.monotone import Kind
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..expressions.traced_interval_ops import TracedIntervalOps
+from ..expressions.traced_jet import Derivative, TracedJet
+from ..expressions.traced_jet_ops import TracedJetOps
+from ..expressions.traced_rounding import larger, smaller
+from .course import completed
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .stretch import Stretch
+
+
+@dataclass
+class Turning:
+    """Where an expression is on a stretch.
+
+    Attributes
+    ----------
+    low, high : array
+        The least and the greatest value it may have; infinite where it is undefined in parts.
+    apart : array
+        How far it may be from a line through its ends; zero where its slope has one sign, since
+        then both ends show what is between them.
+    slope, bend : array
+        Bounds of its first and second derivative by the place.
+    """
+
+    low: Any
+    high: Any
+    apart: Any
+    slope: Any
+    bend: Any
+
+
+def may_turn(expr: Expression | Margin, context: Context) -> bool:
+    """Return whether control points of the fields do not enclose an expression."""
+    return _kind(expr, context) == Kind.ANY
+
+
+def enclosed(stretch: Stretch, expr: Expression | Margin) -> Turning:
+    """Return where an expression is on a stretch."""
+    if not may_turn(expr, stretch.context):
+        return _by_controls(stretch, expr)
+    return _by_ranges(stretch, expr) if stretch.rough else _by_derivatives(stretch, expr)
+
+
+def _kind(expr: Expression | Margin, context: Context) -> Kind:
+    return expr.kind(("r", *context.coordinates))
+
+
+def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
+    """Return where a sum of fields is, or what grows or falls with one.
+
+    Derivatives are those of a cubic with these control points: differences of them bound the second
+    (Farin 2002, section 5.3), and half of that is how far the first departs from its mean.
+    """
+    controls = stretch.controls(expr)
+    low, high = extremes(controls)
+    b0, b1, b2, b3 = controls
+    rise, middle, last = b1 - b0, b2 - b1, b3 - b2
+    start, end = middle - rise, last - middle
+    bend = 3.0 * (dr.abs(start + end) + dr.abs(end - start))
+    slope = dr.fma(bend, 0.5, dr.abs(b3 - b0))
+    apart = stretch.length * 0.0
+    if _kind(expr, stretch.context) == Kind.MONOTONIC:
+        partly = _partly([dr.isnan(b) for b in controls])
+        low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
+        apart = dr.select(partly, dr.inf, apart)
+    return Turning(low, high, apart, slope, bend)
+
+
+def _partly(missing: list[Any]) -> Any:
+    """Return where some of several values are undefined: between them may be anything."""
+    every, some = missing[0], missing[0]
+    for one in missing[1:]:
+        every, some = every & one, some | one
+    return some & ~every
+
+
+def _by_ranges(stretch: Stretch, expr: Expression | Margin) -> Turning:
+    """Return where any expression is, from the ranges of fields alone: a third of the work."""
+    found = within(stretch, expr)
+    apart = found.hi - found.lo
+    return Turning(found.lo, found.hi, apart, apart * dr.inf, apart * dr.inf)
+
+
+def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
+    """Return where any expression is, from intervals of its value and its derivatives."""
+    context = stretch.context
+    ops = TracedJetOps(
+        context.real, lambda v: context.keep(("number", v), lambda: context.number(v))
+    )
+    points = {name: stretch.field_points(name) for name in stretch.cubics}
+    jets = {name: _jet(p) for name, p in points.items()}
+    found = ops.number(expr.evaluate(ops, completed(ops, jets, context)))
+    first, last = stretch.scalar(expr, 0.0), stretch.scalar(expr, 1.0)
+    slope, bow = _interval(found.first, first), _interval(found.second, first).size
+    least, largest = extremes([first, last])
+    value = found.value
+    sag = 0.125 * bow
+    low, high = larger(value.lo, least - sag), smaller(value.hi, largest + sag)
+    one_way = ((slope.lo >= 0.0) | (slope.hi <= 0.0)) & ~value.nan
+    low, high = dr.select(one_way, least, low), dr.select(one_way, largest, high)
+    # Where a part of it is undefined the rest may be anything; where all of it is, nothing shows.
+    nowhere = dr.isnan(first) & dr.isnan(stretch.scalar(expr, 0.5)) & dr.isnan(last)
+    partly = value.nan & ~nowhere
+    low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
+    apart = dr.select(one_way, 0.0, smaller(sag, high - low))
+    return Turning(low, high, apart, slope.size, bow)
+
+
+def within(stretch: Stretch, expr: Expression | Margin) -> TracedInterval:
+    """Return all values that an expression has while fields are between their control points.
+
+    Wider than where it is (`enclosed`), in a third of the time.
+    """
+    context = stretch.context
+    ops = TracedIntervalOps(context.real, context.kept_number)
+    ranges = {n: TracedInterval(*extremes(stretch.field_points(n))) for n in stretch.cubics}
+    found: TracedInterval = ops.number(expr.evaluate(ops, completed(ops, ranges, context)))
+    return found
+
+
+def _jet(points: list[Any]) -> TracedJet:
+    """Return a cubic and its derivatives, from its control points (Farin 2002, section 5.3)."""
+    rises = [3.0 * (b - a) for a, b in pairwise(points)]
+    bends = [2.0 * (b - a) for a, b in pairwise(rises)]
+    return TracedJet(*(TracedInterval(*extremes(v)) for v in (points, rises, bends)))
+
+
+def _interval(derivative: Derivative, like: Any) -> TracedInterval:
+    if derivative is None:
+        return TracedInterval.constant(like * 0.0)
+    return derivative.unknown_where(derivative.nan, False)
