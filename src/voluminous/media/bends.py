@@ -64,8 +64,12 @@ def bend(
     low, high : array
         Between which offsets the shell is seen.
     """
-    b0, b1, b2, b3 = (offset(x) for x in stretch.controls(expr))
+    controls = stretch.controls(expr)
+    b0, b1, b2, b3 = (offset(x) for x in controls)
     cubic = dr.abs(b3 - 3.0 * b2 + 3.0 * b1 - b0)
+    # In narrow panels differences are nothing but rounding: more the narrower they are.
+    rounding = _NOISE[precision_of(type(controls[0]))] * (dr.abs(controls[0]) + dr.abs(controls[3]))
+    cubic = dr.select(cubic > type(cubic)(rounding), cubic, 0.0)
     nodes = [offset(x) for x in stretch.nodes(expr)]
     total = cubic * 0.0
     for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])):

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # Of a coefficient that is one over the scale of length; peaks below that are left alone.
 _FAINT = 1e-4
+# By so much more than at both ends and in the middle a peak counts as hidden.
+_MORE = 0.25
 
 
 class Coefficients(Medium):
@@ -153,10 +155,10 @@ def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
 
 
 def _peaks(stretch: Stretch, expr: Expression, least: Any) -> Any:
-    """Return where an expression may exceed twice what is seen of it, and something faint."""
+    """Return where an expression may exceed what is seen of it by a quarter, and by what shows."""
     found = within(stretch, expr)
     below, above = extremes(stretch.nodes(expr))
-    size = extremes([dr.abs(below), dr.abs(above)])[1] + least
+    size = dr.fma(_MORE, extremes([dr.abs(below), dr.abs(above)])[1], least)
     return (found.hi - above > size) | (below - found.lo > size)
 
 

@@ -20,14 +20,15 @@ from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
+from .bends import bend, slope_factor
 from .context import Context
 from .contract import WIDE, Coefficients, Medium
 from .crossings import NOISE, passes, way_within
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
-from .modulation import Factors
-from .shape_middles import crossing_middle
+from .modulation import Factors, Middle
+from .shape_middles import box_middle, crossing_middle
 from .stretch import extremes
 from .surface_given import (
     depth_of,
@@ -50,6 +51,8 @@ _SHORTEST = 1e-20
 DENSITIES = ("crossing", "gradient")
 # Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
 _FOLD = 1e-4
+# One over the width of what is thinner than all panels.
+_THIN = 1e18
 
 
 class Isosurface(Medium):
@@ -154,23 +157,23 @@ class Isosurface(Medium):
         extinction: list[Any] = [type(length)(0)] * len(rows[0])
         for level, color, depths in zip(levels, colors, rows, strict=True):
             ends = first - level, last - level
+            middle = self._middle(context, *ends, width)
             crossed = per_length * self._crossed(context, *ends, width)
             if self.density == "gradient":
-                crossed = crossed * self._obliquity(panel, context, first, last)
-            found = self._modulated(color, crossed, ends, panel, context)
+                crossed = crossed * self._obliquity(panel, context, last - first, middle.place)
+            found = self._modulated(color, crossed, middle, panel, context)
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
-            shade = self._shade(panel, context)
+            shade = self._shade(panel, context, middle.place)
             for c, lit in enumerate(found.emission):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * lit * shade
         return Coefficients(emission, extinction)
 
     def _modulated(
-        self, color: list[Any], crossed: Any, ends: Any, panel: Panel, context: Context
+        self, color: list[Any], crossed: Any, middle: Middle, panel: Panel, context: Context
     ) -> Factors:
         """Return what is crossed, in the surface's colours, seen through its gate."""
         if self.modulation.fixed:
             return Factors([h * crossed for h in color], crossed)
-        middle = crossing_middle(*(context.narrow(x) for x in ends))
         factors = self.modulation.factors(panel, context, middle)
         lit = [h * f * crossed for h, f in zip(color, factors.emission, strict=True)]
         return Factors(lit, factors.gate * crossed)
@@ -224,9 +227,25 @@ class Isosurface(Medium):
         return counts
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return one: surfaces are thinner than all panels; crossings are counted exactly."""
-        zero = stretch.length * 0.0
-        return zero + 1.0, zero
+        """Return one: surfaces are thinner than all panels; crossings are counted exactly.
+
+        Of a density that goes with the gradient little is known where the slope bends.
+        """
+        off = stretch.length * 0.0
+        if self.density == "gradient":
+            levels, width, _, _ = self._kept(context)
+            near = context.narrow(0.5 * width)
+            for level in levels:
+                bent = bend(
+                    stretch,
+                    self.expr,
+                    _THIN,
+                    lambda x, level=level: context.narrow(x - level),
+                    -near,
+                    near,
+                )
+                off = dr.select(bent > off, bent, off)
+        return stretch.length * 0.0 + 1.0, off
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where x may reach a level while the fields stay in ranges."""
@@ -341,6 +360,12 @@ class Isosurface(Medium):
 
         return context.keep(id(self), make)
 
+    def _middle(self, context: Context, first: Any, last: Any, width: Any) -> Middle:
+        """Return where a panel passes a level, or is within a thick surface."""
+        if not self._thick:
+            return crossing_middle(context.narrow(first), context.narrow(last))
+        return box_middle(*(context.narrow(2.0 * x / width) for x in (first, last)))
+
     def _crossed(self, context: Context, first: Any, last: Any, width: Any) -> Any:
         """Return how much of the surface lies between two values of x, counted from its level."""
         if not self._thick:
@@ -348,18 +373,19 @@ class Isosurface(Medium):
         ends = [unit_interval(x / width + 0.5) for x in (first, last)]
         return context.narrow(dr.abs(ends[1] - ends[0]))
 
-    def _obliquity(self, panel: Panel, context: Context, first: Any, last: Any) -> Any:
-        """Return |∇x| over |∂x/∂s|, at least one."""
+    def _obliquity(self, panel: Panel, context: Context, rise: Any, place: Any) -> Any:
+        """Return |∇x| over |∂x/∂s| where a level is passed, at least one."""
         scale = context.keep((id(self), "scale"), lambda: context.number(context.scale))
-        return obliquity(
-            scale * context.evaluate(self.slope, panel.fields(0.5)), last - first, panel, context
-        )
+        slope = scale * context.evaluate(self.slope, panel.fields(place))
+        # Not over the mean slope of the panel, but over that at the place.
+        turned = slope_factor(panel, self.expr, place, context.narrow)
+        return obliquity(slope, rise, turned, panel, context)
 
-    def _shade(self, panel: Panel, context: Context) -> Any:
+    def _shade(self, panel: Panel, context: Context, place: Any) -> Any:
         """Return how bright the surface looks by the light of a lamp at the camera."""
         if self.shading == 0:
             return 1.0
         share = context.keep(
             (id(self), "shading"), lambda: context.narrow(context.number(self.shading))
         )
-        return 1.0 - share + share * lambert(self.normal, panel, context)
+        return 1.0 - share + share * lambert(self.normal, panel, place, context)

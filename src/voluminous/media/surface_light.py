@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .stretch import Panel
 
 
-def obliquity(slope: Any, rise: Any, panel: Panel, context: Context) -> Any:
+def obliquity(slope: Any, rise: Any, turned: Any, panel: Panel, context: Context) -> Any:
     """Return |∇x| over |∂x/∂s|, at least one.
 
     Parameters
@@ -20,21 +20,23 @@ def obliquity(slope: Any, rise: Any, panel: Panel, context: Context) -> Any:
         |∇x| per length of the grid's scale.
     rise : array
         What x changes by over the panel.
+    turned : array
+        Its mean slope over the slope at the place.
     """
     way = dr.abs(rise)
-    ratio = panel.length * context.narrow(slope / dr.select(way > 0.0, way, 1.0))
+    ratio = panel.length * turned * context.narrow(slope / dr.select(way > 0.0, way, 1.0))
     return dr.select(ratio > 1.0, ratio, 1.0)
 
 
-def lambert(normal: list[Any], panel: Panel, context: Context) -> Any:
-    """Return the cosine of ray and normal in the middle of a panel; one if there is no normal.
+def lambert(normal: list[Any], panel: Panel, place: Any, context: Context) -> Any:
+    """Return the cosine of ray and normal at a place in a panel; one if there is no normal.
 
     Parameters
     ----------
     normal : list of three Expression
         The components of the gradient.
     """
-    cubics, fields = panel.stretch.cubics, panel.fields(0.5)
+    cubics, fields = panel.stretch.cubics, panel.fields(place)
     across = _scaled([context.evaluate(e, fields) for e in normal], context)
     way = _scaled([cubics[axis][1] for axis in "xyz"], context)
     size = dr.sqrt(_dot(across, across) * _dot(way, way))

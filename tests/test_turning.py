@@ -1,0 +1,231 @@
+"""Expressions that turn within a cell: nothing thin of them is missed, and errors are honest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voluminous as vm
+from voluminous.backend import get_backend
+from voluminous.expressions import Expression, NumpyOps
+from voluminous.expressions.monotone import Kind
+from voluminous.media import Context
+from voluminous.media.stretch import Stretch
+
+# Rays along z through one column of cells: all of a picture is one integral along a line.
+COLUMN = vm.CartesianGrid([-1, 1], [-1, 1], np.arange(9.0))
+DOWN = vm.Orthographic(width=0.5, resolution=1)
+RISING = 1.3 * np.arange(8.0).reshape(1, 1, 8) - 1.05
+NOISE = vm.CartesianGrid(*(np.linspace(-1, 1, n + 1) for n in (8, 9, 7)))
+OBLIQUE = vm.Orthographic(50, 30, resolution=40)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("2 * a - b / 3 + 1", Kind.SUM),
+        ("log10(a)", Kind.MONOTONIC),
+        ("10**(a - 2*b) + 3", Kind.MONOTONIC),
+        ("clip(tanh(a), 0, 1)", Kind.MONOTONIC),
+        ("a**3", Kind.MONOTONIC),
+        ("3 + 2**4", Kind.CONSTANT),
+        ("a**2", Kind.ANY),
+        ("a * b", Kind.ANY),
+        ("1 / a", Kind.ANY),
+        ("abs(a)", Kind.ANY),
+        ("max(a, b)", Kind.ANY),
+        ("r - 1", Kind.ANY),
+        ("a if b > 1 else 0", Kind.ANY),
+    ],
+)
+def test_what_is_known_of_expressions(text, kind):
+    assert Expression(text).kind(("r",)) == kind
+
+
+EXPRESSIONS = [
+    "a * b",
+    "abs(a)",
+    "max(a, b)",
+    "a * a - b",
+    "cos(3 * a)",
+    "exp(-a * a)",
+    "a / (1 + b * b)",
+    "sqrt(a * a + b * b)",
+    "a if b > 0 else -a",
+    "a % 1.5",
+    "log10(3 + a)",
+    "a - 2 * b",
+]
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@given(data=st.data())
+@settings(max_examples=20, deadline=None)
+def test_hulls_hold_all_values(precision, data):
+    """Of random cubics: values at 400 places are within the hull, up to rounding."""
+    text = data.draw(st.sampled_from(EXPRESSIONS))
+    numbers = st.lists(st.integers(-16, 16), min_size=4, max_size=4)
+    cubics = {name: np.array(data.draw(numbers)) / 8 for name in "ab"}
+    backend = get_backend("cpu", precision)
+    real = backend.Float
+    context = Context(real, lambda v: real(v), None, lambda e: None)
+    stretch = Stretch(
+        {n: [real(float(c)) for c in v] for n, v in cubics.items()}, context, real(1.0)
+    )
+    low, high = (float(np.asarray(end).item()) for end in stretch.hull(Expression(text)))
+    s = np.linspace(0, 1, 400)
+    fields = {n: np.polynomial.polynomial.polyval(s, c) for n, c in cubics.items()}
+    values = Expression(text).evaluate(NumpyOps(), fields)
+    slack = 1e-4 if precision == "single" else 1e-10  # of cos(3 a) with a up to 8
+    if np.all(np.isfinite(values)):
+        assert low - slack <= values.min()
+        assert values.max() <= high + slack
+
+
+def along(function):
+    """Return the integral along the column, from a million places."""
+    z = (np.arange(10**6) + 0.5) / 10**6 * 8
+    a = np.interp(z, np.arange(8) + 0.5, RISING.ravel())
+    with np.errstate(all="ignore"):
+        return 8 * np.nansum(function(a)) / a.size  # where there is no value is nothing
+
+
+def shell(x, center, sigma):
+    return np.exp(-0.5 * ((x - center) / sigma) ** 2)
+
+
+THIN = {
+    "kink": ("abs(a - 3)", 0.05, 0.002, lambda a: abs(a - 3)),
+    "wave": ("cos(6*a)", 0.99, 0.01, lambda a: np.cos(6 * a)),
+    "pole": ("1/(a - 3)", 5, 0.1, lambda a: 1 / (a - 3)),
+    "root": ("sqrt(a - 3)", 0.2, 0.01, lambda a: np.sqrt(a - 3)),
+    "logarithm": ("log10(a - 3)", -1, 0.01, lambda a: np.log10(a - 3)),
+    "square": ("(a - 3)**2", 0.01, 0.001, lambda a: (a - 3) ** 2),
+    "larger": ("max(a, 7 - a)", 3.51, 0.002, lambda a: np.maximum(a, 7 - a)),
+}
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", THIN)
+def test_thin_shells_of_what_turns_are_seen(name, precision):
+    text, center, sigma, function = THIN[name]
+    volume = vm.Volume(COLUMN, a=RISING)
+    image = vm.render(
+        volume, vm.Gaussian(text, center, sigma, 1, 0, 1.0), DOWN, precision=precision
+    )
+    exact = along(lambda a: shell(function(a), center, sigma))
+    assert image.intensity.item() == pytest.approx(exact, rel=2e-3)  # twice the tolerance
+    assert abs(image.intensity.item() - exact) <= image.error.item() + 1e-4 * exact  # the sum's
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_thin_coefficients_are_seen(precision):
+    volume = vm.Volume(COLUMN, a=RISING)
+    for text, function in (
+        ("exp(-0.5 * ((a - 5) / 0.01)**2)", lambda a: shell(a, 5, 0.01)),
+        ("where(abs(a - 5) < 0.01, 1, 0)", lambda a: abs(a - 5) < 0.01),
+    ):
+        image = vm.render(volume, vm.Coefficients(text, 0), DOWN, precision=precision)
+        exact = along(function)
+        assert abs(image.intensity.item() - exact) <= image.error.item() + 1e-3 * exact
+
+
+def test_both_sides_of_a_kink_are_surfaces():
+    volume = vm.Volume(COLUMN, a=RISING)
+    for scheme in ({}, {"precision": "double"}):
+        image = vm.render(volume, vm.Isosurface("abs(a - 3)", 0.05, 1, 0.3), DOWN, **scheme)
+        assert image.intensity.item() == pytest.approx(0.51, abs=1e-6)  # 0.3 + 0.7 · 0.3
+
+
+def noise():
+    rng = np.random.default_rng(0)
+    a, b = 10 ** rng.normal(0, 0.5, (2, *NOISE.shape))
+    u, w = rng.uniform(0.1, 10, NOISE.shape), rng.uniform(-1, 1, NOISE.shape)
+    return vm.Volume(NOISE, a=a, b=b, u=u, w=w)
+
+
+MEDIA = {
+    "wave": vm.Gaussian("cos(6*u)", 0.99, 0.01, 1, 0.3, 0.01),
+    "square": vm.Gaussian("w*w", 0.0, 1e-3, 1, 0.3, 1e-2),
+    "product": vm.Gaussian("a*b", 2.0, 0.01, 1, 0.3, 0.01),
+    "larger": vm.Gaussian("max(a, b)", 2.0, 0.01, 1, 0.3, 0.01),
+    "radius": vm.Gaussian("r", 0.8, 6e-4, 1, 0.3, 6e-4),
+    "field": vm.Gaussian("u", 5, 0.05, 1, 0.3, 0.1),
+    "surfaces": vm.Isosurface("a*b", 2.0, 1, 0.3),
+    "thick surface": vm.Isosurface("a*b", 2.0, 1, 0.3, width=0.01),
+    "by the gradient": vm.Isosurface("u", 3.3, 1, 0.3, density="gradient"),
+    "coloured": vm.Gaussian(
+        "a", 2, 1, vm.ColorBy("cos(20*u)", "inferno", vmin=0.9, vmax=1.0), 0.3, 1.0
+    ),
+    "table": vm.Table("u*b", [0, 4.9, 5, 5.1], [[0], [0], [1], [0]], [0, 0, 1, 0], 0.1),
+}
+
+
+@pytest.mark.parametrize("name", MEDIA)
+def test_errors_are_honest_on_noise(name):
+    """Bounds are certain: 99 % of pixels are as near to them as they say."""
+    volume, medium = noise(), MEDIA[name]
+    image = vm.render(volume, medium, OBLIQUE)
+    sure = vm.render(volume, medium, OBLIQUE, tolerance=1e-4, precision="double", bounds=64)
+    off = np.maximum(image.intensity - sure.upper, sure.lower - image.intensity).max(axis=-1)
+    assert np.mean(off > image.error) <= 0.01
+    brightest = image.intensity.max()
+    assert np.mean(off > 2e-3 * brightest) <= 0.001  # twice the tolerance
+
+
+def test_errors_of_tails_fall_with_the_tolerance():
+    """A quadratic in the tail of a shell: panels and halves must not agree by accident."""
+    grid = vm.CartesianGrid([0, 1, 2], [0, 1, 2], [0, 1.0])
+    camera = vm.Orthographic.looking((1, 1, 0), width=0.01, resolution=1)
+    u = (np.arange(10**5) + 0.5) / 1e5
+    for a0, middle, a1 in ((-3.0, -5.0, -8.0), (-2.0, -5.0, -9.0)):
+        side = 2 * middle - (a0 + a1) / 2
+        volume = vm.Volume(grid, a=np.array([[a0, side], [side, a1]])[:, :, None])
+        x = a0 * (1 - u) ** 2 + 2 * side * u * (1 - u) + a1 * u * u
+        ends = 0.5 * (shell(a0, 0, 1) + shell(a1, 0, 1))
+        exact = 2**0.5 * (shell(x, 0, 1).mean() + ends)
+        for tolerance in (1e-1, 1e-3, 1e-5):
+            image = vm.render(
+                volume,
+                vm.Gaussian("a", 0, 1, 1, 0, 1.0),
+                camera,
+                tolerance=tolerance,
+                precision="double",
+            )
+            assert abs(image.intensity.item() - exact) < min(tolerance, 3e-3) * exact
+
+
+def test_surfaces_close_together_keep_the_tolerance_in_single_precision():
+    grid = vm.CartesianGrid.uniform(12, (-1, 1))
+    volume = vm.Volume(grid, a=np.random.default_rng(3).uniform(1, 9, grid.shape))
+    for medium in (
+        vm.Isosurface("a", levels=[3, 3.001, 3.002], color="plasma", opacity=0.3),
+        vm.Rectangle("a", 3, 2, 1, 0.3, 1, where="4.99 < a < 5.01"),
+    ):
+        image = vm.render(volume, medium, OBLIQUE)
+        exact = vm.render(volume, medium, OBLIQUE, tolerance=1e-6, precision="double")
+        off = np.abs(image.intensity - exact.intensity)
+        assert off.max() < 1e-3 * exact.intensity.max()
+        assert image.error.max() < 2e-3 * exact.intensity.max()
+
+
+def test_shades_are_those_of_where_a_surface_is_passed():
+    volume = noise()
+    medium = vm.Isosurface("u", 5.0, "orange", 0.6, shading=0.8)
+    image = vm.render(volume, medium, OBLIQUE, precision="double")
+    exact = vm.render(volume, medium, OBLIQUE, tolerance=1e-6, precision="double")
+    assert np.abs(image.intensity - exact.intensity).max() < 1e-3 * exact.intensity.max()
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_surfaces_of_several_fields_without_error_control(precision):
+    image = vm.render(
+        noise(),
+        vm.Isosurface("a - 0.2*z", 2.0, 1, 0.5),
+        OBLIQUE,
+        tolerance=None,
+        precision=precision,
+    )
+    assert image.intensity.max() > 0.5
