@@ -8,6 +8,7 @@ lower and upper emissions and transparencies, which compose like others.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,20 +57,21 @@ class Bracket:
         self.budget, self.signed = budget, signed
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry how much of what is emitted may be seen."""
-        return [source.backend.Float(1)]
+        """Carry how much of what is emitted may be seen, and where fields are (not known yet)."""
+        return [source.backend.Float(1), *source.unknown()]
 
     def leapt(
         self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
-        """Carry the same over empty space."""
-        return carried
+        """Forget where fields were beyond empty space."""
+        seen, *before = carried
+        return [seen, *(dr.select(moved, math.nan, value) for value in before)]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Solution, list[Any]]:
         """Return the bounds of one segment; see `schemes.contract.Scheme`."""
-        (seen,) = carried
+        seen, *before = carried
         real = source.backend.Float
         cubics = source.cubics(walk.chord(track, segment), segment.active)
         budget = dr.opaque(real, self.budget)
@@ -86,7 +88,7 @@ class Bracket:
             end = state.begin + state.width
             # The budget is spent evenly along the segment, but for a share where it is needed most.
             good |= tried >= budget * (_SHARE + (1.0 - _SHARE) * end)
-            good |= state.width <= _NARROWEST
+            good |= (state.width <= _NARROWEST) | (state.begin < 0.0)
             begin = dr.select(good, end, state.begin)
             width = dr.select(good, 2.0 * state.width, 0.5 * state.width)
             width = dr.select(width < 1.0 - begin, width, 1.0 - begin)
@@ -95,10 +97,16 @@ class Bracket:
 
         count = source.numbers.emissions
         nothing = empty_path(real, count, count)
-        begin = dr.select(segment.active, real(0), 1)
+        # A jump to where the segment begins is a panel of its own, before it.
+        begin = dr.select(source.jumps(cubics, before), real(-1), 0)
+        begin = dr.select(segment.active, begin, 1)
         state = Progress(begin, real(1), real(0), nothing)
         (state,) = dr.while_loop((state,), going_on, step, label="bracket")
-        return state.path, [seen * most(state.path.transparency)]
+        after = [
+            dr.select(segment.active, there, here)
+            for there, here in zip(source.ends(cubics), before, strict=True)
+        ]
+        return state.path, [seen * most(state.path.transparency), *after]
 
     def _bounded(self, parts: Any) -> tuple[Path, tuple[Any, Any]]:
         """Return a panel's path, and how wide its brackets are."""

@@ -77,7 +77,10 @@ class OnePanel:
             true_fn=functools.partial(_visible, source, chord, corners),
             false_fn=functools.partial(_invisible, source),
         )
-        return path, [ends[1] for ends in known]
+        return path, [
+            dr.select(segment.active, ends[1], before)
+            for ends, before in zip(known, carried, strict=True)
+        ]
 
 
 def _straight(source: Any, chord: Any, corners: Any, length: Any) -> Any:

@@ -82,7 +82,11 @@ class PostClassified:
         )
         if not backward:
             seen_through = seen_through * most(path.transparency)
-        return path, [*(values[-1] for values in known), seen_through]
+        after = [
+            dr.select(segment.active, values[-1], before)
+            for values, before in zip(known, scalars, strict=True)
+        ]
+        return path, [*after, seen_through]
 
 
 def _invisible(cubics: Any, known: Any, length: Any, seen_through: Any, nothing: Path) -> Path:

@@ -7,7 +7,7 @@ the closest approach, distances there are small too, and nothing cancels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ...backend import dr
@@ -15,6 +15,8 @@ from ..axes import NEVER
 
 # Slower than this (per unit of distance), a ray runs parallel to an axis or a plane.
 PARALLEL = 1e-15
+# What passes the centre or the axis within so many ε of the distance of a ray's origin, meets it.
+ROUNDING = 32.0
 
 
 @dataclass
@@ -31,6 +33,8 @@ class Approach:
         The t at which rays enter and leave the surface around everything.
     hits : array of Bool
         Lanes that do.
+    passage : Passage
+        Where they pass the axis.
     """
 
     point: list[Any]
@@ -39,6 +43,7 @@ class Approach:
     arrive: Any
     leave: Any
     hits: Any
+    passage: Any = field(init=False)
 
 
 @dataclass
@@ -75,7 +80,8 @@ def approach_centre(origin: list[Any], direction: list[Any], outer: Any) -> Cent
     square = dot(point, point)
     radius = dr.sqrt(square)
     # What is left of a point that was rounding along the ray has no direction.
-    central = (square <= 1e-4 * dot(near, near)) | (radius < 1e-30)
+    rounding = (ROUNDING * dr.epsilon(type(radius))) ** 2 * dot(origin, origin)
+    central = (square <= 1e-4 * dot(near, near)) | (square <= rounding) | (radius < 1e-30)
     radius = dr.select(central, 0.0, radius)
     inverse = 1.0 / dr.select(central, 1.0, radius)
     across = _horizontal_normal(direction)

@@ -5,9 +5,10 @@ A wall is two numbers (c, v). The distance at which a ray meets it is a quotient
     t = (n0 + n1 c + n2 s)/(d0 + d1 c + d2 s),
 
 where s is v itself for planes, and ``∓ sqrt(v - offset)`` for surfaces that a ray meets twice,
-before and after its turning point. The coefficients belong to a ray and a family of walls. So a
-walk computes ONE crossing per step, that of the family which was crossed: with three it would fetch
-three walls from memory, which takes longer than all the rest.
+before and after its turning point. Half planes count t from where the ray passes the axis. The
+coefficients belong to a ray and a family of walls. So a walk computes ONE crossing per step, that
+of the family which was crossed: with three it would fetch three walls from memory, which takes
+longer than all the rest.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ class Lines:
         beginning, if met before the turning point, or beyond its end.
     straight : array of Bool or None
         Lanes where s is v although there are offsets, for a choice among families.
+    start : array or None
+        The distance from which t counts; zero where it is None.
     """
 
     top: Form
@@ -45,6 +48,7 @@ class Lines:
     offset: Form | None = None
     least: Any = 0.0
     straight: Any = None
+    start: Any = None
 
 
 def meet(lines: Lines, wall: Sequence[Any], inward: Any) -> Any:
@@ -54,6 +58,7 @@ def meet(lines: Lines, wall: Sequence[Any], inward: Any) -> Any:
     bottom = _linear(lines.bottom, c, s)
     met = bottom > lines.least
     t = _linear(lines.top, c, s) / dr.select(met, bottom, 1.0)
+    t = t if lines.start is None else t + lines.start
     return dr.select(met, t, dr.select(inward, -NEVER, type(v)(NEVER)))
 
 
@@ -100,6 +105,7 @@ def choose(through: list[Any], families: list[Lines], zero: Any) -> Lines:
         offset,
         pick(through, [lines.least for lines in families], zero),
         straight,
+        pick(through, [lines.start for lines in families], zero),
     )
 
 

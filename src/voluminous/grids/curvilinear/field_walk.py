@@ -118,7 +118,9 @@ class CurvilinearChord:
 
     def distance(self, s: Any) -> Any:
         """Return how far along the ray a place of the segment is, s from 0 to 1."""
-        end = self.segment.end + self.track.arrive
+        end = self.segment.exit.t
+        # With all digits near the axis; what is added is zero but for parts of segments.
+        end = end + (self.segment.end - (end - self.track.arrive))
         return dr.fma(s - 1.0, self.segment.length, end)
 
     def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
@@ -126,8 +128,12 @@ class CurvilinearChord:
         return self.walk.place(self._index, point, own)
 
     def point(self, s: Any) -> list[Any]:
-        """Return a point of the segment, from the centre, in units of the scale."""
-        return self.walk.point(self.track, self.distance(s))
+        """Return a point of the segment, from the centre, in units of the scale.
+
+        Where one of its ends is on the axis or in the centre, a point next to that.
+        """
+        passage, end = self.track.passage, self.segment.exit.t
+        return self.walk.point(self.track, *passage.beside(self.distance(s), end))
 
     def _place(self, s: float) -> list[Any]:
         return self.place(self.point(s))

@@ -12,11 +12,13 @@ segments.
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...backend import dr
+from ..contract import Segment
 from .approach import dot
 from .order import lesser
 
@@ -36,6 +38,15 @@ class Smoothed:
     """A walk whose segments end where its `smooth` says."""
 
     smooth: Smooth
+
+    def next(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
+        """Return the segment through the present cell, and the cursor in the next one.
+
+        On the axis rays meet half planes all at once: there is nothing in cells between these.
+        """
+        walk: Any = super()
+        segment, there = walk.next(track, cursor)
+        return replace(segment, active=segment.active & (segment.length > 0.0)), there
 
     def kept_to(self, error: float) -> Any:
         """Return the same walk where fields may be off by less than a part of their range."""
@@ -85,22 +96,31 @@ class Smooth:
             # Distances count from the closest approach.
             nearest = dr.sqrt(dot(track.point, track.point))
             most = lesser(most, self._longest(nearest, begin))
-        short = begin + most < end
-        return dr.select(short, begin + most, end), short
+        stop = self._on_axis(track, begin, begin + most)
+        short = stop < end
+        return dr.select(short, stop, end), short
+
+    def _on_axis(self, track: Any, begin: Any, end: Any) -> Any:
+        """Return where a segment ends that may not go on beyond the axis."""
+        turn = track.passage.turn
+        return dr.select(track.passage.meets & (begin < turn) & (turn < end), turn, end)
 
     def _near_axis(self, track: Any, begin: Any) -> Any:
         """Return how long segments may be for the distance from the axis."""
-        (x, y, _), (dx, dy, _) = track.point, track.direction
+        (x, y), (dx, dy, _) = track.passage.foot, track.direction
         speed = dr.sqrt(dr.fma(dx, dx, dy * dy))
         parallel = speed < _PARALLEL
         inverse = 1.0 / dr.select(parallel, 1.0, speed)
-        nearest = dr.abs(dr.fma(x, dy, -y * dx)) * inverse
-        away = dr.fma(begin, speed, dr.fma(x, dx, y * dy) * inverse)
+        nearest, away = dr.sqrt(dr.fma(x, x, y * y)), (begin - track.passage.turn) * speed
         longest = self._longest(nearest, away) * inverse
         return dr.select(parallel, dr.inf, longest)
 
     def _longest(self, nearest: Any, away: Any) -> Any:
-        """Return how long segments may be that begin so far behind the closest approach."""
+        """Return how long segments may be that begin so far behind the closest approach.
+
+        Where it is an axis that the ray meets they are next to nothing: a scheme to which a field
+        jumps there sees the jump, and none of what the field does on the segment.
+        """
         # On the way there a segment's end is nearest, behind it its beginning is.
         own = dr.select(away < 0.0, -away / (1.0 + self.part), away)
         own = dr.select(own > nearest, own, nearest)

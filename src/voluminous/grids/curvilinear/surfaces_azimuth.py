@@ -21,22 +21,25 @@ _PARALLEL = 64
 
 @dataclass
 class HalfPlaneTrack:
-    """Point and direction of a ray across the axis, mirrored so that azimuth increases.
+    """Where a ray passes the axis, and its direction across it, mirrored so that azimuth increases.
 
-    Half planes that it nears more slowly than `slowest` (per distance from the axis) are parallel.
+    Distances count from there, from `turn`. Half planes that it nears more slowly than `slowest`
+    (per distance from the axis) are parallel.
     """
 
     x: Any
     y: Any
     dx: Any
     dy: Any
+    turn: Any
     slowest: Any
 
 
 class HalfPlanes(Running):
     """Half planes of constant azimuth; the last cell, or an empty wedge, joins up with the first.
 
-    With w the unit vector in a half plane and n normal to it, ``t = -n·P/n·d``; in the sense in
+    With w the unit vector in a half plane and n normal to it, ``t = -n·P/n·d``, counted from the
+    point P where the ray passes the axis: on the axis itself all are met at t = 0. In the sense in
     which azimuth increases a ray meets the half plane, not its other half, if ``n·d > 0``.
 
     A ray could meet all walls of a wedge, or all but those of a wide cell, and would come to the
@@ -77,7 +80,7 @@ class HalfPlanes(Running):
         From there to where it goes to, a ray meets all half planes of half a circle.
         """
         Float, Int = self.backend.Float, self.backend.Int
-        (x, y, _), (dx, dy, _) = approach.point, approach.direction
+        (x, y), (dx, dy, _) = approach.passage.foot, approach.direction
         # A ray parallel to the axis stays where it is.
         parallel = dr.fma(dx, dx, dy * dy) < PARALLEL**2
         dx, dy = dr.select(parallel, 0.0, dx), dr.select(parallel, 0.0, dy)
@@ -95,7 +98,10 @@ class HalfPlanes(Running):
         )
         sign = dr.select(down, Float(-1), 1)
         slowest = Float(self.rounding * dr.sqrt(dr.fma(dx, dx, dy * dy)))
-        surface = HalfPlaneTrack(Float(x), Float(y) * sign, Float(dx), Float(dy) * sign, slowest)
+        turn = Float(approach.passage.turn)
+        surface = HalfPlaneTrack(
+            Float(x), Float(y) * sign, Float(dx), Float(dy) * sign, turn, slowest
+        )
         start = self.first + dr.select(down, self.mirrored_start, 0)
         slot = self._around(Int(first))
         c, s = self.wall_at(start + slot)
@@ -114,7 +120,8 @@ class HalfPlanes(Running):
 
     def place(self, surface: HalfPlaneTrack, t: Any) -> tuple[Any, Any]:
         """Return where rays are across the axis."""
-        return dr.fma(t, surface.dx, surface.x), dr.fma(t, surface.dy, surface.y)
+        away = t - surface.turn
+        return dr.fma(away, surface.dx, surface.x), dr.fma(away, surface.dy, surface.y)
 
     def is_ahead(self, surface: HalfPlaneTrack, wall: list[Any], here: Any) -> Any:
         """Return True for half planes that a ray has not met."""
@@ -125,7 +132,8 @@ class HalfPlanes(Running):
     def lines(self, surface: HalfPlaneTrack) -> Lines:
         """Return when rays meet the half planes."""
         top = (None, -surface.y, surface.x)
-        return Lines(top, (None, surface.dy, -surface.dx), least=surface.slowest)
+        bottom = (None, surface.dy, -surface.dx)
+        return Lines(top, bottom, least=surface.slowest, start=surface.turn)
 
     def cell(self, track: RunningTrack, count: Any) -> Any:
         """Return the number of the cell along this axis; the one after the last for the gap."""

@@ -20,6 +20,7 @@ from .corners import cell_corners, wall_corners
 from .crossing import choose, meet, pick
 from .gaps import GapCrossing, beyond
 from .order import later, lesser, nearest
+from .passage import Passage, pass_axis
 from .surfaces import ahead
 
 # Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
@@ -42,6 +43,8 @@ class Track:
         Rays may end inside a cell.
     entry : array
         From the ray's origin to where it enters the domain.
+    passage : Passage
+        Where it passes the axis.
     """
 
     axes: list[Any]
@@ -51,6 +54,7 @@ class Track:
     leave: Any
     bounded: bool
     entry: Any
+    passage: Passage
 
 
 @dataclass
@@ -126,7 +130,8 @@ class CurvilinearWalk(GapCrossing):
     def enter(self, ray: Ray) -> tuple[Track, Cursor]:
         """Return the track and the cursor at the point where each ray enters the first cell."""
         Float = self.backend.Float
-        approach = self.approach([o * self.to_scale for o in ray.origin], list(ray.direction))
+        origin = [o * self.to_scale for o in ray.origin]
+        approach = self.approach(origin, list(ray.direction))
         begin, end = approach.arrive, approach.leave
         if ray.first is not None:
             begin = dr.maximum(begin, dr.fma(ray.first, self.to_scale, -approach.way))
@@ -135,6 +140,7 @@ class CurvilinearWalk(GapCrossing):
         inside = approach.hits & (begin < end)
         if ray.active is not None:
             inside &= ray.active
+        approach.passage = pass_axis(approach, origin, begin, end)
         tracks = [family.track(approach) for family in self.families]
         point, direction = ([Float(c) for c in v] for v in (approach.point, approach.direction))
         ends = [f.leave(a) for f, a in zip(self.families, tracks, strict=True) if f.encloses]
@@ -143,7 +149,8 @@ class CurvilinearWalk(GapCrossing):
         bounded = ray.last is not None
         leave = lesser(leave, Float(end)) if bounded else leave
         entry = approach.way + approach.arrive
-        track = Track(tracks, point, direction, Float(approach.arrive), leave, bounded, entry)
+        arrive, passage = Float(approach.arrive), approach.passage.narrow(Float)
+        track = Track(tracks, point, direction, arrive, leave, bounded, entry, passage)
         t = Float(dr.select(inside, begin, 0.0))
         count = [f.enter(a, t) for f, a in zip(self.families, tracks, strict=True)]
         return track, self._standing(track, count, t, inside & (t < track.leave))
@@ -232,6 +239,12 @@ class CurvilinearWalk(GapCrossing):
                 number = dr.select(inside, -1, number)
         return number
 
-    def point(self, track: Track, t: Any) -> list[Any]:
-        """Return where rays are at a distance, from the centre, in units of the scale."""
-        return [dr.fma(t, d, p) for p, d in zip(track.point, track.direction, strict=True)]
+    def point(self, track: Track, t: Any, away: Any = None) -> list[Any]:
+        """Return where rays are at a distance, from the centre, in units of the scale.
+
+        How far that is from where they pass the axis may be known better (`Passage.beside`).
+        """
+        away = t - track.passage.turn if away is None else away
+        *across, dz = track.direction
+        x, y = (dr.fma(away, d, f) for f, d in zip(track.passage.foot, across, strict=True))
+        return [x, y, dr.fma(t, dz, track.point[2])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ...backend import dr
 from ...expressions.interval import Interval
-from ...expressions.traced_interval import extremes
+from ...expressions.traced_interval import TracedInterval, extremes
 from ...geometry import CARTESIAN
 from ...media.bounds import RangeContext
 from ...media.contract import Medium
@@ -120,15 +121,50 @@ class Bracketed:
             cubic, slack, dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
         )
 
+    def unknown(self) -> list[Any]:
+        """Return in place of `ends` what stands for: not known."""
+        count = 2 * len(self.lattices) if self.curved else 0
+        return [self.backend.Float(math.nan) for _ in range(count)]
+
+    def ends(self, cubics: dict[str, Any]) -> list[Any]:
+        """Return between what the fields are at a segment's end, if they may jump there."""
+        found = [field.end(1.0) for field in _curved(cubics)]
+        return [end for value in found for end in (value.lo, value.hi)]
+
+    def jumps(self, cubics: dict[str, Any], before: list[Any]) -> Any:
+        """Return where fields jump to a segment's beginning, from where they were `before`.
+
+        They do on the axis of a curvilinear grid: azimuth is another one on the other side.
+        """
+        found = self.backend.Bool(False)
+        ends = zip(before[::2], before[1::2], strict=True)
+        for field, (low, high) in zip(_curved(cubics), ends, strict=True):
+            field.before, start = TracedInterval(low, high), field.end(0.0)
+            found |= (field.before.hi < start.lo) | (start.hi < field.before.lo)
+        return found
+
     def courses(self, cubics: dict[str, Any], length: Any, begin: Any, width: Any) -> Courses:
-        """Return how all scalars run along a panel of a segment."""
+        """Return how all scalars run along a panel of a segment.
+
+        One that begins before the segment is the jump to it, which has no length.
+        """
+        if self.curved:
+            jump = begin < 0.0
+            begin, width = dr.select(jump, 0.0, begin), dr.select(jump, 0.0, width)
         pieces = {name: field.piece(begin, width) for name, field in cubics.items()}
+        for name, field in cubics.items():
+            if isinstance(field, CurvedField):
+                pieces[name] = pieces[name].after(field.before, jump)
         return Courses(pieces, length * width * self.scale, self.context)
 
     def parts(self, courses: Courses) -> Any:
         """Return what is certain of the medium's parts on a panel."""
         self.context.courses = courses
         return self.medium.on_panel(courses, self.context)
+
+
+def _curved(fields: dict[str, Any]) -> list[CurvedField]:
+    return [field for field in fields.values() if isinstance(field, CurvedField)]
 
 
 def _not_negative(part: Medium, volume: Any, ranges: dict[str, Interval]) -> bool:

@@ -17,10 +17,13 @@ from ...expressions.traced_interval import TracedInterval, extremes
 from ...expressions.traced_jet import Derivative, TracedJet
 from ...expressions.traced_jet_ops import TracedJetOps
 from ...expressions.traced_rounding import lowered, raised
+from ...grids.curvilinear.edges import FULL_CIRCLE
 
 _EPS = float(np.finfo(np.float64).eps)
 # What a point of a ray, and the derivatives of fields, lose by rounding, in ε.
 _LOSS = 16.0
+# Rounding puts points above their wall below it by less (as `grids.curvilinear.arithmetic` has it).
+_BELOW = -1e-3
 
 
 class JetArithmetic:
@@ -69,8 +72,17 @@ class JetArithmetic:
         return TracedJet(TracedInterval(low, high), _sure(found.first), _sure(found.second))
 
     def upward(self, angle: TracedJet) -> TracedJet:
-        """Return an angle from a wall as it is: cells between centres span half a turn at most."""
-        return angle
+        """Return an angle from a wall, from 0 to 2π but for rounding.
+
+        Half a turn from the wall it goes over to -π: a point there, on the upper wall of a cell of
+        that width, may be beyond by rounding, and an enclosure may hold what is on both sides.
+        """
+        value = angle.value
+        below, around = value.hi < _BELOW, (value.lo < _BELOW) & (value.hi > 3.0)
+        low = dr.select(below, value.lo + FULL_CIRCLE, value.lo)
+        high = dr.select(below, value.hi + FULL_CIRCLE, value.hi)
+        high = dr.select(around, FULL_CIRCLE, high)
+        return TracedJet(TracedInterval(low, high, value.nan), angle.first, angle.second)
 
     def multilinear(self, values: Any, place: list[Any]) -> TracedJet:
         """Return a field with given values[x][y][z] at the corners of the unit cube."""
@@ -96,6 +108,19 @@ class CurvedPiece:
         """Return values and derivatives over the panel."""
         return self.whole
 
+    def after(self, before: TracedInterval, jumps: Any) -> CurvedPiece:
+        """Return, for lanes that jump, how the field comes to this panel's beginning: straight."""
+        start, value = self.ends[0], self.whole.value
+        zero = TracedInterval.constant(type(value.lo)(0))
+        among = TracedInterval(*extremes([before.lo, before.hi, start.lo, start.hi]))
+        ends = [_either(jumps, before, start), _either(jumps, start, self.ends[1])]
+        whole = TracedJet(
+            _either(jumps, among, value),
+            _either(jumps, start - before, self.whole.first or zero),
+            _either(jumps, zero, self.whole.second or zero),
+        )
+        return CurvedPiece(ends, whole)
+
 
 class CurvedField:
     """A field along a segment.
@@ -120,14 +145,22 @@ class CurvedField:
         low, high = extremes(values)
         unknown = dr.isnan(sum(values[1:], values[0]))
         self.low, self.high = dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
+        self.before: TracedInterval | None = None  # where the segment before has ended
         self.slack = doubt * (high - low) + _LOSS * _EPS * (dr.abs(low) + dr.abs(high))
 
     def piece(self, begin: Any, width: Any) -> CurvedPiece:
         """Return the field on a panel of the segment."""
         first, last = self.chord.point(begin), self.chord.point(begin + width)
-        ends = [self._field([_point(p, p) for p in point]) for point in (first, last)]
+        ends = [self._value(point) for point in (first, last)]
         whole = self._field([_line(a, b) for a, b in zip(first, last, strict=True)])
-        return CurvedPiece([end.value for end in ends], whole)
+        return CurvedPiece(ends, whole)
+
+    def end(self, s: float) -> TracedInterval:
+        """Return the value at the segment's beginning (0) or end (1)."""
+        return self._value(self.chord.point(s))
+
+    def _value(self, point: list[Any]) -> TracedInterval:
+        return self._field([_point(p, p) for p in point]).value
 
     def _field(self, point: list[TracedJet]) -> TracedJet:
         place = self.chord.place(point, self.own)
@@ -151,6 +184,12 @@ def _line(a: Any, b: Any) -> TracedJet:
     """Return a coordinate of a ray over a panel, along which it is linear."""
     slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
     return TracedJet(_point(a, b).value, TracedInterval(b - a - slack, b - a + slack))
+
+
+def _either(mask: Any, a: TracedInterval, b: TracedInterval) -> TracedInterval:
+    """Return one interval where a condition holds, another elsewhere."""
+    pairs = ((a.lo, b.lo), (a.hi, b.hi), (a.nan, b.nan))
+    return TracedInterval(*(dr.select(mask, *pair) for pair in pairs))
 
 
 def _sure(derivative: Derivative) -> Derivative:
