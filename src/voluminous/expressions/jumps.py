@@ -29,6 +29,11 @@ class Margin:
     left: Node
     right: Node
 
+    @property
+    def smooth(self) -> bool:
+        """Whether both sides are."""
+        return is_smooth(self.left) and is_smooth(self.right)
+
     def kind(self, curved: Collection[str] = ()) -> Kind:
         """Return what is known of the difference; see `Expression.kind`."""
         return kind_of(Call("subtract", (self.left, self.right)), curved)

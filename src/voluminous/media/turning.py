@@ -66,24 +66,15 @@ def _kind(expr: Expression | Margin, context: Context) -> Kind:
 
 
 def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
-    """Return where a sum of fields is, or what grows or falls with one.
-
-    Derivatives are those of a cubic with these control points: differences of them bound the second
-    (Farin 2002, section 5.3), and half of that is how far the first departs from its mean.
-    """
+    """Return where a sum of fields is, or what grows or falls with one."""
     controls = stretch.controls(expr)
     low, high = extremes(controls)
-    b0, b1, b2, b3 = controls
-    rise, middle, last = b1 - b0, b2 - b1, b3 - b2
-    start, end = middle - rise, last - middle
-    bend = 3.0 * (dr.abs(start + end) + dr.abs(end - start))
-    slope = dr.fma(bend, 0.5, dr.abs(b3 - b0))
     apart = stretch.length * 0.0
     if _kind(expr, stretch.context) == Kind.MONOTONIC:
         partly = _partly([dr.isnan(b) for b in controls])
         low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
         apart = dr.select(partly, dr.inf, apart)
-    return Turning(low, high, apart, slope, bend)
+    return Turning(low, high, apart, *_of_cubic(controls))
 
 
 def _partly(missing: list[Any]) -> Any:
@@ -95,10 +86,31 @@ def _partly(missing: list[Any]) -> Any:
 
 
 def _by_ranges(stretch: Stretch, expr: Expression | Margin) -> Turning:
-    """Return where any expression is, from the ranges of fields alone: a third of the work."""
+    """Return where any expression is, from the ranges of fields alone: a third of the work.
+
+    What has no waves, kinks or jumps goes about as a cubic through its values does, unless it may
+    go further.
+    """
     found = within(stretch, expr)
     apart = found.hi - found.lo
-    return Turning(found.lo, found.hi, apart, apart * dr.inf, apart * dr.inf)
+    slope, bend = _of_cubic(stretch.controls(expr))
+    slope = larger(slope, apart)
+    if not expr.smooth:
+        slope = bend = apart + dr.inf
+    return Turning(found.lo, found.hi, apart, slope, bend)
+
+
+def _of_cubic(controls: list[Any]) -> tuple[Any, Any]:
+    """Return bounds of the first two derivatives of a cubic with these control points.
+
+    Differences of them bound the second (Farin 2002, section 5.3), and half of that is how far the
+    first departs from its mean.
+    """
+    b0, b1, b2, b3 = controls
+    rise, middle, last = b1 - b0, b2 - b1, b3 - b2
+    start, end = middle - rise, last - middle
+    bend = 3.0 * (dr.abs(start + end) + dr.abs(end - start))
+    return dr.fma(bend, 0.5, dr.abs(b3 - b0)), bend
 
 
 def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:

@@ -23,6 +23,7 @@ from .smooth_segment import smooth_segment
 # Panels are not made narrower than this fraction of a segment. With 2^-8 in single precision, three
 # surfaces of noise in a 500th of a cell were off by 0.1 of the maximum, in more time.
 _NARROWEST = 2.0**-14
+# At jumps of gates it takes 1.3 times as long, but 4 to 28 % of pixels were beyond what they said.
 
 
 @dataclass
@@ -103,7 +104,7 @@ def _visible(
     nothing: Path,
 ) -> Path:
     """Return a segment solved at once, or in panels where that is not good enough."""
-    whole = _stretch(source, cubics, known, length)
+    whole = _stretch(source, cubics, known, length, rough=source.smooth)
     if source.smooth:
         found, good = smooth_segment(source, whole, seen_through, backward)
         widest = 1.0
@@ -119,9 +120,9 @@ def _visible(
     )
 
 
-def _stretch(source: Any, cubics: Any, known: Any, length: Any) -> Any:
+def _stretch(source: Any, cubics: Any, known: Any, length: Any, *, rough: bool = False) -> Any:
     """Return a segment's stretch with what was computed of it outside of a branch."""
-    whole = source.stretch(cubics, length)
+    whole = source.stretch(cubics, length, rough=rough)
     for expr, values in zip(source.scalars, known, strict=True):
         whole.set_known(expr, values)
     return whole
