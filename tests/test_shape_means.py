@@ -66,6 +66,22 @@ def test_mean_of_a_gaussian(precision):
     assert (found >= 0).all()
 
 
+def test_tails_of_a_gaussian_have_all_digits(precision):
+    first, last = panels(precision)
+    exact = np.array([exact_gaussian(a, b) for a, b in zip(first, last, strict=True)])
+    known = exact > {"single": 1e-33, "double": 1e-290}[precision]
+    found = computed(gaussian_mean, precision, first, last)
+    np.testing.assert_allclose(found[known], exact[known], rtol=GAUSSIAN[precision])
+
+
+def test_means_near_the_peak_need_no_tails():
+    first, last = panels("single")
+    exact = np.array([exact_gaussian(a, b) for a, b in zip(first, last, strict=True)])
+    found = computed(lambda a, b: gaussian_mean(a, b, 1e-6), "single", first, last)
+    wide = np.maximum(1.0, 0.5 * np.abs(last.astype(float) - first))
+    assert (np.abs(found - exact) * wide).max() < GAUSSIAN["single"]
+
+
 def test_mean_of_a_gaussian_in_two_halves_is_that_of_the_whole(precision):
     first, last = panels(precision)
     middle = (0.5 * (first.astype(float) + last)).astype(first.dtype)

@@ -15,7 +15,8 @@ from ..backend import dr, from_host
 from ..backend.functions import first_true, unit_interval
 from ..geometry import is_uniform
 
-# Later than any crossing: when a ray that runs parallel to a wall meets it.
+# Later than any crossing, in units of the grid's scale: when a ray that runs parallel to a wall
+# meets it.
 NEVER = 1e30
 # Slower than this (walls per cell width), a ray runs parallel to the walls.
 _PARALLEL = 1e-20

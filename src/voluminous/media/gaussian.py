@@ -74,9 +74,9 @@ class Gaussian(SampledShaped):
         scaled = offset / width
         return ops.exp(-0.5 * (scaled * scaled))
 
-    def mean_shape(self, first: Any, last: Any) -> Any:
+    def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
         """Return the mean of a Gaussian between two distances, in σ."""
-        return gaussian_mean(first, last)
+        return gaussian_mean(first, last, faint)
 
     def sample(self, offset: Any) -> Any:
         """Return exp(-offset²/2)."""

@@ -56,7 +56,7 @@ class Rectangle(SampledShaped):
         box = ops.number(abs(offset) <= width)
         return ops.where(offset == offset, box, offset)
 
-    def mean_shape(self, first: Any, last: Any) -> Any:
+    def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
         """Return which part of the way is within the half width."""
         return box_mean(first, last)
 

@@ -6,6 +6,7 @@ and of `opacity` for the extinction: seen through one path length of its peak, i
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -126,7 +127,7 @@ class Shaped(Medium):
         key = (id(self), "mean", panel.first, panel.last)
         if isinstance(panel.stretch, Straight):
             return kept(panel.stretch, key, lambda: self._mean_where_seen(*ends, context))
-        return kept(panel.stretch, key, lambda: self.mean_shape(*ends))
+        return kept(panel.stretch, key, lambda: self.mean_shape(*ends, context.faint))
 
     def _mean_where_seen(self, first: Any, last: Any, context: Context) -> Any:
         """Return the mean of the shape; zero where it is neglected.
@@ -136,7 +137,7 @@ class Shaped(Medium):
         return dr.if_stmt(
             args=(first, last),
             cond=self._seen(*extremes((first, last)), context),
-            true_fn=self.mean_shape,
+            true_fn=functools.partial(self.mean_shape, faint=context.faint),
             false_fn=_nothing,
         )
 
@@ -170,8 +171,11 @@ class Shaped(Medium):
         center, narrowness, _ = self._kept(context)
         return [context.narrow(x - center) * narrowness for x in values]
 
-    def mean_shape(self, first: Any, last: Any) -> Any:
-        """Return the mean of the shape between two distances from the centre, in widths."""
+    def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
+        """Return the mean of the shape between two distances from the centre, in widths.
+
+        Below `faint`, as a fraction of the peak, it does not matter.
+        """
         raise NotImplementedError
 
     def middle(self, first: Any, last: Any, mean: Any) -> Middle:

@@ -18,6 +18,7 @@ from ..objects.values import MANY
 from ..units import unit_name
 from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
+from .coefficients.numbers import before
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
@@ -64,7 +65,8 @@ def render(
         Intensity behind everything.
     precision : {"single", "double"}
         Floating-point precision. Where single cannot tell the grid's cells apart, or cannot hold
-        what the medium is a function of (below 1e-30, above 1e30), double is taken.
+        what the medium is a function of (below 1e-30, above 1e30), or what rays gather (optical
+        depths above 1e12, less than 1e-22 of the colours), double is taken.
     device : {"auto", "cpu", "cuda", "metal"}
         Where to compute.
     order : {"front-to-back", "back-to-front"}
@@ -126,7 +128,7 @@ def render(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
-    _check_finite(planes)
+    _check_finite(job, planes)
     told = {"samples": samples, "order": order}
     if things:
         channels = channel_count(things, job)
@@ -147,12 +149,13 @@ def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     return medium, Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
 
 
-def _check_finite(planes: Planes) -> None:
+def _check_finite(job: Job, planes: Planes) -> None:
     if not np.all(np.isfinite(planes.emission)) or not np.all(np.isfinite(planes.depth)):
         raise InputError(
-            "the picture is not finite: the medium gives coefficients that are not, or a negative "
-            "extinction, in cells that rays visit; scheme='first-order' names the first of them, "
-            "and `volume.evaluate(...)` shows fields and expressions"
+            "the picture is not finite: the medium gives coefficients that are not, or too large "
+            f"for {job.backend.precision} precision, or a negative extinction, in cells that rays "
+            "visit; scheme='first-order' names the first of them, and `volume.evaluate(...)` shows "
+            "fields and expressions"
         )
 
 
@@ -161,7 +164,7 @@ def _image(
 ) -> Image:
     intensity = planes.emission
     if np.any(behind):
-        intensity = (intensity + planes.transparency * behind).astype(intensity.dtype)
+        intensity = before(behind, intensity, planes.transparency)
     lower, upper = bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     return Image(

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, get_backend
 from ..grids.contract import cells_across, has_blocks
 from ..volume import Volume
-from .coefficients.numbers import channels_last
+from .coefficients.digits import beyond_single_sums
+from .coefficients.numbers import channels_last, in_units_of
 from .options import DEFAULT_ERROR, walk_kinds
 from .rays.adaptive import refine
-from .rays.control import controlled, total_error
+from .rays.control import controlled, in_kernel_unit, total_error
 from .rays.drawing import Drawing
 from .rays.flux_conserving import FluxConserving
 from .rays.hidden import Hidden
@@ -131,6 +132,15 @@ class Job:
         return kind(self, self._source(faintest), brightest_background)
 
     def _source(self, faintest: bool = False) -> Any:
+        source = self._make_source(faintest)
+        single = self.backend.precision == "single"
+        if single and beyond_single_sums(source.numbers, source.bounds):
+            self.backend = get_backend(self.backend.device, "double")
+            self.__post_init__()  # the way rays are followed may be another now
+            source = self._make_source(faintest)
+        return source
+
+    def _make_source(self, faintest: bool) -> Any:
         return get_source(
             self.volume,
             self.medium,
@@ -176,8 +186,9 @@ class Job:
 
         error = None
         if paths.error:
-            error = source.numbers.unit * total_error(
-                paths, brightest_background / source.numbers.unit
+            unit = source.numbers.unit
+            error = in_units_of(
+                unit, total_error(paths, in_kernel_unit(brightest_background, unit))
             )
             error = error.reshape(ny, nx)
         emission = source.numbers.mix([row.reshape(ny, nx) for row in paths.emission])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ..axes import NEVER, Side
+from ..axes import Side
 from ..contract import Ray, Segment
 from ..straight_chord import StraightChord
 from .walk import CartesianWalk, Cursor, Track
@@ -85,7 +85,8 @@ class DualWalk(CartesianWalk):
     def _between_faces(self, ray: Ray) -> tuple[Any, Any]:
         """Return the distances at which rays enter and leave the domain; the wrong way if never."""
         Wide = self.backend.Wide
-        first, last = Wide(-NEVER), Wide(NEVER)
+        # These are in the volume's unit, where any number may be a length.
+        first, last = Wide(-dr.inf), Wide(dr.inf)
         for axis, origin, direction, (low, high) in zip(
             self.axes, ray.origin, ray.direction, self.faces, strict=True
         ):
@@ -94,9 +95,9 @@ class DualWalk(CartesianWalk):
             per_length = side.pace * axis.speed_unit
             arrive = dr.select(side.down, origin - high, low - origin) * per_length
             leave = dr.select(side.down, origin - low, high - origin) * per_length
-            never = dr.select(between, Wide(-NEVER), Wide(NEVER))
+            never = dr.select(between, Wide(-dr.inf), Wide(dr.inf))
             first = dr.maximum(first, dr.select(side.parallel, never, arrive))
-            last = dr.minimum(last, dr.select(side.parallel, Wide(NEVER), leave))
+            last = dr.minimum(last, dr.select(side.parallel, Wide(dr.inf), leave))
         return first, last
 
     def _start(

@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...geometry import is_uniform
 from ...units import is_quantity, parse_unit, plain, unit_name, unit_of
+from ..extent import check_extent
 from .cells import CartesianCells
 
 AXES = "xyz"
@@ -40,7 +41,8 @@ class CartesianGrid(CartesianCells):
     Raises
     ------
     InputError
-        If edges are not one-dimensional, fewer than two, not finite or not increasing.
+        If edges are not one-dimensional, fewer than two, not finite or not increasing, or the
+        domain is shorter than 1e-100 or reaches beyond 1e100.
     UnitsError
         If the axes' units cannot be converted into each other.
 
@@ -58,6 +60,7 @@ class CartesianGrid(CartesianCells):
         self.edges = tuple(
             _edges(values, self.unit, name) for values, name in zip((x, y, z), AXES, strict=True)
         )
+        check_extent(**dict(zip(AXES, self.edges, strict=True)))
         self._walks: dict[Any, Any] = {}
 
     @classmethod

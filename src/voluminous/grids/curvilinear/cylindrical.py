@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..extent import check_extent
 from ..points import plain_points
 from .edges import (
     angle_edges,
@@ -55,8 +56,8 @@ class CylindricalGrid(CurvilinearGrid):
     Raises
     ------
     InputError
-        If edges are not one-dimensional, fewer than two, not finite or not increasing; if a radius
-        is negative or φ wider than a circle.
+        If edges are not one-dimensional, fewer than two, not finite or not increasing; if lengths
+        are not within 1e-100 to 1e100, a radius is negative or φ wider than a circle.
     UnitsError
         If units cannot be converted.
 
@@ -80,6 +81,7 @@ class CylindricalGrid(CurvilinearGrid):
             azimuths(angle_edges(phi, "phi")),
             heights,
         )
+        check_extent(R=self.edges[0], z=heights)
         self._refine(refined)
 
     @classmethod

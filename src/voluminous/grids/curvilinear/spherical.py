@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..extent import check_extent
 from ..points import plain_points
 from .edges import (
     ANGLE_ROUNDING,
@@ -62,8 +63,9 @@ class SphericalGrid(CurvilinearGrid):
     Raises
     ------
     InputError
-        If edges are not one-dimensional, fewer than two, not finite or not increasing; if a radius
-        is negative, θ outside 0 … π, φ wider than a circle, or a mirror not at π/2.
+        If edges are not one-dimensional, fewer than two, not finite or not increasing; if lengths
+        are not within 1e-100 to 1e100, a radius is negative, θ outside 0 … π, φ wider than a
+        circle, or a mirror not at π/2.
     UnitsError
         If units cannot be converted.
 
@@ -96,6 +98,7 @@ class SphericalGrid(CurvilinearGrid):
             _polar_angles(angle_edges(theta, "theta"), self.mirror),
             azimuths(angle_edges(phi, "phi")),
         )
+        check_extent(r=self.edges[0])
         self._refine(refined)
 
     @classmethod

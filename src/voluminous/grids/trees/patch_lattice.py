@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..extent import check_extent
 from .inputs import as_array
 from .patch_cells import Patches
 
@@ -62,6 +63,7 @@ def lattice_of(lower: Any, upper: Any, shape: Any) -> Lattice:
     width = (upper - lower) / shape
     sizes, level = _levels(width)
     start, end = lower.min(axis=0), upper.max(axis=0)
+    check_extent(**{name: np.array([a, b]) for name, a, b in zip("xyz", start, end, strict=True)})
     finest = width[level == len(sizes) - 1][0]
     extent = np.round((end - start) / finest).astype(np.int64)
     finest = (end - start) / extent

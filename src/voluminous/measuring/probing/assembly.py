@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...media.bounds import RangeContext
+from ...rendering.coefficients.numbers import before
 from ...units import parse_unit, unit_name
 from .fields import in_cells, looked_at, on_the_ray, units_of
 from .follow import Followed, ProbeJob
@@ -107,7 +108,7 @@ def _ending(found: Followed, background: np.ndarray) -> dict[str, np.ndarray]:
     """Return the pixel as `render` makes it of what the march gathered."""
     emission = found.numbers.mix([np.asarray(v) for v in found.path.emission])
     through = np.stack(found.path.transparency)
-    total = (emission + through * background).astype(emission.dtype)
+    total = before(background, emission, through)
     depth = np.stack(found.path.depth)
     return {"intensity": total, "transparency": through, "optical_depth": depth}
 

@@ -21,6 +21,10 @@ _LOST, _LOST_OF_WIDTH = 1e-5, 0.01
 _LOST_OF_SPAN = 3e-5
 # Sizes that leave room in single precision for products with widths and lengths.
 _TINY, _HUGE = 1e-30, 1e30
+# Sums below 1e-27 count as zero: so much larger they have errors that do not.
+_TINY_SUM = 1e-22
+# Of such optical depths the inverse is left room as well, and the square.
+_DENSE = 1e12
 # The contrast of media of which nothing is told.
 _UNKNOWN = 10.0
 
@@ -52,7 +56,8 @@ def exactness(classifier: Classifier) -> Exactness:
     except NotImplementedError:
         return Exactness(False, _UNKNOWN)
     sample = _sample(classifier.volume, classifier.medium.names)
-    single, contrast = True, 1.0
+    # Coefficients are multiplied by the scale.
+    single, contrast = not _tiny_or_huge(np.array(classifier.grid.scale)), 1.0
     with np.errstate(all="ignore"):
         for expr, least in expressions:
             exact, rounded = (_values(expr, sample, kind) for kind in (np.float64, np.float32))
@@ -97,6 +102,23 @@ def beyond_single(volume: Any, medium: Any) -> bool:
     return False
 
 
+def beyond_single_sums(numbers: Any, bounds: list[float]) -> bool:
+    """Return True if what rays gather in a cell is out of reach for single precision.
+
+    Optical depths, and emission compared with the colours: where colours are of a path length that
+    is very short or very long, or only the tails of shells are there.
+
+    Parameters
+    ----------
+    numbers : Direct or Shapes
+        What is gathered.
+    bounds : list of float
+        Bounds of the numbers, as they are in kernels.
+    """
+    emission = np.array(bounds[: numbers.emissions])
+    return _tiny_or_huge(emission, _TINY_SUM) or bool(numbers.densest(bounds) > _DENSE)
+
+
 def _disturbed(values: np.ndarray) -> np.ndarray:
     """Return values up or down by what rounding to single precision may do to them."""
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=values.shape)
@@ -111,9 +133,9 @@ def _differs(exact: np.ndarray, off: np.ndarray, least: float) -> bool:
     return lost > _LOST_OF_SPAN * span > 0.0 or lost > _LOST_OF_WIDTH * least > 0.0
 
 
-def _tiny_or_huge(values: np.ndarray) -> bool:
+def _tiny_or_huge(values: np.ndarray, tiny: float = _TINY) -> bool:
     size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
-    return 0.0 < size < _TINY or size > _HUGE
+    return 0.0 < size < tiny or size > _HUGE
 
 
 def _sample(volume: Any, names: Any) -> dict[str, np.ndarray]:

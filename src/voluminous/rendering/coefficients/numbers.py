@@ -85,10 +85,9 @@ class Direct:
         return [*(own * j for j in found.emissivity), *found.extinction]
 
     def normalise(self, largest: list[float]) -> None:
-        """Choose the unit by bounds of the numbers, if they are far from one."""
+        """Choose the unit by bounds of the numbers; where they have none, by the colours."""
         most = self.brightest(largest)
-        if 0.0 < most < np.inf and not 2.0**-40 < most < 2.0**40:
-            self.unit = 2.0 ** float(np.clip(np.round(np.log2(most)), -900, 900))
+        self.unit = unit_near(most if most < np.inf else self._brightest_color())
 
     def in_units(self, largest: list[float]) -> list[float]:
         """Return bounds of the numbers as they are in kernels."""
@@ -105,11 +104,7 @@ class Direct:
 
     def mix(self, emission: list[np.ndarray]) -> np.ndarray:
         """Return the intensity (…, channel) from what the loop integrated."""
-        stacked = channels_last(emission)
-        if self.unit == 1.0:
-            return stacked
-        small = 2.0**-90 < self.unit < 2.0**90  # else single precision cannot hold the picture
-        return stacked * (stacked.dtype.type(self.unit) if small else np.float64(self.unit))
+        return in_units_of(self.unit, channels_last(emission))
 
     def densest(self, largest: list[Any]) -> Any:
         """Return a bound of the extinction, from the largest values; 0 if there is none."""
@@ -118,8 +113,11 @@ class Direct:
 
     def one_path(self) -> float:
         """Return how bright one path length of the brightest part is; zero where that has none."""
+        return self._brightest_color() / self.unit
+
+    def _brightest_color(self) -> float:
         colors = [abs(h) for part in self.medium.components() for h in getattr(part, "color", ())]
-        return max(colors, default=0.0) / self.unit
+        return max(colors, default=0.0)
 
     def one_depth(self) -> float:
         """Return the optical depth of one path length of the densest part."""
@@ -162,15 +160,18 @@ class Shapes:
     parts : tuple of Shaped
         The media added.
     color : float array, shape (channel, part)
-        Emission of each part in each channel.
+        Emission of each part in each channel, in the unit.
     opacity, peak : list
         Extinction of each part, and its emission in its brightest channel, as run-time numbers.
+    unit : float
+        The emission that counts as one in kernels, where brightnesses are compared.
     """
 
     parts: tuple[Any, ...]
     color: np.ndarray
     opacity: list[Any]
     peak: list[Any]
+    unit: float = 1.0
 
     @property
     def emissions(self) -> int:
@@ -178,7 +179,6 @@ class Shapes:
         return len(self.parts)
 
     extinctions = 1
-    unit = 1.0
 
     @property
     def count(self) -> int:
@@ -214,7 +214,7 @@ class Shapes:
         return [part.per_length(fields, context) for part in self.parts]
 
     def normalise(self, largest: list[float]) -> None:
-        """Do nothing: shapes are near one, and colours are mixed in afterwards."""
+        """Do nothing: shapes are near one, and colours have a unit already."""
 
     def in_units(self, largest: list[float]) -> list[float]:
         """Return bounds of the numbers as they are in kernels: the same."""
@@ -235,9 +235,8 @@ class Shapes:
         """Return the intensity (…, channel) from what the loop integrated."""
         color = self.color.astype(emission[0].dtype)
         first, *others = emission
-        return channels_last(
-            [sum(map(np.multiply, others, row[1:]), first * row[0]) for row in color]
-        )
+        mixed = [sum(map(np.multiply, others, row[1:]), first * row[0]) for row in color]
+        return in_units_of(self.unit, channels_last(mixed))
 
     def densest(self, largest: list[Any]) -> Any:
         """Return a bound of the extinction, from the largest values."""
@@ -274,6 +273,32 @@ class Shapes:
         return float(np.max(np.abs(self.color) @ np.asarray(largest)))
 
 
+def unit_near(size: float) -> float:
+    """Return a power of two near a size, so that no bits change; one where there is no size."""
+    if not 0.0 < size < np.inf:
+        return 1.0
+    return 2.0 ** float(np.clip(np.round(np.log2(size)), -1000, 1000))
+
+
+def fits_single(size: float) -> bool:
+    """Return True if single precision holds numbers of a size, and much smaller and larger ones."""
+    return size == 0.0 or 2.0**-90 < size < 2.0**90
+
+
+def in_units_of(unit: float, values: np.ndarray) -> np.ndarray:
+    """Return values times a unit: in double precision where single may not hold them."""
+    if unit == 1.0:
+        return values
+    return values * (values.dtype.type(unit) if fits_single(unit) else np.float64(unit))
+
+
+def before(background: np.ndarray, emission: np.ndarray, through: np.ndarray) -> np.ndarray:
+    """Return what is seen before a background, in double precision where single may not hold it."""
+    total: np.ndarray = emission + through * background
+    fits = fits_single(float(np.max(np.abs(background))))
+    return total.astype(emission.dtype) if fits else total
+
+
 def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
     """Return planes side by side along a last axis.
 
@@ -293,6 +318,9 @@ def plan_numbers(medium: Medium, scheme: Any, backend: Any) -> Direct | Shapes:
     mixed = len(parts) < len(medium.components())
     if mixed or not scheme.linear or len(parts) > medium.channels:
         return Direct(medium)
-    color = np.array([part.color for part in parts]).T
-    peak = [backend.opaque(max(map(abs, part.color))) for part in parts]
-    return Shapes(parts, color, [backend.opaque(part.opacity[0]) for part in parts], peak)
+    color = np.array([part.color for part in parts], dtype=np.float64).T
+    unit = unit_near(float(np.max(np.abs(color))))
+    color /= unit
+    peak = [backend.opaque(most) for most in np.max(np.abs(color), axis=0)]
+    opacity = [backend.opaque(part.opacity[0]) for part in parts]
+    return Shapes(parts, color, opacity, peak, unit)

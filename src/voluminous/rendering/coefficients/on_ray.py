@@ -31,7 +31,7 @@ class OnRay:
             if name in volume
         }
         classifier.centers.whole()  # made before rays are traced
-        self.largest = self.numbers.in_units(classifier.largest())
+        self.largest = self.bounds = self.numbers.in_units(classifier.largest())
 
     def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
         """Return j and α of a cell."""

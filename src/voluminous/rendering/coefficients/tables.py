@@ -45,6 +45,8 @@ class Table:
         What the numbers are.
     largest : list of float
         Largest magnitude of each number, times the grid's scale.
+    bounds : list of float
+        Bounds of them, from the ranges of the fields: as they were before they were rounded.
     blocks, walk : optional
         Blocks for rays to leap over; or a walk through less than the whole grid.
     """
@@ -54,6 +56,7 @@ class Table:
     numbers: Any
     largest: list[float]
     backend: Any
+    bounds: list[float]
     blocks: Any = None
     walk: Any = None
 
@@ -168,7 +171,8 @@ def _empty_table(classifier: Any, backend: Any, size: int) -> Table:
             "hold; render the volume in parts, or with scheme='first-order'"
         )
     packets = [dr.empty(backend.Float, size * w) for w in widths]
-    return Table(packets, widths, classifier.numbers, [0.0] * count, backend)
+    bounds = classifier.numbers.in_units(classifier.largest())
+    return Table(packets, widths, classifier.numbers, [0.0] * count, backend, bounds)
 
 
 def _classify_into(table: Table, classifier: Any, first: int, count: int, place: int) -> None:

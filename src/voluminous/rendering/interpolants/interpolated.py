@@ -55,7 +55,7 @@ class Interpolated:
         most = 1e-3 * float(np.finfo(self.backend.dtype).max)
         self.neglected = min(paths * context.faint * self.numbers.one_path(), most)
         self.neglected_depth = min(paths * context.faint * self.numbers.one_depth(), 1.0)
-        self.largest = self.numbers.in_units(classifier.largest())
+        self.largest = self.bounds = self.numbers.in_units(classifier.largest())
         self.looks_inside = classifier.medium.looks_inside
         self.scalars: tuple[Expression, ...] = classifier.medium.scalars()
         self.units = {

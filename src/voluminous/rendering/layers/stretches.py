@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import dr, from_host
-from ...grids.axes import NEVER
 from ...grids.contract import Ray
 from ...objects.contract import Layers
 from ..rays.drawing import Drawing, _Gathered
@@ -33,7 +32,6 @@ class Stretches(Drawing):
         super().__init__(job, source, brightest_background)
         if job.reckoned:  # these begin outside of the domain, whatever they are told
             self.walk = job.volume.grid.walk(job.backend, "cells")
-        self.far = NEVER * job.volume.grid.scale
 
     def up_to(
         self,
@@ -56,7 +54,7 @@ class Stretches(Drawing):
             Where in pixels rays go through, from their centres: each gives stretches of its own.
         """
         before = np.roll(layers.depth.take(order), 1)
-        before[first] = -self.far
+        before[first] = -np.inf
         begin = np.empty_like(before)
         begin[order] = before
         du, dv = (np.repeat(d, len(order)) for d in np.transpose(offsets))
@@ -66,7 +64,7 @@ class Stretches(Drawing):
 
     def to(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, depth: np.ndarray) -> Pairs:
         """Return the stretches from the observer to depths."""
-        begin = np.full(len(pixel), -self.far)
+        begin = np.full(len(pixel), -np.inf)
         return self.between(pixel, du, dv, begin, depth, self.job.medium.channels)
 
     def between(

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..coefficients.numbers import fits_single
+from .drawing import MARGIN
+
 if TYPE_CHECKING:
     from .drawing import Drawing
     from .paths import Paths
@@ -43,7 +46,7 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
         Brightest intensity behind the volume.
     """
     source = drawing.source
-    behind = background / source.numbers.unit
+    behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
     source.allow(np.inf, np.inf)  # until it is known how bright the picture is
     brightness = _sampled_brightness(drawing)
@@ -63,6 +66,12 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
     source.allow(first * tolerance * scale, first * tolerance)  # for rays still to come
     _add_floor(drawing, paths)
     return paths, source.neglected <= tolerance * scale
+
+
+def in_kernel_unit(background: float, unit: float) -> Any:
+    """Return a background in a unit: in double precision where its products may need it."""
+    found = background / unit
+    return found if fits_single(found) else np.float64(found)
 
 
 def _brightness(paths: Paths) -> float:
@@ -105,9 +114,15 @@ def _add_floor(drawing: Drawing, paths: Paths) -> None:
     """Add to the errors what rounding, underflow, faint places and early ends may have lost."""
     wrong, dim, brightness = paths.error
     wrong += lost_share(drawing) * brightness + drawing.source.neglected
-    wrong += _UNDERFLOW * _brightness(paths)
+    wrong += _UNDERFLOW * _brightness(paths) + _flushed(drawing)
     # Of what is behind, rays that stop early say so by their transparency.
     dim += _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
+
+
+def _flushed(drawing: Drawing) -> float:
+    """Return what may be lost because sums that are smaller count as zero: colours are near one."""
+    sums = drawing.source.numbers.emissions + 1
+    return 2.0 * sums * MARGIN * float(np.finfo(drawing.backend.dtype).tiny)
 
 
 def lost_share(drawing: Drawing) -> float:

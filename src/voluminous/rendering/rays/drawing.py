@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 # Cells crossed per kernel launch, at most: a fraction of a second, so that Ctrl-C is heard.
 _STEPS_PER_BATCH = 5e7
+# Sums below so many times the smallest normal number count as zero: they may have lost subnormal
+# terms, and with how many threads, decides.
+MARGIN = 2.0**36
 
 
 class Drawing:
@@ -180,8 +183,7 @@ class _Gathered:
         target = lanes.target + dr.opaque(type(lanes.target), first)
         numbers = path.emission + path.transparency + path.depth + path.error
         for row, number in zip(self.rows, numbers, strict=True):
-            # Sums so small may have lost subnormal terms: with how many threads, decides.
-            dr.scatter(row, flush_subnormal(number, margin=2.0**36), target, there)
+            dr.scatter(row, flush_subnormal(number, MARGIN), target, there)
         dr.eval(self.rows, early)
         self.stopped |= bool(dr.any(early)) if self.ending is not None else False
 
