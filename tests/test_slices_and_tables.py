@@ -88,8 +88,15 @@ def test_bad_planes_are_refused(options, message):
 
 @pytest.mark.parametrize("options", [{"position": 40.0}, {"center": (9.0, 9.0, 9.0), "width": 1.0}])
 def test_a_slice_beside_the_volume_says_where_that_is(options):
-    with pytest.raises(InputError, match=r"in a cell; .* x: 0 … 3, y: 0 … 3, z: -1 … 4 pc$"):
+    with pytest.raises(InputError, match=r"x: 0 … 3, y: 0 … 3, z: -1 … 4 pc: the slice is out"):
         vm.Volume(GRID, a=COUNTED).slice("a", "z", **options)
+
+
+def test_a_slice_through_a_gap_says_so():
+    corners = [[0, 0, 0], [0, 0, 2]], [[1, 1, 1], [1, 1, 3]]
+    volume = vm.Volume(vm.PatchGrid(*corners, [[2] * 3] * 2), a=[np.ones((2, 2, 2))] * 2)
+    with pytest.raises(InputError, match="the grid has a gap"):
+        volume.slice("a", "z")
 
 
 def test_a_table_of_cells():

@@ -96,9 +96,16 @@ def cells_on(grid: Any, plane: Plane) -> np.ndarray:
         If no pixel is in a cell: what would be shown is nothing.
     """
     nx, ny = plane.pixels
-    cells = np.asarray(grid.locate(plane.points())).reshape(ny, nx)
+    points = plane.points()
+    cells = np.asarray(grid.locate(points)).reshape(ny, nx)
     if cells.max() < 0:
-        raise InputError(f"no pixel of the slice is in a cell; the volume is in {_told(grid)}")
+        low, high = grid.bounds.T
+        inside = np.all((points >= low) & (points <= high), axis=1).any()
+        why = "where the slice is the grid has a gap" if inside else "the slice is outside of it"
+        raise InputError(
+            f"no pixel of the slice is in a cell; the volume is in {_told(grid)}: {why}; give "
+            "another position= or center="
+        )
     return cells
 
 
