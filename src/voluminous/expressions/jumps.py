@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -11,7 +10,18 @@ from typing import Any
 from .monotone import Kind, kind_of
 from .ops import Ops
 from .steps import in_steps
-from .tree import Call, Comparison, Constant, Earlier, Field, IntegerPower, Node, Steps, Where
+from .tree import (
+    Call,
+    Comparison,
+    Constant,
+    Earlier,
+    Field,
+    IntegerPower,
+    Node,
+    Steps,
+    Where,
+    nodes,
+)
 
 _ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "positive")
 _PEAKED = frozenset(
@@ -79,15 +89,3 @@ def may_peak(tree: Node) -> bool:
         or (isinstance(node, IntegerPower) and not 0 < node.exponent < 4)
         for node in nodes(tree)
     )
-
-
-def nodes(tree: Node) -> Iterator[Node]:
-    """Yield a node and all below it; what a derivative is made of is a field of its own."""
-    yield tree
-    if isinstance(tree, Field):
-        return
-    for part in dataclasses.fields(tree):  # type: ignore[arg-type]
-        value = getattr(tree, part.name)
-        for below in value if isinstance(value, tuple) else (value,):
-            if isinstance(below, Node):
-                yield from nodes(below)

@@ -51,9 +51,9 @@ def kind_of(node: Node, curved: Collection[str] = (), steps: Sequence[Kind] = ()
                 kinds.append(kind_of(one, curved, kinds))
             return kind_of(result, curved, kinds)
         case IntegerPower(base, exponent):
-            found = kind_of(base, curved, steps)
-            odd = exponent % 2 == 1 and exponent > 0
-            return max(found, Kind.MONOTONIC) if odd else _unless_constant(found)
+            return _whole_power(kind_of(base, curved, steps), exponent)
+        case Call("power", (base, Constant(exponent))) if exponent.is_integer():
+            return _whole_power(kind_of(base, curved, steps), exponent)
         case Call(operation, arguments):
             return _call(operation, [kind_of(a, curved, steps) for a in arguments])
     return Kind.ANY
@@ -68,11 +68,14 @@ def _call(operation: str, kinds: list[Kind]) -> Kind:
         return Kind.ANY
     if operation == "multiply" or (operation == "divide" and kinds[1] == Kind.CONSTANT):
         return most
-    # A power with a constant exponent has no value for negative numbers, unless it is whole.
+    # A power has no value for negative numbers, unless its exponent is whole.
     if operation in (*_SUMS, *_MONOTONIC, *_LIMITS, "power"):
         return Kind.MONOTONIC
     return Kind.ANY
 
 
-def _unless_constant(kind: Kind) -> Kind:
-    return kind if kind == Kind.CONSTANT else Kind.ANY
+def _whole_power(base: Kind, exponent: float) -> Kind:
+    """Return what is known of a whole power: odd ones grow with the base, if they have no pole."""
+    if base == Kind.CONSTANT:
+        return base
+    return max(base, Kind.MONOTONIC) if exponent > 0 and exponent % 2 == 1 else Kind.ANY

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from .tree import Earlier, Node, Steps
+from .tree import Earlier, Node, Steps, nodes
 
 
 def in_steps(steps: Sequence[Node], result: Node) -> Node:
@@ -26,17 +26,7 @@ def in_steps(steps: Sequence[Node], result: Node) -> Node:
 
 def _earlier(node: Node) -> list[int]:
     """Return the numbers of the steps that a node looks at."""
-    if isinstance(node, Earlier):
-        return [node.step]
-    return [number for part in _parts(node) for number in _earlier(part)]
-
-
-def _parts(node: Node) -> list[Node]:
-    found: list[Any] = []
-    for field in dataclasses.fields(node):  # type: ignore[arg-type]
-        value = getattr(node, field.name)
-        found += value if isinstance(value, tuple) else (value,)
-    return [part for part in found if isinstance(part, Node)]
+    return [below.step for below in nodes(node) if isinstance(below, Earlier)]
 
 
 def _renumbered(node: Any, new: dict[int, int]) -> Any:

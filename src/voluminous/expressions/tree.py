@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -177,3 +178,15 @@ class Steps(Node):
         for number, step in enumerate(self.steps):
             known[Earlier(number).name] = step.evaluate(ops, known)
         return self.result.evaluate(ops, known)
+
+
+def nodes(tree: Node) -> Iterator[Node]:
+    """Yield a node and all below it; what a derivative is made of is a field of its own."""
+    yield tree
+    if isinstance(tree, Field):
+        return
+    for part in dataclasses.fields(tree):  # type: ignore[arg-type]
+        value = getattr(tree, part.name)
+        for below in value if isinstance(value, tuple) else (value,):
+            if isinstance(below, Node):
+                yield from nodes(below)

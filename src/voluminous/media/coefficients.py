@@ -109,7 +109,7 @@ class Coefficients(Medium):
         for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
             for expr in every:
                 if expr.peaked and may_turn(expr, context):
-                    found = found | _peaks(stretch, expr, context.number(_FAINT * unit))
+                    found = found | _may_exceed(stretch, expr, context.number(_FAINT * unit))
         return found
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
@@ -154,7 +154,7 @@ def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
     return tuple(Expression(part) for part in parts)
 
 
-def _peaks(stretch: Stretch, expr: Expression, least: Any) -> Any:
+def _may_exceed(stretch: Stretch, expr: Expression, least: Any) -> Any:
     """Return where an expression may exceed what is seen of it by a quarter, and by what shows."""
     found = within(stretch, expr)
     below, above = extremes(stretch.nodes(expr))

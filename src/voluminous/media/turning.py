@@ -116,11 +116,8 @@ def _of_cubic(controls: list[Any]) -> tuple[Any, Any]:
 def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
     """Return where any expression is, from intervals of its value and its derivatives."""
     context = stretch.context
-    ops = TracedJetOps(
-        context.real, lambda v: context.keep(("number", v), lambda: context.number(v))
-    )
-    points = {name: stretch.field_points(name) for name in stretch.cubics}
-    jets = {name: _jet(p) for name, p in points.items()}
+    ops = TracedJetOps(context.real, context.kept_number)
+    jets = {name: _jet(stretch.field_points(name)) for name in stretch.cubics}
     found = ops.number(expr.evaluate(ops, completed(ops, jets, context)))
     first, last = stretch.scalar(expr, 0.0), stretch.scalar(expr, 1.0)
     slope, bow = _interval(found.first, first), _interval(found.second, first).size

@@ -19,6 +19,7 @@ from ...grids.contract import has_blocks
 from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
 from ..coefficients.classify import device_array
+from ..coefficients.numbers import unit_near
 from ..coefficients.tables import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
@@ -113,7 +114,7 @@ def field_unit(array: np.ndarray, backend: Any) -> float:
     most = max(abs(float(end)) for end in ends)
     if backend.precision == "double" or not 0.0 < most < np.inf or 1e-25 < most < 1e25:
         return 1.0
-    return float(2.0 ** np.round(np.log2(most)))
+    return unit_near(most)
 
 
 def make_quads(array: np.ndarray, backend: Any, unit: float) -> Quads:
