@@ -45,7 +45,7 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
     try:
         with placed(path):
             yield
-    except (VoluminousError, MemoryError, ImportError, SyntaxError):
+    except (VoluminousError, MemoryError, ImportError):
         raise  # the file is not to blame
     except Exception as error:
         # A damaged file makes its library raise nearly anything, from KeyError to zlib.error.
