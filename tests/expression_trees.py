@@ -11,6 +11,7 @@ FORMS = [f"({{}} {operator} {{}})" for operator in ARITHMETIC + LOGIC]
 FORMS += [f"({name}({{}}))" for name in UNARY]
 FORMS += ["({})**2", "({})**-3", "({})**0.5", "atan2({}, {})", "min({}, {})", "max({}, {}, {})"]
 FORMS += ["where({}, {}, {})", "clip({}, {}, {})", "({} if {} else {})", "({} < {} <= {})"]
+FORMS += ["interp({}, [-2, 0.5, 1, 3], [1, -1, 4, 4])"]
 LITERALS = st.one_of(st.integers(0, 4).map(str), st.floats(0.125, 8, width=16).map(str))
 
 

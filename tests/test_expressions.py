@@ -127,6 +127,13 @@ REFUSED = [  # the text up to where the caret must be, the rest, and a part of t
     ("", "clip(x)", "call clip(x, lower, upper)"),
     ("", "min(x)", "call min(a, b, …)"),
     ("1 + ", "min", "min is a function"),
+    ("1 + ", "[1, 2]", "interp(x, [x1, x2, …], [y1, y2, …])"),
+    ("", "interp(x, [1, 2])", "wrong number of arguments (2)"),
+    ("interp(x, ", "1, 2)", "a list of numbers is needed"),
+    ("interp(x, [1, ", "y], [1, 2])", "numbers only"),
+    ("2*", "interp(x, [2, 2], [1, 2])", "must increase, but 2 is followed by 2"),
+    ("2*", "interp(x, [1, 2], [1, 2, 3])", "got shapes (2,) and (3,)"),
+    ("2*", "interp(x, [1], [1])", "at least two"),
     ("(äb) ", "^ 2", "'**'"),
     ("a ", "@ b", "'*'"),
     ("a ", "<< b", "'<<'"),
@@ -590,6 +597,17 @@ class IntervalOps(Ops):
         both = mask.true & mask.false
         low = np.where(both, np.minimum(low, otherwise.low), low)
         return Interval(low, np.where(both, np.maximum(high, otherwise.high), high), self.eps)
+
+    def interpolate(self, x, places, entries):
+        # From both ends, and as far as all slopes may lead.
+        slope = np.abs(np.diff(entries) / np.diff(places)).max()
+        middle = np.interp((x.low + x.high) / 2, places, entries)
+        off = slope * (x.high - x.low) / 2
+        return Interval(
+            np.maximum(middle - off, entries.min()),
+            np.minimum(middle + off, entries.max()),
+            self.eps,
+        )
 
     def _wave(self, function, x):
         middle, half = function((x.low + x.high) / 2), (x.high - x.low) / 2  # slope at most 1

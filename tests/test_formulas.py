@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from astropy import units as u
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -48,6 +49,7 @@ UNARY = {
     "signs": lambda a: +a - -a,
     "choices": lambda a: np.where((a > 1) & (a <= 5) | ~(a != 2.5), a, -a) + np.clip(a, -1, 1),
     "logic": lambda a: np.where(np.logical_or(a < -1, np.logical_not(a >= -3)), 1.0, 0.0),
+    "tables": lambda a: np.interp(a, [-5, 0.5, 2], [1, 3, -2]) * np.interp(-a, (0, 1), (0, 7)),
     "undefined": lambda a: np.where(np.isnan(np.sqrt(a)), -1.0, 1.0) + (a == a),
     "same shape": lambda a: np.zeros_like(a) + np.ones_like(a) * a,
 }
@@ -246,6 +248,70 @@ def test_a_picture_tells_of_the_function():
     assert described["type"] == "function"
     assert described["function"] == "jumping"
     assert isinstance(function_medium().formulas(), Formulas)
+
+
+COOLING = np.array([[3.0, 4.0, 4.3, 5.2, 6.0], [0.1, 0.2, 3.0, 2.0, 0.5]])
+
+
+def cooling(n, t):
+    """Return the emission of a gas that cools, from a table."""
+    return n**2 * vm.math.interp(3.0 + 3.0 * t, *COOLING), 0.1 * n
+
+
+def test_tables_in_functions_are_those_of_expressions_and_of_kernels():
+    scene = volume()
+    table = f"interp(3 + 3*t, {COOLING[0].tolist()}, {COOLING[1].tolist()})"
+    written = vm.render(scene, Coefficients(f"n**2 * {table}", "0.1*n"), CAMERA).intensity
+    for function in (
+        cooling,
+        lambda n, t: (n**2 * np.interp(3.0 + 3.0 * t, *COOLING), 0.1 * n),
+        lambda n, t: (cooling(n, t)[0] + 0.0 * vm.math.erf(n), 0.1 * n),  # a black box
+    ):
+        found = vm.render(scene, vm.Medium.from_function(function, ["n", "t"], 1), CAMERA)
+        assert np.abs(found.intensity - written).max() < 2e-3 * written.max()  # both to 1e-3
+
+
+def test_errors_are_honest_and_bounds_hold_where_tables_bend():
+    scene, medium = volume(), vm.Medium.from_function(cooling, ["n", "t"], 1)
+    image = vm.render(scene, medium, CAMERA)
+    truth = vm.render(scene, medium, CAMERA, tolerance=1e-6, precision="double")
+    off = np.abs(image.intensity - truth.intensity).max(axis=-1)
+    assert np.mean(off > image.error) < 0.01  # as promised for every medium
+    small = vm.Orthographic(40, 30, width=3, resolution=12)
+    sure = vm.render(scene, medium, small, bounds=True)
+    exact = vm.render(scene, medium, small, tolerance=1e-6, precision="double").intensity
+    slack = 1e-5 * exact.max()  # what the "truth" may be off by
+    assert np.all((sure.lower <= exact + slack) & (sure.upper >= exact - slack))
+
+
+@pytest.mark.parametrize("name", ["read", "black box"])
+def test_tables_that_are_none_are_refused(name):
+    more = (lambda n: 0.0 * vm.math.erf(n)) if name == "black box" else (lambda n: 0.0)
+    for places, entries, told in (
+        ([2, 1], [1, 1], "2 is followed by 1"),
+        ([1, 2], [1, 2, 3], r"\(2,\) and \(3,\)"),
+        ([1, np.nan], [1, 2], "finite"),
+        (["a", "b"], [1, 2], "lists of numbers"),
+        ([1, 2] * u.K, [1, 2], "numbers in K"),
+    ):
+        medium = vm.Medium.from_function(
+            lambda n, x=places, y=entries: (vm.math.interp(n, x, y) + more(n), 0.0), "n", 1
+        )
+        with pytest.raises(vm.InputError, match=told):
+            vm.render(volume(), medium, CAMERA)
+
+
+def test_another_table_does_not_compile_again():
+    scene = volume()
+    for height in (1.0, 2.0):
+        entries = height * COOLING[1]
+        medium = vm.Medium.from_function(
+            lambda t, y=entries: (vm.math.interp(t, [0.0, 0.1, 0.2, 0.5, 1.0], y), 0.0), "t", 1
+        )
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            vm.render(scene, medium, CAMERA)
+            kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    assert all(k["cache_hit"] for k in kernels)
 
 
 def test_units_of_fields_are_no_matter():

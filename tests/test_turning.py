@@ -107,6 +107,18 @@ THIN = {
     "root": ("sqrt(a - 3)", 0.2, 0.01, lambda a: np.sqrt(a - 3)),
     "logarithm": ("log10(a - 3)", -1, 0.01, lambda a: np.log10(a - 3)),
     "square": ("(a - 3)**2", 0.01, 0.001, lambda a: (a - 3) ** 2),
+    "table": (
+        "interp(a, [0, 3, 5, 9], [1, 2, 0, 4])",
+        1.5,
+        0.005,
+        lambda a: np.interp(a, [0, 3, 5, 9], [1, 2, 0, 4]),
+    ),
+    "rising table": (
+        "interp(a, [0, 3, 5, 9], [1, 2, 2, 4])",
+        3.0,
+        0.005,
+        lambda a: np.interp(a, [0, 3, 5, 9], [1, 2, 2, 4]),
+    ),
     "larger": ("max(a, 7 - a)", 3.51, 0.002, lambda a: np.maximum(a, 7 - a)),
 }
 
@@ -129,6 +141,10 @@ def test_thin_coefficients_are_seen(precision):
     volume = vm.Volume(COLUMN, a=RISING)
     for text, function in (
         ("exp(-0.5 * ((a - 5) / 0.01)**2)", lambda a: shell(a, 5, 0.01)),
+        (
+            "interp(a, [4.99, 5, 5.01], [0, 1, 0])",
+            lambda a: np.interp(a, [4.99, 5, 5.01], [0, 1, 0]),
+        ),
         ("where(abs(a - 5) < 0.01, 1, 0)", lambda a: abs(a - 5) < 0.01),
     ):
         image = vm.render(volume, vm.Coefficients(text, 0), DOWN, precision=precision)
@@ -156,6 +172,7 @@ MEDIA = {
     "product": vm.Gaussian("a*b", 2.0, 0.01, 1, 0.3, 0.01),
     "larger": vm.Gaussian("max(a, b)", 2.0, 0.01, 1, 0.3, 0.01),
     "radius": vm.Gaussian("r", 0.8, 6e-4, 1, 0.3, 6e-4),
+    "looked up": vm.Gaussian("interp(u, [0, 2, 3, 9], [1, 4, 0, 2])", 1.7, 0.01, 1, 0.3, 0.01),
     "field": vm.Gaussian("u", 5, 0.05, 1, 0.3, 0.1),
     "surfaces": vm.Isosurface("a*b", 2.0, 1, 0.3),
     "thick surface": vm.Isosurface("a*b", 2.0, 1, 0.3, width=0.01),

@@ -36,7 +36,7 @@ _SAME = (
     "power",
 )
 
-__all__ = ["log10", "where", *_SAME]
+__all__ = ["interp", "log10", "where", *_SAME]
 
 
 def where(condition: Any, if_true: Any, if_false: Any) -> Any:
@@ -46,6 +46,30 @@ def where(condition: Any, if_true: Any, if_false: Any) -> Any:
     if is_symbolic(condition, if_true, if_false):
         return apply("where", condition, if_true, if_false)
     return dr.select(condition, if_true, if_false)
+
+
+def interp(x: Any, xp: Any, fp: Any) -> Any:
+    """Return the values of a table interpolated at x, as `numpy.interp` does.
+
+    Parameters
+    ----------
+    x : number
+        Where to look; what is traced.
+    xp, fp : array_like, shape (n,)
+        Increasing places, and the values there: linear in between, constant beyond both ends.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two places, they do not increase, or there are not as many values.
+    """
+    from .expressions.interpolation import interpolate
+    from .expressions.tables import table
+
+    if is_symbolic(x):
+        return apply("interp", x, xp, fp)
+    places, values = table(xp, fp)
+    return interpolate(type(x), x, places, [values])[0]
 
 
 def log10(x: Any) -> Any:

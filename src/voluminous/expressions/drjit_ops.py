@@ -70,6 +70,12 @@ class DrjitOps(Ops):
         """Return the number as `float_type`, in the code: functions take 0.6 to 0.9 of the time."""
         return self._float(value)
 
+    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+        """Return the interpolated entries; places and entries are run-time data."""
+        from .interpolation import interpolate
+
+        return interpolate(self._float, x, places, [entries])[0]
+
     def is_mask(self, value: Any) -> bool:
         """Return True for Dr.Jit's Bool types."""
         return bool(self._dr.is_mask_v(value))

@@ -47,12 +47,12 @@ class Expression:
     -----
     Operators are Python's ``+ - * / // % **``, comparisons (also chained), ``and or not`` (also
     written ``& | ~``) and ``a if c else b``; functions are ``where log10 log exp sqrt abs min max
-    sin cos tan tanh atan2 clip``; constants are numbers, ``pi``, ``e``, ``true`` and ``false``.
-    Derivatives are ``gradmag``,
-    ``laplacian`` and the vector ``grad``, with components ``grad(a).x``; vectors, also
-    ``vector(a, b, c)``, become numbers by ``norm`` and ``dot``, and by ``los``: the component along
-    the line of sight, away from the observer. ``"velocity"`` in quotes is the vector of the fields
-    ``velocity_x``, ``velocity_y`` and ``velocity_z``.
+    sin cos tan tanh atan2 clip``, and tables ``interp(x, [x1, x2], [y1, y2])``, linear in between
+    and constant beyond both ends; constants are numbers, ``pi``, ``e``, ``true`` and ``false``.
+    Derivatives are ``gradmag``, ``laplacian`` and the vector ``grad``, with components
+    ``grad(a).x``; vectors, also ``vector(a, b, c)``, become numbers by ``norm`` and ``dot``, and by
+    ``los``: the component along the line of sight, away from the observer. ``"velocity"`` in quotes
+    is the vector of the fields ``velocity_x``, ``velocity_y`` and ``velocity_z``.
     ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
 
     A number that is compared may have a unit, ``"velocity_z > 5 km/s"``; such an expression has a

@@ -21,6 +21,7 @@ from .interval_functions import (
     unknown_where,
     wave,
 )
+from .interval_interpolation import interpolate_ranges
 from .ops import Ops
 
 # From here on a quotient and its neighbours are hard to tell apart.
@@ -44,6 +45,10 @@ class IntervalOps(Ops):
     def constant(self, value: float) -> Interval:
         """Return the interval of one number."""
         return Interval(value)
+
+    def interpolate(self, x: Interval, places: np.ndarray, entries: np.ndarray) -> Interval:
+        """Return the range of the interpolated entries."""
+        return interpolate_ranges(x, places, [entries])[0]
 
     def is_mask(self, value: Any) -> bool:
         """Return True for truth values."""

@@ -17,6 +17,7 @@ from .tree import (
     Earlier,
     Field,
     IntegerPower,
+    Interpolation,
     Node,
     Steps,
     Where,
@@ -85,7 +86,7 @@ def may_peak(tree: Node) -> bool:
     """
     return any(
         (isinstance(node, Call) and node.operation in _PEAKED)
-        or isinstance(node, Where)
+        or isinstance(node, (Where, Interpolation))
         or (isinstance(node, IntegerPower) and not 0 < node.exponent < 4)
         for node in nodes(tree)
     )

@@ -21,6 +21,7 @@ FUNCTIONS = {
     "where": Function("where(condition, a, b)", 3, 3),
     "atan2": Function("atan2(y, x)", 2, 2),
     "clip": Function("clip(x, lower, upper)", 3, 3),
+    "interp": Function("interp(x, [x1, x2, …], [y1, y2, …])", 3, 3),
     "min": Function("min(a, b, …)", 2, math.inf),
     "max": Function("max(a, b, …)", 2, math.inf),
     "gradmag": Function("gradmag(x)", 1, 1),
@@ -76,5 +77,6 @@ FOREIGN: dict[type[ast.AST], str] = {
     ast.Subscript: "[] after a name is not part of an expression; it holds for all elements",
     ast.JoinedStr: "text in quotes is not part of an expression; write field names without quotes",
     ast.NamedExpr: "':=' is not part of an expression; '==' compares",
+    ast.List: "a list is only allowed as the table of interp(x, [x1, x2, …], [y1, y2, …])",
     ast.Tuple: "',' is only allowed between the arguments of a function",
 }

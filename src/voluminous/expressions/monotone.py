@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from enum import IntEnum
 
-from .tree import Call, Constant, Earlier, Field, IntegerPower, Node, Steps
+from .tree import Call, Constant, Earlier, Field, IntegerPower, Interpolation, Node, Steps
 
 
 class Kind(IntEnum):
@@ -54,6 +54,8 @@ def kind_of(node: Node, curved: Collection[str] = (), steps: Sequence[Kind] = ()
             return _whole_power(kind_of(base, curved, steps), exponent)
         case Call("power", (base, Constant(exponent))) if exponent.is_integer():
             return _whole_power(kind_of(base, curved, steps), exponent)
+        case Interpolation(argument, _, entries):
+            return _table(kind_of(argument, curved, steps), entries)
         case Call(operation, arguments):
             return _call(operation, [kind_of(a, curved, steps) for a in arguments])
     return Kind.ANY
@@ -72,6 +74,14 @@ def _call(operation: str, kinds: list[Kind]) -> Kind:
     if operation in (*_SUMS, *_MONOTONIC, *_LIMITS, "power"):
         return Kind.MONOTONIC
     return Kind.ANY
+
+
+def _table(argument: Kind, entries: tuple[float, ...]) -> Kind:
+    """Return what is known of a table: it is monotonic if its entries are."""
+    if argument in (Kind.CONSTANT, Kind.ANY):
+        return argument
+    one_way = list(entries) in (sorted(entries), sorted(entries, reverse=True))
+    return Kind.MONOTONIC if one_way else Kind.ANY
 
 
 def _whole_power(base: Kind, exponent: float) -> Kind:

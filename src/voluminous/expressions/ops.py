@@ -66,6 +66,10 @@ class Ops(ABC):
         return self.constant(value)
 
     @abstractmethod
+    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+        """Return the entries of a table, given at increasing places, interpolated at x."""
+
+    @abstractmethod
     def is_mask(self, value: Any) -> bool:
         """Return True if `value` is true or false rather than a number."""
 
@@ -156,6 +160,10 @@ class NumpyOps(Ops):
     def constant(self, value: float) -> Any:
         """Return the constant as an array without axes."""
         return np.asarray(value, dtype=self._dtype)
+
+    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+        """Return the interpolated entries, computed in double precision."""
+        return self.number(np.interp(x, places, entries))
 
     def is_mask(self, value: Any) -> bool:
         """Return True for arrays of bool."""

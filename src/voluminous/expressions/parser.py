@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import unknown_name
+from ..errors import InputError, unknown_name
 from .language import (
     ARITHMETIC,
     COMPARISONS,
@@ -19,7 +19,8 @@ from .language import (
     TIGHT_LOGIC,
 )
 from .source import MAX_DEPTH, fail, fail_too_deep, python_tree
-from .tree import Call, Comparison, Constant, Field, IntegerPower, Logic, Node, Where
+from .tables import table
+from .tree import Call, Comparison, Constant, Field, IntegerPower, Interpolation, Logic, Node, Where
 from .vector_builder import VECTOR_CALLS, VectorBuilder
 
 MAX_INTEGER_POWER = 8
@@ -133,8 +134,39 @@ class _Builder(VectorBuilder):
             self._fail(node, f"wrong number of arguments ({len(node.args)}), call {signature}")
         if name in VECTOR_CALLS:
             return VECTOR_CALLS[name](self, node)
+        if name == "interp":
+            return self._interpolation(node)
         arguments = self._many(node.args)
         return Where(*arguments) if name == "where" else Call(name, arguments)
+
+    def _interpolation(self, node: ast.Call) -> Node:
+        argument = self.build(node.args[0])
+        given = [self._numbers(table) for table in node.args[1:]]
+        try:
+            return interpolation(argument, *given)
+        except InputError as error:
+            self._fail(node, str(error))
+
+    def _numbers(self, node: ast.expr) -> list[float]:
+        if not isinstance(node, ast.List):
+            self._fail(node, f"here a list of numbers is needed: {FUNCTIONS['interp'].signature}")
+        built = [(self.build(element), element) for element in node.elts]
+        for number, element in built:
+            if not isinstance(number, Constant):
+                self._fail(element, "the tables of interp hold numbers only")
+        return [number.value for number, _ in built if isinstance(number, Constant)]
+
+
+def interpolation(argument: Node, places: Any, entries: Any) -> Node:
+    """Return the node for a table.
+
+    Raises
+    ------
+    InputError
+        If places and entries are none.
+    """
+    x, y = table(places, entries)
+    return Interpolation(argument, tuple(x.tolist()), tuple(y.tolist()))
 
 
 def power(base: Node, exponent: Node) -> Node:

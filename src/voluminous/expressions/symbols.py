@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .expression import Expression
-from .parser import power
+from .parser import interpolation, power
 from .steps import in_steps
 from .text import text
 from .tree import Call, Comparison, Constant, Earlier, Field, Literal, Logic, Node, Where
@@ -89,6 +89,8 @@ def apply(name: str, *values: Any) -> Any:
     UnreadableError
         If expressions have no such operation.
     """
+    if name == "interp":
+        return _interpolated(*values)
     if any(isinstance(value, np.ndarray) for value in values):
         return _one_by_one(name, values)
     recorder = next(value.recorder for value in values if isinstance(value, Symbol))
@@ -123,6 +125,13 @@ def read(
         name: recorder.symbol(Constant(_finite(value))) for name, value in parameters.items()
     }
     return function(*arguments, **numbers), lambda value: recorder.expression(value, names)
+
+
+def _interpolated(x: Any, places: Any, entries: Any) -> Symbol:
+    """Return the symbol for a table looked up at another one."""
+    if not isinstance(x, Symbol):
+        raise UnreadableError("the tables of interp hold numbers only")
+    return x.recorder.symbol(interpolation(x.node, places, entries))
 
 
 def _one_by_one(name: str, values: Sequence[Any]) -> np.ndarray:

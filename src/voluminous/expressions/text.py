@@ -11,6 +11,7 @@ from .tree import (
     Earlier,
     Field,
     IntegerPower,
+    Interpolation,
     Logic,
     Node,
     Steps,
@@ -53,6 +54,8 @@ def text(node: Node) -> str:
             return f"{_operand(base)} ** {exponent}"
         case Comparison(operations, operands):
             return _chained([_INFIX[operation] for operation in operations], operands)
+        case Interpolation(argument, places, entries):
+            return f"interp({text(argument)}, {_numbers(places)}, {_numbers(entries)})"
         case Where(condition, chosen, otherwise):
             return f"where({_listed((condition, chosen, otherwise))})"
         case Call(operation, arguments) | Logic(operation, arguments):
@@ -80,8 +83,14 @@ def _operand(node: Node) -> str:
     simple = isinstance(node, Constant) and not shown.startswith("-")
     function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
     return (
-        shown if simple or function or isinstance(node, (Field, Earlier, Where)) else f"({shown})"
+        shown
+        if simple or function or isinstance(node, (Field, Earlier, Where, Interpolation))
+        else f"({shown})"
     )
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return f"[{', '.join(text(Constant(value)) for value in values)}]"
 
 
 def _listed(nodes: tuple[Node, ...]) -> str:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
+
 from ..backend import dr
 from .drjit_ops import DrjitOps
 from .interval import Truth
@@ -19,6 +21,7 @@ from .traced_functions import (
     wave,
     whole_power,
 )
+from .traced_interpolation import interpolate_traced_ranges
 from .traced_interval import TracedInterval, traced
 from .traced_rounding import float_info, larger, positive, smaller
 
@@ -55,6 +58,10 @@ class TracedIntervalOps(Ops):
     def literal(self, value: float) -> TracedInterval:
         """Return the interval of one finite number, in the code."""
         return TracedInterval.constant(self._float(value))
+
+    def interpolate(self, x: TracedInterval, places: np.ndarray, entries: np.ndarray) -> Any:
+        """Return the range of the interpolated entries."""
+        return interpolate_traced_ranges(x, places, [entries])[0]
 
     def is_mask(self, value: Any) -> bool:
         """Return True for truth values."""

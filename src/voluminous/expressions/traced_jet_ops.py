@@ -11,6 +11,7 @@ import numpy as np
 from ..backend import dr
 from .interval import Truth
 from .ops import Ops
+from .traced_interpolation import slopes_in_ranges
 from .traced_interval import TracedInterval
 from .traced_interval_ops import TracedIntervalOps
 from .traced_jet import Derivative, TracedJet, chain, negative, plus, times
@@ -48,6 +49,12 @@ class TracedJetOps(Ops):
     def constant(self, value: float) -> TracedJet:
         """Return a number."""
         return TracedJet(self._at.constant(value))
+
+    def interpolate(self, x: TracedJet, places: np.ndarray, entries: np.ndarray) -> TracedJet:
+        """Return the interpolated entries; there is a kink at every place."""
+        value = self._at.interpolate(x.value, places, entries)
+        slope, straight = slopes_in_ranges(x.value, places, entries)
+        return chain(x, value, slope, self._zero().unknown_where(~straight, False))
 
     def is_mask(self, value: Any) -> bool:
         """Return True for truth values."""

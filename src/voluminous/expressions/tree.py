@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+
 from .ops import Ops
 
 Fields = Mapping[str, Any]
@@ -146,6 +148,20 @@ class Logic(Node):
         for other in others:
             result = getattr(ops, self.operation)(result, other)
         return result
+
+
+@dataclass(frozen=True, slots=True)
+class Interpolation(Node):
+    """A number looked up in a table: linear between its entries, constant beyond both ends."""
+
+    argument: Node
+    places: tuple[float, ...]
+    entries: tuple[float, ...]
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Return the interpolated entry."""
+        x = self.argument.number(ops, fields)
+        return ops.interpolate(x, np.array(self.places), np.array(self.entries))
 
 
 @dataclass(frozen=True, slots=True)

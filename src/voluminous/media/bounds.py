@@ -15,9 +15,9 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression, IntervalOps
 from ..expressions.interval import Interval
+from ..expressions.interval_interpolation import interpolate_ranges
 from .context import Context
 from .contract import Medium
-from .interpolation import interpolate_ranges
 
 
 @dataclass(frozen=True)

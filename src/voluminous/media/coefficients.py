@@ -16,7 +16,7 @@ from .contract import Coefficients as Values
 from .contract import Medium
 from .sampled import FIVE, Sampled, compared
 from .stretch import extremes
-from .turning import may_turn, within
+from .turning import bends_sharply, may_turn, within
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -101,6 +101,14 @@ class Coefficients(Medium):
             low, high = stretch.hull(margin)
             hidden = hidden | ((low <= 0.0) & (high >= 0.0))
         return seen, hidden | self._peaks(stretch, context)
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where there may be kinks or jumps: halves of panels then have no order."""
+        found = stretch.length < 0.0
+        for expr in (*self.emissivity, *self.extinction):
+            found = found | bends_sharply(stretch, expr)
+        zero = stretch.length * 0.0
+        return dr.select(found, 1.0, zero), zero
 
     def _peaks(self, stretch: Stretch, context: Context) -> Any:
         """Return where a coefficient may be much larger than at the ends and in the middle."""

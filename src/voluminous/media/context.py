@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..expressions import DrjitOps, Expression, Margin, Ops
-from .interpolation import interpolate
+from ..expressions.interpolation import interpolate
 
 
 def _same(value: Any) -> Any:

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..expressions.traced_interpolation import interpolate_traced_ranges
 from ..expressions.traced_interval import TracedInterval, traced
 from ..expressions.traced_interval_ops import TracedIntervalOps
 from .context import Context
 from .contract import Coefficients, Medium
-from .traced_interpolation import interpolate_traced_ranges
 
 
 class TracedRangeContext(Context):

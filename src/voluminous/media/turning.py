@@ -115,10 +115,7 @@ def _of_cubic(controls: list[Any]) -> tuple[Any, Any]:
 
 def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
     """Return where any expression is, from intervals of its value and its derivatives."""
-    context = stretch.context
-    ops = TracedJetOps(context.real, context.kept_number)
-    jets = {name: _jet(stretch.field_points(name)) for name in stretch.cubics}
-    found = ops.number(expr.evaluate(ops, completed(ops, jets, context)))
+    found = _derived(stretch, expr)
     first, last = stretch.scalar(expr, 0.0), stretch.scalar(expr, 1.0)
     slope, bow = _interval(found.first, first), _interval(found.second, first).size
     least, largest = extremes([first, last])
@@ -133,6 +130,21 @@ def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
     low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
     apart = dr.select(one_way, 0.0, smaller(sag, high - low))
     return Turning(low, high, apart, slope.size, bow)
+
+
+def bends_sharply(stretch: Stretch, expr: Expression) -> Any:
+    """Return where an expression may have a kink or a jump on a stretch."""
+    if expr.smooth:
+        return stretch.length < 0.0
+    return ~(_interval(_derived(stretch, expr).second, stretch.length).size < dr.inf)
+
+
+def _derived(stretch: Stretch, expr: Expression | Margin) -> TracedJet:
+    """Return intervals of the value and the derivatives of an expression."""
+    context = stretch.context
+    ops = TracedJetOps(context.real, context.kept_number)
+    jets = {name: _jet(stretch.field_points(name)) for name in stretch.cubics}
+    return ops.number(expr.evaluate(ops, completed(ops, jets, context)))
 
 
 def within(stretch: Stretch, expr: Expression | Margin) -> TracedInterval:

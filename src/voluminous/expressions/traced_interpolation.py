@@ -15,8 +15,8 @@ import numpy as np
 
 from ..backend import dr, from_host
 from ..backend.functions import first_true
-from ..expressions.traced_interval import TracedInterval, extremes
-from ..expressions.traced_rounding import float_info, larger, positive, smaller
+from .traced_interval import TracedInterval, extremes
+from .traced_rounding import float_info, larger, lowered, positive, raised, smaller
 
 # In ε of the largest value around, as on the host.
 _LOSS = 8.0
@@ -58,6 +58,36 @@ def interpolate_traced_ranges(
     data = from_host(type(x.lo), nodes)
     first, last = (_locate(end, data) for end in (x.lo, x.hi))
     return [_enclosure(column, first, last, x) for column in columns]
+
+
+def slopes_in_ranges(x: TracedInterval, nodes: np.ndarray, values: np.ndarray) -> Any:
+    """Return an enclosure of the slopes of a table in x, and where x is within one of its pieces.
+
+    Parameters
+    ----------
+    x : TracedInterval
+        Places.
+    nodes, values : array, shape (n,)
+        Increasing places of the entries, at least two, and the entries.
+
+    Returns
+    -------
+    slope : TracedInterval
+        Beyond the ends of the table it is zero.
+    straight : Dr.Jit mask
+        Whether there is no node between the ends of x.
+    """
+    real = type(x.lo)
+    kept = nodes.astype(float_info(real).dtype).astype(np.float64)  # as the kernel has them
+    rise, run = np.diff(values), np.diff(kept)
+    steep = np.divide(rise, run, out=np.sign(rise) * np.inf, where=run > 0)
+    slopes = np.concatenate([[0.0], steep, [0.0]])
+    first, last = (_locate(end, from_host(real, nodes)).passed for end in (x.lo, x.hi))
+    lo, hi = (
+        _extreme_between(slopes, extreme, first, last + 1, real(0))
+        for extreme in (np.minimum, np.maximum)
+    )
+    return TracedInterval(lowered(lo), raised(hi), x.nan), first == last
 
 
 def _enclosure(column: np.ndarray, first: _Place, last: _Place, x: TracedInterval) -> Any:
