@@ -180,6 +180,13 @@ MEDIA = {
     "coloured": vm.Gaussian(
         "a", 2, 1, vm.ColorBy("cos(20*u)", "inferno", vmin=0.9, vmax=1.0), 0.3, 1.0
     ),
+    "peak": vm.Coefficients("exp(-0.5*((u - 5)/0.01)**2)", "0.3*exp(-0.5*((u - 5)/0.01)**2)"),
+    "product of a peak": vm.Coefficients("a*exp(-0.5*((b - 1)/0.01)**2)", "0.1*a"),
+    "step": vm.Coefficients("1 + tanh((u - 5)/0.02)", 0.3),
+    "logistic": vm.Coefficients("2/(1 + exp(-100*(u - 5)))", 0.3),
+    "steep clip": vm.Coefficients("clip(1 + (u - 5)/0.02, 0, 2)", 0.3),
+    "power of ten": vm.Coefficients("10**(2*w)", "0.1*10**w"),
+    "sawtooth": vm.Coefficients("u % 3", 0.3),
     "table": vm.Table("u*b", [0, 4.9, 5, 5.1], [[0], [0], [1], [0]], [0, 0, 1, 0], 0.1),
 }
 
@@ -194,6 +201,51 @@ def test_errors_are_honest_on_noise(name):
     assert np.mean(off > image.error) <= 0.01
     brightest = image.intensity.max()
     assert np.mean(off > 2e-3 * brightest) <= 0.001  # twice the tolerance
+
+
+def in_a_vacuum(medium, precision):
+    """Return whether something shows, and may be hidden, where a is 0 and t rises from 1 to 4."""
+    backend = get_backend("cpu", precision)
+    names = {"a": (0.0, 0.0), "t": (1.0, 4.0)}
+    cubics = {n: [backend.Float([p]), backend.Float([q - p])] for n, (p, q) in names.items()}
+    axes = {n: [backend.Float([1.0]), backend.Float([1.0])] for n in "xyz"}
+    context = Context(backend.Float, lambda value: backend.Float([value]), None, lambda _: None)
+    stretch = Stretch(cubics | axes, context, backend.Float([1.0]))
+    return [bool(np.any(np.asarray(mask.numpy()))) for mask in medium.visible(stretch, context)]
+
+
+UNDECIDED = {
+    "pole": vm.Coefficients("exp(-1/a)", "0.1*a"),
+    "pole and more": vm.Coefficients("t*exp(-t/a)", 0.1),
+    "power": vm.Coefficients("t*a**0.3", 0.1),
+    "logarithm": vm.Coefficients("10**(0.3*log10(a))*t", 0.1),
+    "jump": vm.Coefficients("where(a > 0, log10(a), 0)", 0.1),
+    "jump of a product": vm.Coefficients("where(a*t > 0, log10(a*t), 0)", 0.1),
+    "jump by a pole": vm.Coefficients("where(t/a > 3, t, 0)", 0.1),
+    "gate": vm.Gaussian("r", 2.0, 1.0, 1, 0.3, 1.0, where="t/a > 3"),
+    "gate at zero": vm.Gaussian("r", 2.0, 1.0, 1, 0.3, 1.0, where="a >= 0"),
+    "soft gate": vm.Gaussian("r", 2.0, 1.0, 1, 0.3, 1.0, where="1/(1 + exp(3 - 1/a))"),
+}
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("name", UNDECIDED)
+def test_nothing_is_looked_for_where_narrow_panels_tell_no_more(name, precision):
+    """A panel that hides something is halved 14 times: a vacuum of these takes minutes."""
+    _, hidden = in_a_vacuum(UNDECIDED[name], precision)
+    assert not hidden
+
+
+@pytest.mark.parametrize("name", UNDECIDED)
+def test_pictures_of_a_vacuum(name):
+    """Half of the column is empty; what the other half shows has a closed form or a sum."""
+    grid = vm.CartesianGrid([0, 1], [0, 1], np.arange(9.0))
+    a = np.where(np.arange(8) < 4, 0.0, 2.0).reshape(1, 1, 8)
+    volume = vm.Volume(grid, a=a, t=np.full((1, 1, 8), 4.0))
+    medium = UNDECIDED[name]
+    image = vm.render(volume, medium, DOWN)
+    sure = vm.render(volume, medium, DOWN, tolerance=1e-5, precision="double").intensity.item()
+    assert abs(image.intensity.item() - sure) <= image.error.item() + 1e-5 * sure
 
 
 def test_errors_of_tails_fall_with_the_tolerance():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
-from .jumps import Margin, is_smooth, margins, may_peak
+from .jumps import Margin, is_partial, is_smooth, margins, may_peak
 from .monotone import Kind, kind_of
 from .ops import Ops
 from .parser import parse
@@ -111,6 +111,11 @@ class Expression:
     def smooth(self) -> bool:
         """Whether it has neither jumps nor kinks wherever it is finite, nor waves of its own."""
         return is_smooth(self.tree)
+
+    @property
+    def partial(self) -> bool:
+        """Whether it may be undefined, infinite or either of two values for some of its fields."""
+        return is_partial(self.tree)
 
     @property
     def peaked(self) -> bool:

@@ -28,6 +28,9 @@ _ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "positive")
 _PEAKED = frozenset(
     ("divide", "exp", "power", "tanh", "sin", "cos", "tan", "atan2", "remainder", "floor_divide")
 )
+_PARTIAL = frozenset(
+    ("divide", "power", "log", "log10", "sqrt", "tan", "remainder", "floor_divide")
+)
 _SMOOTH = frozenset((*_ARITHMETIC, "log10", "log", "exp", "sqrt", "power", "tanh"))
 
 
@@ -44,6 +47,11 @@ class Margin:
     def smooth(self) -> bool:
         """Whether both sides are."""
         return is_smooth(self.left) and is_smooth(self.right)
+
+    @property
+    def partial(self) -> bool:
+        """Whether one of the sides may be undefined, infinite or either of two values."""
+        return is_partial(self.left) or is_partial(self.right)
 
     def kind(self, curved: Collection[str] = ()) -> Kind:
         """Return what is known of the difference; see `Expression.kind`."""
@@ -75,6 +83,16 @@ def is_smooth(tree: Node) -> bool:
     return all(
         isinstance(node, (Constant, Field, Earlier, Steps, IntegerPower))
         or (isinstance(node, Call) and node.operation in _SMOOTH)
+        for node in nodes(tree)
+    )
+
+
+def is_partial(tree: Node) -> bool:
+    """Return whether an expression may be undefined, infinite or either of two values somewhere."""
+    return any(
+        isinstance(node, Comparison)
+        or (isinstance(node, Call) and node.operation in _PARTIAL)
+        or (isinstance(node, IntegerPower) and node.exponent < 0)
         for node in nodes(tree)
     )
 

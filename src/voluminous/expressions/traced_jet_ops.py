@@ -121,10 +121,13 @@ class TracedJetOps(Ops):
         return chain(base, value, slope, bend)
 
     def power(self, base: TracedJet, exponent: TracedJet) -> TracedJet:
-        """Return base**exponent; nothing is known of the derivatives if the exponent varies."""
+        """Return base**exponent; nothing is known of the derivatives if both vary."""
         at = self._at
         value, p = at.power(base.value, exponent.value), exponent.value
-        if not exponent.fixed or base.fixed:
+        if base.fixed:
+            growth = at.log(base.value)  # undefined for negative numbers, as most powers are
+            return chain(exponent, value, growth * value, growth * (growth * value))
+        if not exponent.fixed:
             return self._of_unknown_shape(value, (base, exponent))
         slope = p * at.power(base.value, p - 1.0)
         bend = p * (p - 1.0) * at.power(base.value, p - 2.0)

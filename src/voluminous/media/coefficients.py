@@ -10,13 +10,13 @@ from ..backend import dr
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..expressions.traced_rounding import larger
 from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
+from .peaks import may_peak, sharpness
 from .sampled import FIVE, Sampled, compared
-from .stretch import extremes
-from .turning import bends_sharply, may_turn, within
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 # Of a coefficient that is one over the scale of length; peaks below that are left alone.
 _FAINT = 1e-4
-# By so much more than at both ends and in the middle a peak counts as hidden.
-_MORE = 0.25
 
 
 class Coefficients(Medium):
@@ -99,25 +97,25 @@ class Coefficients(Medium):
         seen, hidden = super().visible(stretch, context)
         for margin in self._margins:
             low, high = stretch.hull(margin)
-            hidden = hidden | ((low <= 0.0) & (high >= 0.0))
+            # Where it is zero throughout, as of ``density > 0`` in a vacuum, nothing changes.
+            hidden = hidden | ((low <= 0.0) & (high >= 0.0) & (low < high))
         return seen, hidden | self._peaks(stretch, context)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return where there may be kinks or jumps: halves of panels then have no order."""
-        found = stretch.length < 0.0
-        for expr in (*self.emissivity, *self.extinction):
-            found = found | bends_sharply(stretch, expr)
+        """Return how sharply coefficients may bend: halves of panels then have no order."""
         zero = stretch.length * 0.0
-        return dr.select(found, 1.0, zero), zero
+        found = zero
+        for expr in filter(_restless, (*self.emissivity, *self.extinction)):
+            found = larger(found, context.narrow(sharpness(stretch, expr)))
+        return found, zero
 
     def _peaks(self, stretch: Stretch, context: Context) -> Any:
-        """Return where a coefficient may be much larger than at the ends and in the middle."""
+        """Return where a coefficient may have peaks or steps that places do not show."""
         units = (context.radiance / context.scale, 1.0 / context.scale)
         found = stretch.length < 0.0
         for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
-            for expr in every:
-                if expr.peaked and may_turn(expr, context):
-                    found = found | _may_exceed(stretch, expr, context.number(_FAINT * unit))
+            for expr in filter(_restless, every):
+                found = found | may_peak(stretch, expr, context.number(_FAINT * unit))
         return found
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
@@ -162,12 +160,9 @@ def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
     return tuple(Expression(part) for part in parts)
 
 
-def _may_exceed(stretch: Stretch, expr: Expression, least: Any) -> Any:
-    """Return where an expression may exceed what is seen of it by a quarter, and by what shows."""
-    found = within(stretch, expr)
-    below, above = extremes(stretch.nodes(expr))
-    size = dr.fma(_MORE, extremes([dr.abs(below), dr.abs(above)])[1], least)
-    return (found.hi - above > size) | (below - found.lo > size)
+def _restless(expr: Expression) -> bool:
+    """Return whether an expression may do more than its fields do."""
+    return expr.peaked or not expr.smooth
 
 
 def _per_length(context: Context, expression: Expression) -> float:

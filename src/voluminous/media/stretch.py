@@ -15,7 +15,7 @@ from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
 from .context import Context
-from .turning import Turning, enclosed
+from .turning import Turning, enclosed, spread
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
 NODES = (0.0, 0.5, 1.0)
@@ -44,11 +44,16 @@ class Stretch:
         self._scalars: dict[tuple[str, float], Any] = {}
         self._controls: dict[str, list[Any]] = {}
         self._turnings: dict[str, Turning] = {}
+        self._spreads: dict[str, tuple[Any, Any, Any]] = {}
 
     def fields(self, s: Any) -> dict[str, Any]:
-        """Return all fields at a place."""
+        """Return all fields at a place, and what follows from x, y and z."""
+        return self._complete(self.own_fields(s))
+
+    def own_fields(self, s: Any) -> dict[str, Any]:
+        """Return the fields alone at a place."""
         s = self.context.real(s)
-        return self._complete({name: horner(s, c) for name, c in self.cubics.items()})
+        return {name: horner(s, c) for name, c in self.cubics.items()}
 
     def scalar(self, expr: Expression | Margin, s: float) -> Any:
         """Return an expression at 0, ½ or 1; computed once."""
@@ -98,6 +103,12 @@ class Stretch:
         if expr.text not in self._turnings:
             self._turnings[expr.text] = enclosed(self, expr)
         return self._turnings[expr.text]
+
+    def spread(self, expr: Expression) -> tuple[Any, Any, Any]:
+        """Return how far an expression may go, and bounds of two derivatives; computed once."""
+        if expr.text not in self._spreads:
+            self._spreads[expr.text] = spread(self, expr)
+        return self._spreads[expr.text]
 
     def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at the four Bézier control points of the fields."""
