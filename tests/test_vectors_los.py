@@ -215,6 +215,44 @@ def test_what_is_missing_is_named():
         mirrored.evaluate("los('v')", camera=ORTHOGRAPHIC)
 
 
+AXISYMMETRIC = {
+    "spherical": vm.SphericalGrid(np.linspace(0.5, 3, 9), np.linspace(0.2, np.pi, 7)),
+    "radial": vm.SphericalGrid(np.linspace(0.5, 3, 9)),
+    "cylindrical": vm.CylindricalGrid(np.linspace(0, 3, 9), [0, 2 * np.pi], [-1.0, 0.0, 2.0]),
+    "refined": vm.SphericalGrid([1.0, 2.0, 3.0], [0.5, 2.0], refined=[1, 0, 0, 0, 0, 0]),
+}
+
+
+@pytest.mark.parametrize("grid", AXISYMMETRIC.values(), ids=AXISYMMETRIC)
+def test_a_cell_all_around_has_a_line_of_sight_only_from_its_axis(grid):
+    """From elsewhere one side of it comes and the other goes: it had the velocity of one side."""
+    volume = vm.Volume(grid, random_vector(grid, grid.coordinates))
+    for camera in (ORTHOGRAPHIC, PERSPECTIVE, vm.Orthographic(90)):
+        with pytest.raises(InputError, match=r"goes all around: volume\.resample\(grid\)"):
+            volume.evaluate("los('v')", camera=camera)
+    centre = vm.Perspective((0, 0, 0), (1, 2, 3)), "v_r"
+    above = vm.Orthographic(), "-v_z"
+    for camera, expected in [centre] if grid is AXISYMMETRIC["radial"] else [centre, above]:
+        found = volume.evaluate("los('v')", camera=camera)
+        np.testing.assert_allclose(found, volume.evaluate(expected), atol=1e-12)
+
+
+def test_a_rotating_disc_with_cells_around_comes_and_goes():
+    grid = AXISYMMETRIC["cylindrical"]
+    volume = vm.Volume(grid, v_R=np.zeros(grid.shape), v_phi=np.ones(grid.shape))
+    volume["v_z"] = "0"
+    edges = grid.edges[0], np.linspace(0, 2 * np.pi, 65), grid.edges[2]
+    around = volume.resample(vm.CylindricalGrid(*edges))
+    camera = vm.Orthographic(60, width=4, resolution=8)
+    image = vm.render(around, vm.Coefficients(["1", "los('v')"], 0), camera)
+    total, moving = np.moveaxis(image.intensity, -1, 0)
+    mean = np.divide(moving, total, out=np.zeros_like(total), where=total > 0)
+    # Symmetric to the error of the picture, and no faster than the sine of the inclination.
+    np.testing.assert_allclose(mean, -mean[:, ::-1], atol=5e-3)
+    assert np.abs(mean).max() <= np.sin(np.radians(60)) + 1e-3
+    assert mean[:, -1].max() > 0.6
+
+
 def both_halves():
     """Return a mirrored volume, and the cells' values as functions of place."""
     grid = vm.SphericalGrid(

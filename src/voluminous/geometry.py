@@ -45,6 +45,22 @@ def mirror_images(grid: Any) -> list[np.ndarray]:
     return [there, np.array([1.0, 1.0, -1.0])] if getattr(grid, "mirror", False) else [there]
 
 
+def turns(grid: Any) -> list[np.ndarray]:
+    """Return quarter turns, shape (3, 3), that take each cell to itself.
+
+    About z where one cell goes all around the axis; about x too where it takes all angles.
+    """
+    if "phi" not in grid.coordinates:
+        return []
+    edges = dict(zip(grid.coordinates, grid.edges, strict=True))
+    if not grid.is_periodic or len(edges["phi"]) - 1 > 1:
+        return []
+    around = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    over = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    all_angles = np.array_equal(edges.get("theta", ()), (0.0, np.pi))
+    return [around, over] if all_angles else [around]
+
+
 def is_uniform(edges: np.ndarray) -> bool:
     """Return True if all cells are equally wide to the rounding of the edges themselves."""
     even = np.linspace(edges[0], edges[-1], len(edges))

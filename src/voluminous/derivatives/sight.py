@@ -7,6 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..geometry import turns
+
+# Cosines that differ by less are alike: what rounding does to them, and far less than is seen.
+_ALIKE = 1e-9
 
 
 class Sight:
@@ -21,7 +25,7 @@ class Sight:
         Raises
         ------
         InputError
-            If no camera is known or it cannot tell, or a cell is in two places.
+            If no camera is known or it cannot tell, or a cell is seen in more than one direction.
         """
         if self.camera is None:
             raise InputError(
@@ -32,7 +36,23 @@ class Sight:
             raise InputError(
                 "los(...) differs between a cell and its mirror image: volume.unfolded() has both"
             )
-        return self._to(self.grid.cell_centers(first, last))
+        centers = self.grid.cell_centers(first, last)
+        found = self._to(centers)
+        self._check_around(centers, found)
+        return found
+
+    def _check_around(self, centers: np.ndarray, found: np.ndarray) -> None:
+        """Refuse cells that go around the axis, or the centre, and look different from there.
+
+        Seen from the axis, or along it, they look the same on all sides, whichever way they move.
+        """
+        for turn in turns(self.grid):
+            if not np.allclose(self._to(turn @ centers), turn @ found, rtol=0, atol=_ALIKE):
+                raise InputError(
+                    "los(...) differs along a cell that goes all around: volume.resample(grid) onto"
+                    " one with many cells in phi (and in theta, if it has one) tells them apart; "
+                    "components in the grid's own coordinates keep their values"
+                )
 
     def key(self) -> bytes | None:
         """Return what lines of sight depend on: those to the corners of the domain tell."""

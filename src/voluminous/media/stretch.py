@@ -202,7 +202,11 @@ class Panel:
 
     def fields(self, f: Any) -> dict[str, Any]:
         """Return all fields at a fraction of the panel."""
-        return self.stretch.fields(self.first + f * (self.last - self.first))
+        return self.stretch.fields(self.place(f))
+
+    def place(self, f: Any) -> Any:
+        """Return where in the stretch a fraction of the panel is."""
+        return self.first + f * (self.last - self.first)
 
 
 def extremes(values: Sequence[Any]) -> tuple[Any, Any]:

@@ -8,7 +8,7 @@ from ..backend import dr
 
 if TYPE_CHECKING:
     from .context import Context
-    from .stretch import Panel
+    from .stretch import Panel, Stretch
 
 
 def obliquity(slope: Any, rise: Any, turned: Any, panel: Panel, context: Context) -> Any:
@@ -28,17 +28,17 @@ def obliquity(slope: Any, rise: Any, turned: Any, panel: Panel, context: Context
     return dr.select(ratio > 1.0, ratio, 1.0)
 
 
-def lambert(normal: list[Any], panel: Panel, place: Any, context: Context) -> Any:
-    """Return the cosine of ray and normal at a place in a panel; one if there is no normal.
+def lambert(normal: list[Any], stretch: Stretch, place: Any, context: Context) -> Any:
+    """Return the cosine of ray and normal at a place in a stretch; one if there is no normal.
 
     Parameters
     ----------
     normal : list of three Expression
         The components of the gradient.
     """
-    cubics, fields = panel.stretch.cubics, panel.fields(place)
+    fields = stretch.fields(place)
     across = _scaled([context.evaluate(e, fields) for e in normal], context)
-    way = _scaled([cubics[axis][1] for axis in "xyz"], context)
+    way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
     size = dr.sqrt(_dot(across, across) * _dot(way, way))
     cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
     return dr.select(size > 0.0, cosine, 1.0)
