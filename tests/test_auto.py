@@ -343,3 +343,15 @@ def test_a_first_picture_needs_a_volume_only():
     np.testing.assert_array_equal(image.intensity, expected.intensity)
     with pytest.raises(vm.InputError, match="Volume"):
         vm.render("density")
+
+
+def test_a_first_picture_of_labels_shows_no_others_between_two():
+    labels = np.zeros((8, 8, 8), np.uint8)
+    labels[2:6, 2:6, 2:6], labels[3:5, 3:5, 3:5] = 1, 3
+    labels[2, 2, 2] = 2
+    volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), organ=labels)
+    image = vm.render(volume)
+    assert image.provenance["scheme"] == "first-order"
+    chosen = vm.render(volume, vm.auto(volume), vm.Orthographic(60, 30), scheme="first-order")
+    np.testing.assert_array_equal(image.intensity, chosen.intensity)
+    assert vm.render(volume, scheme="second-order").provenance["scheme"] == "second-order"

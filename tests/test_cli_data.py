@@ -275,6 +275,36 @@ def test_info_tells_all_there_is(snapshot, capsys):
     assert out.count("|  l") == 4
 
 
+def test_info_tells_numbers_beside_their_unit(snapshot, capsys):
+    snapshot.meta["time_unit"] = "Myr"
+    vm.io.save(snapshot, "snapshot.h5")
+    out = told(capsys, "info", "snapshot.h5")
+    assert "\ntime: 1.5 Myr\n" in out
+    assert "time_unit" not in out
+
+
+def test_info_tells_that_cells_under_finer_ones_are_left_out(capsys):
+    grid = vm.PatchGrid([[0, 0, 0]] * 2, [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
+    vm.io.save(vm.Volume(grid, a=[np.zeros((4, 4, 4)), np.ones((2, 2, 2))]), "patches.h5")
+    out = told(capsys, "info", "patches.h5")
+    assert "\ngrid: patches, 71 cells" in out
+    assert "\n  1 more cells, under finer ones, are left out" in out
+
+
+def test_info_tells_that_the_octree_of_particles_is_not_in_the_file(capsys):
+    points = np.random.default_rng(1).normal(size=(50, 3))
+    vm.io.save(vm.from_particles(points, 1.0), "particles.h5")
+    out = told(capsys, "info", "particles.h5")
+    assert "\n  made by voluminous around 50 particles, which have no cells" in out
+    assert "\nparticles: " not in out
+
+
+def test_text_named_like_data_is_no_scene(capsys):
+    Path("cube.npy").write_text("1 2 3\n")
+    for command in ("info", "render", "measure"):
+        assert "cube.npy is named like a NumPy array" in refused(capsys, command, "cube.npy")
+
+
 def test_what_info_says_to_type_works(snapshot, capsys):
     np.savez("b.npz", rho=snapshot.array("rho"), y=np.ones((2, 2)))
     options = ["--set", "bounds=[[0, 1], [0, 2], [0, 3]]", "--set", "unit=pc"]

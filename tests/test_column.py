@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from astropy import units as u
+from astropy.wcs import WCS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -280,3 +281,33 @@ def test_what_cannot_be_measured():
     sphere = vm.SphericalGrid(np.linspace(0, 1, 4), np.linspace(0, np.pi, 4))
     with pytest.raises(vm.InputError, match=r"boxes.*SphericalGrid"):
         vm.column(vm.Volume(sphere, a=np.ones(sphere.shape)), "a", camera, method="exact")
+
+
+def test_maps_say_what_they_are():
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=np.arange(64.0).reshape(4, 4, 4))
+    camera = vm.Orthographic(resolution=4)
+    for image, label in [
+        (vm.column(volume, "a", camera), "column of a"),
+        (vm.column(volume, "x", camera, weight="a"), "mean of x"),
+        (vm.extreme(volume, "a", camera).value, "maximum of a"),
+        (vm.extreme(volume, "a", camera).depth, "depth"),
+        (vm.moments(volume, "a", camera, velocity="z").mean, "mean velocity"),
+        (vm.measure(volume, "a", camera=camera, maps=True).maps["a"], "column of a"),
+    ]:
+        assert image.plot().figure.axes[1].get_ylabel() == label
+
+
+def test_maps_of_a_cube_know_the_sky():
+    volume = vm.Volume(vm.CartesianGrid.uniform((6, 5, 4), (-1, 1), unit="deg"))
+    volume["a"] = "1 + x"
+    wcs = WCS(naxis=3)
+    wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN", "VRAD"], [12.5, -30, 1000]
+    wcs.wcs.cunit, wcs.wcs.crpix, wcs.wcs.cdelt = ["deg", "deg", "m/s"], [3.5, 3, 1], [-1, 1, 10]
+    wcs.pixel_shape = volume.grid.shape
+    volume.wcs = wcs
+    camera = vm.Orthographic(resolution=(6, 5), width=(2, 2))
+    rendered = vm.render(volume, vm.Coefficients("a", 0), camera).wcs
+    column = vm.column(volume, "a", camera)
+    assert rendered.wcs.compare(column.wcs.wcs)
+    np.testing.assert_allclose(column.wcs.wcs_pix2world([[2.5, 2]], 0), [[12.5, -30]], atol=1e-9)
+    assert vm.moments(volume, "a", camera, velocity="z").mean.wcs is not None

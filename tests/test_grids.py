@@ -122,6 +122,36 @@ def test_units_come_from_quantities_or_are_said():
         vm.CartesianGrid(edges * u.pc, edges * u.s, edges)
 
 
+@pytest.mark.parametrize("unit", ["pc", "arcsec", "km / s", "1 / Mpc", "pix"])
+def test_cells_are_measured_in_lengths_and_angles_and_what_is_made_of_them(unit):
+    edges = np.array([0.0, 1.0, 2.0])
+    assert vm.CartesianGrid(edges, edges, edges, unit=unit).unit == u.Unit(unit)
+
+
+def test_a_name_of_another_unit_is_a_slip():
+    edges = np.array([0.0, 1.0, 2.0])
+    corners = np.array([[0.0, 0, 0]]), np.array([[1.0, 1, 1]]), [[2, 2, 2]]
+    for make in (
+        lambda: vm.CartesianGrid(edges, edges, edges, unit="kg"),
+        lambda: vm.OctreeGrid(edges, edges, edges, unit="kg"),
+        lambda: vm.PatchGrid(*corners, unit="kg"),
+        lambda: vm.SphericalGrid(edges, unit="kg"),
+    ):
+        with pytest.raises(vm.UnitsError, match="'kg' is a unit of mass; expected one of length"):
+            make()
+    # Whoever gives a unit itself, as readers do, means it.
+    assert vm.CartesianGrid(edges * u.s, edges, edges).unit == u.s
+
+
+def test_grids_far_from_the_origin_tell_where_they_end():
+    far = 1e8 + np.array([0.0, 1.0, 2.5])
+    edges = np.array([-1.0, 1.0])
+    told = "x: 100000000 … 100000002.5, y: -1 … 1"
+    for grid in (vm.CartesianGrid(far, edges, edges), vm.OctreeGrid(far, edges, edges)):
+        assert told in repr(grid)
+    assert "R: 100000000 … 100000002.5, " in repr(vm.CylindricalGrid(far, [0, 1], edges))
+
+
 def test_edges_are_a_copy_that_cannot_be_changed():
     edges = np.array([0.0, 1.0, 2.0])
     grid = vm.CartesianGrid(edges, edges, edges)

@@ -4,6 +4,7 @@ import contextlib
 import importlib.metadata
 import pickle
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -491,3 +492,30 @@ class TestHDF5(ReaderContract):
             return directory / "a.h5"
 
         return write
+
+
+def test_what_is_no_path_is_refused():
+    for call in (vm.open, vm.Image.load, vm.Scene.load):
+        with pytest.raises(vm.InputError, match="expected the path of a file, got ndarray"):
+            call(np.ones((2, 2, 2)))
+
+
+def test_images_are_not_opened_as_volumes(tmp_path):
+    vm.Image(np.ones((2, 2, 3))).save(tmp_path / "a.png")
+    with pytest.raises(vm.FileFormatError, match=r"images are opened with vm\.Image\.load"):
+        vm.open(tmp_path / "a.png")
+
+
+def test_what_cannot_be_written_is_named_as_the_user_did(tmp_path, monkeypatch):
+    image = vm.Image(np.ones((2, 2, 3)))
+    with pytest.raises(vm.InputError, match=r"cannot save .*/x{300}.png: "):
+        image.save(tmp_path / f"{'x' * 300}.png")
+    assert not list(tmp_path.iterdir())
+
+    def refuse(self):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "touch", refuse)
+    for save in (image.save, lambda path: vm.io.save(vm.models.sphere(4), path)):
+        with pytest.raises(OSError, match=r"cannot save .*/a.npz: Permission denied; give"):
+            save(tmp_path / "a.npz")

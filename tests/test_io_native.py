@@ -61,14 +61,18 @@ def flags(draw, bases, children, depth=3):
 
 @st.composite
 def cartesian(draw):
-    return vm.CartesianGrid(*(edges(draw) for _ in range(3)), unit=draw(st.sampled_from(UNITS)))
+    return vm.CartesianGrid(
+        *(edges(draw) for _ in range(3)), unit=parse_unit(draw(st.sampled_from(UNITS)))
+    )
 
 
 @st.composite
 def octrees(draw):
     x, y, z = (edges(draw) for _ in range(3))
     bases = (len(x) - 1) * (len(y) - 1) * (len(z) - 1)
-    return vm.OctreeGrid(x, y, z, flags(draw, bases, 8), unit=draw(st.sampled_from(UNITS)))
+    return vm.OctreeGrid(
+        x, y, z, flags(draw, bases, 8), unit=parse_unit(draw(st.sampled_from(UNITS)))
+    )
 
 
 @st.composite
@@ -117,7 +121,7 @@ def cylindrical(draw, refined=False):
 
 
 def curvilinear(draw, kind, walls, refined, **options):
-    options["unit"] = draw(st.sampled_from(UNITS))
+    options["unit"] = parse_unit(draw(st.sampled_from(UNITS)))
     grid = kind(*walls, **options)
     if not refined:
         return grid

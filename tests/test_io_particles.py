@@ -102,7 +102,8 @@ def test_gadget_is_what_from_particles_makes_of_its_particles(tmp_path):
     assert volume.units == {"density": "g / cm3"} | {f"velocity_{a}": "km / s" for a in "xyz"}
     assert total(volume).to_value("g") == pytest.approx(MASSES.sum() * MSUN10, rel=1e-12)
     # Of the code's unit of time, kpc / (km/s).
-    assert volume.meta == {"time": pytest.approx(0.5 * KPC / KMS), "time_unit": "s"}
+    time = pytest.approx(0.5 * KPC / KMS)
+    assert volume.meta == {"particles": len(MASSES), "time": time, "time_unit": "s"}
 
 
 def test_particles_with_densities_or_volumes_are_cells_of_a_mesh(tmp_path):
@@ -172,7 +173,7 @@ def test_comoving_units_become_proper_ones(tmp_path, told):
     assert total(volume).to_value("g") == pytest.approx(2 * MASSES.sum() * MSUN10, rel=1e-12)
     momentum = total(expected, "velocity_x")
     assert (total(volume, "velocity_x") / momentum).to_value("") == pytest.approx(1, rel=1e-9)
-    assert volume.meta == {"redshift": 1.0, "scale_factor": 0.5}
+    assert volume.meta == {"particles": len(MASSES), "redshift": 1.0, "scale_factor": 0.5}
 
 
 def test_swift_tells_units_powers_and_kernel(tmp_path):

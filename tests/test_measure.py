@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -254,10 +256,21 @@ NOT_A_NUMBER = np.full(CAMERA.resolution[::-1], np.nan)
 NO_POLYGON = [(0, 0), (1, np.nan), (1, 0)]
 
 
+@pytest.mark.parametrize("quantities", ["mass", ["density", "mass"], {"m": "mass"}])
+def test_names_of_totals_are_told_how_to_be_asked_for(quantities):
+    volume = gas()
+    with pytest.raises(vm.UnknownNameError, match=re.escape("{'mass': 'density'}")):
+        vm.measure(volume, quantities)
+    volume["mass"] = volume["density"]  # unless there is a field of the name
+    assert vm.measure(volume, quantities).volume > 0
+
+
 def test_what_makes_no_sense():
     volume = gas()
     for arguments, options, told in [
-        ((volume, {}), {}, "quantities is empty"),
+        ((volume, {}), {}, "say what to measure, such as quantities={'mass': 'density'}; fields: "),
+        ((volume,), {}, "say what to measure"),
+        ((volume, []), {}, "say what to measure"),
         ((volume, "density"), {"maps": True}, "give a camera"),
         ((volume, "density"), {"region": 3}, "one of vm.regions"),
         ((volume, "density"), {"camera": 3}, "a camera, or a list of them"),

@@ -75,7 +75,7 @@ def test_vectors_and_lines_of_sight_in_slices():
     [
         ({"normal": "w"}, "unknown axis 'w'"),
         ({"normal": (0, 0, 0)}, "normal must not be zero"),
-        ({"normal": (1, 0)}, "normal must be three finite numbers"),
+        ({"normal": (1, 0)}, "normal must be 'x', 'y', 'z' or three finite numbers"),
         ({"normal": "z", "up": (0, 0, 1)}, "up must not be parallel"),
         ({"width": -1}, "width must be a positive"),
         ({"resolution": 2.5}, "resolution must be a positive whole"),

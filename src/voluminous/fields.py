@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, UnitsError
+from .errors import InputError, UnitsError, VoluminousError
 from .expressions import CONSTANTS, FUNCTIONS
 from .units import is_quantity, parse_unit, plain
 
@@ -161,6 +161,23 @@ def without_mask(value: Any) -> Any:
     return (value if value.dtype.kind == "f" else value.astype(np.float64)).filled(np.nan)
 
 
+def packed(name: str, values: Any, grid: Any) -> np.ndarray:
+    """Return what is given for a field as an array.
+
+    Raises
+    ------
+    InputError
+        If it is none, such as lists of different lengths.
+    """
+    try:
+        array: np.ndarray = grid.pack(values)
+    except VoluminousError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise InputError(f"field {name!r} must be an array of numbers: {error}") from None
+    return array
+
+
 def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
     """Return an array as volumes keep it: C-contiguous, and of a type that kernels know.
 
@@ -175,16 +192,29 @@ def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
             + ("; give its real and imaginary parts" if array.dtype.kind == "c" else "")
         )
     if array.shape != grid.shape:
-        axes = ", ".join(f"i{axis}" for axis in grid.coordinates)
         raise InputError(
             f"field {name!r} has shape {array.shape}, expected the grid's {grid.shape}"
-            + (f"; transpose it (index is [{axes}])" if array.T.shape == grid.shape else "")
+            + _advice(name, array.shape, grid)
         )
     if array.dtype == np.float16:
         array = array.astype(np.float32)
     elif array.dtype.kind == "f" and array.dtype.itemsize > 8:
         array = array.astype(np.float64)
     return _contiguous(array, array.dtype.newbyteorder("="))
+
+
+def _advice(name: str, shape: tuple[int, ...], grid: Any) -> str:
+    """Return what to do with an array of another shape than the grid's, as far as it shows."""
+    index = f"index is [{', '.join(f'i{axis}' for axis in grid.coordinates)}]"
+    if shape[::-1] == grid.shape:
+        return f"; transpose it ({index})"
+    if shape == tuple(n + 1 for n in grid.shape):
+        return "; grids are made of the walls of cells, one more than cells: were these centres?"
+    if shape[:-1] == grid.shape:
+        return f"; give each component a field of its own, such as {name}_x"
+    if shape == (np.prod(grid.shape),):
+        return f"; reshape it ({index}, the last one fastest)"
+    return ""
 
 
 def _contiguous(array: np.ndarray, dtype: Any) -> np.ndarray:

@@ -12,6 +12,23 @@ from pathlib import Path
 from .errors import FileFormatError, InputError, VoluminousError
 
 
+def as_path(path: object) -> Path:
+    """Return the path that a user gives.
+
+    Raises
+    ------
+    InputError
+        If it is no path, such as an array.
+    """
+    if isinstance(path, (str, os.PathLike)):
+        return Path(path)
+    raise InputError(f"expected the path of a file, got {type(path).__name__}")
+
+
+class UnwritablePathError(InputError, OSError):
+    """A file that cannot be written where it shall be."""
+
+
 class MissingPathError(InputError, FileNotFoundError):
     """A file or a directory that does not exist."""
 
@@ -33,20 +50,39 @@ def replacing(path: Path) -> Iterator[Path]:
     ------
     MissingPathError
         If the directory does not exist.
+    UnwritablePathError
+        If nothing can be written there: found out before the work is done.
     InputError
         If `path` is a directory.
     """
     target = Path(os.path.realpath(path))
-    _check_place(path, target)
     # The start of the name tells a person what was left behind should the machine lose power.
     temporary = target.with_name(f".{target.stem[:40]}.{secrets.token_hex(6)}.part{target.suffix}")
+    with _naming(path):
+        _check_place(path, target)
+        temporary.touch()
+        temporary.unlink()
     try:
         yield temporary
-        if target.exists():
-            shutil.copymode(target, temporary)
-        os.replace(temporary, target)
+        with _naming(path):
+            if target.exists():
+                shutil.copymode(target, temporary)
+            os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Name the file that a user asked for in errors, not the temporary one."""
+    try:
+        yield
+    except VoluminousError:
+        raise
+    except OSError as error:
+        raise UnwritablePathError(
+            f"cannot save {path}: {error.strerror}; give another name or directory"
+        ) from error
 
 
 def _check_place(path: Path, target: Path) -> None:

@@ -6,10 +6,13 @@ the x axis towards y, and angles are radians.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
+# Digits of the ends of an interval, and of its width at least.
+_DIGITS, _OF_WIDTH = 6, 3
 CARTESIAN, SPHERICAL, CYLINDRICAL = ("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z")
 
 
@@ -59,6 +62,20 @@ def turns(grid: Any) -> list[np.ndarray]:
     over = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     all_angles = np.array_equal(edges.get("theta", ()), (0.0, np.pi))
     return [around, over] if all_angles else [around]
+
+
+def span(low: float, high: float) -> str:
+    """Return both ends of an interval in words, with digits enough to tell its width.
+
+    Examples
+    --------
+    >>> span(-1.0, 1.0), span(1e8, 1e8 + 2.5)
+    ('-1 … 1', '100000000 … 100000002.5')
+    """
+    width = abs(high - low) or 1.0
+    far = max(abs(low), abs(high), width)
+    digits = max(_DIGITS, _OF_WIDTH + math.ceil(math.log10(far / width)))
+    return f"{low:.{digits}g} … {high:.{digits}g}"
 
 
 def is_uniform(edges: np.ndarray) -> bool:

@@ -47,6 +47,30 @@ def _known_unit(unit: Any) -> Any:
     return parsed
 
 
+def space_unit(unit: Any) -> Any:
+    """Return the unit that a user names for the edges of cells; units themselves are taken as such.
+
+    Raises
+    ------
+    UnitsError
+        If the name is not a unit, or of one that no place in space can have, such as kg for km:
+        there has to be a length or an angle in it.
+    """
+    parsed = parse_unit(unit)
+    if isinstance(unit, str) and parsed is not None and not _has_extent(parsed):
+        raise UnitsError(
+            f"{unit!r} is a unit of {parsed.physical_type}; expected one of length such as 'pc', "
+            "or of angle; leave it out if cells are measured in something else"
+        )
+    return parsed
+
+
+def _has_extent(unit: Any) -> bool:
+    """Return True for lengths, angles, what is made of them, and what astropy has no word for."""
+    bases = {base.name for base in unit.decompose().bases}
+    return unit.physical_type == "unknown" or bool(bases & {"m", "rad"})
+
+
 @functools.lru_cache(maxsize=256)
 def unit_name(unit: Any) -> str:
     """Return the name of a unit; the empty string for dimensionless."""
@@ -91,8 +115,8 @@ def plain(value: Any, unit: Any, what: str) -> Any:
     except u.UnitConversionError as error:
         name = unit_name(parse_unit(unit)) or "dimensionless"
         advice = (
-            "; the volume's length unit is dimensionless: build its grid from quantities, "
-            "or give a plain number"
+            "; give a plain number, or a unit to what has none: quantities for the edges of cells, "
+            "volume.set_unit(name, unit) for a field"
             if unit is None
             else f"; give a quantity convertible to {name}, or a plain number in {name}"
         )

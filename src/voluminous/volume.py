@@ -21,6 +21,7 @@ from .fields import (
     checked_name,
     coordinate_names,
     is_angle,
+    packed,
     split_unit,
     unit_quantity,
     without_mask,
@@ -183,7 +184,7 @@ class Volume(Evaluation, OnOtherCells):
             return
         else:
             values, unit = split_unit(without_mask(value))
-            array = self.grid.pack(values)
+            array = packed(name, values, self.grid)
         self._fields[name] = checked_array(name, array, self.grid)
         self._units[name] = unit
         self._forget(name)

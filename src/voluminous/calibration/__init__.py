@@ -2,5 +2,6 @@
 
 from .auto import auto
 from .calibrate import calibrate
+from .labels import shows_labels
 
-__all__ = ["auto", "calibrate"]
+__all__ = ["auto", "calibrate", "shows_labels"]

@@ -65,8 +65,9 @@ def auto(
     Medium
         A sum of `Gaussian` shells whose path lengths fit this volume, in ``expr`` or, where that is
         not negative and spans more than two decades, in ``log10(expr)``. For labels (few whole
-        numbers without gaps) one `Rectangle` for each but the background; for a constant, one
-        `Rectangle`. The same data gives the same medium.
+        numbers without gaps) one `Rectangle` for each but the background, to be rendered with
+        ``scheme="first-order"``; for a constant, one `Rectangle`. The same data gives the same
+        medium.
 
     Raises
     ------

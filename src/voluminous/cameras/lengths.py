@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import is_quantity, parse_unit, plain, unit_name, unit_of
+from ..units import degrees, is_quantity, parse_unit, plain, unit_name, unit_of
 
 
 def point(value: Any, unit: Any, what: str) -> np.ndarray:
@@ -32,6 +32,20 @@ def as_vector(value: Any, length: int, what: str) -> np.ndarray:
     if array.shape != (length,) or not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be {length} finite numbers, got {value!r}")
     return array
+
+
+def finite_degrees(value: Any, what: str) -> float:
+    """Return an angle in degrees; plain numbers are degrees.
+
+    Raises
+    ------
+    InputError
+        If it is not finite.
+    """
+    angle = degrees(value, what)
+    if not np.isfinite(angle):
+        raise InputError(f"{what} must be finite, got {angle}")
+    return angle
 
 
 def described(value: Any) -> Any:

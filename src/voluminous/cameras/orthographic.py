@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
 from ..grids.contract import Ray
 from ..rotation import angles_towards, cosine_sine, image_axes, position_angle
-from ..units import degrees, is_quantity, plain, unit_of
+from ..units import is_quantity, plain, unit_of
 from .contract import Camera, Frame, pixel_counts, plane_size
-from .lengths import as_vector, described, point, vector_of
+from .lengths import as_vector, described, finite_degrees, point, vector_of
 
 
 class Orthographic(Camera):
@@ -59,17 +58,15 @@ class Orthographic(Camera):
         *,
         shift: Any = (0.0, 0.0),
     ) -> None:
-        self.incl = degrees(incl, "incl")
-        self.phi = degrees(phi, "phi")
-        self.posang = degrees(posang, "posang")
-        for name in ("incl", "phi", "posang"):
-            if not np.isfinite(getattr(self, name)):
-                raise InputError(f"{name} must be finite, got {getattr(self, name)}")
+        self.incl = finite_degrees(incl, "incl")
+        self.phi = finite_degrees(phi, "phi")
+        self.posang = finite_degrees(posang, "posang")
         self.resolution = pixel_counts(resolution)
         self.width, self.center, self.shift = width, center, shift
         if width is not None:
             own = unit_of(width)
             plane_size(plain(width, own, "width"), self.resolution, "width")
+        as_vector(plain(shift, unit_of(shift), "shift"), 2, "shift")
         if center is not None:
             point(center, unit_of(center), "center")
 

@@ -10,9 +10,9 @@ from ..backend import dr
 from ..errors import InputError, unknown_name
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import degrees, is_quantity, radians
+from ..units import degrees, is_quantity, radians, unit_of
 from .contract import Camera, Frame, pixel_counts, plane_size
-from .lengths import described, point, vector_of
+from .lengths import described, finite_degrees, point, vector_of
 
 PROJECTIONS = ("flat", "spherical")
 # RADMC-3D's degree for the zenith angle.
@@ -48,7 +48,8 @@ class Perspective(Camera):
     Raises
     ------
     InputError
-        If position and target coincide, both `fov` and `width` or both `up` and `posang` are given,
+        If position or target are not three finite numbers, or coincide, `up` is parallel to the
+        line of sight, both `fov` and `width` or both `up` and `posang` are given,
         or the field of view does not fit the projection (below 180 degrees on a flat screen).
 
     Notes
@@ -77,16 +78,35 @@ class Perspective(Camera):
             raise InputError("give fov (an angle) or width (radians on the screen), not both")
         if up is not None and posang is not None:
             raise InputError("give up (a direction) or posang (an angle), not both")
+        vector_of(position, "position"), vector_of(target, "target")
         self.position, self.target = position, target
         self.projection = projection
         self.resolution = pixel_counts(resolution)
-        self.zenith = degrees(zenith, "zenith")
-        self.posang = 0.0 if posang is None else degrees(posang, "posang")
+        self.zenith = finite_degrees(zenith, "zenith")
+        self.posang = 0.0 if posang is None else finite_degrees(posang, "posang")
         self.up = None if up is None else vector_of(up, "up")
+        self._refuse_no_direction()
         size = _screen(45.0 if fov is None else fov, projection) if width is None else width
         self.width = plane_size(radians(size, "width"), self.resolution, "width")
         if projection == "spherical" and max(self.width) > 2.0 * np.pi * (1.0 + 1e-12):
             raise InputError(f"a dome is at most 2π radians wide, got {max(self.width):g}")
+
+    def _refuse_no_direction(self) -> None:
+        """Refuse an observer that looks nowhere, as far as that shows before there is a volume.
+
+        A point with a unit and a plain one can only be compared in the volume's unit.
+        """
+        unit = unit_of(self.position)
+        if unit == unit_of(self.target):
+            self._axes(*(vector_of(p, "point") for p in (self.position, self.target)))
+
+    def _axes(self, position: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Return the axes of the image, before the dome is tilted."""
+        if np.array_equal(position, target):
+            raise InputError("position and target of a perspective camera must not coincide")
+        incl, phi = angles_towards(position - target)
+        posang = self.posang if self.up is None else position_angle(incl, phi, self.up)
+        return image_axes(incl, phi, posang)
 
     @classmethod
     def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
@@ -102,11 +122,7 @@ class Perspective(Camera):
         """Return pixels and vectors for a grid: position, and the camera's three axes."""
         position = point(self.position, grid.unit, "position")
         target = point(self.target, grid.unit, "target")
-        if np.array_equal(position, target):
-            raise InputError("position and target of a perspective camera must not coincide")
-        incl, phi = angles_towards(position - target)
-        posang = self.posang if self.up is None else position_angle(incl, phi, self.up)
-        axes = image_axes(incl, phi, posang)
+        axes = self._axes(position, target)
         tilt = self.zenith / _ZENITH_DEGREE
         c, s = np.cos(tilt), np.sin(tilt)
         tilted = np.stack([axes[0], c * axes[1] + s * axes[2], -s * axes[1] + c * axes[2]])

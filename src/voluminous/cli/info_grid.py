@@ -8,13 +8,23 @@ from typing import Any
 import numpy as np
 
 from ..fields import is_angle
+from ..geometry import span
 
 
-def describe_grid(grid: Any) -> Iterator[str]:
-    """Yield lines about a grid: kind, cells, levels, extent, effective resolution."""
+def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
+    """Yield lines about a grid: kind, cells, levels, extent, effective resolution.
+
+    Parameters
+    ----------
+    grid : grid
+    particles : int, optional
+        Around how many particles it was made: cells and levels are not those of a file then.
+    """
     told = grid.describe()
     refined = len(grid.shape) == 1
     yield f"grid: {told['type']}, {_times(grid.shape)} cells{_kind(told)}"
+    if particles is not None:
+        yield f"  made by voluminous around {particles} particles, which have no cells of their own"
     yield from _extent(grid, told["unit"])
     if refined:
         yield from _levels(grid, told)
@@ -31,10 +41,10 @@ def _extent(grid: Any, unit: str) -> Iterator[str]:
     if own != ("x", "y", "z") and hasattr(grid, "edges"):
         for name, edges in zip(own, grid.edges, strict=True):
             own_unit = "rad" if is_angle(name) else unit
-            yield f"  {name}  {edges[0]:g} … {edges[-1]:g} {own_unit}".rstrip()
+            yield f"  {name}  {span(edges[0], edges[-1])} {own_unit}".rstrip()
     for axis, (low, high) in zip("xyz", grid.bounds, strict=True):
         if own == ("x", "y", "z") or axis not in own:
-            yield f"  {axis}  {low:g} … {high:g} {unit}".rstrip()
+            yield f"  {axis}  {span(low, high)} {unit}".rstrip()
 
 
 def _levels(grid: Any, told: dict[str, Any]) -> Iterator[str]:
@@ -47,6 +57,9 @@ def _levels(grid: Any, told: dict[str, Any]) -> Iterator[str]:
             yield f"  level {level}: {count} cells of {size} {told['unit']}".rstrip()
     finest = np.ptp(grid.bounds, axis=1) / _widths(grid, levels, int(levels.max()))
     yield f"  effective resolution: {_times(np.round(finest).astype(int))}"
+    hidden = told.get("hidden_cells", 0)
+    if hidden:
+        yield f"  {hidden} more cells, under finer ones, are left out, here and in what follows"
 
 
 def _widths(grid: Any, levels: np.ndarray, level: int) -> np.ndarray:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..volume import Volume
 
-_LONGEST = 100
+_LONGEST, _UNIT = 100, "_unit"
+# What is told of the grid that is made of them.
+_TOLD_BY = ("particles",)
 
 
 def describe_meta(volume: Volume) -> Iterator[str]:
     """Yield what a file told besides."""
     for key, value in volume.meta.items():
         told = _short(value)
-        if told:
-            yield f"{key}: {told}"
+        if told and key not in _TOLD_BY and not _is_unit(key, volume.meta):
+            yield f"{key}: {told} {volume.meta.get(key + _UNIT, '')}".rstrip()
     if volume.wcs is not None:
         yield from _sky(volume.wcs)
+
+
+def _is_unit(key: str, meta: Mapping[str, Any]) -> bool:
+    """Return True for ``time_unit`` where there is a ``time``, beside which it is told."""
+    return key.endswith(_UNIT) and key.removesuffix(_UNIT) in meta
 
 
 def _short(value: Any) -> str:

@@ -10,7 +10,7 @@ from ..errors import VoluminousError
 from ..first_view import FIRST_INCL, FIRST_PHI
 from .data import DataFile
 from .info_field import Look
-from .render_volume import LEVELS, PIXELS, shows_labels
+from .render_volume import LEVELS, PIXELS
 
 if TYPE_CHECKING:
     from ..volume import Volume
@@ -46,7 +46,7 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
 
 def _sections(volume: Volume, name: str) -> dict[str, Any]:
     """Return all of a scene but its volume: what `voluminous render` chooses, in short numbers."""
-    from ..calibration import auto
+    from ..calibration import auto, shows_labels
 
     medium = auto(volume, name, LEVELS)
     parts = [_told(part, volume) for part in medium.components()]

@@ -65,7 +65,7 @@ def _nothing(data: DataFile) -> Iterator[str]:
 def _about(volume: Volume, told: Any) -> Iterator[str]:
     """Yield lines about the grid, unless the one before was the same, and what else is known."""
     if told is None:
-        yield from describe_grid(volume.grid)
+        yield from describe_grid(volume.grid, volume.meta.get("particles"))
         yield from describe_meta(volume)
     elif volume.grid.describe() != told.describe():
         yield ""

@@ -46,13 +46,14 @@ def is_volume(path: Path, format: str | None = None) -> bool:
         If there is no such file, or nothing can be made of it.
     """
     from ..io import find_reader
+    from ..io.registry import reader_for_suffix
 
     if format is None and (path.suffix.lower() == ".toml" or is_image(path)):
         return False
     try:
         find_reader(path, format)
     except FileFormatError:
-        if _is_text(path):  # a scene by another name
+        if _is_text(path) and reader_for_suffix(path) is None:  # a scene by another name
             return False
         raise
     return True
@@ -114,7 +115,7 @@ def scene_of(
     VoluminousError
         If the file cannot be read, or the expression names something that is not there.
     """
-    from ..calibration import auto
+    from ..calibration import auto, shows_labels
     from ..scene import Scene
     from .choice import first_field
     from .framing import framed
@@ -153,17 +154,6 @@ def _camera(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any
     return {**angles, "resolution": PIXELS}
 
 
-def shows_labels(medium: Medium) -> bool:
-    """Return True if every part of a medium shows one whole number."""
-    from ..media import Rectangle
-
-    parts: list[Any] = list(medium.components())
-    return all(
-        isinstance(part, Rectangle) and part.width == 0.5 and float(part.center).is_integer()
-        for part in parts
-    )
-
-
 def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterable[str]) -> str:
     """Return field, levels and camera in words, and how to change them."""
     parts: list[Any] = list(medium.components())
@@ -180,6 +170,8 @@ def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterab
 
 def _count(medium: Medium) -> str:
     count = len(list(medium.components()))
+    from ..calibration import shows_labels
+
     if shows_labels(medium):
         return "label" if count == 1 else f"{count} labels, cell by cell:"
     return "shell at" if count == 1 else f"{count} shells at"

@@ -20,7 +20,13 @@ _HINTS = {
     "&": "'&&' is not an operator of expressions; write 'and'",
     "|": "'||' is not an operator of expressions; write 'or'",
     "!": "'!' is not an operator of expressions; write 'not'",
+    "?": "'?' is not an operator of expressions; write where(condition, a, b)",
 }
+# Two names or numbers with nothing between them: `2 a`, `log10 a`, `v - 5 km`.
+_NO_OPERATOR = (
+    "an operator or brackets are missing here: write 2*a and log10(a); units stand after numbers "
+    "that are compared, as in 'v > 5 km/s'"
+)
 
 
 def one_line(text: str) -> str:
@@ -64,10 +70,18 @@ def _fail_syntax(text: str, error: SyntaxError) -> NoReturn:
     # Python counts from 1; 0 stands for the whole text, or its end if that is what is wrong.
     if error.offset:
         place = error.offset - 1
-        fail(text, place, _HINTS.get(text[place : place + 1], error.msg))
+        fail(text, place, _HINTS.get(text[place : place + 1]) or _explained(text, place, error))
     if error.msg == "invalid syntax":
         fail(text, len(text), "the expression ends too early")
     fail(text, 0, error.msg)
+
+
+def _explained(text: str, place: int, error: SyntaxError) -> str:
+    """Return what Python says of an error, or more than that where two operands stand together."""
+    before, here = text[:place].rstrip()[-1:], text[place : place + 1]
+    beside = (before.isalnum() or before == ")") and here.isalnum()
+    # Of 2a Python points to the number.
+    return _NO_OPERATOR if beside or "decimal literal" in error.msg else error.msg
 
 
 def fail_too_deep(text: str, place: int) -> NoReturn:

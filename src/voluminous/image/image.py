@@ -260,9 +260,10 @@ class Image(Made):
         MissingPathError
             If the directory does not exist.
         """
+        from ..files import as_path
         from .formats import save
 
-        save(self, Path(path), **options)
+        save(self, as_path(path), **options)
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
@@ -278,9 +279,10 @@ class Image(Made):
         FileFormatError
             If it is damaged, or is not what its suffix says.
         """
+        from ..files import as_path
         from .formats import load
 
-        return load(Path(path), cls)
+        return load(as_path(path), cls)
 
     def plot(self, ax: Axes | None = None, *, scale_bar: bool = False, **options: Any) -> Axes:
         """Draw the image with axes in its unit; a colour bar where one channel is shown.

@@ -37,7 +37,7 @@ def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> A
     place["aspect"] = _aspect(image, extent)
     if shows_one_channel(image, options):
         shown = axes.imshow(**one_channel(image, **options), **place)
-        _add_colorbar(axes, shown, image.intensity_unit)
+        _add_colorbar(axes, shown, image)
     else:
         axes.imshow(display(image.intensity, image.transparency, **options), **place)
     if labels:
@@ -124,10 +124,12 @@ def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> l
     return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]
 
 
-def _add_colorbar(axes: Axes, shown: ScalarMappable, unit: str) -> None:
+def _add_colorbar(axes: Axes, shown: ScalarMappable, image: Image) -> None:
     figure = axes.get_figure()
     assert figure is not None
-    figure.colorbar(shown, ax=axes, label=_label("intensity", unit))
+    # Maps of what was measured say what they are.
+    name = (image.provenance or {}).get("map", "intensity")
+    figure.colorbar(shown, ax=axes, label=_label(str(name), image.intensity_unit))
 
 
 def _label(name: str, unit: str) -> str:

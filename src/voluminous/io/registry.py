@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import MissingPathError
+from ..files import MissingPathError, as_path
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npy import NPYReader
 from .arrays.npz import NPZReader
@@ -134,7 +134,7 @@ def open_lazily(
     path: str | Path, fields: Any = None, *, format: str | None = None, **options: Any
 ) -> Volume:
     """Return what `open` does, with fields that are read when they are first used."""
-    path = Path(path)
+    path = as_path(path)
     reader = find_reader(path, format)
     with placed(path):
         check_options(reader, options)
@@ -250,8 +250,17 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
         )
     else:
         told = f"{path} is of a format that voluminous does not know; it starts with {head[:8]!r}"
+    told += _if_image(path)
     listed = ", ".join(map(_named_with_suffixes, readers()))
     return FileFormatError(f"{told}. Known formats: {listed}")
+
+
+def _if_image(path: Path) -> str:
+    """Return how a file is opened that is named like an image."""
+    from ..image.formats import FORMATS
+
+    named = any(path.suffix.lower() in form.suffixes for form in FORMATS)
+    return "; images are opened with vm.Image.load" if named and path.is_file() else ""
 
 
 def _named_with_suffixes(reader: Reader) -> str:

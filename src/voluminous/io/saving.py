@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, unknown_name
-from ..files import MissingPathError, replacing
+from ..files import MissingPathError, as_path, replacing
 from .contract import Reader
 from .guard import placed
 from .registry import readers
@@ -52,7 +52,7 @@ def save(volume: Volume, path: str | Path, *, format: str | None = None, **optio
     >>> vm.open("sphere.h5").grid.shape
     (8, 8, 8)
     """
-    path = Path(path)
+    path = as_path(path)
     writer: Any = writer_for(path, format)
     for option in options:
         if option not in writer.write_options:

@@ -82,6 +82,7 @@ def column(
     check_volume(volume)
     what = Quantity.of(volume.seen_by(camera), quantity)
     told = {"quantity": what.expression.text, "method": method, "samples": samples}
+    told["map"] = f"{'column' if weight is None else 'mean'} of {what.expression.text}"
     if weight is None:
         own, factor = column_unit(what.unit, volume.unit)
         values = integrals(volume, [what.expression], camera, **how)[0]

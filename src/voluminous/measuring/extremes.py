@@ -72,7 +72,8 @@ def extreme(
     options = {"precision": precision, "device": device, "progress": progress}
     found = scan(volume, Coefficients(what.expression, 0), camera, scheme, **options)
     value, depth = found.unit * found.values[0], found.values[1]
-    told = {"quantity": what.expression.text, "kind": kind}
+    quantity = what.expression.text
+    told = {"quantity": quantity, "kind": kind, "map": f"{kind} of {quantity}"}
     return Extreme(
         as_map(value, what.unit, volume, camera, told), depth_map(depth, volume, camera, told)
     )

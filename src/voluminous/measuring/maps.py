@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..image import Image
+from ..rendering import image_wcs
 from ..units import unit_name
 
 
@@ -18,7 +19,8 @@ def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[s
     values : array, shape (ny, nx) or (ny, nx, k)
     unit : astropy unit or None
     told : dict
-        What was measured, and how: for the image's provenance.
+        What was measured, and how: for the image's provenance. Its ``map`` says what the values
+        are, in a colour bar too.
     """
     from .. import __version__
 
@@ -32,6 +34,7 @@ def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[s
         unit=camera.plane_unit or unit_name(volume.unit),
         intensity_unit=unit_name(unit),
         camera=camera.describe(),
+        wcs=image_wcs(volume, camera, frame),
         provenance={"software": f"voluminous {__version__}", "volume": volume.describe(), **told},
     )
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, UnknownNameError, unknown_name
 from ..regions import Region
 from ..units import parse_unit
 from .aperture import Aperture
@@ -20,6 +20,14 @@ from .shapes import region_of
 
 if TYPE_CHECKING:
     from ..image import Image
+
+# What people ask for by the name of the total, and what adds up to it.
+_TOTALS = {
+    "mass": "density",
+    "momentum": "density * los('velocity')",
+    "energy": "0.5 * density * norm('velocity')**2",
+    "kinetic_energy": "0.5 * density * norm('velocity')**2",
+}
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,7 @@ class Measurement(Mapping[str, Any]):
 
 def measure(
     volume: Any,
-    quantities: Any,
+    quantities: Any = None,
     where: Any = None,
     camera: Any = None,
     *,
@@ -80,8 +88,8 @@ def measure(
     volume : Volume
         Grid and fields; a quantity is constant in a cell.
     quantities : str, list of str or dict of str
-        One expression, several, or name → expression: ``{"mass": "density", "momentum":
-        "density * los('velocity')"}``.
+        What to add up: one expression, several, or name → expression: ``{"mass": "density",
+        "momentum": "density * los('velocity')"}``. Left out, the error says what there is.
     where : str, optional
         A condition that cells must fulfil, such as ``"los('velocity') > 5 km/s"``; numbers may have
         units on the right of a comparison.
@@ -123,7 +131,7 @@ def measure(
     of an outflow as optical depths; here they follow from the cells themselves, without rays.
     """
     check_volume(volume)
-    asked = _asked(quantities)
+    asked = _asked(quantities, volume)
     if isinstance(region, str):
         region = region_of(region)
     if region is not None and not isinstance(region, Region):
@@ -138,14 +146,32 @@ def measure(
     return _in_cells(seen, what, parts)
 
 
-def _asked(quantities: Any) -> dict[str, Any]:
-    if isinstance(quantities, (list, tuple)):
-        quantities = {str(quantity): quantity for quantity in quantities}
+def _asked(quantities: Any, volume: Any) -> dict[str, Any]:
+    """Return name → expression; an expression without a name is called what it is."""
+    if quantities is None or (isinstance(quantities, (list, tuple, Mapping)) and not quantities):
+        known = ", ".join(volume.fields) or "(none)"
+        raise InputError(
+            f"say what to measure, such as quantities={_as_dict('mass')}; fields: {known}"
+        )
     if not isinstance(quantities, Mapping):
-        return {str(quantities): quantities}
-    if not quantities:
-        raise InputError("quantities is empty; name at least one, such as {'mass': 'density'}")
+        listed = quantities if isinstance(quantities, (list, tuple)) else [quantities]
+        quantities = {str(quantity): quantity for quantity in listed}
+    _refuse_totals(quantities.values(), volume)
     return dict(quantities)
+
+
+def _refuse_totals(listed: Iterable[Any], volume: Any) -> None:
+    """Refuse names of totals in place of what adds up to them: a mass is the sum of a density."""
+    for name in listed:
+        if isinstance(name, str) and name in _TOTALS and name not in volume.fields:
+            error = unknown_name("field", name, volume.fields)
+            raise UnknownNameError(
+                f"{error}. For a total give name and what adds up: {_as_dict(name)}"
+            )
+
+
+def _as_dict(name: str) -> str:
+    return repr({name: _TOTALS[name]})
 
 
 def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measurement:
@@ -194,7 +220,8 @@ def _in_pixels(
     images = {}
     for (name, q), column in zip(what.items(), columns, strict=False):
         unit, factor = column_unit(q.unit, volume.unit)
-        told = {"quantity": q.expression.text, "method": "exact"}
+        text = q.expression.text
+        told = {"quantity": text, "method": "exact", "map": f"column of {text}"}
         images[name] = as_map(factor * column * counts, unit, volume, camera, told)
     space = _with_unit(volume, sums[-1], None)
     return Measurement(totals, space, plain.cells, plain.missing, images if maps else {})

@@ -78,7 +78,8 @@ def from_particles(
         On an `OctreeGrid`, with the field ``density`` (mass per volume of each cell) and `fields`:
         the mass-weighted means of what the particles in a cell carry. Give what is per mass
         (velocity, specific energy, temperature); what is per volume or per particle should be
-        divided by density or mass before, and multiplied afterwards.
+        divided by density or mass before, and multiplied afterwards. ``meta["particles"]`` is
+        their number.
 
     Raises
     ------
@@ -131,6 +132,7 @@ def from_particles(
     means = on_grid.means(*(v for v, _ in values.values()), empty=empty)
     made = Volume(on_grid.grid, {_DENSITY: on_grid.density()})
     made.set_unit(_DENSITY, given.density_unit)
+    made.meta["particles"] = len(given.mass)
     for (name, (_, own)), mean in zip(values.items(), means, strict=True):
         made[name] = mean
         made.set_unit(name, own)

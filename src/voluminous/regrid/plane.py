@@ -11,6 +11,7 @@ from ..errors import InputError, unknown_name
 from ..units import plain, unit_name
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_VECTOR = "three finite numbers"
 # What is to the right and up in a slice across an axis: the next axes in turn.
 _FRAMES = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}
 
@@ -133,7 +134,7 @@ def _frame(normal: Any, up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if up is None:
             return _along(normal), _along(_FRAMES[normal][0]), _along(_FRAMES[normal][1])
         normal = AXES[normal]
-    towards = _unit(normal, "normal")
+    towards = _unit(normal, "normal", f"'x', 'y', 'z' or {_VECTOR}")
     if up is None:
         up = AXES["z"] if abs(towards[2]) < 1 - 1e-9 else AXES["y"]
     sideways = np.cross(_unit(up, "up"), towards)
@@ -173,15 +174,15 @@ def _pixels(resolution: Any, size: tuple[float, float]) -> tuple[int, int]:
     return nx, ny
 
 
-def _three(value: Any, unit: Any, what: str) -> np.ndarray:
+def _three(value: Any, unit: Any, what: str, expected: str = _VECTOR) -> np.ndarray:
     array = np.asarray(plain(value, unit, what), dtype=np.float64)
     if array.shape != (3,) or not np.all(np.isfinite(array)):
-        raise InputError(f"{what} must be three finite numbers, got {value!r}")
+        raise InputError(f"{what} must be {expected}, got {value!r}")
     return array
 
 
-def _unit(value: Any, what: str) -> np.ndarray:
-    vector = _three(value, None, what)
+def _unit(value: Any, what: str, expected: str = _VECTOR) -> np.ndarray:
+    vector = _three(value, None, what, expected)
     if not np.any(vector):
         raise InputError(f"{what} must not be zero")
     return vector / np.linalg.norm(vector)

@@ -2,5 +2,6 @@
 
 from .api import render
 from .prepare import prepare
+from .sky import image_wcs
 
-__all__ = ["prepare", "render"]
+__all__ = ["image_wcs", "prepare", "render"]

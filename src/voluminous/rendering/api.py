@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration import auto
+from ..calibration import auto, shows_labels
 from ..cameras import Orthographic
 from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
@@ -33,7 +33,7 @@ def render(
     medium: Medium | None = None,
     camera: Any = None,
     *,
-    scheme: Any = "post-classified",
+    scheme: Any = None,
     tolerance: float | None = 1e-3,
     background: Any = 0.0,
     precision: str = "single",
@@ -56,7 +56,8 @@ def render(
     camera : Orthographic or Perspective, optional
         Which rays. By default all is seen, from obliquely above.
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
-        How one segment is solved; see the page on schemes.
+        How one segment is solved; see the page on schemes. By default the first, but
+        ``"first-order"`` where `voluminous.auto` finds labels: between two there are no others.
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
         `Image.error` tells what was reached. None: do not look, which takes a half to a
@@ -110,7 +111,7 @@ def render(
     MemoryNeededError
         If it does not fit into memory, before any is taken.
     """
-    medium, camera = _chosen(volume, medium, camera)
+    medium, camera, scheme = _chosen(volume, medium, camera, scheme)
     things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,
@@ -142,11 +143,14 @@ def render(
     return _image(job, planes, behind, budget, told)
 
 
-def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
-    """Return a medium and a camera, for a first picture where there are none."""
+def _chosen(volume: Any, medium: Any, camera: Any, scheme: Any) -> tuple[Any, Any, Any]:
+    """Return medium, camera and scheme, for a first picture where there are none."""
+    usual = "post-classified"
     if medium is None and isinstance(volume, Volume):
         medium = auto(volume)
-    return medium, Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
+        usual = "first-order" if shows_labels(medium) else usual
+    camera = Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
+    return medium, camera, usual if scheme is None else scheme
 
 
 def _check_finite(job: Job, planes: Planes) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
-from ..files import MissingPathError, replacing
+from ..files import MissingPathError, as_path, replacing
 from ..io.guard import placed
 from . import toml
 from .sections import (
@@ -101,7 +101,7 @@ class Scene:
         """
         from ..image.formats import FORMATS
 
-        path = Path(path)
+        path = as_path(path)
         if any(path.suffix.lower() in form.suffixes for form in FORMATS):
             return cls._of_image(path)
         text = _text_of(path)
@@ -202,7 +202,7 @@ class Scene:
 
     def save(self, path: str | Path) -> None:
         """Write a scene file; the paths in it become relative to its directory."""
-        path = Path(path)
+        path = as_path(path)
         text = toml.dumps(self.to_dict(path.parent))
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -211,7 +211,7 @@ class Scene:
         """Save a picture of this scene with those of its image options that the format has."""
         from ..image.formats import format_of
 
-        path = Path(path)
+        path = as_path(path)
         known = format_of(path).options
         image.save(path, **{k: v for k, v in self.image_options.items() if k in known})
 

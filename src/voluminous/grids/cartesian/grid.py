@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...geometry import is_uniform
-from ...units import is_quantity, parse_unit, plain, unit_name, unit_of
+from ...geometry import is_uniform, span
+from ...units import is_quantity, plain, space_unit, unit_name, unit_of
 from ..extent import check_extent
 from .cells import CartesianCells
 
@@ -162,7 +162,7 @@ class CartesianGrid(CartesianCells):
 
     def __repr__(self) -> str:
         limits = ", ".join(
-            f"{a}: {lo:g} … {hi:g}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
+            f"{a}: {span(lo, hi)}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
         )
         kind = "uniform" if self.is_uniform else "rectilinear"
         nx, ny, nz = self.shape
@@ -174,7 +174,7 @@ def _common_unit(axes: Any, unit: Any) -> Any:
     for values in axes:
         if (own := unit_of(values)) is not None:
             return own
-    return parse_unit(unit)
+    return space_unit(unit)
 
 
 def _edges(values: Any, unit: Any, axis: str) -> np.ndarray:

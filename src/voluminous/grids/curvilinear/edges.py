@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...units import is_quantity, parse_unit, plain, radians, unit_of
+from ...units import is_quantity, plain, radians, space_unit, unit_of
 
 FULL_CIRCLE = 2 * np.pi
 # Azimuths and polar angles in single precision end where they should to this.
@@ -19,7 +19,7 @@ def length_unit(lengths: tuple[Any, ...], unit: Any) -> Any:
     for values in lengths:
         if (own := unit_of(values)) is not None:
             return own
-    return parse_unit(unit)
+    return space_unit(unit)
 
 
 def length_edges(values: Any, unit: Any, name: str) -> np.ndarray:

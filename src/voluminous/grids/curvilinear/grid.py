@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...geometry import span
 from ...units import unit_name
 from .edges import FULL_CIRCLE, is_closed
 from .vertices import cells_around
@@ -214,7 +215,7 @@ class CurvilinearGrid:
     def __repr__(self) -> str:
         counts = "x".join(map(str, self.shape))
         limits = ", ".join(
-            f"{name}: {e[0]:g} … {e[-1]:g}"
+            f"{name}: {span(e[0], e[-1])}"
             for name, e in zip(self.coordinates, self.edges, strict=True)
         )
         mirrored = ", mirrored" if self.mirror else ""

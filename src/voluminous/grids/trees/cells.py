@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import get_backend
+from ...geometry import span
 from ...units import unit_name
 from ..points import plain_points
 from .tree import Tree
@@ -244,7 +245,7 @@ class TreeCells:
 
     def __repr__(self) -> str:
         limits = ", ".join(
-            f"{a}: {lo:g} … {hi:g}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
+            f"{a}: {span(lo, hi)}" for a, (lo, hi) in zip(AXES, self.bounds, strict=True)
         )
         base = "x".join(str(len(e) - 1) for e in self.base_edges)
         levels = "/".join(str(n) for n in self.cells_per_level)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...memory import check_memory
-from ...units import parse_unit, plain, unit_of
+from ...units import plain, space_unit, unit_of
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
 from .octree_order import DEEPEST
@@ -65,7 +65,7 @@ class PatchGrid(TreeCells):
     kind = "patches"
 
     def __init__(self, lower: Any, upper: Any, shape: Any, *, unit: Any = None) -> None:
-        self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or parse_unit(unit)
+        self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or space_unit(unit)
         _check_count(shape)
         lower, upper = (
             plain(c, self.unit, "corners") if unit_of(c) is not None else c for c in (lower, upper)
@@ -141,6 +141,11 @@ class PatchGrid(TreeCells):
         x, y, z = base.edges
         return cls.from_boxes(x, y, z, level, low, shape, 2, unit=base.unit)
 
+    @property
+    def hidden_cells(self) -> int:
+        """Number of cells of patches that finer ones hide."""
+        return int(self.patches.volumes.sum()) - self.size
+
     @functools.cached_property
     def tree(self) -> Tree:
         """From places to cells."""
@@ -196,8 +201,9 @@ class PatchGrid(TreeCells):
         return arrays
 
     def describe(self) -> dict[str, Any]:
-        """Return type, patches, cells per level, bounds and unit as plain values."""
-        return {**super().describe(), "patches": len(self.patches.level)}
+        """Return type, patches, cells per level, hidden ones, bounds and unit as plain values."""
+        told = {"patches": len(self.patches.level), "hidden_cells": self.hidden_cells}
+        return {**super().describe(), **told}
 
 
 def _check_count(shape: Any) -> None:

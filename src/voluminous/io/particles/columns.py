@@ -145,6 +145,7 @@ def volume_of(
     chosen = chosen_fields(names, fields)
     on_grid = deposit()
     volume = Volume(on_grid.grid)
+    volume.meta["particles"] = len(on_grid.mass)
     for name, place in chosen.items():
         if place == density.place:
             volume[name] = Deferred(on_grid.density, np.float64, density.unit)
