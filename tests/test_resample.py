@@ -182,6 +182,25 @@ def test_more_samples_keep_the_integral_better():
     assert wrong[1] < 1e-3
 
 
+AROUND = {
+    "axisymmetric": vm.SphericalGrid(np.linspace(0.2, 1, 5), np.linspace(0, np.pi, 6)),
+    "radial": vm.SphericalGrid(np.linspace(0, 1, 6)),
+    "cylindrical": vm.CylindricalGrid(np.linspace(0, 1, 5), [0, 2 * np.pi], np.linspace(-1, 1, 4)),
+}
+
+
+@pytest.mark.parametrize("name", AROUND)
+def test_a_wedge_on_cells_that_go_all_around(name):
+    """A part of each cell is inside, which four points around the axis told to 30 % only."""
+    wedge = vm.SphericalGrid(
+        np.linspace(0.2, 1, 9), np.linspace(0.4, 2, 9), np.linspace(0.3, 4, 13)
+    )
+    source = vm.Volume(wedge, f=1 + np.random.default_rng(2).random(wedge.shape))
+    found = source.resample(AROUND[name])
+    # 64 points around: half a point's share at each wall of the wedge; walls in r and θ as well.
+    assert integral(found, "f") == pytest.approx(integral(source, "f"), rel=0.03)
+
+
 def test_a_grid_elsewhere_is_refused():
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 1)), f=np.ones((4, 4, 4)))
     with pytest.raises(InputError, match="nowhere in the volume"):

@@ -186,6 +186,8 @@ MEDIA = {
     "logistic": vm.Coefficients("2/(1 + exp(-100*(u - 5)))", 0.3),
     "steep clip": vm.Coefficients("clip(1 + (u - 5)/0.02, 0, 2)", 0.3),
     "power of ten": vm.Coefficients("10**(2*w)", "0.1*10**w"),
+    "gate by a root": vm.Gaussian("u", 5, 2, 1, 0.3, 1.0, where="sqrt(w) + 0.1 > 0.5"),
+    "gate by a pole": vm.Gaussian("u", 5, 2, 1, 0.3, 1.0, where="1 / w > 3"),
     "sawtooth": vm.Coefficients("u % 3", 0.3),
     "table": vm.Table("u*b", [0, 4.9, 5, 5.1], [[0], [0], [1], [0]], [0, 0, 1, 0], 0.1),
 }

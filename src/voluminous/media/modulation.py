@@ -8,6 +8,8 @@ thinner than the panel, and Simpson's rule where the shape is constant.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -22,6 +24,7 @@ from ..expressions.traced_interval_ops import TracedIntervalOps
 from .color_by import ColorBy
 from .context import Context
 from .contract import Coefficients, color_values
+from .stretch import NODES
 
 if TYPE_CHECKING:
     from .stretch import Panel, Stretch
@@ -160,12 +163,21 @@ class Modulation:
         # Also where ends show the change: two panels may agree on the wrong side of an edge.
         doubtful = possible.hi - possible.lo > _DOUBT
         if self.where.partial:
-            # Where one place is, of ``1/density > 3`` in a vacuum, narrow panels tell no more: a
-            # picture of 64 x 64 pixels took two minutes.
-            here = self._possible(lambda name: [stretch.scalar(name, 0.5)] * 2, context)
-            doubtful &= ~(here.hi - here.lo > _DOUBT)
+            doubtful &= ~self._undecided(stretch, context)
         seen = seen & (possible.hi > 0.0)
         return seen, seen & (hidden | doubtful)
+
+    def _undecided(self, stretch: Stretch, context: Context) -> Any:
+        """Return where single places are as doubtful, as of ``1/density > 3`` in a vacuum.
+
+        Narrower panels tell no more: a picture of 64 x 64 pixels took two minutes.
+        """
+
+        def doubtful(s: float) -> Any:
+            here = self._possible(lambda name: [stretch.scalar(name, s)] * 2, context)
+            return here.hi - here.lo > _DOUBT
+
+        return functools.reduce(operator.and_, map(doubtful, NODES))
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where the gate may be open while the fields stay in ranges."""
