@@ -250,6 +250,21 @@ def test_pictures_of_a_vacuum(name):
     assert abs(image.intensity.item() - sure) <= image.error.item() + 1e-5 * sure
 
 
+def test_shells_beside_a_vacuum_are_seen():
+    """A ratio that rises to nearly infinite at the end of a cell: its shell is in the last part."""
+    grid = vm.CartesianGrid.uniform(3, (0, 3))
+    t, n = np.zeros((2, 3, 3, 3))
+    t[0, 0, 1], t[0, 1, 1], t[1, 1, 1], n[0, 1, 1] = 3.46, 4.70, 7.62, 0.39
+    volume = vm.Volume(grid, t=t, n=n)
+    camera = vm.Orthographic(40, 30, width=0.8, center=(1.1, 1.0, 1.1), resolution=12)
+    shells = vm.Gaussian("(0.1*x + n)/tanh(t)", 1.0, 0.2, 1, 0.3, 1.0)
+    image = vm.render(volume, shells, camera)
+    truth = vm.render(volume, shells, camera, tolerance=1e-6, precision="double").intensity
+    off = np.abs(image.intensity - truth)[..., 0]
+    assert off.max() < 2e-3 * truth.max()  # twice the tolerance
+    assert np.mean(off > image.error + 1e-5 * truth.max()) <= 0.01
+
+
 def test_errors_of_tails_fall_with_the_tolerance():
     """A quadratic in the tail of a shell: panels and halves must not agree by accident."""
     grid = vm.CartesianGrid([0, 1, 2], [0, 1, 2], [0, 1.0])

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 # Intervals tell something of a stretch if they tell of one place so much more.
 _LESS = 0.25
+# Of powers of a place it is 0.5 for squares, 0.75 for cubes and nearly one for large ones.
+_LOPSIDED = 0.85
 # Both ends and the middle of a stretch.
 _PLACES = (0.0, 0.5, 1.0)
 
@@ -42,7 +44,7 @@ class Turning:
         The least and the greatest value it may have; infinite where it is undefined in parts.
     apart : array
         How far it may be from a line through its ends; zero where its slope has one sign, since
-        then both ends show what is between them.
+        then both ends show what is between them, unless nearly all of that is in one half.
     slope, bend : array
         Bounds of its first and second derivative by the place.
     """
@@ -78,7 +80,7 @@ def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
     if _kind(expr, stretch.context) == Kind.MONOTONIC:
         partly = _partly([dr.isnan(b) for b in controls])
         low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
-        apart = dr.select(partly, dr.inf, apart)
+        apart = dr.select(partly, dr.inf, apart if stretch.rough else _lopsided(stretch, expr))
     return Turning(low, high, apart, *_of_cubic(controls))
 
 
@@ -135,7 +137,7 @@ def _by_derivatives(stretch: Stretch, expr: Expression | Margin) -> Turning:
     partly = value.nan & ~nowhere
     low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
     low, high = _seen_if_undecided(stretch, expr, low, high, value.hi - value.lo)
-    apart = dr.select(one_way, 0.0, smaller(sag, high - low))
+    apart = dr.select(one_way, _lopsided(stretch, expr), smaller(sag, high - low))
     return Turning(low, high, apart, slope.size, bow)
 
 
@@ -172,6 +174,17 @@ def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any])
     ops = TracedIntervalOps(context.real, context.kept_number)
     found: TracedInterval = ops.number(expr.evaluate(ops, completed(ops, fields, context)))
     return found
+
+
+def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Any:
+    """Return how far an expression is from its chord where most of its way is in one half.
+
+    Beside a vacuum ``temperature/density`` rises to nearly infinite in the last part of a cell: a
+    line through places on it passes shells in no time, and panels and halves agree about nothing.
+    """
+    first, middle, last = (stretch.scalar(expr, s) for s in _PLACES)
+    off = dr.abs(first - 2.0 * middle + last)
+    return dr.select(off > _LOPSIDED * dr.abs(last - first), 0.5 * off, 0.0)
 
 
 def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Any:
