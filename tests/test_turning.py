@@ -251,17 +251,23 @@ def test_pictures_of_a_vacuum(name):
 
 
 def test_shells_beside_a_vacuum_are_seen():
-    """A ratio that rises to nearly infinite at the end of a cell: its shell is in the last part."""
-    grid = vm.CartesianGrid.uniform(3, (0, 3))
-    t, n = np.zeros((2, 3, 3, 3))
-    t[0, 0, 1], t[0, 1, 1], t[1, 1, 1], n[0, 1, 1] = 3.46, 4.70, 7.62, 0.39
+    """A ratio that rises to nearly infinite at the end of a cell: its shell is in the last part.
+
+    A panel and its halves did not meet it, and agreed about nothing: all of it was missing in 39 %
+    of these pixels, and no error told.
+    """
+    low = np.array([0.1, -0.3, -0.9])
+    grid = vm.CartesianGrid(*([a - 0.1, a + 0.1, a + 0.3] for a in low))
+    t = np.reshape([0, 3.463, 0, 4.699, 0, 0, 0, 7.622], (2, 2, 2))
+    n = np.reshape([0, 0, 0, 0.389, 0, 0, 0, 0], (2, 2, 2))
     volume = vm.Volume(grid, t=t, n=n)
-    camera = vm.Orthographic(40, 30, width=0.8, center=(1.1, 1.0, 1.1), resolution=12)
-    shells = vm.Gaussian("(0.1*x + n)/tanh(t)", 1.0, 0.2, 1, 0.3, 1.0)
-    image = vm.render(volume, shells, camera)
-    truth = vm.render(volume, shells, camera, tolerance=1e-6, precision="double").intensity
+    shell = vm.Gaussian("(x + n)/tanh(t)", 1.0, 0.2, 1, 0.3, 1.0)
+    towards, place = (0.3214, 0.5567, -0.766), (0.1165, -0.2696, -0.8913)
+    camera = vm.Orthographic.looking(towards, center=place, width=0.02, resolution=10)
+    image = vm.render(volume, shell, camera, tolerance=0.15)  # as beside something far brighter
+    truth = vm.render(volume, shell, camera, tolerance=1e-6, precision="double").intensity
     off = np.abs(image.intensity - truth)[..., 0]
-    assert off.max() < 2e-3 * truth.max()  # twice the tolerance
+    assert off.max() < 0.15 * truth.max()
     assert np.mean(off > image.error + 1e-5 * truth.max()) <= 0.01
 
 
