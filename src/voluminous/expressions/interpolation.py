@@ -7,12 +7,14 @@ already that behind it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..backend import dr, from_host
 from ..backend.functions import first_true
+from .traced_rounding import positive, smaller
 
 
 def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
@@ -29,20 +31,47 @@ def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarr
     columns : sequence of array, shape (n,)
         The entries.
     """
+    place = locate(x, from_host(real, nodes))
+    place.fraction = dr.select(dr.isnan(x), x, place.fraction)
+    return [place.between(*place.around(from_host(real, column))) for column in columns]
+
+
+@dataclass
+class Place:
+    """Where in a table a number lies.
+
+    Attributes
+    ----------
+    passed : Dr.Jit integer array
+        How many nodes do not lie above it.
+    upper : Dr.Jit integer array
+        The node that ends the piece in which it lies.
+    fraction : Dr.Jit float array
+        How far it is from the node before that one.
+    """
+
+    passed: Any
+    upper: Any
+    fraction: Any
+
+    def around(self, column: Any) -> tuple[Any, Any]:
+        """Return the entries before and after it."""
+        real = type(self.fraction)
+        return dr.gather(real, column, self.upper - 1), dr.gather(real, column, self.upper)
+
+    def between(self, before: Any, after: Any) -> Any:
+        """Return the interpolated entry."""
+        return dr.fma(self.fraction, after - before, before)
+
+
+def locate(x: Any, nodes: Any) -> Place:
+    """Return where in a table a number lies; where it is NaN, anywhere."""
+    real, count = type(x), len(nodes)
     UInt = dr.uint32_array_t(real)
-    last = dr.opaque(UInt, len(nodes) - 1)
-    places = from_host(real, nodes)
-    upper = first_true(len(nodes), UInt, lambda k: dr.gather(real, places, k) > x)
-    upper = dr.clip(upper, 1, last)
-    low, high = dr.gather(real, places, upper - 1), dr.gather(real, places, upper)
+    passed = first_true(count, UInt, lambda k: dr.gather(real, nodes, k) > x)
+    upper = dr.clip(passed, 1, dr.opaque(UInt, count - 1))
+    low, high = dr.gather(real, nodes, upper - 1), dr.gather(real, nodes, upper)
     width = high - low
-    inside = dr.clip((x - low) / dr.select(width > 0, width, 1), 0, 1)
-    f = dr.select(width > 0, inside, dr.select(x < high, real(0), real(1)))
-    f = dr.select(dr.isnan(x), x, f)  # which clip would hide on some devices
-
-    def entries(column: np.ndarray) -> Any:
-        data = from_host(real, column)
-        before, after = dr.gather(real, data, upper - 1), dr.gather(real, data, upper)
-        return dr.fma(f, after - before, before)
-
-    return [entries(column) for column in columns]
+    inside = smaller(positive((x - low) / dr.select(width > 0, width, 1)), real(1))
+    fraction = dr.select(width > 0, inside, dr.select(x < high, real(0), real(1)))
+    return Place(passed, upper, fraction)

@@ -8,37 +8,17 @@ Between the ends of an interval lie any number of entries. Their extremes are th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..backend import dr, from_host
-from ..backend.functions import first_true
+from .interpolation import Place, locate
 from .traced_interval import TracedInterval, extremes
 from .traced_rounding import float_info, larger, lowered, positive, raised, smaller
 
 # In ε of the largest value around, as on the host.
 _LOSS = 8.0
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where in a table one end of an interval lies.
-
-    Attributes
-    ----------
-    passed : Dr.Jit integer array
-        How many nodes do not lie above it.
-    upper : Dr.Jit integer array
-        The node that ends the piece in which it lies.
-    fraction : Dr.Jit float array
-        How far it is from the node before that one.
-    """
-
-    passed: Any
-    upper: Any
-    fraction: Any
 
 
 def interpolate_traced_ranges(
@@ -56,7 +36,7 @@ def interpolate_traced_ranges(
         The entries.
     """
     data = from_host(type(x.lo), nodes)
-    first, last = (_locate(end, data) for end in (x.lo, x.hi))
+    first, last = (locate(end, data) for end in (x.lo, x.hi))
     return [_enclosure(column, first, last, x) for column in columns]
 
 
@@ -82,7 +62,7 @@ def slopes_in_ranges(x: TracedInterval, nodes: np.ndarray, values: np.ndarray) -
     rise, run = np.diff(values), np.diff(kept)
     steep = np.divide(rise, run, out=np.sign(rise) * np.inf, where=run > 0)
     slopes = np.concatenate([[0.0], steep, [0.0]])
-    first, last = (_locate(end, from_host(real, nodes)).passed for end in (x.lo, x.hi))
+    first, last = (locate(end, from_host(real, nodes)).passed for end in (x.lo, x.hi))
     lo, hi = (
         _extreme_between(slopes, extreme, first, last + 1, real(0))
         for extreme in (np.minimum, np.maximum)
@@ -90,17 +70,11 @@ def slopes_in_ranges(x: TracedInterval, nodes: np.ndarray, values: np.ndarray) -
     return TracedInterval(lowered(lo), raised(hi), x.nan), first == last
 
 
-def _enclosure(column: np.ndarray, first: _Place, last: _Place, x: TracedInterval) -> Any:
+def _enclosure(column: np.ndarray, first: Place, last: Place, x: TracedInterval) -> Any:
     real = type(x.lo)
     data = from_host(real, column)
-    pieces = [
-        (dr.gather(real, data, place.upper - 1), dr.gather(real, data, place.upper))
-        for place in (first, last)
-    ]
-    values = [
-        dr.fma(place.fraction, after - before, before)
-        for place, (before, after) in zip((first, last), pieces, strict=True)
-    ]
+    pieces = [place.around(data) for place in (first, last)]
+    values = [place.between(*own) for place, own in zip((first, last), pieces, strict=True)]
     # The entries between are among those around: with none between, any of the values will do.
     between = [
         _extreme_between(column, extreme, first.passed, last.passed, values[0])
@@ -121,18 +95,6 @@ def _moved_out(lo: Any, hi: Any, least: Any, most: Any, nan: Any) -> TracedInter
     lo = dr.select(least >= 0, positive(lo), lo)
     hi = dr.select(most <= 0, -positive(-hi), hi)
     return TracedInterval(lo, hi, nan)
-
-
-def _locate(end: Any, nodes: Any) -> _Place:
-    real, count = type(end), len(nodes)
-    UInt = dr.uint32_array_t(real)
-    passed = first_true(count, UInt, lambda k: dr.gather(real, nodes, k) > end)
-    upper = dr.clip(passed, 1, dr.opaque(UInt, count - 1))
-    low, high = dr.gather(real, nodes, upper - 1), dr.gather(real, nodes, upper)
-    width = high - low
-    inside = smaller(positive((end - low) / dr.select(width > 0, width, 1)), real(1))
-    fraction = dr.select(width > 0, inside, dr.select(end < high, real(0), real(1)))
-    return _Place(passed, upper, fraction)
 
 
 def _extreme_between(

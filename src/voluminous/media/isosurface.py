@@ -27,9 +27,9 @@ from .crossings import NOISE, passes, way_within
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
-from .modulation import Factors, Middle, kept
+from .modulation import Factors, Middle
 from .shape_middles import box_middle, crossing_middle
-from .stretch import NODES, extremes
+from .stretch import extremes
 from .surface_given import (
     depth_of,
     fraction,
@@ -38,7 +38,7 @@ from .surface_given import (
     modulated_colors,
     plain_opacities,
 )
-from .surface_light import lambert, obliquity
+from .surface_light import Lamp, obliquity
 from .turning import may_turn
 
 if TYPE_CHECKING:
@@ -51,10 +51,6 @@ _SHORTEST = 1e-20
 DENSITIES = ("crossing", "gradient")
 # Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
 _FOLD = 1e-4
-# What the cosine of ray and normal may change by within a panel.
-_TURN = 0.1
-# What a curve may be off by between two places of Gauss and Legendre, of its second difference.
-_CURVED = 0.125
 # One over the width of what is thinner than all panels.
 _THIN = 1e18
 
@@ -167,7 +163,7 @@ class Isosurface(Medium):
                 crossed = crossed * self._obliquity(panel, context, last - first, middle.place)
             found = self._modulated(color, crossed, middle, panel, context)
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
-            shade = self._shade(panel, context, middle)
+            shade = self._lamp.shade(panel, context, middle)
             for c, lit in enumerate(found.emission):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * lit * shade
         return Coefficients(emission, extinction)
@@ -196,8 +192,7 @@ class Isosurface(Medium):
             if self._thick:
                 seen |= dr.abs(nodes[0] - level) <= 0.5 * width
                 hidden |= self._folded(stretch, nodes, level, width)
-        if self.shading > 0:
-            hidden |= seen & self._turned(stretch, context)
+        hidden |= seen & self._lamp.turns(stretch, context)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def _folded(self, stretch: Stretch, nodes: list[Any], level: Any, width: Any) -> Any:
@@ -238,7 +233,7 @@ class Isosurface(Medium):
         Of a density that goes with the gradient little is known where the slope bends, and of
         light where the normal turns.
         """
-        off = self._dappled(stretch, context)
+        off = self._lamp.off(stretch, context)
         if self.density == "gradient":
             levels, width, _, _ = self._kept(context)
             near = context.narrow(0.5 * width)
@@ -329,6 +324,11 @@ class Isosurface(Medium):
         }
 
     @property
+    def _lamp(self) -> Lamp:
+        """The light that surfaces are seen in."""
+        return Lamp(self.normal, self.shading, self._thick)
+
+    @property
     def _thick(self) -> bool:
         return plain_number(self.width) > 0
 
@@ -387,50 +387,3 @@ class Isosurface(Medium):
         # Not over the mean slope of the panel, but over that at the place.
         turned = slope_factor(panel, self.expr, place, context.narrow)
         return obliquity(slope, rise, turned, panel, context)
-
-    def _shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
-        """Return how bright the surface looks by the light of a lamp at the camera.
-
-        The mean of two places (Gauss-Legendre) in what the panel has of a surface of some width:
-        the normal turns in it, whether that is a small part of the panel or all of it.
-        """
-        if self.shading == 0:
-            return 1.0
-        share = self._share(context)
-        places = [panel.place(f) for f in self._lit_at(middle)]
-        lit = [lambert(self.normal, panel.stretch, place, context) for place in places]
-        return 1.0 - share + share / len(lit) * sum(lit[1:], lit[0])
-
-    def _share(self, context: Context) -> Any:
-        """Return how much shading there is, as a number of a kernel."""
-        return context.keep(
-            (id(self), "shading"), lambda: context.narrow(context.number(self.shading))
-        )
-
-    def _lit_at(self, middle: Middle) -> list[Any]:
-        """Return the places in a panel at which light is looked at."""
-        if not self._thick:
-            return [middle.place]
-        way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
-        return [middle.place - way, middle.place + way]
-
-    def _dappled(self, stretch: Stretch, context: Context) -> Any:
-        """Return what light may be off by in a surface of some width, as a part of its emission.
-
-        A panel and its halves look at the same places where the surface is all in one of them.
-        """
-        if not self._thick or self.shading == 0:
-            return stretch.length * 0.0
-        first, middle, last = (self._lit(stretch, s, context) for s in NODES)
-        return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
-
-    def _turned(self, stretch: Stretch, context: Context) -> Any:
-        """Return where the normal turns by so much that a few places do not show its way."""
-        low, high = extremes([self._lit(stretch, s, context) for s in NODES])
-        return high - low > _TURN
-
-    def _lit(self, stretch: Stretch, s: float, context: Context) -> Any:
-        """Return the cosine of ray and normal at a node of a stretch; computed once."""
-        return kept(
-            stretch, (id(self), "lit", s), lambda: lambert(self.normal, stretch, s, context)
-        )

@@ -48,10 +48,13 @@ class Stretch:
 
     def fields(self, s: Any) -> dict[str, Any]:
         """Return all fields at a place, and what follows from x, y and z."""
-        return self._complete(self.own_fields(s))
+        return self._complete(self._own_fields(s))
 
-    def own_fields(self, s: Any) -> dict[str, Any]:
-        """Return the fields alone at a place."""
+    def places(self) -> list[dict[str, Any]]:
+        """Return the fields alone at both ends and in the middle, in order."""
+        return [self._own_fields(s) for s in NODES]
+
+    def _own_fields(self, s: Any) -> dict[str, Any]:
         s = self.context.real(s)
         return {name: horner(s, c) for name, c in self.cubics.items()}
 
@@ -62,7 +65,7 @@ class Stretch:
             self._scalars[key] = self.context.evaluate(expr, self._fields_at_node(s))
         return self._scalars[key]
 
-    def nodes(self, expr: Expression) -> list[Any]:
+    def nodes(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at both ends and the middle, in order."""
         return [self.scalar(expr, s) for s in NODES]
 

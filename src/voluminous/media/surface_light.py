@@ -2,13 +2,92 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
+from ..expressions import Expression
+from .modulation import Middle, kept
+from .stretch import NODES, extremes
 
 if TYPE_CHECKING:
     from .context import Context
     from .stretch import Panel, Stretch
+
+# What the cosine of ray and normal may change by within a panel.
+_TURN = 0.1
+# What a curve may be off by between two places of Gauss and Legendre, of its second difference.
+_CURVED = 0.125
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A lamp at the camera.
+
+    Attributes
+    ----------
+    normal : list of three Expression
+        The components of the gradient.
+    shading : float
+        Which part of the light is the lamp's; at 0 there is none.
+    thick : bool
+        Whether surfaces have some width.
+    """
+
+    normal: list[Expression]
+    shading: float
+    thick: bool
+
+    def shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
+        """Return how bright the surface looks.
+
+        The mean of two places (Gauss-Legendre) in what the panel has of a surface of some width:
+        the normal turns in it, whether that is a small part of the panel or all of it.
+        """
+        if self.shading == 0:
+            return 1.0
+        share = self._share(context)
+        places = [panel.place(f) for f in self._places(middle)]
+        lit = [lambert(self.normal, panel.stretch, place, context) for place in places]
+        return 1.0 - share + share / len(lit) * sum(lit[1:], lit[0])
+
+    def off(self, stretch: Stretch, context: Context) -> Any:
+        """Return what light may be off by in a surface of some width, as a part of its emission.
+
+        A panel and its halves look at the same places where the surface is all in one of them.
+        """
+        if not self.thick or self.shading == 0:
+            return stretch.length * 0.0
+        first, middle, last = self._lit(stretch, context)
+        return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
+
+    def turns(self, stretch: Stretch, context: Context) -> Any:
+        """Return where the normal turns by so much that a few places do not show its way."""
+        if self.shading == 0:
+            return stretch.length < 0.0
+        low, high = extremes(self._lit(stretch, context))
+        return high - low > _TURN
+
+    def _share(self, context: Context) -> Any:
+        """Return how much shading there is, as a number of a kernel."""
+        return context.keep(
+            ("shading", self.shading), lambda: context.narrow(context.number(self.shading))
+        )
+
+    def _places(self, middle: Middle) -> list[Any]:
+        """Return the places in a panel at which light is looked at."""
+        if not self.thick:
+            return [middle.place]
+        way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
+        return [middle.place - way, middle.place + way]
+
+    def _lit(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return the cosine of ray and normal at both ends and in the middle; computed once."""
+        return kept(
+            stretch,
+            ("lit", self.normal[0].text),
+            lambda: [lambert(self.normal, stretch, s, context) for s in NODES],
+        )
 
 
 def obliquity(slope: Any, rise: Any, turned: Any, panel: Panel, context: Context) -> Any:

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 _LESS = 0.25
 # Of powers of a place it is 0.5 for squares, 0.75 for cubes and nearly one for large ones.
 _LOPSIDED = 0.85
-# Both ends and the middle of a stretch.
-_PLACES = (0.0, 0.5, 1.0)
 
 
 @dataclass
@@ -182,7 +180,7 @@ def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Any:
     Beside a vacuum ``temperature/density`` rises to nearly infinite in the last part of a cell: a
     line through places on it passes shells in no time, and panels and halves agree about nothing.
     """
-    first, middle, last = (stretch.scalar(expr, s) for s in _PLACES)
+    first, middle, last = stretch.nodes(expr)
     off = dr.abs(first - 2.0 * middle + last)
     return dr.select(off > _LOPSIDED * dr.abs(last - first), 0.5 * off, 0.0)
 
@@ -202,9 +200,8 @@ def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Any:
     if not expr.partial:
         return stretch.length < 0.0
     vain = width > 0.0
-    for s in _PLACES:
-        place = {n: TracedInterval(value) for n, value in stretch.own_fields(s).items()}
-        found = _in_box(stretch, expr, place)
+    for place in stretch.places():
+        found = _in_box(stretch, expr, {n: TracedInterval(value) for n, value in place.items()})
         vain &= ~(found.hi - found.lo < _LESS * width)
     return vain
 
@@ -213,7 +210,7 @@ def _seen_if_undecided(
     stretch: Stretch, expr: Expression | Margin, low: Any, high: Any, width: Any
 ) -> tuple[Any, Any]:
     """Return ends of a range; where intervals tell nothing, those of what is seen."""
-    least, largest = extremes([stretch.scalar(expr, s) for s in _PLACES])
+    least, largest = extremes(stretch.nodes(expr))
     vain = undecided(stretch, expr, width)
     return dr.select(vain, least, low), dr.select(vain, largest, high)
 
