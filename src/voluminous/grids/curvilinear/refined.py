@@ -18,7 +18,9 @@ from ..trees.octree_leaves import checked_flags
 from ..trees.octree_order import levels_from_flags
 from ..trees.octree_places import Places
 from ..trees.octree_tree import octree_tree
+from ..trees.octree_vertices import octree_vertices
 from ..trees.tree import Tree
+from ..trees.vertex_numbers import VertexNumbers
 from ..trees.vertices import cells_around
 from .cylindrical import CylindricalGrid
 from .edges import ANGLE_ROUNDING, FULL_CIRCLE
@@ -141,10 +143,15 @@ class RefinedCells(CurvilinearGrid):
         """Smallest width of a cell, as a fraction of the numbers it is computed from."""
         return super().resolution / float(self.divisions.max())
 
+    @functools.cached_property
+    def vertices(self) -> VertexNumbers:
+        """Numbers of the vertices of all leaves."""
+        return octree_vertices(self)
+
     @property
     def vertex_count(self) -> int:
-        """Number of vertices: each leaf has eight of its own."""
-        return 8 * self.size
+        """Number of vertices."""
+        return self.vertices.count
 
     def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
         """Return the cells around consecutive vertices, and whether they exist."""

@@ -55,7 +55,7 @@ class RefinedFieldWalk(Smoothed, RefinedWalk):
             grid.scale,
             backend,
             axes=walk.axes,
-            tree=grid.tree,
+            grid=grid,
             stepped=True,
         )
         self.smooth = Smooth.of(grid, self.backend)

@@ -14,7 +14,7 @@ from typing import Any
 from ...backend import dr
 from ..contract import Corners, Segment
 from ..trees.lookup import TreeLookup
-from ..trees.tree import Tree
+from ..trees.vertex_numbers import TracedNumbers
 from .approach import dot
 from .order import either, later, lesser, nearest
 from .steps import cut
@@ -54,7 +54,7 @@ class RefinedWalk(CurvilinearWalk):
     ----------
     axes : list of int
         Which axis of the tree each family is.
-    tree : Tree
+    grid : RefinedCells
     stepped : bool
         Segments end inside leaves where RADMC-3D's sub-steps do (`curvilinear.steps`).
     """
@@ -67,13 +67,13 @@ class RefinedWalk(CurvilinearWalk):
         backend: Any,
         *,
         axes: list[int],
-        tree: Tree,
+        grid: Any,
         stepped: bool,
     ) -> None:
         none = [0] * len(families)  # leaves have numbers of their own
         super().__init__(families, none, none, approach, scale, backend)
-        self.stepped = stepped
-        self.axes, self.lookup = axes, TreeLookup(tree, self.backend)
+        self.stepped, self.grid = stepped, grid
+        self.axes, self.lookup = axes, TreeLookup(grid.tree, self.backend)
         self.unit = [self.backend.opaque(float(u)) for u in _three(self.lookup.per_finest)]
 
     def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> RefinedCursor:
@@ -160,10 +160,16 @@ class RefinedWalk(CurvilinearWalk):
         count = later(family.enter(axis, t), first)
         return lesser(count, last)
 
+    @property
+    def vertices(self) -> TracedNumbers:
+        """Numbers of the leaves' vertices."""
+        numbers: TracedNumbers = self.grid.vertices.traced(self.backend)
+        return numbers
+
     def entry_corners(self, track: Track, cursor: Any) -> Corners:
         """Return the vertices of the leaf and multilinear weights at the cursor."""
         standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
-        return leaf_corners(self, track, standing, cursor.leaf)
+        return leaf_corners(self, track, standing, cursor.leaf, cursor.inside)
 
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: of the finer of the two leaves there."""
@@ -173,15 +179,18 @@ class RefinedWalk(CurvilinearWalk):
             [n < o for n, o in zip(leaving.entered.size, leaving.left.size, strict=True)],
         )
         leaf = dr.select(leaving.onward & finer, leaving.entered, leaving.left)
-        return leaf_corners(self, track, leaving, leaf)
+        return leaf_corners(self, track, leaving, leaf, segment.active)
 
 
-def leaf_corners(walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf) -> Corners:
+def leaf_corners(
+    walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf, active: Any
+) -> Corners:
     """Return the eight vertices of a leaf, and multilinear weights where a ray is."""
-    Float, Int = walk.backend.Float, walk.backend.Int
+    Float = walk.backend.Float
     index = walk.cells_near(track, leaving.count)
     point = walk.point(track, leaving.t)
-    vertices, weights = [8 * Int(leaf.number)], [Float(1)]
+    corner, strides = walk.vertices.of(leaf.number, active)
+    vertices, weights = [corner], [Float(1)]
     for n, family in enumerate(walk.families):
         inner = Float(index[n] - leaf.low[n]) + family.fraction(index[n], point)
         # Where a ray is on a wall, its coordinate is the wall's; the last one may be the first.
@@ -189,7 +198,7 @@ def leaf_corners(walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf) -> 
         wall = dr.select(wall < 0, wall + family.last_cell + 1, wall)
         f = dr.select(leaving.family == n, Float(wall), inner) / Float(leaf.size[n])
         f = dr.clip(f, 0.0, 1.0)
-        vertices += [v + (4 >> walk.axes[n]) for v in vertices]
+        vertices += [v + strides[walk.axes[n]] for v in vertices]
         weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
     return Corners(vertices, weights)
 

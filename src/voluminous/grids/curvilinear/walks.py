@@ -53,7 +53,7 @@ def _refined_walk(grid: Any, backend: Any, kind: str) -> RefinedWalk:
         grid.scale,
         backend,
         axes=axes,
-        tree=grid.tree,
+        grid=grid,
         stepped=kind == "reckoned",
     )
 

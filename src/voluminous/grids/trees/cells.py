@@ -12,6 +12,7 @@ from ...geometry import span
 from ...units import unit_name
 from ..points import plain_points
 from .tree import Tree
+from .vertex_numbers import VertexNumbers
 
 AXES = "xyz"
 # Single precision must tell this many points apart across the smallest cell.
@@ -194,10 +195,15 @@ class TreeCells:
             places[axis] = base * parts + np.clip(part.astype(np.int64), 0, parts - 1)
         return places
 
+    @functools.cached_property
+    def vertices(self) -> VertexNumbers:
+        """Numbers of the vertices of all cells."""
+        raise NotImplementedError
+
     @property
     def vertex_count(self) -> int:
-        """Number of vertices: each cell has eight of its own."""
-        return 8 * self.size
+        """Number of vertices."""
+        return self.vertices.count
 
     def vertex_cells(self, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
         """Return the eight cells around consecutive vertices; see `grids.contract.Grid`."""
@@ -229,7 +235,7 @@ class TreeCells:
         from .walk import TreeWalk
 
         kinds = {"cells": TreeWalk, "dual": TreeFieldWalk}
-        return kinds[kind](self.base_edges, tree, self.scale, backend)
+        return kinds[kind](self, tree, backend)
 
     def describe(self) -> dict[str, Any]:
         """Return type, cells per level, bounds and unit as plain values."""

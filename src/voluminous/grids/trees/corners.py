@@ -24,20 +24,20 @@ class Corner:
     strides: list[Any]
 
 
-def first_corner(walk: Any, track: Any, cell: Cell) -> Corner:
-    """Return the first corner of cells (`trees.vertices`), in the sense of the rays.
+def first_corner(walk: Any, track: Any, cell: Cell, active: Any) -> Corner:
+    """Return the first corner of cells, in the sense of the rays.
 
     In a hole that of any cell: its values are multiplied by a length of zero, but must be there.
     """
-    Int, number = walk.backend.Int, cell.number
+    number = cell.number
     if walk.holes:
         number = dr.select(walk.lookup.is_cell(cell), number, 0)
-    base, strides = 8 * Int(number), []
-    for axis, flip in enumerate(track.way.flip):
-        down, stride = flip != 0, 4 >> axis
-        base += dr.select(down, stride, 0)
-        strides.append(dr.select(down, Int(-stride), stride))
-    return Corner(base, strides)
+    base, strides = walk.vertices.of(number, active)
+    signed = []
+    for stride, flip in zip(strides, track.way.flip, strict=True):
+        base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it
+        signed.append((stride ^ flip) - flip)
+    return Corner(base, signed)
 
 
 def fractions(walk: Any, track: Any, cell: Cell, t: Any) -> list[Any]:
@@ -52,7 +52,7 @@ def fractions(walk: Any, track: Any, cell: Cell, t: Any) -> list[Any]:
 
 def entry_corners(walk: Any, track: Any, cursor: Any) -> Corners:
     """Return the vertices of the cell that the cursor is in, and trilinear weights."""
-    corner = first_corner(walk, track, cursor.cell)
+    corner = first_corner(walk, track, cursor.cell, cursor.inside)
     return trilinear(corner.base, fractions(walk, track, cursor.cell, cursor.t), corner.strides)
 
 
@@ -61,7 +61,7 @@ def exit_corners(walk: Any, track: Any, segment: Segment) -> Corners:
     leaving = segment.exit
     entered = entered_is_finer(walk, leaving)
     cell = choose(entered, leaving.entered, leaving.left)
-    corner = first_corner(walk, track, cell)
+    corner = first_corner(walk, track, cell, segment.active)
     f = fractions(walk, track, cell, segment.end)
     ahead = dr.select(entered, 0.0, walk.backend.Float(1))
     f = [dr.select(crossed, ahead, v) for crossed, v in zip(leaving.through, f, strict=True)]

@@ -29,7 +29,9 @@ from .octree_order import (
 )
 from .octree_places import Places
 from .octree_tree import octree_tree
+from .octree_vertices import octree_vertices
 from .tree import NONE, Tree
+from .vertex_numbers import VertexNumbers
 
 # Per cell: for where it is, twice over, while a function is asked; for its level and its parent.
 _ASKED_BYTES, _CELL_BYTES = 180, 12
@@ -251,6 +253,11 @@ class OctreeGrid(TreeCells):
     def tree(self) -> Tree:
         """From places to leaves."""
         return octree_tree(self.base_shape, self.places)
+
+    @functools.cached_property
+    def vertices(self) -> VertexNumbers:
+        """Numbers of the vertices of all leaves."""
+        return octree_vertices(self)
 
     def pruned(self, visible: Any) -> Tree:
         """Return the tree with holes for leaves that show nothing, as large as can be.

@@ -15,7 +15,9 @@ from .cells import TreeCells
 from .octree_order import DEEPEST
 from .patch_lattice import Lattice, lattice_of
 from .patch_layers import boxes_of_layers
+from .patch_vertices import patch_vertices
 from .tree import Tree
+from .vertex_numbers import VertexNumbers
 
 # Double precision must tell places in the middle of finest cells apart.
 _LONGEST = 1 << 50
@@ -150,6 +152,11 @@ class PatchGrid(TreeCells):
     def tree(self) -> Tree:
         """From places to cells."""
         return self.patches.tree
+
+    @functools.cached_property
+    def vertices(self) -> VertexNumbers:
+        """Numbers of the vertices of all cells."""
+        return patch_vertices(self.patches)
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""

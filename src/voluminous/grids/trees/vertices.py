@@ -1,9 +1,4 @@
-"""The corners of a tree's cells, and the cells around them.
-
-Every cell has eight vertices of its own, ``8 · cell + 4 x + 2 y + z`` with x, y and z from 0 to 1;
-vertices of several cells at one place are as many numbers. That takes more memory than numbering
-places, and saves finding out, on the ray, which place has which number.
-"""
+"""The corners of a tree's cells, and the cells around them."""
 
 from __future__ import annotations
 
@@ -126,9 +121,6 @@ def cells_around(grid: Any, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
     A cell that fills several octants counts as often (RADMC-3D's rule).
     """
     numbers = np.asarray(vertex)
-    first, last = int(numbers[0]) >> 3, (int(numbers[-1]) >> 3) + 1
-    boxes = Boxes(grid, first, last, backend)
-    lane = backend.UInt(vertex)
-    place = boxes.corner((lane >> 3) - dr.opaque(backend.UInt, first), lane & 7)
+    place = grid.vertices.places(int(numbers[0]), int(numbers[-1]) + 1, backend)
     around = grid.surroundings(backend).cells(place, dr.full(backend.Bool, True, len(numbers)))
     return [(cell.number, there) for cell, there in around]

@@ -19,6 +19,7 @@ from .axes import make_tree_axis
 from .corners import entry_corners, exit_corners
 from .lookup import Cell, Orientation, TreeLookup
 from .tree import Tree
+from .vertex_numbers import TracedNumbers
 
 
 @dataclass
@@ -76,12 +77,21 @@ class TreeExit:
 
 
 class TreeWalk(BoxWalk):
-    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`."""
+    """Rays through a tree of Cartesian cells; see `grids.contract.Walk`.
+
+    Parameters
+    ----------
+    grid : TreeCells
+    tree : Tree
+        The grid's own, or one with more holes.
+    backend : Backend
+    """
 
     leaps = False
 
-    def __init__(self, edges: Any, tree: Tree, scale: float, backend: Any) -> None:
-        self.backend = backend
+    def __init__(self, grid: Any, tree: Tree, backend: Any) -> None:
+        self.grid, self.backend = grid, backend
+        edges, scale = grid.base_edges, grid.scale
         self.lookup = TreeLookup(tree, backend)
         self.axes = [
             make_tree_axis(e, float(n), top, scale, backend)
@@ -146,6 +156,12 @@ class TreeWalk(BoxWalk):
             number = dr.select(hole, dr.select(beyond, entered.number, 0), number)
         segment = Segment(number, length, cursor.t, end, cursor.inside, leaving)
         return segment, TreeCursor(entered, end, inside)
+
+    @property
+    def vertices(self) -> TracedNumbers:
+        """Numbers of the cells' vertices."""
+        numbers: TracedNumbers = self.grid.vertices.traced(self.backend)
+        return numbers
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
