@@ -228,7 +228,7 @@ def test_a_cell_all_around_has_a_line_of_sight_only_from_its_axis(grid):
     """From elsewhere one side of it comes and the other goes: it had the velocity of one side."""
     volume = vm.Volume(grid, random_vector(grid, grid.coordinates))
     for camera in (ORTHOGRAPHIC, PERSPECTIVE, vm.Orthographic(90)):
-        with pytest.raises(InputError, match=r"goes all around: volume\.resample\(grid\)"):
+        with pytest.raises(InputError, match=r"goes all around: volume\.unfolded\(phi=64\)"):
             volume.evaluate("los('v')", camera=camera)
     centre = vm.Perspective((0, 0, 0), (1, 2, 3)), "v_r"
     above = vm.Orthographic(), "-v_z"
@@ -242,15 +242,68 @@ def test_a_rotating_disc_with_cells_around_comes_and_goes():
     volume = vm.Volume(grid, v_R=np.zeros(grid.shape), v_phi=np.ones(grid.shape))
     volume["v_z"] = "0"
     edges = grid.edges[0], np.linspace(0, 2 * np.pi, 65), grid.edges[2]
-    around = volume.resample(vm.CylindricalGrid(*edges))
     camera = vm.Orthographic(60, width=4, resolution=8)
-    image = vm.render(around, vm.Coefficients(["1", "los('v')"], 0), camera)
-    total, moving = np.moveaxis(image.intensity, -1, 0)
-    mean = np.divide(moving, total, out=np.zeros_like(total), where=total > 0)
-    # Symmetric to the error of the picture, and no faster than the sine of the inclination.
-    np.testing.assert_allclose(mean, -mean[:, ::-1], atol=5e-3)
-    assert np.abs(mean).max() <= np.sin(np.radians(60)) + 1e-3
-    assert mean[:, -1].max() > 0.6
+    for around in (volume.resample(vm.CylindricalGrid(*edges)), volume.unfolded(phi=64)):
+        image = vm.render(around, vm.Coefficients(["1", "los('v')"], 0), camera)
+        total, moving = np.moveaxis(image.intensity, -1, 0)
+        mean = np.divide(moving, total, out=np.zeros_like(total), where=total > 0)
+        # Symmetric to the error of the picture, and no faster than the sine of the inclination.
+        np.testing.assert_allclose(mean, -mean[:, ::-1], atol=5e-3)
+        assert np.abs(mean).max() <= np.sin(np.radians(60)) + 1e-3
+        assert mean[:, -1].max() > 0.6
+
+
+def test_lines_of_sight_of_an_unfolded_disc_converge_in_second_order():
+    # Ring of R from 1 to 2 that turns: seen from the side, ∫ v·n ds through x = b is odd in b and
+    # is b ∫ ds / R; chord by chord that is 2 b (asinh(√(4 - b²)/b) - asinh(√(1 - b²)/b)).
+    grid = vm.CylindricalGrid(np.linspace(1, 2, 41), [0, 2 * np.pi], [-1.0, 1.0])
+    disc = vm.Volume(grid, v_R="0", v_phi="1", v_z="0")
+    camera = vm.Orthographic(90, 0, width=(4, 1), resolution=(40, 1))
+    errors = []
+    for phi in (16, 32, 64):
+        medium = vm.Coefficients("los('v')", 0)
+        image = vm.render(disc.unfolded(phi=phi), medium, camera, tolerance=1e-5)
+        b = np.abs(image.x)
+        outer, inner = (np.sqrt(np.maximum(r * r - b * b, 0)) for r in (2.0, 1.0))
+        exact = 2 * b * (np.arcsinh(outer / b) - np.arcsinh(inner / b))
+        found = np.abs(image.intensity[0, :, 0])
+        errors.append(np.abs(found - exact).max())
+    assert np.log2(errors[0] / errors[2]) > 3.5
+    assert errors[2] < 5e-3
+
+
+def test_cells_in_place_of_those_around():
+    star = vm.Volume(AXISYMMETRIC["radial"], rho="r", v_r="r")
+    whole = star.unfolded(phi=16)
+    assert whole.grid.shape == (8, 8, 16)
+    assert star.unfolded(phi=16, theta=5).grid.shape == (8, 5, 16)
+    assert star.unfolded(theta=6).grid.shape == (8, 6, 12)
+    volumes = whole.grid.cell_volumes.sum(axis=(1, 2))
+    np.testing.assert_allclose(volumes, star.grid.cell_volumes.sum(axis=(1, 2)))
+    np.testing.assert_array_equal(whole.array("rho")[:, 3, 5], star.array("rho")[:, 0, 0])
+    half = vm.SphericalGrid([1.0, 2.0], [0.5, np.pi / 2], mirror=True)
+    assert vm.Volume(half, rho="r").unfolded(phi=8).grid.shape == (1, 2, 8)
+
+
+@pytest.mark.parametrize(
+    ("grid", "fields", "asked", "told"),
+    [
+        ("spherical", "abc", {"phi": 3}, r"phi must be a number of cells, 4 or more; got 3"),
+        ("spherical", "abc", {"phi": 7.0}, r"phi must be a number of cells"),
+        ("spherical", "abc", {"theta": 8}, r"theta can only be divided where one cell goes all"),
+        ("refined", "abc", {"phi": 8}, r"refined grid cannot be unfolded; use volume\.resample"),
+        (
+            "spherical",
+            "xyz",
+            {"phi": 8},
+            r"'v_x' is .* along x, .*\(v_r, v_theta, v_phi\)",
+        ),
+    ],
+)
+def test_what_cannot_be_divided(grid, fields, asked, told):
+    volume = vm.Volume(AXISYMMETRIC[grid], random_vector(AXISYMMETRIC[grid], fields))
+    with pytest.raises(InputError, match=told):
+        volume.unfolded(**asked)
 
 
 def both_halves():

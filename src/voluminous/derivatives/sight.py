@@ -49,8 +49,9 @@ class Sight:
         for turn in turns(self.grid):
             if not np.allclose(self._to(turn @ centers), turn @ found, rtol=0, atol=_ALIKE):
                 raise InputError(
-                    "los(...) differs along a cell that goes all around: volume.resample(grid) onto"
-                    " one with many cells in phi (and in theta, if it has one) tells them apart; "
+                    "los(...) differs along a cell that goes all around: volume.unfolded(phi=64) "
+                    "has many in its place, which tell directions apart (where a grid is refined, "
+                    "volume.resample(grid) onto one that is not); "
                     "components in the grid's own coordinates keep their values"
                 )
 

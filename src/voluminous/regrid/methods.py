@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
+from .around import divided
 from .plane import Slice, cells_on, make_plane, make_slice
 from .resample import resampled
 from .table import cell_columns, table
@@ -74,28 +75,53 @@ class OnOtherCells:
         other.meta |= _meta_on(self, grid)
         return other
 
-    def unfolded(self: Any) -> Any:
-        """Return a volume with both halves of a spherical grid that was made with ``mirror=True``.
+    def unfolded(self: Any, phi: int | None = None, theta: int | None = None) -> Any:
+        """Return a volume in which every cell is in one place, and not mirrored or all around.
+
+        Both halves of a spherical grid that was made with ``mirror=True``; and many cells in place
+        of each one that goes all around the axis, if `phi` says how many. So lines of sight,
+        ``los("velocity")``, are known everywhere.
 
         What is below the midplane moves as its image above does, upside down: components along θ,
-        or z, of vectors change sign. So lines of sight, ``los("velocity")``, are known everywhere.
+        or z, of vectors change sign.
+
+        Parameters
+        ----------
+        phi : int, optional
+            Cells in azimuth, of a grid of which one goes all around. A line of sight is that to a
+            cell's middle: with 64 cells it is off by 0.05 radian at most, and by 0.001 where it
+            is interpolated between them (``scheme="post-classified"``).
+        theta : int, optional
+            Cells from pole to pole, of a grid that has one; half of `phi` by default.
 
         Returns
         -------
         Volume
-            With twice the cells; this volume itself where nothing is mirrored.
+            With more cells; this volume itself where nothing is mirrored and nothing asked for.
 
         Raises
         ------
         InputError
-            If the grid is refined.
+            If the grid is refined, the cells do not go all around, or vectors are given along x
+            and y in such cells.
+        MemoryNeededError
+            If there is not enough memory.
 
         Notes
         -----
         All vectors are taken as velocities are. A magnetic field is mirrored with the opposite sign
         (it is an axial vector): change that of its three components below the midplane afterwards.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import voluminous as vm
+        >>> grid = vm.CylindricalGrid([1, 2, 3], [0, 2 * np.pi], [-1, 1])
+        >>> disc = vm.Volume(grid, v_R="0", v_phi="1 / sqrt(R)", v_z="0")
+        >>> disc.unfolded(phi=64).grid.shape
+        (2, 64, 1)
         """
-        return unfolded(self)
+        return divided(unfolded(self), phi, theta)
 
     def slice(
         self: Any,
