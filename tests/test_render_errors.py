@@ -175,3 +175,19 @@ def test_progress_ends_with_everything(volume):
     assert done == total > 0
     fractions = [d / t for d, t in reports]
     assert fractions == sorted(fractions)
+
+
+def test_where_single_precision_is_not_finite_double_is_taken():
+    # Beside a vacuum both fields fall to zero in one place; rounding lets the lower one be first.
+    rng = np.random.default_rng(5)
+    n, t = rng.random((2, 12, 12, 12)).astype(np.float32)
+    n[(hole := rng.random(n.shape) < 0.5)] = 0
+    t[hole] = 0
+    volume = vm.Volume(vm.CartesianGrid.uniform(12, (-1, 1)), n=n, t=t)
+    medium = vm.Coefficients("where(n > 0, n / t, 0)", 0.1)
+    camera = vm.Orthographic(33, 21, resolution=64)
+    image = vm.render(volume, medium, camera)
+    assert image.provenance["precision"] == "double"
+    assert np.isfinite(image.intensity).all()
+    double = vm.render(volume, medium, camera, precision="double")
+    np.testing.assert_array_equal(image.intensity, double.intensity)

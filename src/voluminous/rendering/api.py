@@ -154,7 +154,7 @@ def _chosen(volume: Any, medium: Any, camera: Any, scheme: Any) -> tuple[Any, An
 
 
 def _check_finite(job: Job, planes: Planes) -> None:
-    if not np.all(np.isfinite(planes.emission)) or not np.all(np.isfinite(planes.depth)):
+    if not planes.finite:
         raise InputError(
             "the picture is not finite: the medium gives coefficients that are not, or too large "
             f"for {job.backend.precision} precision, or a negative extinction, in cells that rays "

@@ -43,6 +43,11 @@ class Planes:
     stopped: bool
     drawing: Drawing
 
+    @property
+    def finite(self) -> bool:
+        """Whether all that rays gathered is finite."""
+        return bool(np.all(np.isfinite(self.emission)) and np.all(np.isfinite(self.depth)))
+
 
 @dataclass
 class Job:
@@ -114,7 +119,18 @@ class Job:
         return float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
 
     def run(self, brightest_background: float) -> Planes:
-        """Render all pixels."""
+        """Render all pixels.
+
+        In double precision where single is not enough: of a quotient of two fields that vanish in
+        one place, rounding makes the lower one zero before the other on one ray in some thousand.
+        """
+        planes = self._run(brightest_background)
+        if not planes.finite and self.backend.precision == "single" and self._has_double:
+            self._take_double()
+            planes = self._run(brightest_background)
+        return planes
+
+    def _run(self, brightest_background: float) -> Planes:
         drawing = self._drawing(brightest_background)
         if self.scheme.controlled:
             paths, enough = controlled(drawing, self.tolerance, brightest_background)
@@ -135,10 +151,17 @@ class Job:
         source = self._make_source(faintest)
         single = self.backend.precision == "single"
         if single and beyond_single_sums(source.numbers, source.bounds):
-            self.backend = get_backend(self.backend.device, "double")
-            self.__post_init__()  # the way rays are followed may be another now
+            self._take_double()
             source = self._make_source(faintest)
         return source
+
+    @property
+    def _has_double(self) -> bool:
+        return self.backend.device != "metal"
+
+    def _take_double(self) -> None:
+        self.backend, self.done = get_backend(self.backend.device, "double"), 0
+        self.__post_init__()  # the way rays are followed may be another now
 
     def _make_source(self, faintest: bool) -> Any:
         return get_source(
