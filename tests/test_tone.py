@@ -252,3 +252,46 @@ def test_a_background_must_be_a_color():
 def test_unknown_names_come_with_the_nearest(options, nearest):
     with pytest.raises(UnknownNameError, match=f"did you mean '{nearest}'"):
         Image(np.ones((2, 3))).to_rgb(**options)
+
+
+def signed_map():
+    y, x = np.mgrid[-1:1:20j, -1:1:30j]
+    return np.where(x * x + y * y < 1, x, np.nan)
+
+
+def test_one_channel_of_both_signs_is_blue_white_and_red():
+    image = Image(signed_map())
+    rgb = image.to_rgb()
+    red, _, blue = np.moveaxis(rgb[10], -1, 0)
+    assert blue[3] > 2 * red[3]
+    assert red[-4] > 2 * blue[-4]
+    middle = rgb[10, 14:16].mean(axis=0)
+    assert middle.min() > 0.9  # white: zero
+    assert (rgb[0, 0] == 0).all()  # nothing
+    # Alike on both sides, though values are not.
+    shifted = Image(signed_map() + 0.2).to_rgb()
+    np.testing.assert_allclose(shifted[10, 11:13].mean(axis=0), 1, atol=0.05)
+    # A colour bar tells of the same.
+    axes = image.plot()
+    shown = axes.get_images()[0]
+    assert shown.norm.vmin == -shown.norm.vmax
+    np.testing.assert_allclose(shown.cmap(shown.norm(0.0))[:3], 1, atol=0.04)
+
+
+@pytest.mark.parametrize(
+    "options", [{"vmax": 1.0}, {"exposure": 1.0}, {"stretch": "sqrt"}, {"vmin": -1.0}]
+)
+def test_who_says_how_a_signed_map_is_shown_has_it_so(options):
+    rgb = Image(signed_map()).to_rgb(**options)
+    assert (rgb[..., 0] == rgb[..., 2]).all()  # grey
+
+
+@pytest.mark.parametrize("values", [signed_map() + 0.95, -np.ones((3, 4)), [[0.0, 3.0]]])
+def test_what_is_hardly_or_all_below_zero_is_grey(values):
+    rgb = Image(values).to_rgb()
+    assert (rgb[..., 0] == rgb[..., 2]).all()
+
+
+def test_three_channels_of_both_signs_are_colours():
+    rgb = Image(np.stack([signed_map()] * 3, axis=-1)).to_rgb()
+    assert (rgb[:, :15] == 0).all()

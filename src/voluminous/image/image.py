@@ -216,25 +216,28 @@ class Image(Made):
         Notes
         -----
         Pixels that are not numbers or are negative are black (in a colormap: its "bad" color and
-        its lowest), infinite ones are as bright as can be. An image of zeros is black.
+        its lowest), infinite ones are as bright as can be. An image of zeros is black. One channel
+        of both signs, such as a map of velocities, is shown from blue over white (zero) to red, if
+        no option says how.
         """
+        from .signed import signed_options
         from .tone import display
 
-        return display(
-            self.intensity,
-            self.transparency,
-            exposure=exposure,
-            stretch=stretch,
-            gamut=gamut,
-            channels=channels,
-            mix=mix,
-            colormap=colormap,
-            norm=norm,
-            vmin=vmin,
-            vmax=vmax,
-            background=background,
-            softening=softening,
-        )
+        options = {
+            "exposure": exposure,
+            "stretch": stretch,
+            "gamut": gamut,
+            "channels": channels,
+            "mix": mix,
+            "colormap": colormap,
+            "norm": norm,
+            "vmin": vmin,
+            "vmax": vmax,
+            "background": background,
+            "softening": softening,
+        }
+        shown = signed_options(self.intensity, options)
+        return display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the image to a file, whose suffix tells the format.

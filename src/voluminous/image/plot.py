@@ -13,6 +13,7 @@ from ..colormaps import get_colormap
 from . import mixing
 from .colormap import scale
 from .options import check_options
+from .signed import signed_options
 from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .stretch import curve, finite
 from .tone import OPTIONS, display, white_level
@@ -103,6 +104,7 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
+    options = signed_options(image.intensity, options)
     index = mixing.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))
