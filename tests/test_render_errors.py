@@ -191,3 +191,40 @@ def test_where_single_precision_is_not_finite_double_is_taken():
     assert np.isfinite(image.intensity).all()
     double = vm.render(volume, medium, camera, precision="double")
     np.testing.assert_array_equal(image.intensity, double.intensity)
+
+
+AROUND = {
+    "x": (vm.CylindricalGrid([0, 1, 2], [0, 2 * np.pi], [-1, 1]), r"volume\.unfolded\(phi=64\)"),
+    "phi": (vm.SphericalGrid([1, 2], [0.5, 1.0, 2.0]), r"volume\.unfolded\(phi=64\)"),
+    "theta": (vm.SphericalGrid([1, 2]), r"volume\.unfolded\(phi=64\)"),
+    "z": (
+        vm.SphericalGrid([1, 2], [0.5, np.pi / 2], np.linspace(0, 6.28, 9), mirror=True),
+        r"volume\.unfolded\(\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
+@pytest.mark.parametrize("name", AROUND)
+def test_coordinates_that_differ_within_cells_need_a_scheme_that_knows_places(name, scheme):
+    grid, advice = AROUND[name]
+    medium = vm.Coefficients("a", 0.1) + vm.Gaussian("a", 1, 1, (1,), 0.1, where=f"{name} > 0.7")
+    told = f"'{name}' differs within a cell .* use scheme='post-classified'.*{advice}"
+    refused(vm.InputError, told, vm.Volume(grid, a="1"), medium, CAMERA, scheme=scheme)
+
+
+def test_a_disc_of_cells_all_around_is_cut_open_where_places_are_known():
+    disc = vm.Volume(vm.CylindricalGrid([0, 1, 2], [0, 2 * np.pi], [-1, 1]), a="1")
+    medium = vm.Coefficients("where(x > 0, a, 0)", 0)
+    camera = vm.Orthographic(0, 0, width=3.9, resolution=40)
+    image = vm.render(disc, medium, camera)
+    # Through the disc, which is 2 thick, on one side.
+    inside = np.hypot(*np.meshgrid(image.x, image.y)) < 1.9
+    right = np.broadcast_to(image.x > 0, inside.shape)
+    seen = image.intensity[..., 0]
+    np.testing.assert_allclose(seen[inside & right], 2.0, rtol=1e-3)
+    assert (seen[inside & ~right] == 0).all()
+    for scheme in ("first-order", "post-classified"):
+        whole = vm.render(disc.unfolded(phi=64), medium, camera, scheme=scheme)
+        # Cells whose middle is just beyond count as wholes there.
+        assert abs(whole.intensity.mean() / image.intensity.mean() - 1) < 0.02

@@ -64,6 +64,13 @@ def turns(grid: Any) -> list[np.ndarray]:
     return [around, over] if all_angles else [around]
 
 
+def many_valued(grid: Any) -> tuple[str, ...]:
+    """Return the coordinates of which a cell has many values: all around the axis, or mirrored."""
+    count = len(turns(grid))
+    found = ("x", "y", "phi", "z", "theta")[: (0, 3, 5)[count]]
+    return (*found, "z") if getattr(grid, "mirror", False) and "z" not in found else found
+
+
 def span(low: float, high: float) -> str:
     """Return both ends of an interval in words, with digits enough to tell its width.
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, unknown_name
-from ..geometry import CARTESIAN
+from ..geometry import CARTESIAN, many_valued
 from ..memory import check_memory
 
 ORDERS = ("front-to-back", "back-to-front")
@@ -142,6 +143,28 @@ def check_walk(scheme: Any, grid: Any) -> None:
             f"scheme {scheme.name!r} cannot be used on a {type(grid).__name__}; "
             "use scheme='first-order'"
         )
+
+
+def check_coordinates(scheme: Any, grid: Any, names: Iterable[str]) -> None:
+    """Refuse coordinates that differ within cells, for schemes that look at these as wholes.
+
+    A disc of cells all around the axis cannot be cut open by ``x > 0`` cell by cell.
+
+    Raises
+    ------
+    InputError
+        Tells how they can be had.
+    """
+    several = many_valued(grid)
+    for name in names:
+        if scheme.place != "field" and name in several:
+            mirrored = getattr(grid, "mirror", False)
+            many = "volume.unfolded()" if mirrored and name == "z" else "volume.unfolded(phi=64)"
+            raise InputError(
+                f"{name!r} differs within a cell of this grid, which scheme {scheme.name!r} takes "
+                "as a whole: use scheme='post-classified', which knows where on its way a ray is, "
+                f"or {many}, in which every cell is in one place"
+            )
 
 
 def walk_kinds(grid: Any) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from .coefficients.digits import beyond_single, plain_widths
 from .job import Job
 from .missing import Completed, complete
 from .options import (
+    check_coordinates,
     check_cutoff,
     check_order,
     check_pixels,
@@ -54,6 +55,7 @@ def prepare(
     if precision == "single" and volume.grid.needs_double():
         precision = "double"
     check_fields(volume, medium)
+    check_coordinates(solver, volume.grid, medium.names)
     _check_units(volume, medium)
     volume.refresh()  # derivatives of fields that were changed in place
     completed = complete(volume, medium.names, solver.place == "field")
