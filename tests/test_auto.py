@@ -352,6 +352,27 @@ def test_a_first_picture_of_labels_shows_no_others_between_two():
     volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), organ=labels)
     image = vm.render(volume)
     assert image.provenance["scheme"] == "first-order"
-    chosen = vm.render(volume, vm.auto(volume), vm.Orthographic(60, 30), scheme="first-order")
-    np.testing.assert_array_equal(image.intensity, chosen.intensity)
+    medium = vm.auto(volume)
+    for options in ({}, {"scheme": "first-order"}):
+        chosen = vm.render(volume, medium, vm.Orthographic(60, 30), **options)
+        np.testing.assert_array_equal(image.intensity, chosen.intensity)
     assert vm.render(volume, scheme="second-order").provenance["scheme"] == "second-order"
+
+
+def test_some_labels_are_drawn_cell_by_cell_and_with_a_shell_of_ones_own_as_usual():
+    labels = np.zeros((8, 8, 8), np.uint8)
+    labels[2:6, 2:6, 2:6], labels[3:5, 3:5, 3:5] = 1, 3
+    labels[2, 2, 2] = 2
+    volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), organ=labels)
+    every = vm.auto(volume)
+    some = vm.calibrate(sum(every.components()[1:]), volume)
+    own = vm.Rectangle("organ", 3.0, 0.5, (1, 1, 1), 1)
+    used = {
+        "first-order": (every, some, every.components()[0]),
+        "post-classified": (own, every + own, vm.auto(cube(lambda r: 0 * r + 1))),
+    }
+    for scheme, media in used.items():
+        for medium in media:
+            shown = cube(lambda r: 0 * r + 1) if "a" in medium.names else volume
+            assert vm.render(shown, medium, CAMERA).provenance["scheme"] == scheme
+            assert f", {scheme}," in str(vm.probe(shown, medium, CAMERA, (50, 50)))

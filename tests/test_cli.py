@@ -221,7 +221,7 @@ def test_errors_of_the_system_are_told_without_traceback(scene, capsys, monkeypa
 
     monkeypatch.setattr(Path, "write_bytes", full)
     assert run("render", scene) == 2
-    assert "No space left on device" in capsys.readouterr().err
+    assert "there is no space left" in capsys.readouterr().err
 
 
 # progress

@@ -540,7 +540,9 @@ def test_convert_writes_directories_whole_or_not_at_all(snapshot, capsys, monkey
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(type(writer), "write", broken)
-    assert "No space left" in refused(capsys, "convert", "snapshot.h5", "other", *expr)
+    assert "cannot save other: there is no space left" in refused(
+        capsys, "convert", "snapshot.h5", "other", *expr
+    )
 
 
 @pytest.mark.parametrize(

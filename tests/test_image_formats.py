@@ -1,6 +1,7 @@
 """Image files: what was saved comes back, nothing is left half written, damage is named."""
 
 import contextlib
+import gc
 import io
 import json
 import os
@@ -509,6 +510,20 @@ def test_truncated_files_are_named(folder, suffix, capfd):
         with pytest.raises(FileFormatError, match=f"short{suffix}"):
             Image.load(path)
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_truncated_files_are_closed(folder, suffix):
+    whole = saved_bytes(folder, suffix)
+    path = folder / f"open{suffix}"
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ResourceWarning)
+        for length in (len(whole) // 4, len(whole) // 2, len(whole) - 1000, len(whole) - 100):
+            path.write_bytes(whole[:length])
+            with pytest.raises(FileFormatError):
+                Image.load(path)
+        gc.collect()
+    assert [str(one.message) for one in caught if path.name in str(one.message)] == []
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".fits", ".tif", ".png"])

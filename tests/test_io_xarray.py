@@ -410,3 +410,49 @@ def test_a_picture_is_that_of_the_volume(ball):
     assert "render" in repr(ball.voluminous)
     by_field = ball.voluminous.render("rho**2", camera)
     assert by_field.provenance["medium"] == vm.auto(vm.from_xarray(ball), "rho**2").describe()
+
+
+def test_axes_in_another_order_are_refused_where_shapes_do_not_tell():
+    grid = vm.CartesianGrid.uniform(3, (0, 1))
+    array = xr.DataArray(np.arange(27.0).reshape(3, 3, 3), dims=("z", "y", "x"))
+    with pytest.raises(vm.InputError, match=r"order \(z, y, x\), expected \(x, y, z\): .transpose"):
+        vm.Volume(grid, f=array)
+    volume = vm.Volume(grid, f=array.transpose("x", "y", "z"), g=array.rename(x="u"))
+    np.testing.assert_array_equal(volume.array("f"), array.values.transpose(2, 1, 0))
+    np.testing.assert_array_equal(volume.array("g"), array.values)
+
+
+def test_a_slash_in_a_name_is_no_path():
+    array = xr.DataArray(np.ones((2, 2, 2)), dims=("x", "y", "z"))
+    volume = vm.from_xarray(xr.Dataset({"rho (g/cc)": array}))
+    assert volume.fields == ("rho__g_cc_",)
+    assert vm.from_xarray(xr.Dataset({"a/b": array}), fields="a_b").fields == ("a_b",)
+
+
+@pytest.mark.parametrize(
+    ("take", "told"),
+    [
+        (lambda array: vm.render(array), "got DataArray; vm.from_xarray"),
+        (lambda array: vm.open(array), "got DataArray; vm.from_xarray"),
+        (lambda array: vm.Volume(array), "got DataArray first; vm.from_xarray"),
+        (lambda array: vm.from_xarray(array.values), r"got ndarray; vm.Volume\("),
+        (lambda array: vm.render(array.values), r"got ndarray; vm.Volume\("),
+        (
+            lambda array: vm.from_xarray(array.to_dataframe()),
+            r"got DataFrame; of points vm.from_particles\(.*of cells vm.from_xarray\(table.set_ind",
+        ),
+    ],
+)
+def test_what_makes_a_volume_of_it_is_told(take, told):
+    array = xr.DataArray(np.ones((2, 2, 2)), dims=("x", "y", "z"), name="f")
+    with pytest.raises(vm.InputError, match=told):
+        take(array)
+
+
+def test_a_table_of_cells_is_a_volume_as_the_error_says():
+    pytest.importorskip("pandas")
+    array = xr.DataArray(np.arange(24.0).reshape(2, 3, 4), dims=("x", "y", "z"), name="f")
+    array = array.assign_coords(x=[0.0, 1.0], y=[0.0, 1.0, 2.0], z=[0.0, 1.0, 2.0, 3.0])
+    table = array.to_dataframe().reset_index().sample(frac=1, random_state=1)
+    volume = vm.from_xarray(table.set_index(["x", "y", "z"]).to_xarray())
+    np.testing.assert_array_equal(volume.array("f"), array.values)

@@ -480,6 +480,8 @@ def test_degenerate_sets_of_particles(positions, case):
     assert total(volume) == pytest.approx(count, rel=1e-12)
 
 
+# A masked value is none: the coordinate of a particle, or one of three masses.
+MASKED = np.ma.masked_equal([[1.0, 2, 9], [3, 4, 5], [6, 7, 9]], 7)
 GOOD = np.array([[0.0, 0, 0], [1, 1, 1]])
 
 
@@ -489,6 +491,14 @@ GOOD = np.array([[0.0, 0, 0], [1, 1, 1]])
         ((np.zeros((0, 3)), 1.0), {}, vm.InputError, "shape"),
         ((np.zeros(3), 1.0), {}, vm.InputError, r"\(n, 3\)"),
         (([[0, 0, np.nan]], 1.0), {}, vm.InputError, "positions must be finite; particle 0"),
+        ((MASKED, 1.0), {}, vm.InputError, "positions must be finite; particle 2 is not. Leave"),
+        ((np.eye(3), MASKED[2]), {}, vm.InputError, "masses must be finite; particle 1 is not"),
+        (
+            (np.eye(3), 1.0),
+            {"smoothing_length": MASKED[2]},
+            vm.InputError,
+            "smoothing_length must be finite; particle 1",
+        ),
         ((GOOD, [1.0, -1]), {}, vm.InputError, "masses must not be negative; that of particle 1"),
         ((GOOD, [1.0] * 3), {}, vm.InputError, "one number per particle"),
         ((GOOD, 1.0), {"smoothing_length": 0.0}, vm.InputError, "positive"),
@@ -512,3 +522,14 @@ GOOD = np.array([[0.0, 0, 0], [1, 1, 1]])
 def test_errors_say_what_was_expected(arguments, options, error, words):
     with pytest.raises(error, match=words):
         vm.from_particles(*arguments, **options)
+
+
+def test_masked_values_that_particles_carry_are_missing():
+    carried = np.ma.masked_equal([1.0, 2.0], 2.0)
+    positions = [(0.1, 0.1, 0.1), (0.9, 0.9, 0.9)]
+    options = {"bounds": BOX, "smoothing_length": 0.05}
+    volume = vm.from_particles(positions, 1.0, fields={"a": carried}, **options)
+    found = volume.array("a")
+    there = (volume.array("density") > 0) & ~np.isnan(found)
+    assert np.isnan(found).any()
+    assert set(found[there]) == {1.0}

@@ -159,3 +159,48 @@ def test_a_data_frame():
     frame = vm.Volume(GRID, a=COUNTED).cells(kind="pandas")
     assert isinstance(frame, pandas.DataFrame)
     assert frame["a"].sum() == COUNTED.sum()
+
+
+def test_a_slice_draws_itself():
+    volume = vm.Volume(GRID, a=COUNTED * u.K)
+    found = volume.slice("a", "x", resolution=(3, 10))
+    axes = found.plot()
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("y [pc]", "z [pc]")
+    bar = axes.figure.axes[1]
+    assert bar.get_ylabel() == "a [K]"
+    (picture,) = axes.images
+    np.testing.assert_array_equal(picture.get_array(), found.values)
+    assert picture.get_extent() == list(found.extent)
+    assert picture.get_clim() == (found.values.min(), found.values.max())
+    assert picture.origin == "lower"
+    assert found.plot(ax=axes, colormap="gray", vmin=1, vmax=2).images[1].get_clim() == (1, 2)
+
+
+def test_slices_draw_logarithms_and_oblique_planes():
+    volume = vm.Volume(GRID, a=COUNTED)
+    axes = volume.slice("a + 0", (1, 1, 0), resolution=8).plot(norm="log", vmin=0.5)
+    assert axes.get_xlabel() == "(-0.71, 0.71, 0) [pc]"
+    assert axes.get_ylabel() == "z [pc]"
+    assert axes.figure.axes[1].get_ylabel() == "a + 0"
+    assert axes.images[0].norm(0.5) == 0
+
+
+@pytest.mark.parametrize(
+    ("expression", "options", "message"),
+    [
+        ("vector(a, a, a)", {}, "three pictures: slice one component, or norm"),
+        ("a", {"norm": "sqrt"}, "norm must be 'linear', 'log' or a matplotlib Normalize"),
+        ("-a", {"norm": "log"}, "norm='log' needs positive values"),
+        ("a", {"colormap": "virdis"}, "unknown colormap 'virdis'"),
+    ],
+)
+def test_slices_that_cannot_be_drawn(expression, options, message):
+    found = vm.Volume(GRID, a=COUNTED).slice(expression, resolution=4)
+    with pytest.raises((InputError, UnknownNameError), match=message):
+        found.plot(**options)
+
+
+def test_a_slice_tells_what_it_is():
+    volume = vm.Volume(GRID, a=COUNTED * u.K)
+    text = repr(volume.slice("a", "z", 1.5, resolution=6))
+    assert text == "<Slice 6×6 pixels, 3×3 pc, a: 2 … 22 K>"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
+from typing import Any
 
 # A noun, and what says which: "format", " that can be written".
 _NOUN = re.compile(r"(.*?)((?: (?:of|that|for) .*)?)", re.DOTALL)
@@ -102,3 +103,28 @@ def _several(kind: str) -> str:
         if re.search(ending, noun):
             return re.sub(ending, plural, noun) + rest
     return f"{noun}s{rest}"
+
+
+# What makes volumes of the things of other packages, by the package.
+_TAKEN = {
+    "xarray": "vm.from_xarray(data) makes a Volume of it",
+    "pyvista": "vm.from_pyvista(data) makes a Volume of it",
+    "yt": "vm.from_yt(data) makes a Volume of it",
+    "pandas": "of points vm.from_particles(table[['x', 'y', 'z']], table['mass']) makes a Volume, "
+    "of cells vm.from_xarray(table.set_index(['x', 'y', 'z']).to_xarray())",
+    "numpy": "vm.Volume(vm.CartesianGrid.uniform(array.shape, (-1, 1)), density=array) holds an "
+    "array",
+}
+
+
+def how_to_take(value: Any) -> str:
+    """Return what makes a volume of the data of another package, to end an error message with.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> how_to_take(np.zeros(3))[:20], how_to_take(3.0)
+    ('; vm.Volume(vm.Carte', '')
+    """
+    advice = _TAKEN.get(type(value).__module__.partition(".")[0])
+    return f"; {advice}" if advice else ""

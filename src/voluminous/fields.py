@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, UnitsError, VoluminousError
+from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
 from .units import is_quantity, parse_unit, plain
 
@@ -17,6 +17,8 @@ from .units import is_quantity, parse_unit, plain
 _CHUNK = 1 << 20
 # Layers copied at once: what is written stays in the cache until its lines are full.
 _LAYERS = 16
+# Axes in the order of the index, where data know their names.
+_AXES = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))
 # What every grid has.
 COORDINATES = ("x", "y", "z", "r")
 
@@ -114,6 +116,7 @@ def checked_grid(grid: Any) -> Any:
         advice = f"vm.Volume(vm.CartesianGrid.uniform({grid.shape}, (-1, 1)), density=array)"
     raise InputError(
         f"a Volume is a grid and its fields, such as {advice}; got {type(grid).__name__} first"
+        + ("" if isinstance(grid, np.ndarray) else how_to_take(grid))
     )
 
 
@@ -169,6 +172,7 @@ def packed(name: str, values: Any, grid: Any) -> np.ndarray:
     InputError
         If it is none, such as lists of different lengths.
     """
+    _check_order(name, values)
     try:
         array: np.ndarray = grid.pack(values)
     except VoluminousError:
@@ -176,6 +180,22 @@ def packed(name: str, values: Any, grid: Any) -> np.ndarray:
     except (TypeError, ValueError) as error:
         raise InputError(f"field {name!r} must be an array of numbers: {error}") from None
     return array
+
+
+def _check_order(name: str, values: Any) -> None:
+    """Refuse arrays that know the names of their axes, in another order (xarray).
+
+    Where there are as many cells along all axes, their shape does not tell.
+    """
+    axes = getattr(values, "dims", None)
+    for order in _AXES:
+        if isinstance(axes, tuple) and set(axes) == set(order) and axes != order:
+            listed, wanted = ("(" + ", ".join(names) + ")" for names in (axes, order))
+            named = ", ".join(map(repr, order))
+            raise InputError(
+                f"field {name!r} has its axes in the order {listed}, expected {wanted}: "
+                f".transpose({named}), or vm.from_xarray, which knows their names"
+            )
 
 
 def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
@@ -212,6 +232,8 @@ def _advice(name: str, shape: tuple[int, ...], grid: Any) -> str:
         return "; grids are made of the walls of cells, one more than cells: were these centres?"
     if shape[:-1] == grid.shape:
         return f"; give each component a field of its own, such as {name}_x"
+    if shape == ():
+        return "; one number everywhere is np.full(grid.shape, number)"
     if shape == (np.prod(grid.shape),):
         return f"; reshape it ({index}, the last one fastest)"
     return ""

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from .errors import FileFormatError, InputError, VoluminousError
+from .errors import FileFormatError, InputError, VoluminousError, how_to_take
+
+# How systems, and libraries that do not pass on their numbers, say that a disk is full.
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_SPACE = re.compile("no space left|not enough space|quota exceeded|file too large", re.IGNORECASE)
 
 
 def as_path(path: object) -> Path:
@@ -22,7 +28,7 @@ def as_path(path: object) -> Path:
     """
     if isinstance(path, (str, os.PathLike)):
         return Path(path)
-    raise InputError(f"expected the path of a file, got {type(path).__name__}")
+    raise InputError(f"expected the path of a file, got {type(path).__name__}{how_to_take(path)}")
 
 
 class UnwritablePathError(InputError, OSError):
@@ -51,7 +57,7 @@ def replacing(path: Path) -> Iterator[Path]:
     MissingPathError
         If the directory does not exist.
     UnwritablePathError
-        If nothing can be written there: found out before the work is done.
+        If nothing can be written there: found out before the work is done. Or if there is no space.
     InputError
         If `path` is a directory.
     """
@@ -63,13 +69,44 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.touch()
         temporary.unlink()
     try:
-        yield temporary
+        with naming_if_full(path):
+            yield temporary
         with _naming(path):
             if target.exists():
                 shutil.copymode(target, temporary)
             os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def naming_if_full(path: Path) -> Iterator[None]:
+    """Name the file that cannot be written where a disk is full, whatever a library raises then.
+
+    Raises
+    ------
+    UnwritablePathError
+        In place of errors of the system about space. Others stay as they are.
+    """
+    try:
+        yield
+    except VoluminousError:
+        raise
+    except Exception as error:
+        if not _is_about_space(error):
+            raise
+        raise UnwritablePathError(
+            f"cannot save {path}: there is no space left; make some, or give another directory"
+        ) from error
+
+
+def _is_about_space(error: BaseException | None) -> bool:
+    """Return whether an error, or one that it came from, says that a disk or a quota is full."""
+    while error is not None:
+        if getattr(error, "errno", None) in _NO_SPACE or _SPACE.search(str(error)):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 @contextmanager

@@ -13,6 +13,9 @@ import numpy as np
 
 from .errors import UnitsError
 
+# A value in an error message is written out up to so many characters.
+_LONGEST = 100
+
 
 def is_quantity(value: Any) -> bool:
     """Return True if `value` carries a unit (astropy or anything that looks like it)."""
@@ -128,8 +131,17 @@ def _as_float(value: Any, what: str) -> Any:
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise UnitsError(f"{what} must be a number or a quantity, got {value!r}") from error
+        raise UnitsError(f"{what} must be a number or a quantity, got {_shown(value)}") from error
     return float(array) if array.ndim == 0 else array
+
+
+def _shown(value: Any) -> str:
+    """Return a value as it is written; of a long one what it is."""
+    text = repr(value)
+    if len(text) <= _LONGEST:
+        return text
+    dtype = f" of {value.dtype}" if hasattr(value, "dtype") else ""
+    return f"{type(value).__name__}{dtype} with {len(value)} entries"
 
 
 def degrees(value: Any, what: str) -> float:

@@ -2,6 +2,5 @@
 
 from .auto import auto
 from .calibrate import calibrate
-from .labels import shows_labels
 
-__all__ = ["auto", "calibrate", "shows_labels"]
+__all__ = ["auto", "calibrate"]

@@ -65,9 +65,9 @@ def auto(
     Medium
         A sum of `Gaussian` shells whose path lengths fit this volume, in ``expr`` or, where that is
         not negative and spans more than two decades, in ``log10(expr)``. For labels (few whole
-        numbers without gaps) one `Rectangle` for each but the background, to be rendered with
-        ``scheme="first-order"``; for a constant, one `Rectangle`. The same data gives the same
-        medium.
+        numbers without gaps) one `Rectangle` for each but the background, which `render` draws cell
+        by cell (``scheme="first-order"``); for a constant, one `Rectangle`. The same data gives the
+        same medium.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def _shells(
     if labels is not None:
         # The golden ratio keeps the colours of neighbouring numbers apart.
         positions = _WARM - (_WARM - _COOL) * (np.arange(len(labels)) * _GOLDEN % 1.0)
-        return [_shell(Rectangle, expr, label, 0.5) for label in labels], positions
+        return [_label(expr, label) for label in labels], positions
     wide = is_wide(values)
     floor = _NOISE * noise_of(values)
     signed = bool(values[0] < 0) and not wide and not floor
@@ -141,6 +141,17 @@ def _shells(
 
 def _shell(kind: Any, expr: Expression, center: float, width: float) -> Callable[..., Shaped]:
     return lambda color, opacity, length: kind(expr, float(center), width, color, opacity, length)
+
+
+def _label(expr: Expression, label: float) -> Callable[..., Shaped]:
+    """Return what makes a medium of one label, which is drawn cell by cell."""
+
+    def make(color: Any, opacity: Any, length: Any) -> Shaped:
+        shown = Rectangle(expr, float(label), 0.5, color, opacity, length)
+        shown.discrete = True
+        return shown
+
+    return make
 
 
 def _lit(

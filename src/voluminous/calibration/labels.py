@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..expressions import Expression
-from ..media import Medium, Rectangle
 from ..volume import Volume
 from .samples import pieces
 
@@ -45,15 +42,6 @@ def labels_of(volume: Volume, expr: Expression, values: np.ndarray) -> np.ndarra
     if len(found) < 2 or max(found) - min(found) >= _SPAN * len(found):
         return None
     return np.array(sorted(found - {background}))
-
-
-def shows_labels(medium: Medium) -> bool:
-    """Return True if every part of a medium shows one whole number."""
-    parts: list[Any] = list(medium.components())
-    return all(
-        isinstance(part, Rectangle) and part.width == 0.5 and float(part.center).is_integer()
-        for part in parts
-    )
 
 
 def _may_be_labels(values: np.ndarray) -> bool:

@@ -46,11 +46,11 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
 
 def _sections(volume: Volume, name: str) -> dict[str, Any]:
     """Return all of a scene but its volume: what `voluminous render` chooses, in short numbers."""
-    from ..calibration import auto, shows_labels
+    from ..calibration import auto
 
     medium = auto(volume, name, LEVELS)
     parts = [_told(part, volume) for part in medium.components()]
-    more = {"render": {"scheme": "first-order"}} if shows_labels(medium) else {}
+    more = {"render": {"scheme": "first-order"}} if medium.discrete else {}
     camera = {"incl": FIRST_INCL, "phi": FIRST_PHI, "resolution": PIXELS}
     return {"medium": parts, "camera": camera, **more}
 

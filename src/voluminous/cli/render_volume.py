@@ -115,7 +115,7 @@ def scene_of(
     VoluminousError
         If the file cannot be read, or the expression names something that is not there.
     """
-    from ..calibration import auto, shows_labels
+    from ..calibration import auto
     from ..scene import Scene
     from .choice import first_field
     from .framing import framed
@@ -128,7 +128,7 @@ def scene_of(
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
     medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
-    labels = shows_labels(medium)  # between two labels there are no others
+    labels = medium.discrete  # between two labels there are no others
     scheme = "first-order" if labels else "post-classified"
     camera = _camera(args, given)
     if "incl" in camera and "phi" in camera:
@@ -170,9 +170,7 @@ def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterab
 
 def _count(medium: Medium) -> str:
     count = len(list(medium.components()))
-    from ..calibration import shows_labels
-
-    if shows_labels(medium):
+    if medium.discrete:
         return "label" if count == 1 else f"{count} labels, cell by cell:"
     return "shell at" if count == 1 else f"{count} shells at"
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import sys
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..colormaps import get_colormap
+from ..figures import new_figure
 from . import mixing
 from .colormap import scale
 from .options import check_options
@@ -70,26 +70,12 @@ def _aspect(image: Image, extent: Extent) -> float:
 
 
 def _new_axes(wcs: Any) -> Axes:
-    # pyplot keeps every figure alive and chooses a window system; only a program or a notebook
-    # that uses it already wants that.
-    if "matplotlib.pyplot" in sys.modules or _in_notebook():
-        import matplotlib.pyplot as plt
-
-        figure: Any = plt.figure(layout="constrained")
-    else:
-        from matplotlib.figure import Figure
-
-        figure = Figure(layout="constrained")
+    figure = new_figure()
     if wcs is None:
         return cast("Axes", figure.add_subplot())
     from astropy.visualization.wcsaxes import WCSAxes
 
     return cast("Axes", figure.add_subplot(axes_class=WCSAxes, wcs=wcs))
-
-
-def _in_notebook() -> bool:
-    shell = sys.modules.get("IPython")
-    return shell is not None and shell.get_ipython() is not None
 
 
 def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:

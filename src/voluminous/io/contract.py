@@ -59,6 +59,8 @@ class Reader:
         Names of the options that `read` takes, each with a line that says what it is for.
     writes : bool
         True if `write` is there.
+    write_suffixes : tuple of str
+        Endings that `write` knows, if these are not all.
     write_options : dict of str
         Names of the options that `write` takes, each with a line that says what it is for.
     writes_directory : bool
@@ -74,6 +76,7 @@ class Reader:
     suffixes: tuple[str, ...] = ()
     options: dict[str, str] = {}  # noqa: RUF012 - a subclass replaces it, nothing changes it
     writes: bool = False
+    write_suffixes: tuple[str, ...] = ()
     write_options: dict[str, str] = {}  # noqa: RUF012 - as above
     writes_directory: bool = False
     packages: tuple[str, ...] = ()

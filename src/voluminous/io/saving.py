@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, unknown_name
-from ..files import MissingPathError, as_path, replacing
+from ..files import MissingPathError, as_path, naming_if_full, replacing
 from .contract import Reader
 from .guard import placed
 from .registry import readers
@@ -78,7 +78,7 @@ def writer_for(path: Path, format: str | None = None) -> Reader:
         return named[format]
     known: dict[str, Reader] = {}
     for reader in writers:
-        for suffix in reader.suffixes:
+        for suffix in getattr(reader, "write_suffixes", ()) or reader.suffixes:
             known.setdefault(suffix, reader)  # the first that has it, as in reading
     fitting = [suffix for suffix in known if path.name.lower().endswith(suffix)]
     if not fitting:
@@ -99,7 +99,8 @@ def _new_directory(path: Path) -> Iterator[Path]:
     temporary = target.with_name(f".{target.name[:40]}.{secrets.token_hex(6)}.part")
     temporary.mkdir()
     try:
-        yield temporary
+        with naming_if_full(path):
+            yield temporary
         if target.is_dir():
             target.rmdir()
         os.rename(temporary, target)

@@ -57,11 +57,15 @@ class Medium:
         True if one extinction serves all channels.
     names : tuple of str
         The fields and coordinates it looks at.
+    discrete : bool
+        True if it shows values that name things, such as labels. Between two there are no others:
+        it is drawn cell by cell unless a scheme is given.
     """
 
     channels: int
     grey: bool
     names: tuple[str, ...]
+    discrete: bool = False
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..fields import split_unit
+from ..fields import split_unit, without_mask
 from ..units import parse_unit, plain, unit_of
 
 _COMPONENTS = "xyz"
@@ -65,6 +65,7 @@ def particles(positions: Any, masses: Any, unit: Any) -> Particles:
     UnitsError
         If units are unknown.
     """
+    positions, masses = without_mask(positions), without_mask(masses)
     own = unit_of(positions)
     unit = parse_unit(unit) if own is None else own
     points = plain(positions, unit, "positions")
@@ -95,7 +96,7 @@ def per_particle(values: Any, what: str, count: int) -> np.ndarray:
 
 def positive(values: Any, unit: Any, what: str, count: int) -> np.ndarray:
     """Return positive numbers, one for each particle, in a unit."""
-    array = per_particle(plain(values, unit, what), what, count)
+    array = per_particle(plain(without_mask(values), unit, what), what, count)
     if not (array > 0).all():
         raise InputError(
             f"{what} must be positive; that of {_first(array <= 0)} is {array[array <= 0][0]}; "
@@ -108,7 +109,7 @@ def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.
     """Return name → values and unit of what particles carry; vectors as their components."""
     found: dict[str, tuple[np.ndarray, Any]] = {}
     for name, value in (fields or {}).items():
-        values, unit = split_unit(value)
+        values, unit = split_unit(without_mask(value))
         array = np.asarray(values)
         if array.dtype.kind not in "fiub":
             raise InputError(f"{name!r} must be real numbers, got dtype {array.dtype}")

@@ -10,7 +10,8 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from .around import divided
-from .plane import Slice, cells_on, make_plane, make_slice
+from .cut import Slice, make_slice
+from .plane import cells_on, make_plane
 from .resample import resampled
 from .table import cell_columns, table
 from .unfolded import unfolded
@@ -160,7 +161,8 @@ class OnOtherCells:
         Returns
         -------
         Slice
-            ``values`` (ny, nx) with row 0 at the bottom, NaN outside, and their ``extent``.
+            ``values`` (ny, nx) with row 0 at the bottom, NaN outside, and their ``extent``;
+            `Slice.plot` draws them.
 
         Raises
         ------
@@ -181,7 +183,8 @@ class OnOtherCells:
         values = self.evaluate(expression, camera=camera)
         is_vector = values.ndim > len(self.grid.shape)
         unit = None if is_vector else self.expression_unit(Expression(expression))
-        return make_slice(self.grid, plane, cells_on(self.grid, plane), values, unit)
+        cells, name = cells_on(self.grid, plane), str(getattr(expression, "text", expression))
+        return make_slice(self.grid, plane, cells, values, unit, name)
 
     def cells(
         self: Any, fields: Iterable[str] | None = None, *, where: Any = None, kind: str = "dict"

@@ -51,31 +51,6 @@ class Plane:
         return np.asarray(self.center + u.reshape(-1, 1) * self.right + v.reshape(-1, 1) * self.up)
 
 
-@dataclass(frozen=True)
-class Slice:
-    """Values on a plane.
-
-    Attributes
-    ----------
-    values : array, shape (ny, nx) or (3, ny, nx)
-        Row 0 at the bottom; NaN outside the grid.
-    extent : (float, float, float, float)
-        left, right, bottom, top: for ``imshow(values, extent=extent, origin="lower")``.
-    unit : str
-        Of the values, empty if they have none.
-    length_unit : str
-        Of the extent.
-    plane : Plane
-        Where it is.
-    """
-
-    values: np.ndarray
-    extent: tuple[float, float, float, float]
-    unit: str
-    length_unit: str
-    plane: Plane
-
-
 def make_plane(
     grid: Any, normal: Any, position: Any, width: Any, center: Any, up: Any, resolution: Any
 ) -> Plane:
@@ -115,15 +90,6 @@ def _told(grid: Any) -> str:
     spans = zip("xyz", grid.bounds, strict=True)
     listed = ", ".join(f"{axis}: {low:g} … {high:g}" for axis, (low, high) in spans)
     return f"{listed} {unit_name(grid.unit)}".rstrip()
-
-
-def make_slice(grid: Any, plane: Plane, cells: np.ndarray, values: Any, unit: Any) -> Slice:
-    """Return values of all cells, or of three components of a vector, on a plane."""
-    flat = np.asarray(values).reshape(-1, grid.size)
-    shown = np.where(cells >= 0, flat[:, cells], np.nan)
-    if np.asarray(values).shape == tuple(grid.shape):
-        shown = shown[0]
-    return Slice(shown, plane.extent, unit_name(unit), unit_name(grid.unit), plane)
 
 
 def _frame(normal: Any, up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

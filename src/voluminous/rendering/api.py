@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration import auto, shows_labels
+from ..calibration import auto
 from ..cameras import Orthographic
 from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
@@ -25,7 +25,7 @@ from .layers.pairs import with_channels
 from .options import background_array
 from .prepare import prepare, silent
 from .sky import image_wcs
-from .unseen import warn_if_nothing_shows
+from .unseen import warn_of_unseen
 
 
 def render(
@@ -57,7 +57,8 @@ def render(
         Which rays. By default all is seen, from obliquely above.
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first, but
-        ``"first-order"`` where `voluminous.auto` finds labels: between two there are no others.
+        ``"first-order"`` for what `voluminous.auto` makes of labels: between two there are no
+        others.
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
         `Image.error` tells what was reached. None: do not look, which takes a half to a
@@ -100,7 +101,8 @@ def render(
     Warns
     -----
     UserWarning
-        If the picture shows nothing of the medium, with the ranges of what it looks at.
+        If the picture shows nothing of the medium, or a part of it (of a sum, of several levels) is
+        nowhere in the volume; with the ranges of what it looks at.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def render(
     MemoryNeededError
         If it does not fit into memory, before any is taken.
     """
-    medium, camera, scheme = _chosen(volume, medium, camera, scheme)
+    medium, camera = _chosen(volume, medium, camera)
     things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,
@@ -130,27 +132,23 @@ def render(
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
     _check_finite(job, planes)
+    warn_of_unseen(job, planes, others=bool(things))
     told = {"samples": samples, "order": order}
     if things:
         channels = channel_count(things, job)
         behind = wide_background(behind, job.medium.channels, channels)
         planes = with_objects(planes, job, things, behind, channels)
         told["objects"] = [one.describe(MANY) for one in things]
-    else:
-        warn_if_nothing_shows(job, planes)
     if missing:
         told["missing"] = missing
     return _image(job, planes, behind, budget, told)
 
 
-def _chosen(volume: Any, medium: Any, camera: Any, scheme: Any) -> tuple[Any, Any, Any]:
-    """Return medium, camera and scheme, for a first picture where there are none."""
-    usual = "post-classified"
+def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
+    """Return medium and camera, for a first picture where there are none."""
     if medium is None and isinstance(volume, Volume):
         medium = auto(volume)
-        usual = "first-order" if shows_labels(medium) else usual
-    camera = Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
-    return medium, camera, usual if scheme is None else scheme
+    return medium, Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
 
 
 def _check_finite(job: Job, planes: Planes) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..backend import get_backend
 from ..calibration import calibrate
-from ..errors import InputError
+from ..errors import InputError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
 from ..schemes import get_scheme
@@ -34,7 +34,7 @@ def prepare(
     medium: Medium,
     camera: Any,
     *,
-    scheme: Any = "post-classified",
+    scheme: Any = None,
     tolerance: float | None = 1e-3,
     precision: str = "single",
     device: str = "auto",
@@ -48,6 +48,7 @@ def prepare(
     See `voluminous.render` for the arguments and errors.
     """
     _check_types(volume, medium, camera)
+    scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)
     volume = volume.seen_by(camera)
@@ -82,6 +83,11 @@ def prepare(
     return job, completed.counts
 
 
+def _usual_scheme(medium: Medium) -> str:
+    """Return the scheme for a medium where none is given: between labels there are no others."""
+    return "first-order" if medium.discrete else "post-classified"
+
+
 def _check_units(volume: Volume, medium: Medium) -> None:
     """Refuse expressions of fields that would have to be converted.
 
@@ -106,7 +112,8 @@ def _needs_double(completed: Completed, medium: Medium) -> bool:
 
 def _check_types(volume: Any, medium: Any, camera: Any) -> None:
     if not isinstance(volume, Volume):
-        hint = "; vm.open(path) makes one of a file" if isinstance(volume, (str, PathLike)) else ""
+        is_path = isinstance(volume, (str, PathLike))
+        hint = "; vm.open(path) makes one of a file" if is_path else how_to_take(volume)
         raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}{hint}")
     if not isinstance(medium, Medium):
         raise InputError(

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ..image import Image
 
 _COUNT = "NEXTEND"
+# All of a file is read at once.
+_WHOLE: dict[str, Any] = {"memmap": False, "lazy_load_hdus": False}
 
 
 def write(image: Image, path: Path, **sky: Any) -> None:
@@ -53,7 +55,8 @@ def read(path: Path) -> dict[str, Any]:
     """Read the first image of a FITS file, with two axes or channels as the third."""
     from astropy.io import fits
 
-    with _strict(), fits.open(path, memmap=False, lazy_load_hdus=False) as hdus:
+    # astropy leaves a file open that it has opened itself and that is cut short.
+    with _strict(), open(path, "rb") as file, fits.open(file, **_WHOLE) as hdus:
         first = next((h for h in hdus if h.is_image and h.header.get("NAXIS", 0) >= 2), None)
         if first is None:
             raise FileFormatError("expected an image with two axes or more; there is none")

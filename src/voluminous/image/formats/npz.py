@@ -32,7 +32,8 @@ def write(image: Image, path: Path) -> None:
 
 def read(path: Path) -> dict[str, Any]:
     """Read an archive with an array named `intensity`, and what else there is of ours."""
-    with np.load(path, allow_pickle=False) as archive:
+    # NumPy leaves a file open that it has opened itself and that turns out to be no archive.
+    with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
         if "intensity" not in archive:
             found = ", ".join(archive.files) or "nothing"
             raise FileFormatError(f"expected an array named intensity; the file holds {found}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...deferred import Deferred
-from ...errors import InputError
+from ...errors import InputError, how_to_take
 from ...packages import require
 from .layout import Layout, layout_of, selected
 from .variables import check_same, check_variable, chosen_variables, unit_in
@@ -122,6 +122,7 @@ def as_dataset(data: Any) -> xarray.Dataset:
     if not isinstance(data, xarray.DataArray):
         raise InputError(
             f"from_xarray takes an xarray.DataArray or Dataset, got {type(data).__name__}"
+            + how_to_take(data)
         )
     name = str(data.name or "data")
     taken = name in data.coords or name in data.dims

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def infos(data: xarray.Dataset) -> tuple[FieldInfo, ...]:
     """Return all variables of three dimensions or more."""
     return tuple(
-        FieldInfo(field_name(place), place, array.shape, str(array.dtype), unit_in(array))
+        FieldInfo(_name(place), place, array.shape, str(array.dtype), unit_in(array))
         for place, array in _variables(data).items()
     )
 
@@ -27,6 +27,11 @@ def infos(data: xarray.Dataset) -> tuple[FieldInfo, ...]:
 def unit_in(array: xarray.DataArray) -> str:
     """Return the unit that the attributes of a variable tell, as far as astropy knows it."""
     return known_unit(str(array.attrs.get("units", "")))
+
+
+def _name(variable: str) -> str:
+    """Return a name that expressions can use: a slash is part of a unit here, not of a path."""
+    return field_name(variable.replace("/", "_"))
 
 
 def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
@@ -48,7 +53,7 @@ def chosen_variables(data: xarray.Dataset, fields: Any) -> dict[str, str]:
         If there is none of a name.
     """
     if fields is not None:
-        known = {str(name): field_name(str(name)) for name in data.variables}
+        known = {str(name): _name(str(name)) for name in data.variables}
         return chosen_fields(known, fields, "variable")
     variables = _variables(data)
     if not variables:
@@ -67,7 +72,7 @@ def chosen_variables(data: xarray.Dataset, fields: Any) -> dict[str, str]:
             f"{', '.join(left)}; choose them with fields=…",
             stacklevel=2,
         )
-    return chosen_fields({place: field_name(place) for place in groups[main]}, None)
+    return chosen_fields({place: _name(place) for place in groups[main]}, None)
 
 
 def _extent(array: xarray.DataArray) -> frozenset[str]:

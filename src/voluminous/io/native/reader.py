@@ -68,13 +68,12 @@ class NativeReader(Reader):
         compress : bool
             Pack the fields; numbers hardly get smaller, and packed ones cannot be mapped.
         """
-        import h5py
-
         from ... import __version__
+        from ..hdf5.sink import created
 
         plain = plain_grid(volume.grid)
         aligned = {"alignment_threshold": 1024, "alignment_interval": ALIGNMENT}
-        with h5py.File(path, "w", **aligned) as file:
+        with created(path, **aligned) as (file, sink):
             told = {"format": layout.MARK, "version": layout.VERSION, "about": layout.ABOUT}
             file.attrs.update({**told, "written_by": f"voluminous {__version__}"})
             _write_grid(file, plain)
@@ -86,6 +85,7 @@ class NativeReader(Reader):
                 values = volume.with_arrays({}).array(name)
                 item = group.create_dataset(name, data=values, **options)
                 item.attrs["units"] = exact_name(volume.field_unit(name))
+                sink.check()
 
 
 def _info(name: str, item: Any) -> FieldInfo:

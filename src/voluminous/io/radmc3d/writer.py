@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,8 +85,7 @@ def write(
         work[path] = functools.partial(_write_field, volume, grid, file)
     _check_place(work, overwrite)
     directory.mkdir(exist_ok=True)
-    for path, put in work.items():
-        _replace(path, put, binary)
+    _replace(work, binary)
     return list(work)
 
 
@@ -118,13 +118,19 @@ def _check_place(paths: Iterable[Path], overwrite: bool) -> None:
         )
 
 
-def _replace(path: Path, put: Callable[[TextOut | BinaryOut], None], binary: bool) -> None:
-    """Write a file, and remove its other forms: RADMC-3D stops where there are two."""
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        put(BinaryOut(file) if binary else TextOut(file))
-    for other in _forms(path):
-        if other != path:
-            other.unlink()
+def _replace(work: dict[Path, Callable[[TextOut | BinaryOut], None]], binary: bool) -> None:
+    """Write all files, then put them in their places: fields are of no use on another grid.
+
+    Their other forms are removed: RADMC-3D stops where there are two.
+    """
+    with ExitStack() as stack:
+        for path, put in work.items():
+            with stack.enter_context(replacing(path)).open("wb") as file:
+                put(BinaryOut(file) if binary else TextOut(file))
+    for path in work:
+        for other in _forms(path):
+            if other != path:
+                other.unlink()
 
 
 def _write_grid(grid: GridOut, out: TextOut | BinaryOut) -> None:

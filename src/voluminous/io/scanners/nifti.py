@@ -46,6 +46,7 @@ class NIfTIReader(VoxelReader):
     name = "nifti"
     description = "a NIfTI image (.nii, .nii.gz)"
     suffixes = (".nii", ".nii.gz", ".hdr", ".img")
+    write_suffixes = (".nii", ".nii.gz")
     options = {  # noqa: RUF012 - as in Reader
         **VoxelReader.options,
         "time": "number of the time step, from 0, of a file with several",
@@ -89,7 +90,7 @@ class NIfTIReader(VoxelReader):
         """Write one field of a uniform Cartesian volume as NIfTI-1; packed if named ``.gz``."""
         values = volume.array(single_field(volume, "a NIfTI image"))
         if not path.name.lower().endswith((".nii", ".gz")):
-            raise InputError(f"give a name that ends with .nii or .nii.gz, got {path.name!r}")
+            raise InputError(f"give a name that ends with .nii or .nii.gz, got {path.suffix!r}")
         head = _head_of(volume, values).tobytes()
         with _written(path) as file:
             file.write(head.ljust(_HEAD_AND_GAP, b"\0"))

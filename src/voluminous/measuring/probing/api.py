@@ -24,7 +24,7 @@ def probe(
     *,
     at: Any = None,
     also: Any = (),
-    scheme: Any = "post-classified",
+    scheme: Any = None,
     tolerance: float | None = 1e-3,
     background: Any = 0.0,
     precision: str = "single",
