@@ -24,6 +24,7 @@ from .bends import bend, slope_factor
 from .context import Context
 from .contract import WIDE, Coefficients, Medium
 from .crossings import NOISE, passes, way_within
+from .front_light import extent_of, unseen_change
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
@@ -247,7 +248,23 @@ class Isosurface(Medium):
                     near,
                 )
                 off = dr.select(bent > off, bent, off)
+        if self._thick:
+            off = off + self._unseen_change(stretch, context)
         return stretch.length * 0.0 + 1.0, off
+
+    def _unseen_change(self, stretch: Stretch, context: Context) -> Any:
+        """Return how far off a colour that varies within a thick surface may be, where it ends."""
+        levels, width, rows, _ = self._kept(context)
+        low, high = stretch.hull(self.expr)
+        ends = stretch.length < 0.0
+        for level in levels:
+            for edge in (level - 0.5 * width, level + 0.5 * width):
+                ends |= (low <= edge) & (high >= edge)
+        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
+        extent = extent_of(nodes, context.narrow(width))
+        depth = extremes([d for row in rows for d in row])[1]
+        off = unseen_change(self.modulation, stretch, context, extent, depth)
+        return dr.select(ends, off, 0.0)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where x may reach a level while the fields stay in ranges."""

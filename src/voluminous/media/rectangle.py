@@ -101,7 +101,11 @@ class Rectangle(SampledShaped):
         low, high = ends = self._offsets(stretch.hull(self.expr), context)
         thin, off = super().sharpness(stretch, context)
         edge = (low <= 1.0) & (high >= -1.0) & ~self.is_wide(ends, None)
-        return dr.select(edge, type(thin)(1.0), 0.0), off
+        return dr.select(edge, type(thin)(1.0), 0.0), dr.select(edge, off, 0.0)
+
+    def is_thin(self, extent: Any) -> Any:
+        """Return that it may be: it ends somewhere, however wide it is."""
+        return extent >= 0.0
 
     def reach(self, faint: float) -> float:
         """Return one: beyond the half width there is nothing."""

@@ -17,6 +17,7 @@ from ..units import plain
 from .bends import bend, slope_factor, thinness
 from .context import Context
 from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
+from .front_light import extent_of, unseen_change
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Middle, kept, modulated
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 _DOUBT = 0.25
 # Most of a shell is within so many widths of its centre.
 _CORE = 4.0
+# The width of a slab that holds as much of a Gaussian, and spreads it as far; a rectangle's is 2.
+_THICKNESS = 3.5
 
 
 class Shaped(Medium):
@@ -154,7 +157,25 @@ class Shaped(Medium):
         seen = (hull[0] <= high) & (hull[1] >= low)
         thin = thinness(stretch, self.expr, narrowness, context.narrow)
         off = bend(stretch, self.expr, narrowness, offset, low, high)
+        off = off + self._unseen_change(stretch, context)
         return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
+
+    def _unseen_change(self, stretch: Stretch, context: Context) -> Any:
+        """Return how far off a colour that varies within the shell may be."""
+        if self.modulation.color is None:
+            return stretch.length * 0.0
+        _, _, per_length = self._kept(context)
+        _, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
+        nodes = self._offsets(stretch.nodes(self.expr), context)
+        extent = extent_of(nodes, _THICKNESS)
+        way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
+        depth = extremes(opacity)[1] * per_length * way
+        off = unseen_change(self.modulation, stretch, context, extent, depth)
+        return dr.select(self.is_thin(extent), off, 0.0)
+
+    def is_thin(self, extent: Any) -> Any:
+        """Return where a shell that takes so much of a half may be in one half only."""
+        return extent < 2.0
 
     def _ends(self, panel: Panel, context: Context) -> tuple[Any, Any]:
         """Return how far x is from the centre at both ends, in widths."""

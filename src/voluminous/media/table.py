@@ -16,6 +16,7 @@ from .bends import bend, thinness
 from .color_by import ColorBy
 from .context import Context
 from .contract import Coefficients, Medium, check_plain
+from .crossings import passes
 from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
@@ -23,7 +24,7 @@ from .sampled import BEND, PAIR, Sampled
 from .stretch import extremes
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
-from .table_structure import structures, visible_range
+from .table_structure import jumps, structures, visible_range
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -181,6 +182,10 @@ class Table(Medium):
             hidden |= (high > above + doubt) & (above < end) & (high > begin)
             hidden |= (low < below - doubt) & (below > begin) & (low < end)
             hidden |= (low < end) & (high > begin) & stretch.turns(self.expr, doubt)
+        for edge in context.keep((id(self), "jumps"), lambda: self._kept_jumps(context)):
+            # However little it goes beyond a jump, what is there counts.
+            possible, shown = passes(stretch, self.expr, edge)
+            hidden |= seen & (possible > shown)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
@@ -277,6 +282,9 @@ class Table(Medium):
     def _kept_structures(self, context: Context, real: Any) -> list[list[Any]]:
         found = structures(self._nodes(context), self._shape)
         return [[dr.opaque(real, v) for v in (_DOUBT * w, low, high)] for w, low, high in found]
+
+    def _kept_jumps(self, context: Context) -> list[Any]:
+        return [context.number(x) for x in jumps(self._nodes(context), self._shape)]
 
     def _nodes(self, context: Context) -> np.ndarray:
         if self.unit is None:

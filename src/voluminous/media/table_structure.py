@@ -6,6 +6,8 @@ import numpy as np
 
 # Structures are looked at in classes of width, each so much wider than the one before.
 _CLASS, _CLASSES = 8.0, 3
+# So many jumps are looked for exactly, the largest: each takes its part of every kernel.
+_JUMPS = 4
 
 
 def visible_range(nodes: np.ndarray, columns: np.ndarray, faint: float) -> tuple[float, float]:
@@ -51,3 +53,10 @@ def structures(nodes: np.ndarray, columns: np.ndarray) -> list[tuple[float, floa
         found.append((least, float(low[near].min()), float(high[near].max())))
         width, low, high = width[~near], low[~near], high[~near]
     return found
+
+
+def jumps(nodes: np.ndarray, columns: np.ndarray) -> list[float]:
+    """Return where entries jump, at two equal nodes: the largest of these jumps first."""
+    change = np.where(np.diff(nodes) > 0, 0.0, np.abs(np.diff(columns, axis=0)).max(axis=1))
+    largest = np.argsort(-change, kind="stable")[:_JUMPS]
+    return [float(nodes[k]) for k in largest if change[k] > 0]

@@ -13,8 +13,7 @@ from typing import Any
 from ...backend import dr
 from ..contract import Ray, Segment
 from ..straight_chord import StraightChord
-from .corners import choose, fractions
-from .lookup import Cell
+from .corners import fractions
 from .walk import TreeCursor, TreeTrack, TreeWalk
 
 
@@ -30,23 +29,50 @@ class TreeChord(StraightChord):
     """A segment through a cell of a tree."""
 
     def _fractions(self, t: Any) -> list[Any]:
-        mirrored = fractions(self.walk, self.track, self._cell(), t)
+        mirrored = fractions(self.walk, self.track, self.segment.exit.left, t)
         return [
             dr.select(flip != 0, 1.0 - f, f)
             for f, flip in zip(mirrored, self.track.way.flip, strict=True)
         ]
 
-    def _cell(self) -> Cell:
-        """Return the cell, which is the one beyond where the segment crosses a hole."""
-        leaving, lookup = self.segment.exit, self.walk.lookup
-        if not self.walk.holes:
-            return leaving.left
-        beyond = ~lookup.is_cell(leaving.left) & lookup.is_cell(leaving.entered)
-        return choose(beyond & leaving.onward, leaving.entered, leaving.left)
+
+@dataclass
+class HoleLanding:
+    """Where rays are once none of them is in a hole: see `grids.contract.Landing`."""
+
+    cursor: TreeCursor
+    moved: Any
+    walk: TreeFieldWalk
+
+    def holds(self, cursor: TreeCursor) -> Any:
+        """Return the lanes that are in a cell still."""
+        return self.walk.lookup.is_cell(cursor.cell)
 
 
 class TreeFieldWalk(TreeWalk):
-    """Rays through a tree of Cartesian cells that know where they are."""
+    """Rays through a tree of Cartesian cells that know where they are.
+
+    In holes there are no fields: rays are moved beyond them, and what was known of a field before
+    is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
+    """
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether there are holes in the tree."""
+        return self.holes
+
+    def cross(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
+        """Return rays where they are in a cell, beyond the holes they were in, or out."""
+        moved = self._in_hole(cursor)
+
+        def step(cursor: TreeCursor) -> tuple[TreeCursor]:
+            return (self.next(track, cursor)[1],)
+
+        (there,) = dr.while_loop((cursor,), self._in_hole, step, label="holes")
+        return HoleLanding(there, moved, self)
+
+    def _in_hole(self, cursor: TreeCursor) -> Any:
+        return cursor.inside & ~self.lookup.is_cell(cursor.cell)
 
     def enter(self, ray: Ray) -> tuple[TreeRayTrack, TreeCursor]:
         """Return the track and the cursor at the point where each ray enters the domain."""
