@@ -54,7 +54,7 @@ def places(vertices, first, last):
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 def test_corners_of_cells_are_where_their_numbers_say(grid):
     grid = grid()
-    vertices = grid.vertices
+    vertices = grid.vertex_numbers
     where = places(vertices, 0, vertices.count)
     low, size = grid.boxes(0, grid.size)
     first, packed = vertices.cells.T.astype(np.int64)
@@ -68,22 +68,22 @@ def test_corners_of_cells_are_where_their_numbers_say(grid):
 
 @pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS)
 def test_places_of_a_part_are_those_of_the_whole(grid):
-    vertices = grid().vertices
+    vertices = grid().vertex_numbers
     whole = places(vertices, 0, vertices.count)
     for first, last in ((0, 1), (5, 40), (vertices.count - 3, vertices.count)):
         np.testing.assert_array_equal(places(vertices, first, last), whole[:, first:last])
 
 
 def test_no_leaf_needs_more_than_eight_vertices_and_even_parts_need_fewer():
-    assert GRIDS["base cells"]().vertices.count == 8 * 24
+    assert GRIDS["base cells"]().vertex_numbers.count == 8 * 24
     # Lattices span three levels: (9/8)^3 points per leaf.
     even = GRIDS["evenly refined"]()
-    assert even.vertices.count == even.size // 512 * 729
+    assert even.vertex_numbers.count == even.size // 512 * 729
     # Siblings share 27 points; mixed ones at least do not have more than eight each.
     tree = random_octree()
-    assert tree.vertices.count < 0.5 * 8 * tree.size
+    assert tree.vertex_numbers.count < 0.5 * 8 * tree.size
 
 
 def test_patches_have_vertices_in_tiles():
     grid = vm.PatchGrid([[0, 0, 0]], [[1, 1, 1]], [[40, 16, 7]])
-    assert grid.vertices.count == (17 + 17 + 9) * 17 * 8
+    assert grid.vertex_numbers.count == (17 + 17 + 9) * 17 * 8

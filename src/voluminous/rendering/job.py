@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -43,7 +44,7 @@ class Planes:
     stopped: bool
     drawing: Drawing
 
-    @property
+    @functools.cached_property
     def finite(self) -> bool:
         """Whether all that rays gathered is finite."""
         return bool(np.all(np.isfinite(self.emission)) and np.all(np.isfinite(self.depth)))

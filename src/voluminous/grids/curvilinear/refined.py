@@ -144,14 +144,14 @@ class RefinedCells(CurvilinearGrid):
         return super().resolution / float(self.divisions.max())
 
     @functools.cached_property
-    def vertices(self) -> VertexNumbers:
+    def vertex_numbers(self) -> VertexNumbers:
         """Numbers of the vertices of all leaves."""
         return octree_vertices(self)
 
     @property
     def vertex_count(self) -> int:
         """Number of vertices."""
-        return self.vertices.count
+        return self.vertex_numbers.count
 
     def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
         """Return the cells around consecutive vertices, and whether they exist."""

@@ -163,7 +163,7 @@ class RefinedWalk(CurvilinearWalk):
     @property
     def vertices(self) -> TracedNumbers:
         """Numbers of the leaves' vertices."""
-        numbers: TracedNumbers = self.grid.vertices.traced(self.backend)
+        numbers: TracedNumbers = self.grid.vertex_numbers.traced(self.backend)
         return numbers
 
     def entry_corners(self, track: Track, cursor: Any) -> Corners:

@@ -196,14 +196,14 @@ class TreeCells:
         return places
 
     @functools.cached_property
-    def vertices(self) -> VertexNumbers:
+    def vertex_numbers(self) -> VertexNumbers:
         """Numbers of the vertices of all cells."""
         raise NotImplementedError
 
     @property
     def vertex_count(self) -> int:
         """Number of vertices."""
-        return self.vertices.count
+        return self.vertex_numbers.count
 
     def vertex_cells(self, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
         """Return the eight cells around consecutive vertices; see `grids.contract.Grid`."""

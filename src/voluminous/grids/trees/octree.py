@@ -255,7 +255,7 @@ class OctreeGrid(TreeCells):
         return octree_tree(self.base_shape, self.places)
 
     @functools.cached_property
-    def vertices(self) -> VertexNumbers:
+    def vertex_numbers(self) -> VertexNumbers:
         """Numbers of the vertices of all leaves."""
         return octree_vertices(self)
 

@@ -154,7 +154,7 @@ class PatchGrid(TreeCells):
         return self.patches.tree
 
     @functools.cached_property
-    def vertices(self) -> VertexNumbers:
+    def vertex_numbers(self) -> VertexNumbers:
         """Numbers of the vertices of all cells."""
         return patch_vertices(self.patches)
 

@@ -121,6 +121,6 @@ def cells_around(grid: Any, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
     A cell that fills several octants counts as often (RADMC-3D's rule).
     """
     numbers = np.asarray(vertex)
-    place = grid.vertices.places(int(numbers[0]), int(numbers[-1]) + 1, backend)
+    place = grid.vertex_numbers.places(int(numbers[0]), int(numbers[-1]) + 1, backend)
     around = grid.surroundings(backend).cells(place, dr.full(backend.Bool, True, len(numbers)))
     return [(cell.number, there) for cell, there in around]

@@ -160,7 +160,7 @@ class TreeWalk(BoxWalk):
     @property
     def vertices(self) -> TracedNumbers:
         """Numbers of the cells' vertices."""
-        numbers: TracedNumbers = self.grid.vertices.traced(self.backend)
+        numbers: TracedNumbers = self.grid.vertex_numbers.traced(self.backend)
         return numbers
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
