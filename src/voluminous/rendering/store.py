@@ -45,6 +45,14 @@ class Store:
             if name in self.volume
         )
 
+    def is_hashed(self, names: Any) -> bool:
+        """Return whether it costs nothing, or was decided, to hash the fields among some names.
+
+        Where nothing is kept of a volume nothing is hashed either: 1024³ values take a while.
+        """
+        unknown = [n for n in names if n in self.volume and n not in self._digests]
+        return bool(self.volume.tables) or not unknown
+
     def extremes(self, name: str) -> tuple[float, float]:
         """Return the least and the largest value of a field; NaN if one is."""
         if name not in self._extremes:
@@ -52,8 +60,8 @@ class Store:
         return self._extremes[name]
 
     def _find_extremes(self, name: str) -> tuple[float, float]:
-        if name not in self._digests and not self.volume.tables:
-            return extremes_of(self.volume, name)  # nothing is kept: hashing 1024³ takes a while
+        if not self.is_hashed([name]):
+            return extremes_of(self.volume, name)
         key = ("extremes", name, self.digest(name))
         found: tuple[float, float] = self.kept(key, lambda: extremes_of(self.volume, name))
         return found

@@ -79,13 +79,20 @@ class _Values:
         def find() -> Interval:
             return range_of(self.volume, name, self.store.extremes)
 
-        found: Interval = find() if name in self.volume else self.store.kept(("range", name), find)
+        if name in self.volume or not self.kept:
+            return find()
+        found: Interval = self.store.kept(("range", name), find)
         return found
+
+    @property
+    def kept(self) -> bool:
+        """Whether what is found is remembered with the volume."""
+        return bool(self.store.is_hashed(self.medium.names))
 
     def outside(self) -> tuple[tuple[int, ...], ...]:
         """Return which levels of each part are nowhere; 0 for a part without levels."""
         own = self.medium.visible_key()
-        if own is None:
+        if own is None or not self.kept:
             return self._outside()
         key = ("outside", own, self.store.digests(self.medium.names))
         found: tuple[tuple[int, ...], ...] = self.store.kept(key, self._outside)
