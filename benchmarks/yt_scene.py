@@ -30,12 +30,12 @@ class YtScene:
         yt.set_log_level("error")
         self.scene, self.depth = scene, 2 * scene.width
         density = scene.density()
-        dataset = self._grid(density)
-        self.yt_scene = yt.create_scene(dataset, ("stream", "n"))
+        self.dataset = self._grid(density)  # yt's scene refers to it weakly
+        self.yt_scene = yt.create_scene(self.dataset, ("stream", "n"))
         source = self.yt_scene[0]
         source.num_samples = samples
         source.set_transfer_function(self._table(np.log10(density)))
-        self._aim(self.yt_scene.camera, dataset.arr)
+        self._aim(self.yt_scene.camera, self.dataset.arr)
 
     def draw(self) -> float:
         """Draw once; return the wall time in seconds."""
