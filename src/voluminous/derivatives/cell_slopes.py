@@ -25,6 +25,8 @@ _ASIDE = 0.25
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # What keeps a direction in which no neighbour tells anything at no slope, relative to others.
 _LEAST = 1e-13
+# Neighbours are aside of an axis if their centres are by so much of the way: not by rounding.
+_ASIDE_LEAST = 1e-6
 # Cells that are worked on at once.
 _CHUNK = 1 << 18
 
@@ -141,27 +143,37 @@ class CellSlopes:
         (state,) = dr.while_loop((state,), more, step, label="slopes")
         return solved(state.matrix, state.right), state.alone
 
-    def second_derivatives(self, part: Part) -> tuple[list[Any], list[Any]]:
+    def second_derivatives(self, part: Part) -> tuple[list[Any], list[Any], Any]:
         """Return those along the axes of some cells, and who may know where they are NaN.
 
-        See `neighbours.filled_up`.
+        See `neighbours.filled_up`. And which cells have neighbours on all sides, of which some are
+        aside, being of another size: there `quadratic_fit` tells more.
         """
-        gradient, UInt = self.gradient(part), self.backend.UInt
+        gradient, UInt, Bool = self.gradient(part), self.backend.UInt, self.backend.Bool
         count = dr.width(part.value)
         bends, inner = [], []
+        aside, ends, inwards = Bool(False), Bool(False), UInt(0)
         for axis in range(3):
             # Kept from being a literal: one kernel serves all axes.
-            bend, beside = self._second(dr.opaque(UInt, axis, count), part, gradient)
+            own = dr.opaque(UInt, axis, count)
+            bend, beside, slanted, last = self._second(own, part, gradient)
             bends.append(bend)
             inner.append(beside)
-        return bends, inner
+            inwards = dr.select(last, beside, inwards)
+            aside, ends = aside | slanted, ends | last
+        # At the surface what is further in tells more of all axes.
+        unknown = aside & ends
+        bends = [dr.select(unknown, math.nan, bend) for bend in bends]
+        inner = [dr.select(unknown, inwards, beside) for beside in inner]
+        return bends, inner, aside & ~ends
 
-    def _second(self, axis: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any]:
+    def _second(self, axis: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any, Any, Any]:
         """Return the second derivative along an axis, and a neighbour's number.
 
-        NaN where there is none on one side, and zero where there is none on both.
+        NaN where there is none on one side, and zero where there is none on both. And where
+        neighbours are aside of the axis, and where they are on one side only.
         """
-        (before, fell, below), (behind, rose, above) = (
+        (before, fell, below, left), (behind, rose, above, right) = (
             self._onto(2 * axis + side, part, gradient) for side in (0, 1)
         )
         alone = (before == 0.0) & (behind == 0.0)
@@ -169,16 +181,18 @@ class CellSlopes:
         both = (before < 0.0) & (behind > 0.0)
         before, behind = dr.select(both, before, -1.0), dr.select(both, behind, 1.0)
         bend = 2.0 * (rose / behind - fell / before) / (behind - before)
-        return dr.select(both, bend, dr.select(alone, 0.0, math.nan)), beside
+        found = dr.select(both, bend, dr.select(alone, 0.0, math.nan))
+        return found, beside, left | right, ~(both | alone)
 
-    def _onto(self, face: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any, Any]:
+    def _onto(self, face: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any, Any, Any]:
         """Return how far neighbours beyond a face are along its axis, the rise to there, and one.
 
-        The distance is zero where there is none.
+        The distance is zero where there is none. And whether one is aside of the axis.
         """
         real = self.backend.Float
         across = [dr.abs(dr.gather(real, column, face)) for column in self.tables[0]]
         distance, total, count, beside = real(0), real(0), real(0), self.backend.UInt(0)
+        slanted = self.backend.Bool(False)
         for way, rise, there, number in self._beyond(face, part):
             # What the gradient says of the way along the face is taken off.
             aside = sum((1.0 - a) * w * g for a, w, g in zip(across, way, gradient, strict=True))
@@ -186,8 +200,11 @@ class CellSlopes:
             total += dr.select(there, rise - aside, 0.0)
             count += dr.select(there, 1.0, 0.0)
             beside = dr.select(there, number, beside)
+            off = sum((1.0 - a) * dr.abs(w) for a, w in zip(across, way, strict=True))
+            ahead = sum(a * dr.abs(w) for a, w in zip(across, way, strict=True))
+            slanted |= there & (off > _ASIDE_LEAST * ahead)
         share = dr.select(count > 0.0, 1.0 / count, 0.0)
-        return share * distance, share * total, beside
+        return share * distance, share * total, beside, slanted
 
     def _through(self, face: Any, part: Part) -> tuple[list[Any], list[Any], Any]:
         """Return the sums over the neighbours beyond a face, and where there are any.

@@ -7,6 +7,9 @@ of its distance: among cells in line that is the slope of the parabola through t
 a Cartesian grid, whatever their widths. It is exact for linear fields everywhere, at jumps of level
 and at the surface of the domain too.
 
+On trees of boxes kernels do the same (`cell_slopes`), but second derivatives at jumps of level are
+those of quadratic functions (`quadratic_fit`).
+
 The Laplacian is made of parabolas through the cell and, along each axis, the means of what lies
 beyond its two faces, moved onto the axis with the gradient; so it vanishes for linear fields. At
 the surface the second derivative across it is that of the cell further in; across the only cell
@@ -29,6 +32,8 @@ _CHUNK = 1 << 16
 # the centres of cells half as wide are.
 _AHEAD, _ASIDE = 0.5 + 2**-6, 0.25
 _SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+# From a corner of the domain inwards, one step for each axis.
+_STEPS_INWARDS = 3
 # A direction in which neighbours tell so little, compared with the others, is left out.
 _LEAST = 1e-12
 
@@ -154,9 +159,10 @@ def filled_up(bends: np.ndarray, inner: np.ndarray) -> np.ndarray:
         The neighbour on the other side there, by its number.
     """
     for own, beside in zip(bends, inner, strict=True):
-        lacking = np.flatnonzero(np.isnan(own))
-        own[lacking] = own[beside[lacking]]
-        own[lacking[np.isnan(own[lacking])]] = 0.0  # two cells are all there is
+        for _ in range(_STEPS_INWARDS):
+            lacking = np.flatnonzero(np.isnan(own))
+            own[lacking] = own[beside[lacking]]
+        own[np.isnan(own)] = 0.0  # two cells are all there is
     return bends
 
 

@@ -12,6 +12,7 @@ from ..geometry import CARTESIAN
 from ..memory import check_memory
 from .cell_slopes import CellSlopes, Part
 from .neighbours import evaluated, filled_up
+from .quadratic_fit import second_derivatives
 
 
 def is_tree(grid: Any) -> bool:
@@ -64,15 +65,29 @@ class BoxesOfTree:
             return dr.sqrt(x * x + y * y + z * z) * self._per_length
         return (x, y, z)["xyz".index(operation[-1])] * self._per_length
 
+    def _refit(self, bends: np.ndarray, first: int, part: Part, which: Any) -> None:
+        """Write what quadratic functions tell of some cells of a part, given by their numbers."""
+        if not dr.width(which):
+            return
+        middle, size = (
+            [dr.gather(type(v), v, which) for v in each] for each in (part.middle, part.size)
+        )
+        value = dr.gather(type(part.value), part.value, which)
+        found = second_derivatives(self.slopes, Part(middle, size, value))
+        dr.eval(found)
+        for row, own in zip(bends, found, strict=True):
+            row[first + np.array(which)] = np.array(own)
+
     def _laplacian(self) -> np.ndarray:
         """Return the sum of the second derivatives along the axes."""
         size = self.grid.size
         check_memory(36 * size, f"second differences of {size} cells", "coarsen the volume")
         bends, inner = np.empty((3, size)), np.empty((3, size), np.uint32)
         for first, part in self.slopes.parts():
-            found = self.slopes.second_derivatives(part)
-            dr.eval(found)
+            *found, at_jump = self.slopes.second_derivatives(part)
+            dr.eval(found, at_jump)
             for whole, own in zip((bends, inner), found, strict=True):
                 for row, values in zip(whole, own, strict=True):
                     row[first : first + dr.width(values)] = np.array(values)
+            self._refit(bends, first, part, dr.compress(at_jump))
         return filled_up(bends, inner).sum(axis=0) / self.grid.scale**2
