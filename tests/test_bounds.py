@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from expression_trees import expressions
-from voluminous.backend import get_backend
+from voluminous.backend import from_host, get_backend
 from voluminous.errors import InputError, UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
@@ -84,7 +84,7 @@ def test_random_expressions_stay_inside(text, box, seed):
     backend = get_backend("cpu", "double")
     on_device = expr.evaluate(
         DrjitOps(backend.Float, constant=backend.wide),
-        {name: backend.Float(values.ravel()) for name, values in points.items()},
+        {name: from_host(backend.Float, values.ravel()) for name, values in points.items()},
     )
     with_numpy = expr.evaluate(NumpyOps(), points)
     device = on_device.numpy()

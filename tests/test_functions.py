@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 from voluminous.backend.functions import (
     attenuation,
     first_true,
@@ -98,7 +98,7 @@ def test_attenuation_at_infinity_and_nan(precision):
 @given(st.lists(st.integers(0, 20), min_size=1, max_size=40), st.integers(-1, 21))
 def test_first_true_is_a_sorted_search(values, limit):
     values, UInt = np.sort(values).astype(np.uint32), get_backend("cpu").UInt
-    data, limits = UInt(values), UInt(np.array([max(limit, 0), 10], dtype=np.uint32))
+    data, limits = from_host(UInt, values), from_host(UInt, [max(limit, 0), 10])
     found = first_true(len(values), UInt, lambda k: dr.gather(UInt, data, k) > limits)
     expected = np.searchsorted(values, np.asarray(limits), side="right")
     np.testing.assert_array_equal(np.asarray(found), expected)

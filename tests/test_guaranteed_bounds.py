@@ -14,7 +14,7 @@ import pytest
 
 import real_data
 import voluminous as vm
-from voluminous.backend import get_backend
+from voluminous.backend import from_host, get_backend
 from voluminous.errors import InputError
 
 POINTS = 24000
@@ -30,7 +30,7 @@ def rays(camera, grid):
     u = (column - 0.5 * (nx - 1)) * frame.pixel[0] + frame.shift[0]
     v = (row - 0.5 * (ny - 1)) * frame.pixel[1] + frame.shift[1]
     vectors = [[backend.wide(c) for c in vector] for vector in frame.vectors]
-    found = camera.rays(vectors, backend.Wide(u), backend.Wide(v))
+    found = camera.rays(vectors, from_host(backend.Wide, u), from_host(backend.Wide, v))
     return tuple(
         np.stack([np.broadcast_to(np.asarray(c), u.shape) for c in part], axis=-1)
         for part in (found.origin, found.direction)

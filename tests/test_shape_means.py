@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 from voluminous.backend.functions import split_log
 from voluminous.media.shape_means import box_mean, gaussian_mean
 
@@ -140,7 +140,7 @@ def test_logarithms_by_their_bits():
         ],
         axis=None,
     ).astype(np.float32)
-    n, log_m = split_log(get_backend("cpu", "single").Float(x))
+    n, log_m = split_log(from_host(get_backend("cpu", "single").Float, x))
     dr.eval(n, log_m)
     n, log_m = np.asarray(n, float), np.asarray(log_m, float)
     exact = np.log(x.astype(float))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.backend import get_backend
+from voluminous.backend import from_host, get_backend
 from voluminous.backend.functions import decay
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
@@ -38,7 +38,7 @@ def test_decay(precision):
     x = np.concatenate([[0.0], np.geomspace(1e-6, 80.0, 5000)]).astype(
         "f4" if precision == "single" else "f8"
     )
-    found, x = decay(Float(x)).numpy().astype("f8"), x.astype("f8")
+    found, x = decay(from_host(Float, x)).numpy().astype("f8"), x.astype("f8")
     assert np.all(np.abs(found / np.exp(-x) - 1) < DECAY[precision] * (1 + x))
 
 
@@ -163,7 +163,7 @@ def test_samples_of_tables_are_those_of_numpy(kind, precision):
     columns = np.random.default_rng(3).random((len(nodes), 3))
     table = PiecewiseLinear(backend.Float, nodes, columns)
     x = np.concatenate([np.linspace(-6, 12, 5000), nodes, [-np.inf, np.inf]])
-    found = np.stack([v.numpy() for v in table.values(backend.Float(x))])
+    found = np.stack([v.numpy() for v in table.values(from_host(backend.Float, x))])
     expected = np.stack([np.interp(x, nodes, c) for c in columns.T])
     assert np.abs(found - expected).max() < {"single": 2e-5, "double": 1e-13}[precision]
     assert np.isnan([v.numpy() for v in table.values(backend.Float([np.nan]))]).all()

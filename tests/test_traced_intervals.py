@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from expression_trees import expressions
 from test_bounds import MEDIA, MONOTONE, ONE, SPECIAL, TWO, assert_inside, points_in
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 from voluminous.errors import UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
@@ -80,7 +80,7 @@ def points_of(backend, box, seed):
 
 
 def on_device(backend, points):
-    return {name: backend.Float(values.ravel()) for name, values in points.items()}
+    return {name: from_host(backend.Float, values.ravel()) for name, values in points.items()}
 
 
 # --- expressions ----------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from test_octree import random_octree
 from test_patches import random_patches, tiles
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 from voluminous.grids.contract import Ray
 
 GRIDS = {
@@ -128,7 +128,7 @@ def test_vertices_of_rays_in_holes_are_vertices(precision):
     walk, Wide = grid.walk(backend), backend.Wide
     start = np.random.default_rng(0).uniform(0, 2, (3, 200)) - 5 * np.array([[0.6], [0.0], [0.8]])
     direction = [Wide(0.6), Wide(0.0), Wide(0.8)]
-    track, cursor = walk.enter(Ray([Wide(c) for c in start], direction))
+    track, cursor = walk.enter(Ray([from_host(Wide, c) for c in start], direction))
     for _ in range(8):
         segment, onward = walk.next(track, cursor)
         for corners in (walk.entry_corners(track, cursor), walk.exit_corners(track, segment)):

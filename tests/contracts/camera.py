@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 
 BOUNDS = ((-1.0, 2.0), (0.0, 3.0), (-2.0, 1.0))
 
@@ -21,7 +21,7 @@ def rays_of(camera, grid, u=None, v=None):
     Wide = get_backend("cpu", "double").Wide
     vectors = [[Wide(float(c)) for c in vector] for vector in frame.vectors]
     u, v = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (u, v))
-    ray = camera.rays(vectors, Wide(u), Wide(v))
+    ray = camera.rays(vectors, from_host(Wide, u), from_host(Wide, v))
 
     def stacked(parts):
         return np.stack([np.broadcast_to(np.asarray(p), u.shape) for p in parts], axis=-1)

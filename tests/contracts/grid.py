@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contracts.bundle import box_limits, on_a_sphere
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 from voluminous.grids.contract import Ray, has_gaps
 
 
@@ -25,9 +25,7 @@ class Steps:
 
 def make_ray(backend, origins, directions, first=None, last=None):
     """Return rays of a backend from arrays (R, 3); limits are numbers or None."""
-    columns = [
-        [backend.Wide(np.ascontiguousarray(c)) for c in data.T] for data in (origins, directions)
-    ]
+    columns = [[from_host(backend.Wide, c) for c in data.T] for data in (origins, directions)]
     limits = [None if limit is None else backend.Wide(limit) for limit in (first, last)]
     return Ray(*columns, *limits)
 

@@ -1,4 +1,4 @@
-"""Numbers that come from NumPy: in memory that begins where vectors do."""
+"""Numbers that come from NumPy: in memory that begins where vectors do, and ends behind them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from .jit import dr
 
 # Vectors are loaded from addresses that are multiples of so many bytes.
 _ALIGNMENT = 128
+# Numbers in a vector, at most.
+_LANES = 16
 
 
 def from_host(kind: Any, values: Any) -> Any:
@@ -31,14 +33,25 @@ def from_host(kind: Any, values: Any) -> Any:
 
 
 def aligned(values: np.ndarray) -> np.ndarray:
-    """Return contiguous numbers where vectors may begin: a copy, unless they are there."""
-    if values.__array_interface__["data"][0] % _ALIGNMENT == 0:
+    """Return contiguous numbers where vectors may begin, and of which vectors are filled.
+
+    Themselves, if they are so already, or a copy. Dr.Jit loads whole vectors, and so reads beyond
+    the end of NumPy's memory: where nothing is there, as behind the last page of a mapped file, the
+    process is killed.
+    """
+    begins = values.__array_interface__["data"][0] % _ALIGNMENT == 0
+    if begins and fills_vectors(values):
         return values
-    room = np.empty(values.nbytes + _ALIGNMENT, np.uint8)
+    room = np.empty(values.nbytes + 2 * _ALIGNMENT, np.uint8)
     first = -room.__array_interface__["data"][0] % _ALIGNMENT
     copy: np.ndarray = room[first : first + values.nbytes].view(values.dtype).reshape(values.shape)
     copy[...] = values
     return copy
+
+
+def fills_vectors(values: np.ndarray) -> bool:
+    """Return whether vectors of these numbers end where they do."""
+    return values.size % _LANES == 0
 
 
 _DTYPES: dict[Any, Any] = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import aligned, dr
+from ...backend import aligned, dr, fills_vectors
 from ...errors import InputError
 from ...expressions.interval import Interval
 from ...fields import coordinate_extremes
@@ -102,7 +102,7 @@ class Classifier:
 
     def _values(self, name: str, first: int, count: int) -> Any:
         flat = self.volume.array(name).reshape(-1)[first : first + count]
-        held = aligned(flat) if flat.nbytes <= _COPIED else flat
+        held = aligned(flat) if flat.nbytes <= _COPIED or not fills_vectors(flat) else flat
         return self.backend.Wide(device_array(held, self.backend))
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
@@ -157,9 +157,10 @@ def extremes_of(volume: Any, name: str) -> tuple[float, float]:
 def device_array(flat: np.ndarray, backend: Any) -> Any:
     """Return numbers on the device, integers as floating point that holds them.
 
-    Float arrays in the CPU's memory are used where they are.
+    Float arrays in the CPU's memory are used where they are: they are to be gathered from, or to
+    fill vectors (`backend.aligned`).
     """
     if flat.dtype.kind != "f":
-        flat = flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+        flat = aligned(flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64))
     kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
     return kind(flat)
