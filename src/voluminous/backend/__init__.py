@@ -3,7 +3,7 @@
 from ..llvm import ensure_llvm
 from .check import llvm_version
 from .device import Backend, available_devices, get_backend
-from .host import aligned, fills_vectors, from_host
+from .host import aligned, from_host
 from .jit import dr
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "available_devices",
     "dr",
     "ensure_llvm",
-    "fills_vectors",
     "from_host",
     "get_backend",
     "llvm_version",

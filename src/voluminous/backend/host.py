@@ -1,4 +1,4 @@
-"""Numbers that come from NumPy: in memory that begins where vectors do, and ends behind them."""
+"""Numbers that come from NumPy: in memory that begins where vectors do."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from .jit import dr
 
 # Vectors are loaded from addresses that are multiples of so many bytes.
 _ALIGNMENT = 128
-# Numbers in a vector, at most.
-_LANES = 16
 
 
 def from_host(kind: Any, values: Any) -> Any:
@@ -33,25 +31,19 @@ def from_host(kind: Any, values: Any) -> Any:
 
 
 def aligned(values: np.ndarray) -> np.ndarray:
-    """Return contiguous numbers where vectors may begin, and of which vectors are filled.
+    """Return contiguous numbers where vectors may begin: a copy, unless they are there.
 
-    Themselves, if they are so already, or a copy. Dr.Jit loads whole vectors, and so reads beyond
-    the end of NumPy's memory: where nothing is there, as behind the last page of a mapped file, the
-    process is killed.
+    Dr.Jit loads whole vectors, the last one too: of other memory it reads up to 120 bytes beyond
+    the end, and where that is the end of a page that nothing follows, the process is killed. What
+    begins at a multiple of a vector's size does not reach into another page.
     """
-    begins = values.__array_interface__["data"][0] % _ALIGNMENT == 0
-    if begins and fills_vectors(values):
+    if values.__array_interface__["data"][0] % _ALIGNMENT == 0:
         return values
-    room = np.empty(values.nbytes + 2 * _ALIGNMENT, np.uint8)
+    room = np.empty(values.nbytes + _ALIGNMENT, np.uint8)
     first = -room.__array_interface__["data"][0] % _ALIGNMENT
     copy: np.ndarray = room[first : first + values.nbytes].view(values.dtype).reshape(values.shape)
     copy[...] = values
     return copy
-
-
-def fills_vectors(values: np.ndarray) -> bool:
-    """Return whether vectors of these numbers end where they do."""
-    return values.size % _LANES == 0
 
 
 _DTYPES: dict[Any, Any] = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import aligned, dr, fills_vectors
+from ...backend import aligned, dr
 from ...errors import InputError
 from ...expressions.interval import Interval
 from ...fields import coordinate_extremes
@@ -16,10 +16,6 @@ from ...media.bounds import RangeContext
 from ...media.context import Context
 from ...media.contract import Medium
 from .centers import Centers
-
-# Fields up to this size are copied to where kernels are the same for all (`backend.host`); larger
-# ones lie at the same place of a page anyway.
-_COPIED = 32 << 20
 
 
 class Classifier:
@@ -102,8 +98,7 @@ class Classifier:
 
     def _values(self, name: str, first: int, count: int) -> Any:
         flat = self.volume.array(name).reshape(-1)[first : first + count]
-        held = aligned(flat) if flat.nbytes <= _COPIED or not fills_vectors(flat) else flat
-        return self.backend.Wide(device_array(held, self.backend))
+        return self.backend.Wide(device_array(aligned(flat), self.backend))
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
         """Raise the error that names the first cell with unusable coefficients.
@@ -157,8 +152,8 @@ def extremes_of(volume: Any, name: str) -> tuple[float, float]:
 def device_array(flat: np.ndarray, backend: Any) -> Any:
     """Return numbers on the device, integers as floating point that holds them.
 
-    Float arrays in the CPU's memory are used where they are: they are to be gathered from, or to
-    fill vectors (`backend.aligned`).
+    Float arrays in the CPU's memory are used where they are: to gather from, unless they are
+    `backend.aligned`.
     """
     if flat.dtype.kind != "f":
         flat = aligned(flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64))
