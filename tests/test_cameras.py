@@ -136,6 +136,8 @@ def test_lengths_may_have_units():
     eye = vm.Perspective((1, 2, 3), (0, 0, 0), 40, resolution=5)
     far = vm.Perspective((1, 2, 3) * u.pc, (0, 0, 0) * u.m, 40 * u.deg, resolution=5)
     np.testing.assert_allclose(rays_of(eye, grid), rays_of(far, grid), rtol=1e-14, atol=1e-15)
+    some = vm.Perspective((1, 2, 3000 * u.mpc), (0, 0, 0 * u.m), 40, resolution=5)
+    np.testing.assert_allclose(rays_of(eye, grid), rays_of(some, grid), rtol=1e-14, atol=1e-15)
     with pytest.raises(vm.UnitsError, match="width is in s, expected pc"):
         vm.Orthographic(width=1 * u.s).frame(grid)
     with pytest.raises(vm.UnitsError, match="expected dimensionless; give a plain number"):
@@ -149,6 +151,9 @@ def test_lengths_are_described_with_their_units():
     assert told["center"] == ["1.0 cm", "2.0 cm", "3.0 cm"]
     assert told["shift"] == ["1.0 m", "0.0 m"]
     assert "shift" not in vm.Orthographic().describe()
+    mixed = vm.Perspective((0, 1, 3 * u.pc), (0, 0, 0)).describe()
+    assert mixed["position"] == [0.0, 1.0, "3.0 pc"]
+    assert mixed["target"] == [0.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("projection", ["flat", "spherical"])

@@ -321,6 +321,15 @@ def test_what_info_says_to_type_works(snapshot, capsys):
     assert scene.render(scheme="first-order").intensity.max() > 0
 
 
+def test_lengths_in_the_scene_of_info_have_few_characters(capsys):
+    ball = vm.Volume(vm.CartesianGrid.uniform(8, (-5e15, 5e15), unit="cm"))
+    ball["density"] = "1 / (1 + r / 1e15)"
+    vm.io.save(ball, "ball.h5")
+    lengths = re.findall('path_length = "(.*) cm"', told(capsys, "info", "ball.h5"))
+    assert lengths
+    assert max(map(len, lengths)) <= len("1.234e+15")
+
+
 def test_info_shows_the_scene_that_would_be_drawn(snapshot, capsys):
     snapshot.meta["time_unit"] = ""
     vm.io.save(snapshot, "snapshot.h5")

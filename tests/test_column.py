@@ -294,7 +294,7 @@ def test_maps_say_what_they_are():
         (vm.moments(volume, "a", camera, velocity="z").mean, "mean velocity"),
         (vm.measure(volume, "a", camera=camera, maps=True).maps["a"], "column of a"),
     ]:
-        assert image.plot().figure.axes[1].get_ylabel() == label
+        assert image.plot().images[0].colorbar.ax.get_ylabel() == label
 
 
 def test_maps_of_a_cube_know_the_sky():

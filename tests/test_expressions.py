@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from expression_trees import expressions
 from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names
+from voluminous.expressions.language import FOREIGN_FUNCTIONS
 from voluminous.expressions.with_units import converted, dropped
 
 
@@ -102,6 +103,18 @@ def test_check_names_names_the_nearest_for_the_first_unknown():
         Expression("a + b").evaluate(NumpyOps(), {"a": 1.0})
 
 
+@pytest.mark.parametrize("name", [n for n, told in FOREIGN_FUNCTIONS.items() if "write" in told])
+def test_what_to_write_instead_of_foreign_functions(name):
+    x = np.array([-0.7, -0.2, 0.4, 0.6])
+    x = x + 1 if name == "log2" else x
+    written = FOREIGN_FUNCTIONS[name].removeprefix("write ").split(", which")[0]
+    if written.startswith("powers"):
+        name, written = "square", written.split()[-1]
+    theirs = {"heaviside": lambda v: np.heaviside(v, 0.0)}.get(name) or getattr(np, name)
+    found = Expression(written).evaluate(NumpyOps(), {"x": x})
+    np.testing.assert_allclose(np.asarray(found, float), theirs(x), rtol=1e-14, atol=1e-15)
+
+
 # --- what is refused -----------------------------------------------------------------------------
 
 REFUSED = [  # the text up to where the caret must be, the rest, and a part of the message
@@ -122,6 +135,8 @@ REFUSED = [  # the text up to where the caret must be, the rest, and a part of t
     ("log10(x=", "1)", "arguments have no names; call log10(x)"),
     ("", "eval(x)", "unknown function 'eval'"),
     ("2*", "log1(x)", "did you mean 'log10'?"),
+    ("2*", "ln(x)", "the natural logarithm is log(x)"),
+    ("2*", "pow(x, 2)", "powers are written x**2"),
     ("äöü*", "log1(x)", "did you mean 'log10'?"),
     ("", "(x)(y)", "unknown function 'x'"),
     ("", "clip(x)", "call clip(x, lower, upper)"),

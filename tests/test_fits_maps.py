@@ -10,6 +10,7 @@ from astropy.wcs.utils import proj_plane_pixel_scales
 
 import voluminous as vm
 from voluminous.errors import InputError, UnitsError
+from voluminous.image.annotate.scales import quantity_name
 from voluminous.image.beam import fits_beam
 
 HERE = SkyCoord(83.8, -5.4, unit="deg")
@@ -191,6 +192,28 @@ def test_missing_pixels_are_filled_from_around_them():
     values = np.ones((31, 41))
     values[15, 20] = np.nan
     assert plane(values).convolve(6 * u.au).intensity[15, 20] == pytest.approx(1.0)
+
+
+def test_measured_columns_are_convolved_and_means_are_not():
+    grid = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
+    volume = vm.Volume(grid, rho=np.arange(512.0).reshape(8, 8, 8), velocity_x=np.ones((8, 8, 8)))
+    volume["velocity_y"] = volume["velocity_z"] = volume["velocity_x"]
+    camera = vm.Orthographic(20, 30, resolution=24)
+    lines = vm.moments(volume, "rho", camera, velocity="velocity")
+    seen = vm.measure(volume, "rho", camera=camera, maps=True).maps["rho"]
+    for column in (vm.column(volume, "rho", camera), lines.column, seen):
+        smooth = column.convolve(0.3 * u.pc)
+        # The kernel keeps the sum but for what is spread over the edges.
+        assert smooth.intensity.sum() == pytest.approx(column.intensity.sum(), rel=0.02)
+    mean = vm.column(volume, "rho", camera, weight="rho")
+    for other in (mean, lines.mean, vm.extreme(volume, "rho", camera).value):
+        with pytest.raises(InputError, match="cannot be convolved"):
+            other.convolve(0.3 * u.pc)
+    assert [quantity_name(image) for image in (seen, mean, lines.column)] == [
+        "column of rho",
+        "mean of rho",
+        "column, rho",
+    ]
 
 
 def test_intensities_per_beam_and_per_pixel():

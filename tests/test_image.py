@@ -189,7 +189,7 @@ def test_plot_has_axes_in_the_unit_and_shows_the_colours():
 def test_one_channel_has_a_colour_bar_and_the_greys_of_to_rgb(options):
     image = Image(np.random.default_rng(2).random((4, 5)), intensity_unit="Jy")
     ax = image.plot(**options)
-    assert ax.figure.axes[1].get_ylabel() == "intensity [Jy]"
+    assert ax.images[0].colorbar.ax.get_ylabel() == "intensity [Jy]"
     shown = _drawn_image(ax)
     greys = shown.to_rgba(shown.get_array())[..., :3]
     # A colormap has 256 steps.
@@ -203,7 +203,33 @@ def test_colormaps_are_drawn_as_to_rgb_gives_them():
     shown = _drawn_image(ax)
     colors = shown.to_rgba(shown.get_array())[..., :3]
     np.testing.assert_allclose(colors, image.to_rgb(**options), atol=1e-6)
-    assert len(ax.figure.axes) == 2
+    assert shown.colorbar is not None
+
+
+@pytest.mark.parametrize("shape", [(20, 20), (4, 20), (20, 4)])
+def test_no_label_is_cut_off(shape):
+    """Beside a long colour bar the layout of matplotlib pushed one off the figure."""
+    values = np.random.default_rng(3).uniform(0.01, 0.5, shape)
+    image = Image(
+        values, x=4000 * np.linspace(-1, 1, shape[1]), unit="AU", intensity_unit="Jy / sr"
+    )
+    ax = image.plot(norm="log")
+    ax.figure.draw_without_rendering()
+    whole = ax.figure.bbox
+    for label in (ax.yaxis.label, ax.xaxis.label, ax.images[0].colorbar.ax.yaxis.label):
+        box = label.get_window_extent()
+        assert np.all(box.min >= whole.min)
+        assert np.all(box.max <= whole.max)
+
+
+def test_limits_may_have_units():
+    image = Image([[1.0, 5.0], [50.0, 100.0]], intensity_unit="K")
+    one, other = {"vmin": 2, "vmax": 60}, {"vmin": 2 * u.K, "vmax": 60000 * u.mK}
+    np.testing.assert_array_equal(image.to_rgb(**one), image.to_rgb(**other))
+    clim = image.plot(colormap="inferno", **other).images[0].get_clim()
+    assert clim == pytest.approx((2, 60), rel=1e-15)
+    with pytest.raises(UnitsError, match="vmin is in cm, expected K"):
+        image.plot(vmin=1 * u.cm)
 
 
 def test_plot_draws_into_given_axes_and_saves_without_a_display(tmp_path):

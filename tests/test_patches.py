@@ -6,12 +6,14 @@ import functools
 
 import numpy as np
 import pytest
+from astropy import units as u
 
 import voluminous as vm
 from contracts import GridContract
 from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray, walk_along
 from voluminous.backend import get_backend
+from voluminous.errors import UnitsError
 
 EVEN = [np.linspace(0, 1, n + 1) for n in (6, 5, 4)]
 UNEVEN = [np.array([0, 0.5, 1, 2, 5, 6, 7.0]), np.array([-1, 0, 2, 3, 4, 4.5]), np.arange(5.0)]
@@ -168,6 +170,30 @@ def test_blocks_of_equal_shape_are_one_array():
     grid = tiles()
     values = np.random.default_rng(1).random((len(grid.patches.level), 4, 4, 4))
     np.testing.assert_array_equal(grid.pack(values), values.reshape(-1))
+
+
+def test_one_shape_does_for_all_blocks():
+    low = [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
+    high = np.array(low) + 1
+    every = vm.PatchGrid(low, high, np.full((3, 3), 8))
+    one = vm.PatchGrid(low, high, (8, 8, 8))
+    np.testing.assert_array_equal(one.cell_centers(), every.cell_centers())
+    boxes = vm.PatchGrid.from_boxes(
+        *[np.arange(n) for n in (25, 9, 9)], [0] * 3, [[0, 0, 0], [8, 0, 0], [16, 0, 0]], (8, 8, 8)
+    )
+    assert boxes.size == every.size
+    for shape, told in [
+        ((8, 8), "integers of shape"),
+        (8, "integers of shape"),
+        ((8, 8, 0.5), "float"),
+    ]:
+        with pytest.raises(vm.InputError, match=told):
+            vm.PatchGrid(low, high, shape)
+
+
+def test_a_corner_that_is_no_length_is_named():
+    with pytest.raises(UnitsError, match="upper is in s, expected pc"):
+        vm.PatchGrid([[0, 0, 0]] * u.pc, [[1, 1, 1]] * u.s, (8, 8, 8))
 
 
 def test_rays_cross_holes_as_vacuum():

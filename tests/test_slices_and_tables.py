@@ -9,7 +9,7 @@ from astropy.table import QTable
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
-from voluminous.errors import InputError, UnknownNameError
+from voluminous.errors import InputError, UnitsError, UnknownNameError
 
 GRID = vm.CartesianGrid(
     [0.0, 1.0, 3.0], [0.0, 1.0, 2.0, 3.0], [-1.0, 0.0, 1.0, 2.0, 4.0], unit="pc"
@@ -166,14 +166,17 @@ def test_a_slice_draws_itself():
     found = volume.slice("a", "x", resolution=(3, 10))
     axes = found.plot()
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("y [pc]", "z [pc]")
-    bar = axes.figure.axes[1]
-    assert bar.get_ylabel() == "a [K]"
     (picture,) = axes.images
+    assert picture.colorbar.ax.get_ylabel() == "a [K]"
     np.testing.assert_array_equal(picture.get_array(), found.values)
     assert picture.get_extent() == list(found.extent)
     assert picture.get_clim() == (found.values.min(), found.values.max())
     assert picture.origin == "lower"
     assert found.plot(ax=axes, colormap="gray", vmin=1, vmax=2).images[1].get_clim() == (1, 2)
+    warm = found.plot(vmin=1000 * u.mK, vmax=2)
+    assert warm.images[0].get_clim() == (1, 2)
+    with pytest.raises(UnitsError, match="vmax is in kg, expected K"):
+        found.plot(vmax=1 * u.kg)
 
 
 def test_slices_draw_logarithms_and_oblique_planes():
@@ -181,7 +184,7 @@ def test_slices_draw_logarithms_and_oblique_planes():
     axes = volume.slice("a + 0", (1, 1, 0), resolution=8).plot(norm="log", vmin=0.5)
     assert axes.get_xlabel() == "(-0.71, 0.71, 0) [pc]"
     assert axes.get_ylabel() == "z [pc]"
-    assert axes.figure.axes[1].get_ylabel() == "a + 0"
+    assert axes.images[0].colorbar.ax.get_ylabel() == "a + 0"
     assert axes.images[0].norm(0.5) == 0
 
 

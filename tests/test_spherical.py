@@ -377,3 +377,13 @@ def test_there_is_no_other_walk():
 def test_a_mirror_is_there_or_not():
     with pytest.raises(vm.InputError, match="mirror must be True or False"):
         vm.SphericalGrid([1, 2], [0, np.pi / 2], mirror="no")
+
+
+@pytest.mark.parametrize("refined", [None, [1] + 8 * [0] + 7 * [0]])
+def test_middles_along_each_axis(refined):
+    grid = vm.SphericalGrid([1, 2, 4], [0.4, 1, 2], [0, 1, 3], refined=refined)
+    r, theta, phi = grid.centers
+    np.testing.assert_allclose(np.stack([r, theta, phi]), [[1.5, 3], [0.7, 1.5], [0.5, 2]])
+    if refined is None:
+        every = np.meshgrid(r, theta, phi, indexing="ij")
+        np.testing.assert_array_equal(grid.native_centers(), np.reshape(every, (3, -1)))

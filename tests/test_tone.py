@@ -240,6 +240,15 @@ def test_contradictions_are_refused(options, message):
         Image(np.ones((2, 3, 4))).to_rgb(**options)
 
 
+def test_a_norm_alone_shows_one_channel_in_grey():
+    image = Image([[1.0, 10.0], [100.0, 1000.0]], transparency=0.5)
+    grey = image.to_rgb(norm="log")
+    np.testing.assert_array_equal(grey, image.to_rgb(norm="log", colormap="gray"))
+    np.testing.assert_allclose(grey[..., 0], [[0, 1 / 3], [2 / 3, 1]], atol=1 / 255)
+    drawn = image.plot(norm="log", background="white").images[0].get_array()
+    np.testing.assert_array_equal(drawn, image.to_rgb(norm="log", background="white"))
+
+
 def test_a_background_must_be_a_color():
     with pytest.raises(InputError, match="background must be a color"):
         Image(np.ones((2, 3)), transparency=1.0).to_rgb(background="whitish")

@@ -46,6 +46,23 @@ def test_values_that_are_not_there(volume, medium, told, tolerance):
     assert caught[0].filename == __file__
 
 
+@pytest.mark.parametrize("offset", [8, 20])
+def test_tails_alone_are_told_though_a_display_brightens_them(volume, offset):
+    shell = vm.Gaussian("log10(density)", 2.4 + 0.1 * offset, 0.1, (1, 1, 1), 0.5, 1)
+    with pytest.warns(UserWarning, match=r"only the faintest edge .* from 0 to 2.33445 in this"):
+        image = vm.render(volume, shell, CAMERA, precision="double")
+    assert image.intensity.max() > 0
+
+
+def test_what_tables_and_soft_gates_leave_may_be_wanted(volume):
+    shell = vm.Gaussian("log10(density)", 2, 0.1, 1, 0.5, 1, where="density * 1e-6")
+    ramp = vm.Colormap("density", "gray", 0, 1e6, opacity=lambda p: p**2, path_length=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for medium in (shell, ramp):
+            assert vm.render(volume, medium, CAMERA).intensity.max() > 0
+
+
 def test_a_camera_that_looks_away(volume):
     medium = vm.Isosurface("density", 100.0)
     away = vm.Perspective((5, 0, 0), (6, 0, 0), fov=10, resolution=4)

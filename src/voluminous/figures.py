@@ -1,9 +1,14 @@
-"""New figures of matplotlib: where figures are shown they are, else they have no window."""
+"""Figures of matplotlib: shown where others are, else without a window; their colour bars."""
 
 from __future__ import annotations
 
 import sys
 from typing import Any
+
+# Of a colour bar, and of its distance: in longer sides of the picture.
+_BAR_WIDTH = 0.05
+# Of a bar beside a flat picture: in widths of the picture, so that its numbers can be read.
+_BAR_HEIGHT = 0.4
 
 
 def new_figure() -> Any:
@@ -17,6 +22,32 @@ def new_figure() -> Any:
     from matplotlib.figure import Figure
 
     return Figure(layout="constrained")
+
+
+def add_color_bar(axes: Any, shown: Any, label: str, *, own: bool) -> None:
+    """Put a colour bar beside a picture.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        In which there is nothing but the picture.
+    shown : matplotlib ScalarMappable
+    label : str
+    own : bool
+        Whether nothing else is in the figure. The bar is as high as the picture then, and no label
+        is cut off: next to a bar that is an axes of its own, the layout moves axes of a fixed
+        aspect to one side after it has made room for their labels. In other figures only such a bar
+        takes its room from `axes`, and nothing from others.
+    """
+    figure = axes.get_figure()
+    if not own:
+        figure.colorbar(shown, ax=axes, label=label)
+        return
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    steep = abs((top - bottom) / (right - left)) * float(axes.get_aspect())
+    width, height = _BAR_WIDTH * max(1.0, steep), max(1.0, _BAR_HEIGHT / steep)
+    place = (1.0 + width, 0.5 * (1.0 - height), width, height)
+    figure.colorbar(shown, cax=axes.inset_axes(place), label=label)
 
 
 def _in_notebook() -> bool:

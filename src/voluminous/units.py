@@ -81,11 +81,11 @@ def unit_name(unit: Any) -> str:
 
 
 def unit_of(value: Any) -> Any:
-    """Return the unit of `value`, or None for plain numbers, arrays and sequences of them."""
+    """Return the unit of `value`, or of what has one in a sequence; None for plain numbers."""
     if is_quantity(value):
         return parse_unit(value.unit)
-    if isinstance(value, (list, tuple)) and value and is_quantity(value[0]):
-        return parse_unit(value[0].unit)
+    if isinstance(value, (list, tuple)):
+        return next((parse_unit(v.unit) for v in value if is_quantity(v)), None)
     return None
 
 

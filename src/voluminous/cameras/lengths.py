@@ -50,6 +50,8 @@ def finite_degrees(value: Any, what: str) -> float:
 
 def described(value: Any) -> Any:
     """Return a length or a vector of lengths as plain values: numbers, or texts such as "1 pc"."""
+    if isinstance(value, (list, tuple)) and not all(is_quantity(v) for v in value):
+        return [described(v) for v in value]  # what has no unit is in the volume's
     unit = unit_of(value)
     numbers = np.asarray(plain(value, unit, "length"))
     if unit is None and not is_quantity(value):

@@ -76,8 +76,7 @@ def _digits(center: float, width: float) -> int:
 def _with_unit(value: float, unit: Any, digits: int = _DIGITS) -> Any:
     from ..units import unit_name
 
-    short = _rounded(value, digits)
-    return short if unit is None else f"{short!r} {unit_name(unit)}"
+    return _rounded(value, digits) if unit is None else f"{value:.{digits}g} {unit_name(unit)}"
 
 
 def _rounded(value: float, digits: int = _DIGITS) -> float:

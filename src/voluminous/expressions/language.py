@@ -80,3 +80,22 @@ FOREIGN: dict[type[ast.AST], str] = {
     ast.List: "a list is only allowed as the table of interp(x, [x1, x2, …], [y1, y2, …])",
     ast.Tuple: "',' is only allowed between the arguments of a function",
 }
+# Functions of other languages, and what says the same here.
+FOREIGN_FUNCTIONS: dict[str, str] = {
+    "ln": "the natural logarithm is log(x)",
+    "log2": "write log(x) / log(2)",
+    "pow": "powers are written x**2",
+    "power": "powers are written x**2",
+    "asin": "write atan2(x, sqrt(1 - x**2))",
+    "acos": "write atan2(sqrt(1 - x**2), x)",
+    "atan": "write atan2(x, 1)",
+    "sinh": "write (exp(x) - exp(-x)) / 2",
+    "cosh": "write (exp(x) + exp(-x)) / 2",
+    "floor": "write x // 1",
+    "round": "write (x + 0.5) // 1",
+    "sign": "write (x > 0) - (x < 0)",
+    "heaviside": "write x > 0, which counts 1 where it holds",
+}
+FOREIGN_FUNCTIONS |= {
+    f"arc{name[1:]}": FOREIGN_FUNCTIONS[name] for name in ("asin", "acos", "atan")
+}

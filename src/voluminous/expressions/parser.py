@@ -13,6 +13,7 @@ from .language import (
     COMPARISONS,
     CONSTANTS,
     FOREIGN,
+    FOREIGN_FUNCTIONS,
     FOREIGN_OPERATORS,
     FUNCTIONS,
     LOGIC,
@@ -125,6 +126,10 @@ class _Builder(VectorBuilder):
         if not isinstance(node.func, ast.Name):
             self._fail(node.func, FOREIGN.get(type(node.func), "only a function can be called"))
         name = node.func.id
+        if name in FOREIGN_FUNCTIONS:
+            self._fail(
+                node, f"{name!r} is not a function of expressions; {FOREIGN_FUNCTIONS[name]}"
+            )
         if name not in FUNCTIONS:
             self._fail(node, str(unknown_name("function", name, FUNCTIONS)))
         signature, least, most = FUNCTIONS[name]

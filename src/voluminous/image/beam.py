@@ -51,8 +51,8 @@ def convolve(image: Image, beam: Any) -> Image:
 
 def _check_sums(how: dict[str, Any]) -> None:
     """Refuse maps whose numbers do not add up: means, extremes, depths."""
-    kind = how.get("map", how.get("kind", "mean" if "weight" in how else "column"))
-    if kind != "column":
+    kind = str(how.get("map", how.get("kind", "mean" if "weight" in how else "column")))
+    if kind.split()[:1] != ["column"]:  # or "column of …"
         raise InputError(
             f"a map of the {kind} cannot be convolved: its numbers do not add up. Convolve "
             "columns, such as those of a weight and of what is weighted, and divide"

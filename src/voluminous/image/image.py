@@ -196,10 +196,11 @@ class Image(Made):
             Show one channel through this colormap instead. Values run from `vmin` (default: the
             least) to `vmax` (default: the greatest, or 1 / exposure), bent by `stretch`.
         norm : {"linear", "log"} or matplotlib Normalize, optional
-            Used with `colormap` in place of `stretch`. "log" starts at the least positive value,
-            though at most six decades below `vmax`.
-        vmin, vmax : float, optional
+            Of one channel, in place of `stretch`; without a `colormap` it is shown in grey. "log"
+            starts at the least positive value, though at most six decades below `vmax`.
+        vmin, vmax : float or Quantity, optional
             Intensities shown as black (default: 0) and as white (another way to say `exposure`).
+            Plain numbers are in `intensity_unit`.
         background : color, optional
             Put this behind the picture, seen through its transparency. For images rendered in
             front of a black background.
@@ -212,6 +213,8 @@ class Image(Made):
             If options contradict each other or do not fit the image.
         UnknownNameError
             If a stretch, gamut or colormap does not exist.
+        UnitsError
+            If a quantity cannot be converted to `intensity_unit`.
 
         Notes
         -----
@@ -220,7 +223,8 @@ class Image(Made):
         of both signs, such as a map of velocities, is shown from blue over white (zero) to red, if
         no option says how.
         """
-        from .signed import signed_options
+        from .options import plain_limits
+        from .signed import with_colormap
         from .tone import display
 
         options = {
@@ -236,7 +240,7 @@ class Image(Made):
             "background": background,
             "softening": softening,
         }
-        shown = signed_options(self.intensity, options)
+        shown = with_colormap(self.intensity, plain_limits(options, self.intensity_unit))
         return display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:

@@ -9,18 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colormaps import get_colormap
-from ..figures import new_figure
+from ..figures import add_color_bar, new_figure
 from . import mixing
 from .colormap import scale
-from .options import check_options
-from .signed import signed_options
+from .options import check_options, plain_limits
+from .signed import with_colormap
 from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .stretch import curve, finite
 from .tone import OPTIONS, display, white_level
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
 
     from .image import Image
 
@@ -32,15 +31,19 @@ _MARGIN = 0.05
 def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> Axes:
     """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
     check_options("display option", options, OPTIONS)
+    options = plain_limits(options, image.intensity_unit)
     axes = _new_axes(image.wcs) if ax is None else ax
     extent, labels = _coordinates(image, axes)
     place: dict[str, Any] = {"origin": "lower", "extent": extent}
     place["aspect"] = _aspect(image, extent)
     if shows_one_channel(image, options):
-        shown = axes.imshow(**one_channel(image, **options), **place)
-        _add_colorbar(axes, shown, image)
+        drawn = axes.imshow(**one_channel(image, **options), **place)
+        # Maps of what was measured say what they are.
+        name = str((image.provenance or {}).get("map", "intensity"))
+        add_color_bar(axes, drawn, _label(name, image.intensity_unit), own=ax is None)
     else:
-        axes.imshow(display(image.intensity, image.transparency, **options), **place)
+        shown = with_colormap(image.intensity, options)
+        axes.imshow(display(image.intensity, image.transparency, **shown), **place)
     if labels:
         axes.set(xlabel=labels[0], ylabel=labels[1])
     else:
@@ -85,12 +88,12 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
     if options.get("colormap") is not None:
         return True
     shown = mixing.chosen(options.get("channels"), image.channels)
-    return len(shown) == 1 and options.get("norm") is None
+    return len(shown) == 1
 
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
-    options = signed_options(image.intensity, options)
+    options = with_colormap(image.intensity, plain_limits(options, image.intensity_unit))
     index = mixing.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))
@@ -110,14 +113,6 @@ def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> l
     """Return limits as `to_rgb` has them without a colormap: from 0 to white."""
     black = 0.0 if vmin is None else finite(vmin, "vmin")
     return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]
-
-
-def _add_colorbar(axes: Axes, shown: ScalarMappable, image: Image) -> None:
-    figure = axes.get_figure()
-    assert figure is not None
-    # Maps of what was measured say what they are.
-    name = (image.provenance or {}).get("map", "intensity")
-    figure.colorbar(shown, ax=axes, label=_label(str(name), image.intensity_unit))
 
 
 def _label(name: str, unit: str) -> str:

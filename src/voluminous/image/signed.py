@@ -1,4 +1,4 @@
-"""Maps of both signs, such as velocities: how they are shown where nobody says how."""
+"""Colormaps of pictures of one channel that ask for one, but name none."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 from . import mixing
 
 # Blue comes, red goes, and white stands still, as astronomers draw it.
-_COLORMAP = "RdBu_r"
+_SIGNED = "RdBu_r"
 # Below zero by so much of what is above, at least: less is what a sum left over.
 _SHARE = 0.1
 _PERCENT_WITHIN = 99.9
 # Who gives one of these has said how.
-_DECIDING = ("colormap", "norm", "mix", "background", "exposure", "vmin", "vmax", "softening")
+_DECIDING = ("background", "exposure", "vmin", "vmax", "softening")
 
 
-def signed_options(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str, Any]:
-    """Return display options, with a colormap around zero for one channel of both signs.
+def with_colormap(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str, Any]:
+    """Return display options, with a colormap where one channel needs one and none is named.
 
-    In grey all that is negative would be black: half of a map of velocities.
+    A norm bends the values of a colormap: then it is grey. One channel of both signs, of which
+    nothing is said, has one around zero: in grey all that is negative would be black, half of a
+    map of velocities.
 
     Parameters
     ----------
@@ -29,10 +31,16 @@ def signed_options(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str
     options : dict
         Of `Image.to_rgb`; they are kept where they decide what is shown.
     """
-    if any(options.get(name) is not None for name in _DECIDING):
+    if options.get("colormap") is not None or options.get("mix") is not None:
         return options
     shown = mixing.chosen(options.get("channels"), intensity.shape[-1])
-    if options.get("stretch", "linear") != "linear" or len(shown) != 1:
+    if len(shown) != 1:
+        return options
+    if options.get("norm") is not None:
+        return {**options, "colormap": "gray"}
+    if options.get("stretch", "linear") != "linear":
+        return options
+    if any(options.get(name) is not None for name in _DECIDING):
         return options
     values = intensity[..., shown[0]]
     known = values[np.isfinite(values)]
@@ -42,4 +50,4 @@ def signed_options(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str
     # As the automatic white, and alike on both sides.
     sizes = np.abs(known[known != 0])
     reach = float(np.percentile(sizes, _PERCENT_WITHIN))
-    return {**options, "colormap": _COLORMAP, "vmin": -reach, "vmax": reach}
+    return {**options, "colormap": _SIGNED, "vmin": -reach, "vmax": reach}

@@ -41,7 +41,10 @@ def display(
     bend = curve(stretch, softening)
     if colormap is None:
         if norm is not None:
-            raise InputError("norm belongs to a colormap; give one, or use stretch")
+            raise InputError(
+                "norm belongs to a colormap, which shows one channel: give channels=0 or another, "
+                "or use stretch"
+            )
         linear = _exposed(intensity, channels, mix, exposure, vmin, vmax)
         rgb = fit(linear, bend, gamut)
     else:

@@ -49,7 +49,7 @@ def _checked(axis: str, count: Any) -> int:
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
     if not whole or count < _FEWEST[axis]:
         raise InputError(
-            f"{axis} must be a number of cells, {_FEWEST[axis]} or more; got {count!r}"
+            f"{axis} must be a whole number of cells, {_FEWEST[axis]} or more; got {count!r}"
         )
     return int(count)
 

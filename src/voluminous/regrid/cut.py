@@ -9,8 +9,8 @@ import numpy as np
 
 from ..colormaps import get_colormap
 from ..errors import InputError
-from ..figures import new_figure
-from ..units import unit_name
+from ..figures import add_color_bar, new_figure
+from ..units import plain, unit_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,8 +53,8 @@ class Slice:
         *,
         colormap: Any = "viridis",
         norm: Any = None,
-        vmin: float | None = None,
-        vmax: float | None = None,
+        vmin: Any = None,
+        vmax: Any = None,
     ) -> Axes:
         """Draw the slice with axes in its unit of length, and a colour bar.
 
@@ -67,8 +67,9 @@ class Slice:
             From values to colours.
         norm : {"linear", "log"} or matplotlib.colors.Normalize, optional
             How values are spread over the colours.
-        vmin, vmax : float, optional
-            Values of the first and the last colour; by default the least and the largest.
+        vmin, vmax : float or Quantity, optional
+            Values of the first and the last colour; by default the least and the largest. Plain
+            numbers are in the slice's unit.
 
         Returns
         -------
@@ -80,6 +81,8 @@ class Slice:
             If it is a slice of a vector, which has three pictures, or `norm` is none.
         UnknownNameError
             If there is no such colormap.
+        UnitsError
+            If a quantity cannot be converted to the slice's unit.
         """
         if self.values.ndim != 2:
             raise InputError(
@@ -92,12 +95,18 @@ class Slice:
             origin="lower",
             extent=self.extent,
             cmap=get_colormap(colormap),
-            norm=_norm(self.values, norm, vmin, vmax),
+            norm=_norm(self.values, norm, *self._limits(vmin, vmax)),
             interpolation="nearest",
         )
         axes.set(xlabel=self._label(self.plane.right), ylabel=self._label(self.plane.up))
-        axes.get_figure().colorbar(shown, ax=axes, label=_with_unit(self.name, self.unit))
+        add_color_bar(axes, shown, _with_unit(self.name, self.unit), own=ax is None)
         return axes
+
+    def _limits(self, *limits: Any) -> list[float | None]:
+        """Return the ends of the colours as plain numbers in the slice's unit."""
+        pairs = zip(("vmin", "vmax"), limits, strict=True)
+        unit = self.unit or None
+        return [None if v is None else float(plain(v, unit, what)) for what, v in pairs]
 
     def __repr__(self) -> str:
         ny, nx = self.values.shape[-2:]

@@ -55,8 +55,9 @@ def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
         told += ". Choose values in that range; vm.auto(volume, ...) finds some"
     else:
         told = "; ".join(filter(None, [_NOT_MET, told]))
-    what = "the picture shows nothing" if nothing else "the picture lacks a part"
-    warnings.warn(f"{what} of the medium: {told}", stacklevel=3)
+    lacks = "shows only the faintest edge" if everything else "lacks a part"
+    what = "shows nothing" if nothing else lacks
+    warnings.warn(f"the picture {what} of the medium: {told}", stacklevel=3)
 
 
 class _Values:
@@ -131,16 +132,35 @@ class _Values:
 
 
 def _missed(values: _Values, planes: Planes) -> list[Any]:
-    """Return the parts of which nothing can be seen, each with those of its levels."""
-    found = []
+    """Return the parts of which nothing can be seen, each with those of its levels.
+
+    Where nothing but their tails shines these are the brightest there is, and a display shows them
+    as bright as can be: all of them are missed.
+    """
+    outside = []
     for part, rows in zip(values.parts, values.outside(), strict=True):
         wanted = tuple(k for k in rows if not _is_dark(_singles(part)[k]))
-        if not wanted:
-            continue
+        if wanted:
+            outside.append(_with_levels(part, wanted))
+    brightest = float(planes.emission.max())
+    if _are_tails(outside, values):
+        brightest = np.inf
+    found = []
+    for part in outside:
         light, depth = values.most(part)
-        if depth <= _NOTICED and light <= _NOTICED * (float(planes.emission.max()) or np.inf):
-            found.append(_with_levels(part, wanted))
+        if depth <= _NOTICED and light <= _NOTICED * (brightest or np.inf):
+            found.append(part)
     return found
+
+
+def _are_tails(outside: list[Any], values: _Values) -> bool:
+    """Return whether these are the whole medium, and shells that are elsewhere.
+
+    What tables and soft gates leave of a medium may be little and what is wanted.
+    """
+    return _count(outside) == _count(values.parts) and not any(
+        isinstance(part, Table) or values.has(_ungated(part)) for part in outside
+    )
 
 
 def _names(part: Any) -> tuple[str, ...]:

@@ -64,6 +64,11 @@ class CurvilinearGrid:
         """Number of cells."""
         return int(np.prod(self.shape, dtype=object))
 
+    @property
+    def centers(self) -> tuple[np.ndarray, ...]:
+        """Middles of the cells along each axis; where they are refined, of the base cells."""
+        return tuple(0.5 * (e[1:] + e[:-1]) for e in self.edges)
+
     @functools.cached_property
     def levels(self) -> np.ndarray:
         """Level of refinement of the cells: zeros."""

@@ -12,6 +12,7 @@ from ...memory import check_memory
 from ...units import plain, space_unit, unit_of
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
+from .inputs import as_array
 from .octree_order import DEEPEST
 from .patch_lattice import Lattice, lattice_of
 from .patch_layers import boxes_of_layers
@@ -39,8 +40,8 @@ class PatchGrid(TreeCells):
     ----------
     lower, upper : array_like or Quantity, shape (n, 3)
         Corners of the patches.
-    shape : array_like of int, shape (n, 3)
-        Number of cells of each patch along x, y and z.
+    shape : array_like of int, shape (n, 3) or (3,)
+        Number of cells of each patch along x, y and z; three numbers are those of all.
     unit : str or unit, optional
         Length unit of plain corners.
 
@@ -68,9 +69,11 @@ class PatchGrid(TreeCells):
 
     def __init__(self, lower: Any, upper: Any, shape: Any, *, unit: Any = None) -> None:
         self.unit = next(filter(None, map(unit_of, (lower, upper))), None) or space_unit(unit)
+        shape = _of_each(shape, lower, "lower")
         _check_count(shape)
         lower, upper = (
-            plain(c, self.unit, "corners") if unit_of(c) is not None else c for c in (lower, upper)
+            plain(c, self.unit, name) if unit_of(c) is not None else c
+            for c, name in ((lower, "lower"), (upper, "upper"))
         )
         self._set(lattice_of(lower, upper, shape))
 
@@ -109,15 +112,17 @@ class PatchGrid(TreeCells):
             Walls of the cells of level 0 in the whole domain; they need not be evenly spaced.
         level : array_like of int, shape (n,)
             Level of each patch.
-        low, shape : array_like of int, shape (n, 3)
-            The first cell of each patch, counted in cells of its level from the domain's corner,
-            and its number of cells.
+        low : array_like of int, shape (n, 3)
+            The first cell of each patch, counted in cells of its level from the domain's corner.
+        shape : array_like of int, shape (n, 3) or (3,)
+            Number of cells of each patch; three numbers are those of all.
         ratio : int or array_like of int, shape (levels - 1,) or (levels - 1, 3)
             How many cells of each level make one of the level before, along each axis.
         unit : str or unit, optional
             Length unit of plain edges.
         """
         base = CartesianGrid(x, y, z, unit=unit)
+        shape = _of_each(shape, low, "low")
         _check_count(shape)
         grid = cls.__new__(cls)
         grid.unit = base.unit
@@ -211,6 +216,12 @@ class PatchGrid(TreeCells):
         """Return type, patches, cells per level, hidden ones, bounds and unit as plain values."""
         told = {"patches": len(self.patches.level), "hidden_cells": self.hidden_cells}
         return {**super().describe(), **told}
+
+
+def _of_each(shape: Any, corners: Any, name: str) -> np.ndarray:
+    """Return the shape of each of the patches with corners (n, 3), where one is given for all."""
+    shapes, patches = as_array(shape, "shape"), as_array(corners, name).shape[:1]
+    return np.broadcast_to(shapes, (*patches, 3)) if shapes.shape == (3,) and patches else shapes
 
 
 def _check_count(shape: Any) -> None:

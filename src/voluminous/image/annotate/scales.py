@@ -65,7 +65,8 @@ def quantity_name(image: Image) -> str:
     kind = how.get("map", how.get("kind"))
     if kind is None:
         kind = "mean" if "weight" in how else "column"
-    return f"{kind}, {quantity}"
+    says = str(kind).endswith(f" of {quantity}")
+    return str(kind) if says else f"{kind}, {quantity}"
 
 
 def labelled(name: str, unit: str) -> str:

@@ -173,5 +173,6 @@ def _factor(volume: Volume, stem: str, kind: Kind, expression: Expression) -> fl
         return float(own.to(u.Unit(kind.unit)))
     except u.UnitConversionError as error:
         raise UnitsError(
-            f"{stem} must be in {kind.unit}, but {expression.text!r} is in {own}"
+            f"{stem} must be in {kind.unit}, but {expression.text!r} is in {own}; give what is, "
+            f"fields={{{stem!r}: ...}}, or say its unit: volume.set_unit(name, unit)"
         ) from error
