@@ -41,6 +41,7 @@ from .surface_given import (
 )
 from .surface_light import Lamp, obliquity
 from .turning import may_turn
+from .unseen_place import misplaced_change
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -194,6 +195,7 @@ class Isosurface(Medium):
                 seen |= dr.abs(nodes[0] - level) <= 0.5 * width
                 hidden |= self._folded(stretch, nodes, level, width)
         hidden |= seen & self._lamp.turns(stretch, context)
+        hidden |= self._misplaced(stretch, context)[1]
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def _folded(self, stretch: Stretch, nodes: list[Any], level: Any, width: Any) -> Any:
@@ -250,7 +252,14 @@ class Isosurface(Medium):
                 off = dr.select(bent > off, bent, off)
         if self._thick:
             off = off + self._unseen_change(stretch, context)
+        off = off + self._misplaced(stretch, context)[0]
         return stretch.length * 0.0 + 1.0, off
+
+    def _misplaced(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how far off what is looked up where a line passes a level may be, and lost."""
+        levels, width, _, _ = self._kept(context)
+        ranges = [(level - 0.5 * width, level + 0.5 * width) for level in levels]
+        return misplaced_change(self.modulation, stretch, context, self.expr, ranges, 1.0)
 
     def _unseen_change(self, stretch: Stretch, context: Context) -> Any:
         """Return how far off a colour that varies within a thick surface may be, where it ends."""

@@ -23,6 +23,7 @@ from .given import scalar as _scalar
 from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
 from .stretch import Straight, extremes
+from .unseen_place import misplaced_change
 
 if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
@@ -158,7 +159,17 @@ class Shaped(Medium):
         thin = thinness(stretch, self.expr, narrowness, context.narrow)
         off = bend(stretch, self.expr, narrowness, offset, low, high)
         off = off + self._unseen_change(stretch, context)
+        if not self.modulation.fixed:
+            off = off + self._misplaced(stretch, context)[0]
         return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
+
+    def _misplaced(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how far off what is looked up where a line passes the shell may be, and lost."""
+        center, narrowness, _ = self._kept(context)
+        reach = self._reach(context) / narrowness
+        thin = thinness(stretch, self.expr, narrowness, context.narrow)
+        ranges = [(center - reach, center + reach)]
+        return misplaced_change(self.modulation, stretch, context, self.expr, ranges, thin)
 
     def _unseen_change(self, stretch: Stretch, context: Context) -> Any:
         """Return how far off a colour that varies within the shell may be."""
@@ -222,9 +233,10 @@ class Shaped(Medium):
         endless = dr.isinf(below) | dr.isinf(above)
         _, narrowness, _ = self._kept(context)
         turns = seen & stretch.turns(self.expr, _DOUBT / narrowness)
-        return self.modulation.visible(
-            stretch, context, seen, over | under | turns | (seen & endless)
-        )
+        hidden = over | under | turns | (seen & endless)
+        if not self.modulation.fixed:
+            hidden |= seen & self._misplaced(stretch, context)[1]
+        return self.modulation.visible(stretch, context, seen, hidden)
 
     @property
     def steady(self) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import precision_of
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -16,7 +17,8 @@ from .bends import bend, thinness
 from .color_by import ColorBy
 from .context import Context
 from .contract import Coefficients, Medium, check_plain
-from .crossings import passes
+from .crossings import NOISE, passes
+from .front_light import extent_of, unseen_change
 from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
@@ -25,6 +27,7 @@ from .stretch import extremes
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
 from .table_structure import jumps, structures, visible_range
+from .unseen_place import misplaced_change
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -33,6 +36,10 @@ if TYPE_CHECKING:
 
 # Control points that stick out by this part of a structure's width call for smaller panels.
 _DOUBT = 0.25
+# What is left of that where x only just reaches what shows.
+_REACHED = 2.0**-8
+# A structure is a ramp up and one down.
+_RAMPS = 2.0
 # Half of how far apart the ends of a stretch are, over the distance of two samples.
 _TO_ENDS = 0.5 / (PAIR[1] - PAIR[0])
 
@@ -182,11 +189,29 @@ class Table(Medium):
             hidden |= (high > above + doubt) & (above < end) & (high > begin)
             hidden |= (low < below - doubt) & (below > begin) & (low < end)
             hidden |= (low < end) & (high > begin) & stretch.turns(self.expr, doubt)
+        hidden |= seen & self._entered(stretch, context)
+        hidden |= seen & self._misplaced(stretch, context)[1]
         for edge in context.keep((id(self), "jumps"), lambda: self._kept_jumps(context)):
             # However little it goes beyond a jump, what is there counts.
             possible, shown = passes(stretch, self.expr, edge)
             hidden |= seen & (possible > shown)
         return self.modulation.visible(stretch, context, seen, hidden)
+
+    def _entered(self, stretch: Stretch, context: Context) -> Any:
+        """Return where x reaches what shows, and no end does: of an opaque table little is much."""
+        low, high = stretch.hull(self.expr)
+        nodes = stretch.nodes(self.expr)
+        below, above = extremes(nodes)
+        real = type(context.narrow(nodes[0]))
+        found = context.keep((id(self), "structures"), lambda: self._kept_structures(context, real))
+        if not found:
+            return stretch.length < 0.0
+        first, last = context.keep((id(self), "range"), lambda: self._kept_range(context, real))
+        noise = NOISE[precision_of(type(low))] * extremes([dr.abs(low), dr.abs(high)])[1]
+        least = _REACHED * found[0][0] + noise
+        return ((above <= first) & (high > first + least)) | (
+            (below >= last) & (low < last - least)
+        )
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return how thin the narrowest structure is, and what bends of x may do to it."""
@@ -200,7 +225,30 @@ class Table(Medium):
         )
         narrowness = _DOUBT / least
         off = bend(stretch, self.expr, narrowness, context.narrow, first, last)
+        off = off + self._unseen_change(stretch, context, least)
+        off = off + self._misplaced(stretch, context)[0]
         return thinness(stretch, self.expr, narrowness, context.narrow), off
+
+    def _unseen_change(self, stretch: Stretch, context: Context, least: Any) -> Any:
+        """Return how far off a colour may be that varies within the narrowest structure."""
+        if self.modulation.color is None:
+            return stretch.length * 0.0
+        heights = context.keep((id(self), "heights"), lambda: self._heights(context))
+        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
+        extent = extent_of(nodes, (_RAMPS / _DOUBT) * least)
+        way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
+        depth = extremes(heights[self.channels :])[1] * way
+        return unseen_change(self.modulation, stretch, context, extent, depth)
+
+    def _misplaced(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how far off what is looked up where a line passes a structure may be, and lost."""
+        real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
+        found = context.keep((id(self), "structures"), lambda: self._kept_structures(context, real))
+        ranges = [(low, high) for _, low, high in found[:1]]
+        if not ranges:
+            return stretch.length * 0.0, stretch.length < 0.0
+        thin = thinness(stretch, self.expr, _DOUBT / found[0][0], context.narrow)
+        return misplaced_change(self.modulation, stretch, context, self.expr, ranges, thin)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where an entry may be noticeable while the fields stay in ranges."""
