@@ -228,3 +228,18 @@ def test_a_disc_of_cells_all_around_is_cut_open_where_places_are_known():
         whole = vm.render(disc.unfolded(phi=64), medium, camera, scheme=scheme)
         # Cells whose middle is just beyond count as wholes there.
         assert abs(whole.intensity.mean() / image.intensity.mean() - 1) < 0.02
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        vm.Coefficients("1", "-d"),
+        vm.Medium.from_function(lambda d: (np.sin(d), -d), fields=["d"], channels=1),
+        vm.Coefficients("1", "0.2 - d"),
+    ],
+)
+def test_negative_extinctions_are_refused_before_long(medium):
+    # Panels were halved 14 times wherever there is one: it took minutes.
+    volume = vm.Volume(vm.CartesianGrid.uniform(16, (-1, 1)), d="exp(-r*r/0.1)")
+    camera = vm.Orthographic(60, 30, resolution=20)
+    refused(vm.InputError, "not finite.* or a negative extinction", volume, medium, camera)
