@@ -287,7 +287,7 @@ def test_doses_have_offsets_of_frames(tmp_path, pydicom):
     head.PixelData = stored.transpose(2, 1, 0).tobytes()
     head.save_as(tmp_path / "dose.dcm", enforce_file_format=True)
     volume = vm.open(tmp_path / "dose.dcm")
-    assert volume.units["rtdose"] == "Gy"
+    assert volume.units["rtdose"] in ("Gy", "J / kg")  # astropy 6 does not know the gray
     down = np.diag(WIDTHS * [1, 1, -1])
     check_places(volume, (stored * 0.001).astype(np.float32), ORIGIN, down)
 

@@ -8,7 +8,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from ...errors import FileFormatError, InputError
+from ...errors import FileFormatError, InputError, UnitsError
+from ...units import parse_unit
 from ..guard import reading
 from .dicom_directory import images_named, is_directory
 from .dicom_file import MAGIC, PREAMBLE, is_dicom, quiet, read_head
@@ -62,9 +63,20 @@ class DICOMReader(VoxelReader):
             placement=placement,
             load=lambda _: read_values(slices, shape, dtype),
             name=str(head.get("Modality") or "dicom").lower(),
-            unit=_UNITS.get(str(head.get("Units") or head.get("DoseUnits")).upper(), ""),
+            unit=_unit(str(head.get("Units") or head.get("DoseUnits")).upper()),
             meta=_meta(head) | ({} if times == 1 else {"times": times, "time_step": time % times}),
         )
+
+
+def _unit(name: str) -> str:
+    """Return the unit of values by DICOM's name for it; astropy knows the gray since version 7."""
+    unit = _UNITS.get(name, "")
+    if unit == "Gy":
+        try:
+            parse_unit(unit)
+        except UnitsError:
+            return "J / kg"
+    return unit
 
 
 @quiet()
