@@ -288,8 +288,8 @@ def test_cells_in_place_of_those_around():
 @pytest.mark.parametrize(
     ("grid", "fields", "asked", "told"),
     [
-        ("spherical", "abc", {"phi": 3}, r"phi must be a number of cells, 4 or more; got 3"),
-        ("spherical", "abc", {"phi": 7.0}, r"phi must be a number of cells"),
+        ("spherical", "abc", {"phi": 3}, r"phi must be a whole number of cells, 4 or more; got 3"),
+        ("spherical", "abc", {"phi": 7.0}, r"phi must be a whole number of cells"),
         ("spherical", "abc", {"theta": 8}, r"theta can only be divided where one cell goes all"),
         ("refined", "abc", {"phi": 8}, r"refined grid cannot be unfolded; use volume\.resample"),
         (
