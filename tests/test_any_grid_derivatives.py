@@ -215,15 +215,22 @@ def test_laplacians_of_quadratic_fields_are_exact_across_jumps_of_level(kind):
     np.testing.assert_allclose(found[known], -4, atol=max(1e-10, 10 * rounding))
 
 
+def refined_slab(n):
+    """Return a smooth field on n³ cells, of which an oblique layer is refined."""
+    edges = np.linspace(-1, 1, n + 1)
+    grid = vm.OctreeGrid.from_function(
+        edges, edges, edges, lambda x, y, z, s: np.abs(x + 0.3 * y) < 0.4, 1
+    )
+    volume = vm.Volume(grid)
+    volume["f"] = "sin(x)*exp(y)*cos(z)"
+    return volume
+
+
 def test_laplacians_on_a_tree_converge_at_jumps_too():
     errors = []
     for n in (8, 16, 32):
-        edges = np.linspace(-1, 1, n + 1)
-        grid = vm.OctreeGrid.from_function(
-            edges, edges, edges, lambda x, y, z, s: np.abs(x + 0.3 * y) < 0.4, 1
-        )
-        volume = vm.Volume(grid)
-        volume["f"] = "sin(x)*exp(y)*cos(z)"
+        volume = refined_slab(n)
+        grid = volume.grid
         wrong = np.abs(volume.evaluate("laplacian(f) + sin(x)*exp(y)*cos(z)"))
         inside = (np.abs(grid.cell_centers()) < 1 - 2.5 / n).all(axis=0)
         errors.append((wrong[inside].max(), np.sqrt(np.mean(wrong[inside] ** 2))))
@@ -266,12 +273,8 @@ def test_second_derivatives_at_jumps_are_those_of_the_best_quadratic_function(ki
 def test_gradients_on_a_tree_converge():
     errors = []
     for n in (4, 8, 16):
-        edges = np.linspace(-1, 1, n + 1)
-        grid = vm.OctreeGrid.from_function(
-            edges, edges, edges, lambda x, y, z, s: np.abs(x + 0.3 * y) < 0.4, 1
-        )
-        volume = vm.Volume(grid)
-        volume["f"] = "sin(x)*exp(y)*cos(z)"
+        volume = refined_slab(n)
+        grid = volume.grid
         wrong = volume.evaluate("grad(f).x - cos(x)*exp(y)*cos(z)")
         errors.append(np.sqrt(np.average(wrong**2, weights=grid.cell_volumes)))
     # Of second order inside a level; of first at jumps and at the surface, which are a thin layer.

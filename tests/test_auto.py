@@ -345,11 +345,16 @@ def test_a_first_picture_needs_a_volume_only():
         vm.render("density")
 
 
-def test_a_first_picture_of_labels_shows_no_others_between_two():
+def organs():
+    """Return a volume of three labels within each other."""
     labels = np.zeros((8, 8, 8), np.uint8)
     labels[2:6, 2:6, 2:6], labels[3:5, 3:5, 3:5] = 1, 3
     labels[2, 2, 2] = 2
-    volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), organ=labels)
+    return vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), organ=labels)
+
+
+def test_a_first_picture_of_labels_shows_no_others_between_two():
+    volume = organs()
     image = vm.render(volume)
     assert image.provenance["scheme"] == "first-order"
     medium = vm.auto(volume)
@@ -360,10 +365,7 @@ def test_a_first_picture_of_labels_shows_no_others_between_two():
 
 
 def test_some_labels_are_drawn_cell_by_cell_and_with_a_shell_of_ones_own_as_usual():
-    labels = np.zeros((8, 8, 8), np.uint8)
-    labels[2:6, 2:6, 2:6], labels[3:5, 3:5, 3:5] = 1, 3
-    labels[2, 2, 2] = 2
-    volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), organ=labels)
+    volume = organs()
     every = vm.auto(volume)
     some = vm.calibrate(sum(every.components()[1:]), volume)
     own = vm.Rectangle("organ", 3.0, 0.5, (1, 1, 1), 1)

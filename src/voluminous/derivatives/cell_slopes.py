@@ -238,12 +238,16 @@ class CellSlopes:
                 m + s * dr.fma(0.5, n, _ASIDE * (one * a + two * b)) + 0.5 * n
                 for m, s, n, a, b in zip(part.middle, part.size, sense, first, second, strict=True)
             ]
-            cell, there = self.around.cell_at(place, active)
-            corner, extent = self.around.box(cell)
-            middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]
-            way = [dr.select(there, w, 0.0) for w in self.spacing.ways(part.middle, middle)]
-            value = real(dr.gather(type(self.values), self.values, cell.number, there))
-            yield way, value - part.value, there, cell.number
+            yield self.towards(part, place, active)
+
+    def towards(self, part: Part, place: list[Any], active: Any) -> tuple[list[Any], Any, Any, Any]:
+        """Return the way to the cells at places, the rise, whether there is one, and its number."""
+        cell, there = self.around.cell_at(place, active)
+        corner, extent = self.around.box(cell)
+        middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]
+        way = [dr.select(there, w, 0.0) for w in self.spacing.ways(part.middle, middle)]
+        value = self.backend.Float(dr.gather(type(self.values), self.values, cell.number, there))
+        return way, value - part.value, there, cell.number
 
 
 def solved(matrix: list[Any], right: list[Any]) -> list[Any]:

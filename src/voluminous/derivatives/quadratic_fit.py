@@ -57,16 +57,19 @@ def second_derivatives(slopes: CellSlopes, part: Part) -> list[Any]:
     real, UInt = slopes.backend.Float, slopes.backend.UInt
     tables = [from_host(real, column) for column in _PLACES.T]
     width = slopes.spacing.widths(part.middle, part.size)
+    count = dr.width(part.value)
+    active = dr.full(slopes.backend.Bool, True, count)
 
     def more(state: State) -> Any:
         return state.place < len(_PLACES)
 
     def step(state: State) -> tuple[State]:
         offset = [dr.gather(real, column, state.place) for column in tables]
-        there, rise, way = _beyond(slopes, part, offset)
+        place = [dr.fma(s, o, m) for m, s, o in zip(part.middle, part.size, offset, strict=True)]
+        way, rise, there, _ = slopes.towards(part, place, active)
         terms = _terms([w / own for w, own in zip(way, width, strict=True)])
         square = terms[0] * terms[0] + terms[1] * terms[1] + terms[2] * terms[2]
-        weight = dr.select(there, 1.0 / (square * square), 0.0)
+        weight = dr.select(there, 1.0 / (square * square), 0.0)  # nowhere the way is zero
         pull = [weight * term for term in terms]
         matrix = [
             dr.fma(pull[row], terms[column], total)
@@ -75,7 +78,6 @@ def second_derivatives(slopes: CellSlopes, part: Part) -> list[Any]:
         right = [dr.fma(p, rise, total) for p, total in zip(pull, state.right, strict=True)]
         return (State(state.place + 1, matrix, right),)
 
-    count = dr.width(part.value)
     zeros = dr.zeros(real, count)
     state = State(
         dr.zeros(UInt, count),
@@ -85,20 +87,6 @@ def second_derivatives(slopes: CellSlopes, part: Part) -> list[Any]:
     (state,) = dr.while_loop((state,), more, step, label="quadratic fit")
     found = _solved(dict(zip(_ENTRIES, state.matrix, strict=True)), state.right)
     return [h / (w * w) for h, w in zip(found[3:6], width, strict=True)]
-
-
-def _beyond(slopes: CellSlopes, part: Part, offset: list[Any]) -> tuple[Any, Any, list[Any]]:
-    """Return whether there is a cell at a place, the rise to it, and the way to its centre."""
-    place = [dr.fma(size, o, m) for m, size, o in zip(part.middle, part.size, offset, strict=True)]
-    active = dr.full(slopes.backend.Bool, True, dr.width(part.value))
-    cell, there = slopes.around.cell_at(place, active)
-    corner, extent = slopes.around.box(cell)
-    middle = [dr.fma(e, 0.5, c) for c, e in zip(corner, extent, strict=True)]
-    # Nowhere: anything that is not zero.
-    way = [dr.select(there, w, 1.0) for w in slopes.spacing.ways(part.middle, middle)]
-    values = slopes.values
-    value = slopes.backend.Float(dr.gather(type(values), values, cell.number, there))
-    return there, value - part.value, way
 
 
 def _terms(way: list[Any]) -> list[Any]:

@@ -190,7 +190,8 @@ class Table(Medium):
             hidden |= (low < below - doubt) & (below > begin) & (low < end)
             hidden |= (low < end) & (high > begin) & stretch.turns(self.expr, doubt)
         hidden |= seen & self._entered(stretch, context)
-        hidden |= seen & self._misplaced(stretch, context)[1]
+        if not self.modulation.fixed:
+            hidden |= seen & self._misplaced(stretch, context)[1]
         for edge in context.keep((id(self), "jumps"), lambda: self._kept_jumps(context)):
             # However little it goes beyond a jump, what is there counts.
             possible, shown = passes(stretch, self.expr, edge)
@@ -226,7 +227,8 @@ class Table(Medium):
         narrowness = _DOUBT / least
         off = bend(stretch, self.expr, narrowness, context.narrow, first, last)
         off = off + self._unseen_change(stretch, context, least)
-        off = off + self._misplaced(stretch, context)[0]
+        if not self.modulation.fixed:
+            off = off + self._misplaced(stretch, context)[0]
         return thinness(stretch, self.expr, narrowness, context.narrow), off
 
     def _unseen_change(self, stretch: Stretch, context: Context, least: Any) -> Any:

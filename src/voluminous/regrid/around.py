@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import CARTESIAN, turns
 from ..memory import check_memory
+from .unfolded import on_more_cells
 
 # Fewer cells than that are wider than a quarter turn: fields between them mean nothing.
 _FEWEST = {"phi": 4, "theta": 2}
@@ -36,13 +37,11 @@ def divided(volume: Any, phi: int | None, theta: int | None) -> Any:
         f"a volume of {' x '.join(map(str, shape))} cells",
         "ask for fewer cells in phi",
     )
-    other = type(volume)(type(grid)(**edges, unit=grid.unit))
-    for name in volume.fields:
-        other[name] = np.broadcast_to(volume.array(name), shape)
-        other.set_unit(name, volume.field_unit(name))
-    other.meta |= volume.meta
-    other.wcs = volume.wcs
-    return other
+    return on_more_cells(
+        volume,
+        type(grid)(**edges, unit=grid.unit),
+        lambda name: np.broadcast_to(volume.array(name), shape),
+    )
 
 
 def _checked(axis: str, count: Any) -> int:

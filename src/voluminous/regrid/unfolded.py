@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Callable, Container
 from typing import Any
 
 import numpy as np
@@ -27,12 +27,21 @@ def unfolded(volume: Any) -> Any:
         )
     r, theta, phi = grid.edges
     both = np.concatenate([theta, np.pi - theta[-2::-1]])
-    other = type(volume)(type(grid)(r, both, phi, unit=grid.unit))
-    for name in volume.fields:
+
+    def in_both(name: str) -> np.ndarray:
         above = volume.array(name)
         below = np.flip(above, _THETA)
         signed = -below if _changes_sign(name, volume) else below
-        other[name] = np.concatenate([above, signed], axis=_THETA)
+        return np.concatenate([above, signed], axis=_THETA)
+
+    return on_more_cells(volume, type(grid)(r, both, phi, unit=grid.unit), in_both)
+
+
+def on_more_cells(volume: Any, grid: Any, values: Callable[[str], np.ndarray]) -> Any:
+    """Return a volume on another grid in the same place, with what `values` gives of each field."""
+    other = type(volume)(grid)
+    for name in volume.fields:
+        other[name] = values(name)
         other.set_unit(name, volume.field_unit(name))
     other.meta |= volume.meta
     other.wcs = volume.wcs

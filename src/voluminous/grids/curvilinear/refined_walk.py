@@ -14,7 +14,6 @@ from typing import Any
 from ...backend import dr
 from ..contract import Corners, Segment
 from ..trees.lookup import TreeLookup
-from ..trees.vertex_numbers import TracedNumbers
 from .approach import dot
 from .order import either, later, lesser, nearest
 from .steps import cut
@@ -160,12 +159,6 @@ class RefinedWalk(CurvilinearWalk):
         count = later(family.enter(axis, t), first)
         return lesser(count, last)
 
-    @property
-    def vertices(self) -> TracedNumbers:
-        """Numbers of the leaves' vertices."""
-        numbers: TracedNumbers = self.grid.vertex_numbers.traced(self.backend)
-        return numbers
-
     def entry_corners(self, track: Track, cursor: Any) -> Corners:
         """Return the vertices of the leaf and multilinear weights at the cursor."""
         standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
@@ -189,7 +182,7 @@ def leaf_corners(
     Float = walk.backend.Float
     index = walk.cells_near(track, leaving.count)
     point = walk.point(track, leaving.t)
-    corner, strides = walk.vertices.of(leaf.number, active)
+    corner, strides = walk.grid.vertex_numbers.traced(walk.backend).of(leaf.number, active)
     vertices, weights = [corner], [Float(1)]
     for n, family in enumerate(walk.families):
         inner = Float(index[n] - leaf.low[n]) + family.fraction(index[n], point)

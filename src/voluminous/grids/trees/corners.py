@@ -32,7 +32,7 @@ def first_corner(walk: Any, track: Any, cell: Cell, active: Any) -> Corner:
     number = cell.number
     if walk.holes:
         number = dr.select(walk.lookup.is_cell(cell), number, 0)
-    base, strides = walk.vertices.of(number, active)
+    base, strides = walk.grid.vertex_numbers.traced(walk.backend).of(number, active)
     signed = []
     for stride, flip in zip(strides, track.way.flip, strict=True):
         base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it

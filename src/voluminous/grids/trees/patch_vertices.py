@@ -19,13 +19,14 @@ def patch_vertices(patches: Patches) -> VertexNumbers:
     """Return the numbers of the vertices of all cells that are seen."""
     tiles = -(-patches.shape // _SIDE)
     ends = np.cumsum(tiles.prod(axis=1))
+    starts = ends - tiles.prod(axis=1)
     size, total = int(patches.ends[-1]), int(ends[-1])
     seen, tile, chunks = np.zeros(total, bool), np.empty(size, np.uint32), range(0, size, _CHUNK)
     for begin in chunks:
         patch, index = patches.indices(begin, min(begin + _CHUNK, size))
         x, y, z = index // _SIDE
         _, ny, nz = tiles[patch].T
-        here = (ends - tiles.prod(axis=1))[patch] + (x * ny + y) * nz + z
+        here = starts[patch] + (x * ny + y) * nz + z
         tile[begin : begin + len(here)] = here
         seen[here] = True
     lattices = PatchLattices.of(patches, tiles, np.flatnonzero(seen))

@@ -19,7 +19,6 @@ from .axes import make_tree_axis
 from .corners import entry_corners, exit_corners
 from .lookup import Cell, Orientation, TreeLookup
 from .tree import Tree
-from .vertex_numbers import TracedNumbers
 
 
 @dataclass
@@ -156,12 +155,6 @@ class TreeWalk(BoxWalk):
             number = dr.select(hole, dr.select(beyond, entered.number, 0), number)
         segment = Segment(number, length, cursor.t, end, cursor.inside, leaving)
         return segment, TreeCursor(entered, end, inside)
-
-    @property
-    def vertices(self) -> TracedNumbers:
-        """Numbers of the cells' vertices."""
-        numbers: TracedNumbers = self.grid.vertex_numbers.traced(self.backend)
-        return numbers
 
     def entry_corners(self, track: TreeTrack, cursor: TreeCursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""

@@ -98,7 +98,7 @@ class Classifier:
 
     def _values(self, name: str, first: int, count: int) -> Any:
         flat = self.volume.array(name).reshape(-1)[first : first + count]
-        return self.backend.Wide(device_array(aligned(flat), self.backend))
+        return self.backend.Wide(device_array(aligned(_floating(flat)), self.backend))
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
         """Raise the error that names the first cell with unusable coefficients.
@@ -155,7 +155,13 @@ def device_array(flat: np.ndarray, backend: Any) -> Any:
     Float arrays in the CPU's memory are used where they are: to gather from, unless they are
     `backend.aligned`.
     """
-    if flat.dtype.kind != "f":
-        flat = aligned(flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64))
+    flat = _floating(flat)
     kind = backend.module.Float32 if flat.dtype == np.float32 else backend.module.Float64
     return kind(flat)
+
+
+def _floating(flat: np.ndarray) -> np.ndarray:
+    """Return integers as floating point that holds them, and other numbers as they are."""
+    if flat.dtype.kind == "f":
+        return flat
+    return flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
