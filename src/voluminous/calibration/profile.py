@@ -81,7 +81,7 @@ def profile_of(medium: Shaped | Table, unit: Any, extent: tuple[float, float]) -
     if isinstance(medium, Table):
         return _of_table(medium, unit, extent)
     center = plain(medium.center, unit, "center")
-    width = plain(medium.width, unit, medium._width_name)
+    width = plain(medium.width, unit, medium.width_name)
     if isinstance(medium, Rectangle):
         low, high = center - width, center + width
         return Profile(np.array([low, high]), np.ones(2))

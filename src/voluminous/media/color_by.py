@@ -80,7 +80,7 @@ class ColorBy:
     def colors(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
         x = context.evaluate(self.expr, fields)
-        found = context.interpolate(x, self._nodes(context), list(self.scale.rgb.T))
+        found = context.interpolate(x, self.nodes(context), list(self.scale.rgb.T))
         return [_or_black(value) for value in found]
 
     def seen(self, fields: dict[str, Any], context: Context) -> list[Any]:
@@ -88,13 +88,13 @@ class ColorBy:
         x = context.narrow(context.evaluate(self.expr, fields))
         table = context.keep(
             (id(self), "table"),
-            lambda: PiecewiseLinear(type(x), self._nodes(context), self.scale.rgb),
+            lambda: PiecewiseLinear(type(x), self.nodes(context), self.scale.rgb),
         )
         return [_or_black(value) for value in table.values(x)]
 
     def turns(self, stretch: Stretch, context: Context, least: float) -> Any:
         """Return where it may go back and forth by more than a part of its range."""
-        nodes = self._nodes(context)
+        nodes = self.nodes(context)
         most = context.keep(
             (id(self), "range"), lambda: context.number(least * float(nodes[-1] - nodes[0]))
         )
@@ -114,7 +114,8 @@ class ColorBy:
             told["samples"] = len(self.scale.position)
         return {key: value for key, value in told.items() if value is not None}
 
-    def _nodes(self, context: Context) -> np.ndarray:
+    def nodes(self, context: Context) -> np.ndarray:
+        """Return the values of the colormap's entries in the unit of the expression."""
         values, unit = self.scale.values, self.scale.unit
         if unit is None:
             return values

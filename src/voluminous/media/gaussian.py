@@ -54,7 +54,7 @@ class Gaussian(SampledShaped):
     Peters, *The physics of volume rendering* (2014), section 4.
     """
 
-    _width_name = "sigma"
+    width_name = "sigma"
 
     def __init__(
         self,

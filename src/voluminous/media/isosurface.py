@@ -12,25 +12,24 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import precision_of, unit_interval
+from ..backend.functions import unit_interval
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
-from .bends import bend, slope_factor
+from . import surface_panels
+from .bends import slope_factor
 from .context import Context
-from .contract import WIDE, Coefficients, Medium
-from .crossings import NOISE, passes, way_within
-from .front_light import extent_of, unseen_change
+from .contract import Coefficients, Medium
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors, Middle
 from .shape_middles import box_middle, crossing_middle
-from .stretch import extremes
 from .surface_given import (
     depth_of,
     fraction,
@@ -40,8 +39,6 @@ from .surface_given import (
     plain_opacities,
 )
 from .surface_light import Lamp, obliquity
-from .turning import may_turn
-from .unseen_place import misplaced_change
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
@@ -51,10 +48,21 @@ if TYPE_CHECKING:
 # Segments are counted as at least this long, in cells: a surface between two of them is not lost.
 _SHORTEST = 1e-20
 DENSITIES = ("crossing", "gradient")
-# Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
-_FOLD = 1e-4
-# One over the width of what is thinner than all panels.
-_THIN = 1e18
+
+
+@dataclass
+class SurfaceNumbers:
+    """Numbers of a kernel: per surface its level, its optical depths and its colour; the width."""
+
+    levels: list[Any]
+    width: Any
+    depths: list[list[Any]]
+    colors: list[list[Any]]
+
+    @property
+    def ranges(self) -> list[tuple[Any, Any]]:
+        """Between which values each surface is."""
+        return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
 
 
 class Isosurface(Medium):
@@ -151,21 +159,21 @@ class Isosurface(Medium):
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""
-        levels, width, rows, colors = self._kept(context)
+        own = self.numbers(context)
         first, last = panel.ends(self.expr)
         length = panel.length
         per_length = 1.0 / dr.select(length > _SHORTEST, length, _SHORTEST)
         emission: list[Any] = [type(length)(0)] * self.channels
-        extinction: list[Any] = [type(length)(0)] * len(rows[0])
-        for level, color, depths in zip(levels, colors, rows, strict=True):
+        extinction: list[Any] = [type(length)(0)] * len(own.depths[0])
+        for level, color, depths in zip(own.levels, own.colors, own.depths, strict=True):
             ends = first - level, last - level
-            middle = self._middle(context, *ends, width)
-            crossed = per_length * self._crossed(context, *ends, width)
+            middle = self._middle(context, *ends, own.width)
+            crossed = per_length * self._crossed(context, *ends, own.width)
             if self.density == "gradient":
                 crossed = crossed * self._obliquity(panel, context, last - first, middle.place)
             found = self._modulated(color, crossed, middle, panel, context)
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
-            shade = self._lamp.shade(panel, context, middle)
+            shade = self.lamp.shade(panel, context, middle)
             for c, lit in enumerate(found.emission):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * lit * shade
         return Coefficients(emission, extinction)
@@ -182,32 +190,7 @@ class Isosurface(Medium):
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where a level may be crossed, and where more often than a panel's ends show."""
-        levels, width, _, _ = self._kept(context)
-        nodes = stretch.nodes(self.expr)
-        seen = dr.isnan(nodes[1])  # where there is NaN, it must show
-        hidden = stretch.length < 0.0
-        for level in levels:
-            for edge in (level - 0.5 * width, level + 0.5 * width) if self._thick else (level,):
-                possible, shown = passes(stretch, self.expr, edge)
-                seen |= possible > 0
-                hidden |= possible > shown
-            if self._thick:
-                seen |= dr.abs(nodes[0] - level) <= 0.5 * width
-                hidden |= self._folded(stretch, nodes, level, width)
-        hidden |= seen & self._lamp.turns(stretch, context)
-        hidden |= self._misplaced(stretch, context)[1]
-        return self.modulation.visible(stretch, context, seen, hidden)
-
-    def _folded(self, stretch: Stretch, nodes: list[Any], level: Any, width: Any) -> Any:
-        """Return where it may go further up and down within a thick surface than nodes show."""
-        found = stretch.turning(self.expr)
-        near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
-        hidden = near & (found.apart > _FOLD * width)
-        if may_turn(self.expr, stretch.context):
-            return hidden
-        ways = [way_within(xs, level, width) for xs in (stretch.controls(self.expr), nodes)]
-        noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
-        return hidden | (ways[0] - ways[1] > _FOLD + noise)
+        return surface_panels.visible(self, stretch, context)
 
     @property
     def steady(self) -> bool:
@@ -216,68 +199,15 @@ class Isosurface(Medium):
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return how many surfaces are crossed in each half."""
-        levels, width, _, _ = self._kept(context)
-        nodes = stretch.nodes(self.expr)
-        counts = []
-        for pair in (nodes[:2], nodes[1:]):
-            low, high = extremes(pair)
-            total = stretch.length * 0.0
-            for level in levels:
-                near = (low <= level + 0.5 * width) & (high >= level - 0.5 * width)
-                total += dr.select(
-                    near, dr.select(high - low > width, total * 0.0 + 1.0, WIDE), 0.0
-                )
-            counts.append(total)
-        return counts
+        return surface_panels.cores(self, stretch, context)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return one: surfaces are thinner than all panels; crossings are counted exactly.
-
-        Of a density that goes with the gradient little is known where the slope bends, and of
-        light where the normal turns.
-        """
-        off = self._lamp.off(stretch, context)
-        if self.density == "gradient":
-            levels, width, _, _ = self._kept(context)
-            near = context.narrow(0.5 * width)
-            for level in levels:
-                bent = bend(
-                    stretch,
-                    self.expr,
-                    _THIN,
-                    lambda x, level=level: context.narrow(x - level),
-                    -near,
-                    near,
-                )
-                off = dr.select(bent > off, bent, off)
-        if self._thick:
-            off = off + self._unseen_change(stretch, context)
-        off = off + self._misplaced(stretch, context)[0]
-        return stretch.length * 0.0 + 1.0, off
-
-    def _misplaced(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return how far off what is looked up where a line passes a level may be, and lost."""
-        levels, width, _, _ = self._kept(context)
-        ranges = [(level - 0.5 * width, level + 0.5 * width) for level in levels]
-        return misplaced_change(self.modulation, stretch, context, self.expr, ranges, 1.0)
-
-    def _unseen_change(self, stretch: Stretch, context: Context) -> Any:
-        """Return how far off a colour that varies within a thick surface may be, where it ends."""
-        levels, width, rows, _ = self._kept(context)
-        low, high = stretch.hull(self.expr)
-        ends = stretch.length < 0.0
-        for level in levels:
-            for edge in (level - 0.5 * width, level + 0.5 * width):
-                ends |= (low <= edge) & (high >= edge)
-        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
-        extent = extent_of(nodes, context.narrow(width))
-        depth = extremes([d for row in rows for d in row])[1]
-        off = unseen_change(self.modulation, stretch, context, extent, depth)
-        return dr.select(ends, off, 0.0)
+        """Return one: surfaces are thinner than all panels; crossings are counted exactly."""
+        return surface_panels.sharpness(self, stretch, context)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where x may reach a level while the fields stay in ranges."""
-        levels, width = self._numbers(context)
+        levels, width = self.plain_numbers(context)
         x = context.evaluate(self.expr, fields)
         seen = x.nan
         for level in levels:
@@ -297,12 +227,12 @@ class Isosurface(Medium):
         InputError
             If the width is zero: no cell's centre is likely to lie on the surface.
         """
-        if not self._thick:
+        if not self.thick:
             raise InputError(
                 "an Isosurface of width 0 is drawn with scheme='post-classified'; other schemes "
                 "need a width (in the units of its expression)"
             )
-        levels, width = self._numbers(context)
+        levels, width = self.plain_numbers(context)
         x, slope = context.evaluate(self.expr, fields), context.evaluate(self.slope, fields)
         rows = [[context.number(depth_of(o)) for o in row] for row in self.opacities]
         ops = context.ops
@@ -319,9 +249,7 @@ class Isosurface(Medium):
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α, with |∇x| for the slope."""
-        return (
-            self.coefficients(fields, context) if self._thick else super().ranges(fields, context)
-        )
+        return self.coefficients(fields, context) if self.thick else super().ranges(fields, context)
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain on a panel: how often levels are crossed."""
@@ -350,12 +278,13 @@ class Isosurface(Medium):
         }
 
     @property
-    def _lamp(self) -> Lamp:
+    def lamp(self) -> Lamp:
         """The light that surfaces are seen in."""
-        return Lamp(self.normal, self.shading, self._thick)
+        return Lamp(self.normal, self.shading, self.thick)
 
     @property
-    def _thick(self) -> bool:
+    def thick(self) -> bool:
+        """Whether the surfaces have a width."""
         return plain_number(self.width) > 0
 
     def _directions(self) -> list[Expression]:
@@ -365,43 +294,44 @@ class Isosurface(Medium):
 
     def _names(self) -> tuple[str, ...]:
         used = [name for e in (self.expr, *self._directions()) for name in e.names]
-        used += self.slope.names if self._thick else ()
+        used += self.slope.names if self.thick else ()
         used += ["x", "y", "z"] if self.shading > 0 else ()
         used += self.modulation.names
         return tuple(dict.fromkeys(used))
 
-    def _numbers(self, context: Context) -> tuple[list[float], float]:
+    def plain_numbers(self, context: Context) -> tuple[list[float], float]:
+        """Return levels and width in the unit of the expression."""
         unit = context.unit_of(self.expr)
         levels = [float(plain(level, unit, "level")) for level in self.levels]
         return levels, float(plain(self.width, unit, "width"))
 
-    def _kept(self, context: Context) -> tuple[list[Any], Any, list[list[Any]], list[list[Any]]]:
+    def numbers(self, context: Context) -> SurfaceNumbers:
         """Return levels, width, optical depths and colours as numbers of a kernel."""
 
-        def make() -> tuple[list[Any], Any, list[list[Any]], list[list[Any]]]:
-            levels, width = self._numbers(context)
+        def make() -> SurfaceNumbers:
+            levels, width = self.plain_numbers(context)
 
             def narrow(value: float) -> Any:
                 return context.narrow(context.number(value))
 
-            return (
-                [context.number(level) for level in levels],
-                context.number(width),
-                [[narrow(depth_of(o)) for o in row] for row in self.opacities],
-                [[narrow(h / context.radiance) for h in row] for row in self.colors],
+            return SurfaceNumbers(
+                levels=[context.number(level) for level in levels],
+                width=context.number(width),
+                depths=[[narrow(depth_of(o)) for o in row] for row in self.opacities],
+                colors=[[narrow(h / context.radiance) for h in row] for row in self.colors],
             )
 
         return context.keep(id(self), make)
 
     def _middle(self, context: Context, first: Any, last: Any, width: Any) -> Middle:
         """Return where a panel passes a level, or is within a thick surface."""
-        if not self._thick:
+        if not self.thick:
             return crossing_middle(context.narrow(first), context.narrow(last))
         return box_middle(*(context.narrow(2.0 * x / width) for x in (first, last)))
 
     def _crossed(self, context: Context, first: Any, last: Any, width: Any) -> Any:
         """Return how much of the surface lies between two values of x, counted from its level."""
-        if not self._thick:
+        if not self.thick:
             return dr.select((first < 0.0) ^ (last < 0.0), context.narrow(first * 0 + 1), 0.0)
         ends = [unit_interval(x / width + 0.5) for x in (first, last)]
         return context.narrow(dr.abs(ends[1] - ends[0]))

@@ -99,7 +99,7 @@ def steepness(nodes: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def shaped_parts(medium: Shaped, courses: Courses, context: CourseContext) -> list[PartBounds]:
     """Return what is certain of a Gaussian or rectangle."""
-    center, width, length = medium._numbers(context)
+    center, width, length = medium.plain_numbers(context)
     course = courses.course(medium.expr)
     c, w = context.plain(center), context.plain(width)
     z = (course.values - context.number(center)) / context.number(width)
@@ -124,17 +124,17 @@ def table_parts(
 ) -> list[PartBounds]:
     """Return what is certain of a table."""
     course = courses.course(medium.expr)
-    nodes, columns = medium._nodes(context), medium._shape
+    nodes, columns = medium.nodes(context), medium.shape
     table = context.keep(
         (id(medium), "sums"), lambda: PiecewiseLinear(courses.real, nodes, columns)
     )
-    heights = [context.number(float(h)) for h in medium._peaks / length]
+    heights = [context.number(float(h)) for h in medium.peaks / length]
     means = [
         h * m
         for h, m in zip(heights, table_bounds(course, nodes, columns, context, table), strict=True)
     ]
     found = Coefficients(means[: medium.channels], means[medium.channels :])
-    values = context.interpolate(course.values, nodes, list((medium._rows / length).T))
+    values = context.interpolate(course.values, nodes, list((medium.rows / length).T))
     alphas = values[medium.channels :] * (medium.channels if medium.grey else 1)
     sources = [j / a for j, a in zip(values[: medium.channels], alphas, strict=True)]
     return [_modulated(medium, values[: medium.channels], found, sources, courses, context)]
@@ -187,7 +187,7 @@ def _modulated(
         means = Coefficients(emitted, means.extinction)
         sources = [None if s is None else s * p for s, p in zip(sources, paint, strict=True)]
     if modulation.where is not None:
-        gate = modulation._gate(courses.fields, context)
+        gate = modulation.gate(courses.fields, context)
         means = Coefficients(
             [_mean_times(gate, *m) for m in zip(plain, means.emissivity, strict=True)],
             [gate * m for m in means.extinction],
@@ -200,7 +200,7 @@ def _paint(
     color: ColorBy, courses: Courses, context: CourseContext
 ) -> tuple[list[TracedInterval], list[TracedInterval]]:
     """Return red, green and blue on a panel, and their means."""
-    nodes, rgb = color._nodes(context), color.scale.rgb
+    nodes, rgb = color.nodes(context), color.scale.rgb
     course = courses.course(color.expr)
     table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))
     ranges = color.colors(courses.fields, context)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +19,10 @@ from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_interval_ops import TracedIntervalOps
 from .color_by import ColorBy
 from .context import Context
 from .contract import Coefficients, color_values
-from .stretch import NODES
+from .turning import at_places, within
 
 if TYPE_CHECKING:
     from .stretch import Panel, Stretch
@@ -119,7 +117,7 @@ class Modulation:
         """Return coefficients at places, or intervals of them, modulated."""
         if self.fixed:
             return found
-        gate = self._gate(fields, context) if self.where else context.real(1.0)
+        gate = self.gate(fields, context) if self.where else context.real(1.0)
         paint = self.color.colors(fields, context) if self.color else None
         emission = [gate * c for c in paint] if paint else [gate] * self.channels
         ops = context.ops
@@ -159,29 +157,26 @@ class Modulation:
             hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
         if self.where is None:
             return seen, hidden
-        possible = self._possible(stretch.hull, context)
+        possible = _defined_unit(within(stretch, self.where))
         # Also where ends show the change: two panels may agree on the wrong side of an edge.
         doubtful = possible.hi - possible.lo > _DOUBT
         if self.where.partial:
-            doubtful &= ~self._undecided(stretch, context)
+            doubtful &= ~self._undecided(stretch)
         seen = seen & (possible.hi > 0.0)
         return seen, seen & (hidden | doubtful)
 
-    def _undecided(self, stretch: Stretch, context: Context) -> Any:
+    def _undecided(self, stretch: Stretch) -> Any:
         """Return where single places are as doubtful, as of ``1/density > 3`` in a vacuum.
 
         Narrower panels tell no more: a picture of 64 x 64 pixels took two minutes.
         """
-
-        def doubtful(s: float) -> Any:
-            here = self._possible(lambda name: [stretch.scalar(name, s)] * 2, context)
-            return here.hi - here.lo > _DOUBT
-
-        return functools.reduce(operator.and_, map(doubtful, NODES))
+        assert self.where is not None
+        here = [_defined_unit(found) for found in at_places(stretch, self.where)]
+        return functools.reduce(operator.and_, [one.hi - one.lo > _DOUBT for one in here])
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where the gate may be open while the fields stay in ranges."""
-        return True if self.where is None else self._gate(fields, context).hi > 0.0
+        return True if self.where is None else self.gate(fields, context).hi > 0.0
 
     def key(self) -> tuple[Any, ...]:
         """Return what identifies it."""
@@ -197,13 +192,14 @@ class Modulation:
         color = {"color": self.color.describe()} if self.color else {}
         return {**color, **({"where": self.where.text} if self.where else {})}
 
-    def _gate(self, fields: dict[str, Any], context: Context) -> Any:
+    def gate(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return the gate alone, from 0 to 1, at places; or intervals that hold it."""
         assert self.where is not None
         return _defined_unit(context.evaluate(self.where, fields))
 
     def _factors(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return the gate, then the gated colours, in the type of integrals."""
-        gate: Any = context.narrow(self._gate(fields, context)) if self.where else None
+        gate: Any = context.narrow(self.gate(fields, context)) if self.where else None
         paint = self.color.seen(fields, context) if self.color else []
         if gate is None:
             return [type(paint[0])(1.0), *paint]
@@ -212,18 +208,6 @@ class Modulation:
     def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
         """Return the factors, the gate first, at a place of a stretch; computed once."""
         return kept(stretch, (id(self), s), lambda: self._factors(stretch.fields(s), context))
-
-    def _possible(self, ends: Callable[[Expression], Sequence[Any]], context: Context) -> Any:
-        """Return the interval in which the gate stays while fields do between their ends."""
-        assert self.where is not None
-        axes = "xyz" if "r" in self.where.names else ""
-        names = dict.fromkeys((*self.where.names, *axes))
-        fields = {n: TracedInterval(*ends(Expression(n))) for n in names if n != "r"}
-        ops = TracedIntervalOps(context.real, context.number)
-        if axes:
-            x, y, z = (fields[a] for a in axes)
-            fields["r"] = ops.sqrt(x * x + y * y + z * z)
-        return _defined_unit(ops.number(self.where.evaluate(ops, fields)))
 
 
 def kept(stretch: Stretch, key: Any, make: Any) -> Any:

@@ -36,7 +36,7 @@ class Rectangle(SampledShaped):
     The rectangle function of Peters, *The physics of volume rendering* (2014), section 4.
     """
 
-    _width_name = "half_width"
+    width_name = "half_width"
 
     def __init__(
         self,

@@ -17,13 +17,13 @@ from ..units import plain
 from .bends import bend, slope_factor, thinness
 from .context import Context
 from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
-from .front_light import extent_of, unseen_change
+from .front_light import extent_of
 from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
+from .shell import Shell
 from .stretch import Straight, extremes
-from .unseen_place import misplaced_change
 
 if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
@@ -40,9 +40,15 @@ _THICKNESS = 3.5
 
 
 class Shaped(Medium):
-    """Common part of `Gaussian` and `Rectangle`."""
+    """Common part of `Gaussian` and `Rectangle`.
 
-    _width_name = ""
+    Attributes
+    ----------
+    width_name : str
+        What its width is called.
+    """
+
+    width_name = ""
 
     def __init__(
         self,
@@ -56,12 +62,12 @@ class Shaped(Medium):
     ) -> None:
         self.expr = Expression(expr)
         self.center = _scalar(center, "center")
-        self.width = _scalar(width, self._width_name)
+        self.width = _scalar(width, self.width_name)
         self.color, self.modulation = modulated(color, where)
         self.opacity = channel_values(opacity, "opacity")
         self.path_length = given_path_length(path_length)
         check_extinction(self.opacity, len(self.color), "opacity")
-        check_positive(self.width, self._width_name)
+        check_positive(self.width, self.width_name)
         if len(set(self.opacity)) == 1:  # the same for all channels: grey
             self.opacity = self.opacity[:1]
         self.channels = len(self.color)
@@ -88,7 +94,7 @@ class Shaped(Medium):
 
     def per_length(self, fields: dict[str, Any], context: Context) -> Any:
         """Return the shape per path length: what colour and opacity are multiplied with."""
-        center, width, length = self._numbers(context)
+        center, width, length = self.plain_numbers(context)
         x = context.evaluate(self.expr, fields)
         shape = self.shape(context.ops, x - context.number(center), context.number(width))
         return context.number(1.0 / length) * shape
@@ -158,31 +164,25 @@ class Shaped(Medium):
         seen = (hull[0] <= high) & (hull[1] >= low)
         thin = thinness(stretch, self.expr, narrowness, context.narrow)
         off = bend(stretch, self.expr, narrowness, offset, low, high)
-        off = off + self._unseen_change(stretch, context)
         if not self.modulation.fixed:
-            off = off + self._misplaced(stretch, context)[0]
+            off = off + self._shell(stretch, context).error(self.modulation, stretch, context)
         return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
 
-    def _misplaced(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return how far off what is looked up where a line passes the shell may be, and lost."""
-        center, narrowness, _ = self._kept(context)
-        reach = self._reach(context) / narrowness
-        thin = thinness(stretch, self.expr, narrowness, context.narrow)
-        ranges = [(center - reach, center + reach)]
-        return misplaced_change(self.modulation, stretch, context, self.expr, ranges, thin)
-
-    def _unseen_change(self, stretch: Stretch, context: Context) -> Any:
-        """Return how far off a colour that varies within the shell may be."""
-        if self.modulation.color is None:
-            return stretch.length * 0.0
-        _, _, per_length = self._kept(context)
+    def _shell(self, stretch: Stretch, context: Context) -> Shell:
+        """Return it as a shell in which colours and a gate are looked up."""
+        center, narrowness, per_length = self._kept(context)
         _, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
-        nodes = self._offsets(stretch.nodes(self.expr), context)
-        extent = extent_of(nodes, _THICKNESS)
+        reach = self._reach(context) / narrowness
+        extent = extent_of(self._offsets(stretch.nodes(self.expr), context), _THICKNESS)
         way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
         depth = extremes(opacity)[1] * per_length * way
-        off = unseen_change(self.modulation, stretch, context, extent, depth)
-        return dr.select(self.is_thin(extent), off, 0.0)
+        return Shell(
+            expr=self.expr,
+            ranges=[(center - reach, center + reach)],
+            thin=thinness(stretch, self.expr, narrowness, context.narrow),
+            extent=extent,
+            depth=dr.select(self.is_thin(extent), depth, 0.0),
+        )
 
     def is_thin(self, extent: Any) -> Any:
         """Return where a shell that takes so much of a half may be in one half only."""
@@ -235,7 +235,8 @@ class Shaped(Medium):
         turns = seen & stretch.turns(self.expr, _DOUBT / narrowness)
         hidden = over | under | turns | (seen & endless)
         if not self.modulation.fixed:
-            hidden |= seen & self._misplaced(stretch, context)[1]
+            shell = self._shell(stretch, context)
+            hidden |= seen & shell.lost(self.modulation, stretch, context)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     @property
@@ -256,7 +257,7 @@ class Shaped(Medium):
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where the shape may be noticeable while the fields stay in ranges."""
-        center, width, _ = self._numbers(context)
+        center, width, _ = self.plain_numbers(context)
         reach = self.reach(context.faint) * width
         x = context.evaluate(self.expr, fields)
         seen = x.nan | ((x.lo <= center + reach) & (x.hi >= center - reach))
@@ -266,12 +267,12 @@ class Shaped(Medium):
         """Return expression, centre, width and gate."""
         return (*self.shape_key()[:-1], self.modulation.gate_key())
 
-    def _numbers(self, context: Context) -> tuple[float, float, float]:
+    def plain_numbers(self, context: Context) -> tuple[float, float, float]:
         """Return centre, width and path length as plain numbers, in the units of a volume."""
         unit = context.unit_of(self.expr)
         return (
             float(plain(self.center, unit, "center")),
-            float(plain(self.width, unit, self._width_name)),
+            float(plain(self.width, unit, self.width_name)),
             length_in(self.path_length, context.unit),
         )
 
@@ -279,7 +280,7 @@ class Shaped(Medium):
         """Return centre, 1/width and scale/length as numbers of a kernel, put there once."""
 
         def make() -> tuple[Any, Any, Any]:
-            center, width, length = self._numbers(context)
+            center, width, length = self.plain_numbers(context)
             narrowness, per_length = (
                 context.narrow(context.number(v)) for v in (1.0 / width, context.scale / length)
             )
@@ -341,7 +342,7 @@ class Shaped(Medium):
             "type": type(self).__name__.lower(),
             "expr": self.expr.text,
             "center": _named(self.center),
-            self._width_name: _named(self.width),
+            self.width_name: _named(self.width),
             "color": list(self.color),
             "opacity": self.opacity[0] if self.grey else list(self.opacity),
             "path_length": _named(self.path_length),

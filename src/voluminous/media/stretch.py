@@ -52,7 +52,16 @@ class Stretch:
 
     def places(self) -> list[dict[str, Any]]:
         """Return the fields alone at both ends and in the middle, in order."""
-        return [self._own_fields(s) for s in NODES]
+        return [within_limits(self._own_fields(s), self.context) for s in NODES]
+
+    def ranges(self) -> dict[str, tuple[Any, Any]]:
+        """Return between which values each field alone stays."""
+        ends = {name: extremes(self.field_points(name)) for name in self.cubics}
+        low, high = (
+            within_limits({name: pair[k] for name, pair in ends.items()}, self.context)
+            for k in (0, 1)
+        )
+        return {name: (low[name], high[name]) for name in ends}
 
     def _own_fields(self, s: Any) -> dict[str, Any]:
         s = self.context.real(s)
@@ -172,6 +181,11 @@ class Straight(Stretch):
     def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at both ends: nothing between them counts."""
         return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
+
+    def ranges(self) -> dict[str, tuple[Any, Any]]:
+        """Return that each field stays between its ends."""
+        first, _, last = self.places()
+        return {name: extremes([first[name], last[name]]) for name in first}
 
     def turning(self, expr: Expression | Margin) -> Turning:
         """Return that an expression stays between its ends: nothing else is looked at."""

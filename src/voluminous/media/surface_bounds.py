@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def surface_parts(medium: Isosurface, courses: Courses, context: CourseContext) -> list[PartBounds]:
     """Return what is certain of each level."""
-    levels, width = medium._numbers(context)
+    levels, width = medium.plain_numbers(context)
     course = courses.course(medium.expr)
     light = _lit(medium, courses, context)
     found = []
@@ -35,7 +35,7 @@ def surface_parts(medium: Isosurface, courses: Courses, context: CourseContext) 
             limit = context.plain(width) if width > 0 else None
             crossed, densest = _oblique(medium, courses, crossed, densest, limit)
         if medium.modulation.where is not None:
-            gate = medium.modulation._gate(courses.fields, context)
+            gate = medium.modulation.gate(courses.fields, context)
             crossed, densest = _gated(gate, crossed, densest)
         depths = [depth_of(o) for o in row]
         found.append(_part(color, depths, crossed, densest, light, context))

@@ -162,8 +162,16 @@ def within(stretch: Stretch, expr: Expression | Margin) -> TracedInterval:
 
     Wider than where it is (`enclosed`), in a third of the time.
     """
-    ranges = {n: TracedInterval(*extremes(stretch.field_points(n))) for n in stretch.cubics}
+    ranges = {name: TracedInterval(*ends) for name, ends in stretch.ranges().items()}
     return _in_box(stretch, expr, ranges)
+
+
+def at_places(stretch: Stretch, expr: Expression | Margin) -> list[TracedInterval]:
+    """Return what intervals tell of both ends and the middle, each by itself."""
+    return [
+        _in_box(stretch, expr, {name: TracedInterval(value) for name, value in place.items()})
+        for place in stretch.places()
+    ]
 
 
 def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any]) -> TracedInterval:
@@ -200,8 +208,7 @@ def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Any:
     if not expr.partial:
         return stretch.length < 0.0
     vain = width > 0.0
-    for place in stretch.places():
-        found = _in_box(stretch, expr, {n: TracedInterval(value) for n, value in place.items()})
+    for found in at_places(stretch, expr):
         vain &= ~(found.hi - found.lo < _LESS * width)
     return vain
 

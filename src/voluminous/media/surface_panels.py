@@ -1,0 +1,125 @@
+"""Surfaces on a stretch of ray: where they show, and what panels may not show of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..backend import dr
+from ..backend.functions import precision_of
+from .bends import bend
+from .contract import WIDE
+from .crossings import NOISE, passes, way_within
+from .front_light import extent_of
+from .shell import Shell
+from .stretch import extremes
+from .turning import may_turn
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .isosurface import Isosurface
+    from .stretch import Stretch
+
+# Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
+_FOLD = 1e-4
+# One over the width of what is thinner than all panels.
+_THIN = 1e18
+
+
+def visible(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    """Return where a level may be crossed, and where more often than a panel's ends show."""
+    own = surface.numbers(context)
+    nodes = stretch.nodes(surface.expr)
+    seen = dr.isnan(nodes[1])  # where there is NaN, it must show
+    hidden = stretch.length < 0.0
+    for low, high in own.ranges:
+        for edge in (low, high) if surface.thick else (low,):
+            possible, shown = passes(stretch, surface.expr, edge)
+            seen |= possible > 0
+            hidden |= possible > shown
+    if surface.thick:
+        for level in own.levels:
+            seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
+            hidden |= _folded(surface, stretch, level, own.width)
+    hidden |= seen & surface.lamp.turns(stretch, context)
+    if not surface.modulation.fixed:
+        hidden |= _shell(surface, stretch, context).lost(surface.modulation, stretch, context)
+    return surface.modulation.visible(stretch, context, seen, hidden)
+
+
+def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    """Return one: surfaces are thinner than all panels; crossings are counted exactly.
+
+    Of a density that goes with the gradient little is known where the slope bends, and of light
+    where the normal turns.
+    """
+    off = surface.lamp.off(stretch, context)
+    if surface.density == "gradient":
+        off = extremes([off, *_bends(surface, stretch, context)])[1]
+    if not surface.modulation.fixed:
+        shell = _shell(surface, stretch, context)
+        off = off + shell.error(surface.modulation, stretch, context)
+    return stretch.length * 0.0 + 1.0, off
+
+
+def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
+    """Return how many surfaces are crossed in each half."""
+    own = surface.numbers(context)
+    nodes = stretch.nodes(surface.expr)
+    counts = []
+    for pair in (nodes[:2], nodes[1:]):
+        low, high = extremes(pair)
+        total = stretch.length * 0.0
+        for first, last in own.ranges:
+            near = (low <= last) & (high >= first)
+            one = dr.select(high - low > own.width, total * 0.0 + 1.0, WIDE)
+            total += dr.select(near, one, 0.0)
+        counts.append(total)
+    return counts
+
+
+def _folded(surface: Isosurface, stretch: Stretch, level: Any, width: Any) -> Any:
+    """Return where it may go further up and down within a thick surface than nodes show."""
+    expr = surface.expr
+    found = stretch.turning(expr)
+    near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
+    hidden = near & (found.apart > _FOLD * width)
+    if may_turn(expr, stretch.context):
+        return hidden
+    ways = [way_within(xs, level, width) for xs in (stretch.controls(expr), stretch.nodes(expr))]
+    noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
+    return hidden | (ways[0] - ways[1] > _FOLD + noise)
+
+
+def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
+    """Return how far off each surface may be for the bends of the scalar."""
+    own = surface.numbers(context)
+    near = context.narrow(0.5 * own.width)
+    return [
+        bend(
+            stretch,
+            surface.expr,
+            _THIN,
+            lambda x, level=level: context.narrow(x - level),
+            -near,
+            near,
+        )
+        for level in own.levels
+    ]
+
+
+def _shell(surface: Isosurface, stretch: Stretch, context: Context) -> Shell:
+    """Return the surfaces as shells: a colour varies within one of some width, where it ends."""
+    own = surface.numbers(context)
+    nodes = [context.narrow(x) for x in stretch.nodes(surface.expr)]
+    low, high = stretch.hull(surface.expr)
+    ends = stretch.length < 0.0
+    for edge in (edge for pair in own.ranges for edge in pair) if surface.thick else ():
+        ends |= (low <= edge) & (high >= edge)
+    depth = extremes([d for row in own.depths for d in row])[1]
+    return Shell(
+        expr=surface.expr,
+        ranges=own.ranges,
+        thin=1.0,
+        extent=extent_of(nodes, context.narrow(own.width)),
+        depth=dr.select(ends, depth, 0.0),
+    )
