@@ -106,7 +106,7 @@ class TreeLookup:
         root = self._root(self.numbering.root(place), way)
         entry = dr.gather(UInt, self.entries, root, active)
         entry, size = self._descended(entry, place, way, active)
-        cell: Cell = self.numbering.cell(entry, place, size, way)
+        cell: Cell = self.numbering.cell(entry, place, size, way, active)
         return cell
 
     def _root(self, index: list[Any], way: Orientation) -> Any:

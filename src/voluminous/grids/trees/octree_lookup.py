@@ -48,8 +48,11 @@ class TracedHalved:
             slot = slot | (local << (k * STEP))
         return slot
 
-    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no blocks."""
+    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation, active: Any) -> Cell:
+        """Return the cells around places, from entries of a tree level that are no blocks.
+
+        Nothing is looked up: `active` is for numberings that do.
+        """
         kind = self.Bits(entry >> NUMBER_BITS)
         halvings = kind + (self.Bits(level) * STEP - PLAIN)
         size, per_root = self._power(-halvings), self._power(halvings)

@@ -57,8 +57,11 @@ class TracedPatches:
             stride = stride * ratio
         return slot
 
-    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no blocks."""
+    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation, active: Any) -> Cell:
+        """Return the cells around places, from entries of a tree level that are no blocks.
+
+        Of lanes that are not active anything may be returned.
+        """
         patch = entry & NUMBER_MASK
         hole = patch == NONE if self.holes else None
         *row, what = dr.gather(self.Four, self.rows, patch if hole is None else _but(hole, patch))
@@ -73,7 +76,8 @@ class TracedPatches:
             _unmirrored(self._index(own), n, flip)
             for own, n, flip in zip(index, count, way.flip, strict=True)
         )
-        number = self._number(row[0] + i * row[1] + j * row[2] + k, what, hole)
+        number = row[0] + i * row[1] + j * row[2] + k
+        number = self._number(number, active & (what >= TABLED), hole)
         return Cell(number, low, size[:1] if self.sizes.alike and hole is None else size)
 
     def sizes_of(self, cell: Cell) -> list[Any]:
@@ -83,10 +87,9 @@ class TracedPatches:
     def _index(self, index: Any) -> Any:
         return self.backend.UInt(self.Whole(index))
 
-    def _number(self, number: Any, what: Any, hole: Any) -> Any:
+    def _number(self, number: Any, tabled: Any, hole: Any) -> Any:
         """Look up the numbers of cells of patches that are seen partly."""
         if self.tabled:
-            tabled = what >= TABLED
             if hole is not None:
                 tabled &= ~hole
             seen = dr.gather(self.backend.UInt, self.numbers, number, tabled)
