@@ -359,7 +359,7 @@ def test_a_first_picture_of_labels_shows_no_others_between_two():
     assert image.provenance["scheme"] == "first-order"
     medium = vm.auto(volume)
     for options in ({}, {"scheme": "first-order"}):
-        chosen = vm.render(volume, medium, vm.Orthographic(60, 30), **options)
+        chosen = vm.render(volume, medium, vm.framed(volume, medium), **options)
         np.testing.assert_array_equal(image.intensity, chosen.intensity)
     assert vm.render(volume, scheme="second-order").provenance["scheme"] == "second-order"
 

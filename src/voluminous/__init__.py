@@ -62,6 +62,7 @@ _PUBLIC = {
     "column": "measuring",
     "extreme": "measuring",
     "first_hit": "measuring",
+    "framed": "rendering",
     "from_particles": "particles",
     "from_pyvista": "io.vtk.objects",
     "from_xarray": "io",
@@ -121,6 +122,7 @@ __all__ = [
     "column",
     "extreme",
     "first_hit",
+    "framed",
     "from_particles",
     "from_pyvista",
     "from_xarray",
@@ -184,7 +186,7 @@ if TYPE_CHECKING:
     )
     from .objects import Lines, Spheres, Star, Stars, axes, boxes
     from .particles import from_particles
-    from .rendering import render
+    from .rendering import framed, render
     from .scene import Scene
     from .volume import Volume
 

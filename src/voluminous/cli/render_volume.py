@@ -116,9 +116,9 @@ def scene_of(
         If the file cannot be read, or the expression names something that is not there.
     """
     from ..calibration import auto
+    from ..rendering import framed
     from ..scene import Scene
     from .choice import first_field
-    from .framing import framed
 
     data = DataFile(args.scene, args.format, options)
     found = opened(data, args.field)
@@ -128,16 +128,16 @@ def scene_of(
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
     medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
-    labels = medium.discrete  # between two labels there are no others
-    scheme = "first-order" if labels else "post-classified"
     camera = _camera(args, given)
     if "incl" in camera and "phi" in camera:
-        camera |= framed(volume, medium, camera, scheme)
+        seen = framed(volume, medium, camera["incl"], camera["phi"])
+        if seen.width is not None:
+            camera |= {"width": seen.width, "shift": list(seen.shift)}
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     settings = {"volume": source, "medium": medium, "camera": camera}
-    if labels:
-        settings["render"] = {"scheme": scheme}
+    if medium.discrete:  # between two labels there are no others
+        settings["render"] = {"scheme": "first-order"}
     told = _told(volume, medium, camera, [name for name in there if name not in volume])
     return Scene(settings, path.parent, volume=volume), told
 

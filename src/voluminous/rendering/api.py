@@ -19,6 +19,7 @@ from ..units import unit_name
 from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
 from .coefficients.numbers import before
+from .framing import framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
@@ -54,7 +55,8 @@ def render(
     medium : Medium, optional
         From field values to emissivity and extinction. By default `voluminous.auto` finds one.
     camera : Orthographic or Perspective, optional
-        Which rays. By default all is seen, from obliquely above.
+        Which rays. By default all is seen, from obliquely above; without a medium, too, what
+        the one that is found shows (`framed`).
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first, but
         ``"first-order"`` for what `voluminous.auto` makes of labels: between two there are no
@@ -146,9 +148,12 @@ def render(
 
 def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     """Return medium and camera, for a first picture where there are none."""
-    if medium is None and isinstance(volume, Volume):
+    first = medium is None and isinstance(volume, Volume)
+    if first:
         medium = auto(volume)
-    return medium, Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
+    if camera is None:
+        camera = framed(volume, medium) if first else Orthographic(FIRST_INCL, FIRST_PHI)
+    return medium, camera
 
 
 def _check_finite(job: Job, planes: Planes) -> None:
