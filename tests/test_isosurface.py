@@ -340,6 +340,8 @@ def test_colours_by_name():
         assert shell("a", 0, 1, "orange", 0, 1).color == tuple(orange)
         with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
             shell("a", 0, 1, "oragne", 0, 1)
+    named = vm.Table("a", [0, 1], ["orange", [0, 1, 0]], 1.0, 1.0)
+    assert named.colors.tolist() == [orange, [0.0, 1.0, 0.0]]
 
 
 def ramp():

@@ -20,9 +20,9 @@ from .contract import WIDE, Coefficients, Medium, channel_values, check_extincti
 from .front_light import extent_of
 from .given import named as _named
 from .given import scalar as _scalar
+from .looked_up import LookedUp
 from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
-from .shell import Shell
 from .stretch import Straight, extremes
 
 if TYPE_CHECKING:
@@ -165,10 +165,10 @@ class Shaped(Medium):
         thin = thinness(stretch, self.expr, narrowness, context.narrow)
         off = bend(stretch, self.expr, narrowness, offset, low, high)
         if not self.modulation.fixed:
-            off = off + self._shell(stretch, context).error(self.modulation, stretch, context)
+            off = off + self._looked_up(stretch, context).error(self.modulation, stretch, context)
         return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
 
-    def _shell(self, stretch: Stretch, context: Context) -> Shell:
+    def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
         """Return it as a shell in which colours and a gate are looked up."""
         center, narrowness, per_length = self._kept(context)
         _, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
@@ -176,7 +176,7 @@ class Shaped(Medium):
         extent = extent_of(self._offsets(stretch.nodes(self.expr), context), _THICKNESS)
         way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
         depth = extremes(opacity)[1] * per_length * way
-        return Shell(
+        return LookedUp(
             expr=self.expr,
             ranges=[(center - reach, center + reach)],
             thin=thinness(stretch, self.expr, narrowness, context.narrow),
@@ -235,8 +235,8 @@ class Shaped(Medium):
         turns = seen & stretch.turns(self.expr, _DOUBT / narrowness)
         hidden = over | under | turns | (seen & endless)
         if not self.modulation.fixed:
-            shell = self._shell(stretch, context)
-            hidden |= seen & shell.lost(self.modulation, stretch, context)
+            found = self._looked_up(stretch, context)
+            hidden |= seen & found.lost(self.modulation, stretch, context)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     @property

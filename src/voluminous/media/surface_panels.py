@@ -10,7 +10,7 @@ from .bends import bend
 from .contract import WIDE
 from .crossings import NOISE, passes, way_within
 from .front_light import extent_of
-from .shell import Shell
+from .looked_up import LookedUp
 from .stretch import extremes
 from .turning import may_turn
 
@@ -42,7 +42,7 @@ def visible(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[An
             hidden |= _folded(surface, stretch, level, own.width)
     hidden |= seen & surface.lamp.turns(stretch, context)
     if not surface.modulation.fixed:
-        hidden |= _shell(surface, stretch, context).lost(surface.modulation, stretch, context)
+        hidden |= _looked_up(surface, stretch, context).lost(surface.modulation, stretch, context)
     return surface.modulation.visible(stretch, context, seen, hidden)
 
 
@@ -56,8 +56,8 @@ def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[
     if surface.density == "gradient":
         off = extremes([off, *_bends(surface, stretch, context)])[1]
     if not surface.modulation.fixed:
-        shell = _shell(surface, stretch, context)
-        off = off + shell.error(surface.modulation, stretch, context)
+        found = _looked_up(surface, stretch, context)
+        off = off + found.error(surface.modulation, stretch, context)
     return stretch.length * 0.0 + 1.0, off
 
 
@@ -107,7 +107,7 @@ def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]
     ]
 
 
-def _shell(surface: Isosurface, stretch: Stretch, context: Context) -> Shell:
+def _looked_up(surface: Isosurface, stretch: Stretch, context: Context) -> LookedUp:
     """Return the surfaces as shells: a colour varies within one of some width, where it ends."""
     own = surface.numbers(context)
     nodes = [context.narrow(x) for x in stretch.nodes(surface.expr)]
@@ -116,7 +116,7 @@ def _shell(surface: Isosurface, stretch: Stretch, context: Context) -> Shell:
     for edge in (edge for pair in own.ranges for edge in pair) if surface.thick else ():
         ends |= (low <= edge) & (high >= edge)
     depth = extremes([d for row in own.depths for d in row])[1]
-    return Shell(
+    return LookedUp(
         expr=surface.expr,
         ranges=own.ranges,
         thin=1.0,

@@ -18,7 +18,7 @@ from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
 from .sampled import BEND, PAIR, Sampled
-from .table_given import given_columns, given_values, shared_colors
+from .table_given import given_colors, given_columns, given_values, shared_colors
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
 
@@ -40,9 +40,9 @@ class Table(Medium):
         Expression x of the fields.
     values : array_like, shape (n,)
         Increasing values of x, at least two; two equal ones make a jump.
-    colors : array_like, shape (n, channel) or (n,), or ColorBy
-        Emission h_j at these values. With a `ColorBy`: the opacity times a colour by another
-        expression.
+    colors : array_like, shape (n, channel) or (n,), sequence of str, or ColorBy
+        Emission h_j at these values, or names of colours. With a `ColorBy`: the opacity times a
+        colour by another expression.
     opacities : array_like, shape (n,), (n, channel) or a number
         Extinction h_α at these values.
     path_length : float, Quantity or "auto", default "auto"
@@ -74,9 +74,7 @@ class Table(Medium):
         n = len(self.values)
         self.opacities = given_columns(opacities, n, "opacities")
         by = colors if isinstance(colors, ColorBy) else None
-        self.colors = (
-            given_columns(colors, n, "colors") if by is None else shared_colors(self.opacities, by)
-        )
+        self.colors = given_colors(colors, n) if by is None else shared_colors(self.opacities, by)
         self.path_length = given_path_length(path_length)
         self.channels = self.colors.shape[1]
         if self.opacities.shape[1] not in (1, self.channels):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from .color_by import ColorBy
-from .contract import check_plain
+from .contract import check_plain, color_values
 
 
 def shared_colors(opacities: np.ndarray, by: ColorBy) -> np.ndarray:
@@ -29,6 +29,16 @@ def given_values(values: Any) -> np.ndarray:
         bad = int(np.flatnonzero(np.diff(nodes) < 0)[0])
         raise InputError(f"values must increase; {nodes[bad]:g} is followed by {nodes[bad + 1]:g}")
     return nodes
+
+
+def given_colors(colors: Any, rows: int) -> np.ndarray:
+    """Return colours, one row per value; their names stand for red, green and blue."""
+    several = isinstance(colors, (list, tuple, np.ndarray))
+    if several and any(isinstance(color, str) for color in colors):
+        colors = [color_values(color) for color in colors]
+        if len({len(color) for color in colors}) > 1:
+            raise InputError("colors given by names go with others of red, green and blue only")
+    return given_columns(colors, rows, "colors")
 
 
 def given_columns(data: Any, rows: int, what: str) -> np.ndarray:

@@ -10,7 +10,7 @@ from ..backend.functions import precision_of
 from .bends import bend, thinness
 from .crossings import NOISE, passes
 from .front_light import extent_of
-from .shell import Shell
+from .looked_up import LookedUp
 from .stretch import extremes
 from .table_structure import jumps, structures, visible_range
 
@@ -61,8 +61,8 @@ def visible(table: Table, stretch: Stretch, context: Context) -> tuple[Any, Any]
     if parts.structures:
         hidden |= seen & _entered(table, parts, stretch)
         if not table.modulation.fixed:
-            shell = _shell(table, parts, stretch, context)
-            hidden |= seen & shell.lost(table.modulation, stretch, context)
+            found = _looked_up(table, parts, stretch, context)
+            hidden |= seen & found.lost(table.modulation, stretch, context)
     for edge in parts.jumps:
         # However little it goes beyond a jump, what is there counts.
         possible, shown = passes(stretch, table.expr, edge)
@@ -79,8 +79,8 @@ def sharpness(table: Table, stretch: Stretch, context: Context) -> tuple[Any, An
     narrowness = _DOUBT / parts.structures[0][0]
     off = bend(stretch, table.expr, narrowness, context.narrow, parts.first, parts.last)
     if not table.modulation.fixed:
-        shell = _shell(table, parts, stretch, context)
-        off = off + shell.error(table.modulation, stretch, context)
+        found = _looked_up(table, parts, stretch, context)
+        off = off + found.error(table.modulation, stretch, context)
     return thinness(stretch, table.expr, narrowness, context.narrow), off
 
 
@@ -112,13 +112,13 @@ def _entered(table: Table, parts: _Parts, stretch: Stretch) -> Any:
     )
 
 
-def _shell(table: Table, parts: _Parts, stretch: Stretch, context: Context) -> Shell:
+def _looked_up(table: Table, parts: _Parts, stretch: Stretch, context: Context) -> LookedUp:
     """Return the narrowest structure as a shell in which colours and a gate are looked up."""
     doubt, low, high = parts.structures[0]
     narrowness = _DOUBT / doubt
     extent = extent_of([context.narrow(x) for x in stretch.nodes(table.expr)], _RAMPS / narrowness)
     way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
-    return Shell(
+    return LookedUp(
         expr=table.expr,
         ranges=[(low, high)],
         thin=thinness(stretch, table.expr, narrowness, context.narrow),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Shell:
+class LookedUp:
     """Shells of one scalar on a stretch of ray.
 
     Attributes
