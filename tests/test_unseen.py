@@ -167,6 +167,13 @@ def test_no_false_alarms(volume, part):
     assert warnings_of(volume, SEEN + part) == []
 
 
+def test_a_sum_has_the_shells_of_its_parts():
+    part = vm.Isosurface("density", levels=[100, 500], opacity=[0.5, 0.0])
+    medium = part + vm.Gaussian("density", 2.0, 1.0, (1, 1, 1), 1) + vm.Coefficients(["x"] * 3, 0)
+    assert [shell.value for shell in medium.shells()] == [100, 500, 2.0]
+    assert [shell.dark for shell in medium.shells()] == [False, True, False]
+
+
 def test_parts_beside_the_frame_are_there(volume):
     beside = vm.Orthographic(30, 20, width=0.05, center=(-0.7, 0, 0), resolution=8)
     media = vm.Gaussian("x", -0.7, 0.05, (1, 1, 1), 1) + vm.Gaussian("x", 0.8, 0.01, (1, 1, 1), 1)

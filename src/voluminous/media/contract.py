@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
     from .sampled import Sampled
+    from .shell import Shell
     from .stretch import Panel, Stretch
 
 # What a structure wider than a panel counts, among those narrower.
@@ -96,6 +97,13 @@ class Medium:
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expressions that `means` takes as linear over a panel."""
+        return ()
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return what is to be seen at some values of the scalars only, each level by itself.
+
+        A picture of a volume without these values warns. By default none: it looks for no value.
+        """
         return ()
 
     def means(self, panel: Panel, context: Context) -> Coefficients:

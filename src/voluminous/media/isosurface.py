@@ -12,6 +12,7 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
@@ -30,6 +31,7 @@ from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors, Middle
 from .shape_middles import box_middle, crossing_middle
+from .shell import Shell
 from .stretch import extremes
 from .surface_given import (
     depth_of,
@@ -148,6 +150,21 @@ class Isosurface(Medium):
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression whose levels are shown."""
         return (self.expr,)
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return each level: colour shows times opacity."""
+        return tuple(
+            Shell(self._level(k), _named(level), "nothing", dark=not any(opacity))
+            for k, (level, opacity) in enumerate(zip(self.levels, self.opacities, strict=True))
+        )
+
+    def _level(self, k: int) -> Isosurface:
+        """Return one of several surfaces."""
+        one = copy.copy(self)
+        one.levels, one.colors, one.opacities = (
+            every[k : k + 1] for every in (self.levels, self.colors, self.opacities)
+        )
+        return one
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""

@@ -22,6 +22,7 @@ from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
+from .shell import Shell
 from .stretch import Straight, extremes
 from .unseen_place import misplaced_change
 
@@ -105,6 +106,11 @@ class Shaped(Medium):
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the shape is a function of."""
         return (self.expr,)
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return it as one, with a tail."""
+        dark = not (any(self.color) or any(self.opacity))
+        return (Shell(self, _named(self.center), "tail", dark),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel."""

@@ -15,6 +15,7 @@ from .stretch import extremes
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
+    from .shell import Shell
     from .stretch import Panel, Stretch
 
 
@@ -61,6 +62,10 @@ class Sum(Medium):
         """Return the parts' scalars, each once."""
         found = (e for part in self.parts for e in part.scalars())
         return tuple({e.text: e for e in found}.values())
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return the parts' shells."""
+        return tuple(shell for part in self.parts for shell in part.shells())
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the sums of the parts' means."""

@@ -23,6 +23,7 @@ from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
 from .sampled import BEND, PAIR, Sampled
+from .shell import Shell
 from .stretch import extremes
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
@@ -129,6 +130,10 @@ class Table(Medium):
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the table is a function of."""
         return (self.expr,)
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return it as one: all its entries are wanted."""
+        return (Shell(self, None, "wanted", dark=not self._rows.any()),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel, exact if x is linear there."""
