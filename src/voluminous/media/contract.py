@@ -214,6 +214,19 @@ class Medium:
             [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
         )
 
+    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return how large |j| and α may be on a ray while the fields stay in ranges (NumPy).
+
+        By default what `ranges` tells.
+        """
+        found = self.ranges(fields, context)
+        return Coefficients(
+            *(
+                [np.where(value.nan, np.inf, value.size) for value in values]
+                for values in (found.emissivity, found.extinction)
+            )
+        )
+
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain on a panel of a ray, of all parts whose sum this is (traced).
 
@@ -282,6 +295,14 @@ class Medium:
     def components(self) -> tuple[Medium, ...]:
         """Return the media this one is the sum of."""
         return (self,)
+
+    def formulas(self) -> Medium | None:
+        """Return what a function computes as expressions, where it can be read; else None."""
+        return None
+
+    def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
+        """Return it with a change made to each of its components."""
+        return change(self)
 
     def __add__(self, other: Any) -> Medium:
         from .sum import Sum

@@ -15,6 +15,8 @@ from __future__ import annotations
 import copy
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..backend import dr
 from ..backend.functions import precision_of, unit_interval
 from ..errors import InputError, unknown_name
@@ -154,7 +156,7 @@ class Isosurface(Medium):
     def shells(self) -> tuple[Shell, ...]:
         """Return each level: colour shows times opacity."""
         return tuple(
-            Shell(self._level(k), _named(level), "nothing", dark=not any(opacity))
+            Shell(self._level(k), _named(level), dark=not any(opacity))
             for k, (level, opacity) in enumerate(zip(self.levels, self.opacities, strict=True))
         )
 
@@ -339,6 +341,11 @@ class Isosurface(Medium):
         return (
             self.coefficients(fields, context) if self._thick else super().ranges(fields, context)
         )
+
+    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return nothing where no level is reached; on one, x may be as steep as can be."""
+        most = np.where(self.visible_in(fields, context), np.inf, 0.0)
+        return Coefficients([most] * self.channels, [most] * len(self.opacities[0]))
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain on a panel: how often levels are crossed."""

@@ -108,9 +108,9 @@ class Shaped(Medium):
         return (self.expr,)
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return it as one, with a tail."""
+        """Return it as one."""
         dark = not (any(self.color) or any(self.opacity))
-        return (Shell(self, _named(self.center), "tail", dark),)
+        return (Shell(self, _named(self.center), dark),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel."""

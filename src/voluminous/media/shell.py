@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from .modulation import Modulation
 
@@ -19,18 +19,17 @@ class Shell:
         The shell alone; it has a `modulation`.
     value : float, str or None
         The value around which it is, as `Medium.describe` tells it; None if it is around none.
-    beyond : {"nothing", "tail", "wanted"}
-        What there is of it where `Medium.visible_in` sees none: nothing of a surface, which is on
-        its level or not there; the tail of a profile; the faint end of a table, which may be what
-        is wanted.
     dark : bool
         Whether nothing of it is meant to be seen: it has neither colour nor opacity.
+    has_entries : bool
+        Whether it was given value by value, as a table is: what is faint is wanted, too. Of a
+        profile it is the tail.
     """
 
     medium: Any
     value: Any
-    beyond: Literal["nothing", "tail", "wanted"]
     dark: bool
+    has_entries: bool = False
 
     @property
     def gate(self) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
@@ -44,6 +45,12 @@ class Sum(Medium):
     def components(self) -> tuple[Medium, ...]:
         """Return the media this one is the sum of."""
         return self.parts
+
+    def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
+        """Return the sum of the parts, each changed; itself if none is."""
+        changed = tuple(change(part) for part in self.parts)
+        same = all(new is old for new, old in zip(changed, self.parts, strict=True))
+        return self if same else Sum(changed)
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return the sums of j and of α."""
@@ -115,6 +122,10 @@ class Sum(Medium):
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return the sums of the parts' intervals."""
         return self._total([part.ranges(fields, context) for part in self.parts])
+
+    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return the sums of the parts' magnitudes."""
+        return self._total([part.largest(fields, context) for part in self.parts])
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain of all parts."""

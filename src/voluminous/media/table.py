@@ -132,8 +132,8 @@ class Table(Medium):
         return (self.expr,)
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return it as one: all its entries are wanted."""
-        return (Shell(self, None, "wanted", dark=not self._rows.any()),)
+        """Return it as one."""
+        return (Shell(self, None, dark=not self._rows.any(), has_entries=True),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel, exact if x is linear there."""

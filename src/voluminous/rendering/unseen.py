@@ -96,13 +96,10 @@ class _Values:
 
     def most(self, shell: Shell) -> tuple[float, float]:
         """Return what a shell outside may add to a pixel, and its optical depth, at most."""
-        if shell.beyond == "nothing":
-            return 0.0, 0.0
-        found = shell.medium.ranges(self.fields, self.context)
+        found = shell.medium.largest(self.fields, self.context)
         way = float(np.linalg.norm(np.ptp(self.volume.grid.bounds, axis=1)))
         light, depth = (
-            way * max(float(np.where(v.nan, np.inf, v.size)) for v in values)
-            for values in (found.emissivity, found.extinction)
+            way * max(map(float, values)) for values in (found.emissivity, found.extinction)
         )
         return light, depth
 
@@ -176,9 +173,7 @@ def _are_tails(outside: list[list[Shell]], values: _Values) -> bool:
     What tables and soft gates leave of a medium may be little and what is wanted.
     """
     return not any(
-        shell.beyond == "wanted" or values.has(shell.ungated())
-        for shells in outside
-        for shell in shells
+        shell.has_entries or values.has(shell.ungated()) for shells in outside for shell in shells
     )
 
 
