@@ -17,7 +17,7 @@ from ...media.contract import Medium
 from ...media.course import CourseContext, Courses, CubicPiece
 from ...media.stretch import control_point, shifted
 from ..coefficients.classify import Classifier
-from ..coefficients.numbers import Direct
+from ..coefficients.direct import Direct
 from ..coefficients.own_coordinates import ray_coordinates
 from ..empty_space.blocks import DUAL
 from ..empty_space.neglected import empty_blocks
