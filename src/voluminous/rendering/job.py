@@ -21,7 +21,7 @@ from .rays.drawing import Drawing
 from .rays.flux_conserving import FluxConserving
 from .rays.hidden import Hidden
 from .rays.paths import Paths
-from .source import get_source
+from .sources.choice import get_source
 from .store import Store
 
 
