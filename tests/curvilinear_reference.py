@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 import voluminous as vm
-from reference import Case, Model, _case, data_directory
+from reference import Case, Model, data_directory, model_of, stored_in
 
 SPHERICAL = ("spher3d", "spher2d")
 
@@ -35,22 +34,9 @@ def why_absent() -> str:
 @functools.lru_cache
 def load_spherical(name: str) -> SphericalModel:
     """Load one spherical model."""
-    with np.load(data_directory() / "radmc3d" / f"{name}.npz") as file:
-        stored = {key: file[key] for key in file.files}
-    meta = json.loads(str(stored["meta"]))
-    edges = tuple(stored[f"edges_x{axis}"] for axis in (1, 2, 3))
-    cases = {c["id"]: _case(c, meta["nchan"], stored) for c in meta["cases"]}
-    model = Model(
-        name=name,
-        edges=edges,
-        fields={"n": stored["n"].astype(np.float64)},
-        nchan=meta["nchan"],
-        mode=meta["mode"],
-        components=meta["components"],
-        w=meta["w"],
-        cases=cases,
-    )
-    return SphericalModel(model, vm.SphericalGrid(*edges, unit="cm"), cases)
+    stored, meta = stored_in(data_directory() / "radmc3d" / f"{name}.npz")
+    model = model_of(stored, meta, {"n": stored["n"].astype(np.float64)})
+    return SphericalModel(model, vm.SphericalGrid(*model.edges, unit="cm"), model.cases)
 
 
 def spherical_cases(chosen) -> list:

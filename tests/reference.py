@@ -156,16 +156,25 @@ class Model:
 @functools.lru_cache(maxsize=len(CARTESIAN))
 def load_model(name: str) -> Model:
     """Load one Cartesian model; skip the calling test if the data is absent."""
-    path = require_data() / "radmc3d" / f"{name}.npz"
-    with np.load(path) as file:
-        stored = {key: file[key] for key in file.files}
-    meta = json.loads(str(stored["meta"]))
+    stored, meta = stored_in(require_data() / "radmc3d" / f"{name}.npz")
     if (meta["coordsystem"], meta["grid_style"]) != (CARTESIAN_COORDINATES, REGULAR_GRID):
         raise ValueError(f"{name} is not a regular Cartesian model; expected one of {CARTESIAN}")
+    return model_of(stored, meta, _fields(stored, meta))
+
+
+def stored_in(path: Path) -> tuple[dict, dict]:
+    """Return the arrays in a file, and what it tells of them."""
+    with np.load(path) as file:
+        stored = {key: file[key] for key in file.files}
+    return stored, json.loads(str(stored["meta"]))
+
+
+def model_of(stored: dict, meta: dict, fields: dict[str, np.ndarray]) -> Model:
+    """Return the model that arrays and what is told of them stand for, on any grid."""
     return Model(
         name=meta["name"],
         edges=tuple(stored[f"edges_x{axis}"].astype(np.float64) for axis in (1, 2, 3)),
-        fields=_fields(stored, meta),
+        fields=fields,
         nchan=meta["nchan"],
         mode=meta["mode"],
         components=meta["components"],

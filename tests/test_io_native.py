@@ -15,6 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 import voluminous as vm
 from contracts import ReaderContract
+from random_trees import random_flags
 from voluminous.io import find_reader
 from voluminous.io.names import field_name
 from voluminous.units import parse_unit
@@ -44,19 +45,9 @@ def edges(draw, low=-5.0, high=5.0, cells=3):
     return np.concatenate([[low], inner, [high]])
 
 
-def flags(draw, bases, children, depth=3):
+def flags(draw, bases, children):
     """Return the split flags of a random tree, depth first."""
-    rng, found = np.random.default_rng(draw(st.integers(0, 99))), []
-
-    def node(level):
-        split = level < depth and rng.random() < 0.3
-        found.append(int(split))
-        for _ in range(children * split):
-            node(level + 1)
-
-    for _ in range(bases):
-        node(0)
-    return found
+    return random_flags(bases, children, seed=draw(st.integers(0, 99)))
 
 
 @st.composite

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.io.radmc3d import blocks
 from voluminous.io.radmc3d.decimals import PADDING, decimals
+from voluminous.io.radmc3d.fortran import number
 from voluminous.io.radmc3d.powers import LEAST, MOST, scaled
-from voluminous.io.radmc3d.text import TextFile, number
+from voluminous.io.radmc3d.text import TextFile
 
 FORMATS = ("%.16e", "%.17e", "%.18e", "%.20e", "%.3e", "%.0f", "%g", "%.17g", "%r", "%25.16E")
 

@@ -10,7 +10,8 @@ import pytest
 import voluminous as vm
 from contracts.bundle import Bundle, on_a_sphere
 from curvilinear_rays import adversarial_rays
-from test_spherical_refined import CIRCLE, GRIDS, RADII, random_flags
+from random_trees import random_flags
+from test_spherical_refined import CIRCLE, GRIDS, RADII
 from voluminous.backend import get_backend
 from voluminous.rendering.interpolants.corner_values import CornerValues
 

@@ -12,6 +12,7 @@ from curvilinear_rays import (
     check_ends_inside_cells,
     sums,
 )
+from random_trees import random_flags
 from twin.camera import Camera
 from twin.curvilinear import Frame, way_inside
 from twin.curvilinear_refined import Leaves, render_refined
@@ -20,21 +21,6 @@ from voluminous.backend import get_backend
 PI = np.pi
 CIRCLE = np.linspace(0, 2 * PI, 7)
 RADII = [1.0, 3.0, 6.0, 10.0]
-
-
-def random_flags(bases, children, depth=3, seed=0):
-    """Return the split flags of an unbalanced tree."""
-    rng, flags = np.random.default_rng(seed), []
-
-    def node(level):
-        split = level < depth and rng.random() < 0.3
-        flags.append(int(split))
-        for _ in range(children * split):
-            node(level + 1)
-
-    for _ in range(bases):
-        node(0)
-    return flags
 
 
 def refined(kind, *edges, **options):

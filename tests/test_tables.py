@@ -54,7 +54,7 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
     tabulated = picture(volume, MEDIA[name], **options)
     tables = [thing for thing in volume.tables.values() if isinstance(thing, Table)]
     assert len(tables) == 1
-    monkeypatch.setattr("voluminous.rendering.source.fits", lambda needed: False)
+    monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
     fresh = core(shape=(3, 3, 3))
     np.testing.assert_array_equal(picture(fresh, MEDIA[name], **options), tabulated)
     assert not fresh.tables
@@ -66,7 +66,7 @@ def test_classifying_on_the_ray_knows_all_kinds_of_numbers(dtype, monkeypatch):
     volumes = [vm.Volume(vm.CartesianGrid.uniform((5, 4, 3), (-1, 1)), f=field) for _ in "ab"]
     medium, options = vm.Coefficients("f", "0.1*f"), {"scheme": "first-order"}
     tabulated = picture(volumes[0], medium, **options)
-    monkeypatch.setattr("voluminous.rendering.source.fits", lambda needed: False)
+    monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
     np.testing.assert_array_equal(picture(volumes[1], medium, **options), tabulated)
 
 
@@ -137,7 +137,7 @@ TURNS = {
 @pytest.mark.parametrize("turn", sorted(TURNS))
 def test_turning_anything_compiles_nothing(scheme, turn, kernels, monkeypatch):
     # Whether there is empty space, and whether pixels have to be mended, are other kernels.
-    monkeypatch.setattr("voluminous.rendering.source.worthwhile_blocks", lambda *_: None)
+    monkeypatch.setattr("voluminous.rendering.sources.kept.worthwhile_blocks", lambda *_: None)
     none = np.array([], int)
     monkeypatch.setattr("voluminous.rendering.rays.control._too_wrong", lambda *_: none)
     options = {"scheme": scheme}

@@ -22,7 +22,7 @@ from voluminous.expressions.traced_interval import TracedInterval, traced
 from voluminous.expressions.traced_interval_ops import TracedIntervalOps
 from voluminous.media import Colormap, Context, Gaussian, Medium, Rectangle, Table
 from voluminous.media.context import no_unit
-from voluminous.media.traced_bounds import TracedRangeContext, traced_ranges
+from voluminous.media.traced_bounds import TracedRangeContext
 
 INF, NAN = math.inf, math.nan
 
@@ -214,8 +214,8 @@ def test_constants_are_not_part_of_the_kernel(backend, kernels):
 
 def ranges(backend, medium, box, unit=None, unit_of=no_unit):
     context = TracedRangeContext(backend.Float, backend.opaque, unit, unit_of)
-    found = traced_ranges(medium, intervals(backend, box), context)
-    listed = arrays(found.emissivity + found.extinction, len(next(iter(box.values()))[0]))
+    found = [context.real(v) for v in medium.ranges(intervals(backend, box), context).listed()]
+    listed = arrays(found, len(next(iter(box.values()))[0]))
     return listed[: medium.channels], listed[medium.channels :]
 
 
@@ -309,8 +309,8 @@ def test_the_size_of_a_table_is_no_part_of_the_kernel(backend, kernels):
 
     def run(count):
         numbers = np.arange(count)
-        found = traced_ranges(Table("x", numbers, numbers, numbers, 1), fields, context)
-        dr.eval([(i.lo, i.hi) for i in found.emissivity + found.extinction])
+        found = Table("x", numbers, numbers, numbers, 1).ranges(fields, context)
+        dr.eval([(i.lo, i.hi) for i in found.listed()])
 
     run(20)  # what `context` keeps is made
     assert kernels(run, 20) == kernels(run, 300)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from reference import Model, _case, data_directory
+from reference import data_directory, model_of, stored_in
 from scenes import camera_of, medium_of
 from test_octree import random_octree
 from test_patches import random_patches, tiles
@@ -27,21 +26,9 @@ def octree():
     path = data_directory() / "radmc3d" / "octree_0.npz"
     if not path.is_file():
         pytest.skip(f"no {path}; set VOLUMINOUS_TEST_DATA")
-    with np.load(path) as file:
-        stored = {key: file[key] for key in file.files}
-    meta = json.loads(str(stored["meta"]))
-    edges = tuple(stored[f"edges_x{axis}"] for axis in (1, 2, 3))
-    model = Model(
-        name=meta["name"],
-        edges=edges,
-        fields={"n": stored["n"].astype(np.float64)},
-        nchan=meta["nchan"],
-        mode=meta["mode"],
-        components=meta["components"],
-        w=meta["w"],
-        cases={c["id"]: _case(c, meta["nchan"], stored) for c in meta["cases"]},
-    )
-    return model, vm.OctreeGrid(*edges, stored["octree_bits"], unit="cm")
+    stored, meta = stored_in(path)
+    model = model_of(stored, meta, {"n": stored["n"].astype(np.float64)})
+    return model, vm.OctreeGrid(*model.edges, stored["octree_bits"], unit="cm")
 
 
 def difference(found, expected):

@@ -10,6 +10,8 @@ import pytest
 import voluminous as vm
 from voluminous.cli import main
 from voluminous.errors import InputError
+from voluminous.expressions.interval import Interval
+from voluminous.media.bounds import RangeContext
 
 CAMERA = vm.Orthographic(30, 20, resolution=12)
 
@@ -165,6 +167,22 @@ def test_levels_of_one_surface(volume):
 )
 def test_no_false_alarms(volume, part):
     assert warnings_of(volume, SEEN + part) == []
+
+
+def test_a_sum_has_the_shells_of_its_parts():
+    part = vm.Isosurface("density", levels=[100, 500], opacity=[0.5, 0.0])
+    medium = part + vm.Gaussian("density", 2.0, 1.0, (1, 1, 1), 1) + vm.Coefficients(["x"] * 3, 0)
+    assert [shell.value for shell in medium.shells()] == [100, 500, 2.0]
+    assert [shell.dark for shell in medium.shells()] == [False, True, False]
+
+
+def test_how_large_a_sum_may_be_on_a_ray():
+    surfaces = vm.Isosurface("density", 3.0, color=(1, 1, 1), width=0.5)
+    medium = surfaces + vm.Coefficients(["density"] * 3, 0)
+    fields = {"density": Interval(np.array([1.0, 2.0]), np.array([2.0, 4.0]))}
+    found = medium.largest(fields, RangeContext(None, lambda _: None))
+    np.testing.assert_array_equal(found.emissivity, [[2.0, np.inf]] * 3)
+    np.testing.assert_array_equal(found.extinction[0], [0.0, np.inf])
 
 
 def test_parts_beside_the_frame_are_there(volume):

@@ -72,7 +72,7 @@ class Volume(Evaluation, OnOtherCells):
         self._derivatives = Derivatives()
         # From where it is seen; see `seen_by`.
         self.sight = Sight(grid)
-        # Coefficients tabulated for this volume (see `render.tables`), newest last.
+        # What was made of this volume for pictures (see `rendering.store`), newest last.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..expressions import Expression
-from ..media import Medium, Shaped, Sum, Table
+from ..media import Medium, Shaped, Table
 from ..volume import Volume
 from .gates import with_plain_gates
 from .profile import Profile, profile_of
@@ -65,8 +65,7 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
         same = [p for p in parts if p.expr == expr]
         found = thicknesses(volume, expr, _profiles(same, volume, expr))
         lengths.update({id(p): shell.length for p, shell in zip(same, found, strict=True)})
-    done = tuple(_with_length(p, lengths.get(id(p))) for p in medium.components())
-    return Sum(done) if isinstance(medium, Sum) else done[0]
+    return medium.with_each(lambda part: _with_length(part, lengths.get(id(part))))
 
 
 def _is_open(medium: Any) -> bool:

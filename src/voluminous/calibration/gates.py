@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-from ..media import Medium, Sum
+from ..media import Medium
 from ..volume import Volume
 
 
@@ -17,11 +17,7 @@ def with_plain_gates(medium: Medium, volume: Volume) -> Medium:
     UnitsError, UnknownNameError
         If a number cannot be converted to the unit of what it is compared with.
     """
-    parts = medium.components()
-    plain = tuple(_with_plain_gate(part, volume) for part in parts)
-    if all(old is new for old, new in zip(parts, plain, strict=True)):
-        return medium
-    return Sum(plain) if isinstance(medium, Sum) else plain[0]
+    return medium.with_each(lambda part: _with_plain_gate(part, volume))
 
 
 def _with_plain_gate(medium: Any, volume: Volume) -> Any:

@@ -6,8 +6,9 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..errors import InputError, VoluminousError
+from ..errors import InputError
 from .data import add_fields_option, add_reading_options, data_file
+from .file_kind import is_image
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,16 +47,3 @@ def _refuse_options(args: argparse.Namespace) -> None:
     wrong = [name for name, value in given.items() if value]
     if wrong:
         raise InputError(f"{' and '.join(wrong)}: for data files only")
-
-
-def is_image(path: Path) -> bool:
-    """Return True for an image file; content decides where volumes have the same suffix."""
-    from ..image.formats import FORMATS
-    from ..io import find_reader
-
-    if not any(path.suffix.lower() in form.suffixes for form in FORMATS):
-        return False
-    try:
-        return find_reader(path).holds_image(path)
-    except VoluminousError:  # no volume has it, or there is no such file
-        return True

@@ -132,8 +132,8 @@ def _named(text: str, option: str, example: str) -> tuple[str, str]:
 def _opened(args: argparse.Namespace, asked: dict[str, str]) -> tuple[Volume, Camera | None]:
     """Return the volume, and the camera if a scene has one."""
     from ..scene import Scene
+    from .file_kind import is_volume
     from .opened import opened
-    from .render_volume import is_volume
 
     if is_volume(args.file, args.format):
         joined = " + ".join(f"({expression})" for expression in asked.values())

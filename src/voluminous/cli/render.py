@@ -18,6 +18,7 @@ from .common import (
     told,
 )
 from .data import assignment
+from .file_kind import is_volume
 from .retyped import retyped
 
 if TYPE_CHECKING:
@@ -66,10 +67,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
-    is_volume = render_volume.is_volume(args.scene, args.format)
-    chosen = args.output or [_default_output(args.scene, is_volume)]
+    of_data = is_volume(args.scene, args.format)
+    chosen = args.output or [_default_output(args.scene, of_data)]
     outputs = [check_output(path) for path in chosen]
-    scene = scene_from(args, given, is_volume)
+    scene = scene_from(args, given, of_data)
     if args.annotate:
         _annotate(scene, outputs)
     image, seconds = render_scene(scene, args.scene.name, args.quiet)
@@ -83,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def scene_from(args: argparse.Namespace, given: dict[str, Any], is_volume: bool) -> Scene:
+def scene_from(args: argparse.Namespace, given: dict[str, Any], of_data: bool) -> Scene:
     """Return the scene in a file, or one made for the data in it, changed as arguments say.
 
     Parameters
@@ -91,12 +92,12 @@ def scene_from(args: argparse.Namespace, given: dict[str, Any], is_volume: bool)
     args : Namespace
     given : dict
         Places and values of ``--set``; for data also options of their format.
-    is_volume : bool
+    of_data : bool
         Whether the file holds data.
     """
     from ..scene import Scene
 
-    if is_volume:
+    if of_data:
         scene, choice = render_volume.scene_of(args, _taken_options(given), given)
         say(args.quiet, choice)
         changes = retyped(scene.to_dict()["medium"], given)
@@ -142,11 +143,11 @@ def changed_value(place: str, value: Any, scene: Scene) -> Any:
     return value
 
 
-def _default_output(path: Path, is_volume: bool) -> Path:
+def _default_output(path: Path, of_data: bool) -> Path:
     from ..image.formats import FORMATS
 
     pictures = [suffix for form in FORMATS for suffix in form.suffixes]
-    if path.is_file() and not is_volume and path.suffix.lower() in pictures:
+    if path.is_file() and not of_data and path.suffix.lower() in pictures:
         raise InputError(f"say with -o what to write: the scene comes from the image {path}")
     name = Path(os.path.abspath(path)).name
     for suffix in _PACKED:

@@ -7,10 +7,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import FileFormatError, InputError
+from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
 from .data import DataFile
-from .info import is_image
 from .opened import opened
 
 if TYPE_CHECKING:
@@ -35,38 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({FIRST_INCL:g})")
     group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({FIRST_PHI:g})")
     group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
-
-
-def is_volume(path: Path, format: str | None = None) -> bool:
-    """Return True for a file with data; False for a scene, or an image with one in it.
-
-    Raises
-    ------
-    VoluminousError
-        If there is no such file, or nothing can be made of it.
-    """
-    from ..io import find_reader
-    from ..io.registry import reader_for_suffix
-
-    if format is None and (path.suffix.lower() == ".toml" or is_image(path)):
-        return False
-    try:
-        find_reader(path, format)
-    except FileFormatError:
-        if _is_text(path) and reader_for_suffix(path) is None:  # a scene by another name
-            return False
-        raise
-    return True
-
-
-def _is_text(path: Path) -> bool:
-    if not path.is_file():
-        return False
-    try:
-        path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        return False
-    return path.stat().st_size > 0
 
 
 def refuse_options(args: argparse.Namespace) -> None:

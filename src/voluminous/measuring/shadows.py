@@ -16,7 +16,7 @@ import numpy as np
 
 from ..backend import dr, from_host
 from ..errors import InputError
-from .box_spline import BoxSpline
+from .box_spline import Box, BoxSpline
 
 # Numbers computed in one kernel: 16 bytes each.
 _BATCH = 1 << 22
@@ -116,6 +116,54 @@ def _groups(
 
 
 @dataclass
+class _Columns:
+    """Columns of pixels in the shadows of boxes, one per lane.
+
+    Attributes
+    ----------
+    box : Box
+        How much of each box a quarter-plane covers.
+    v, dv, bottom : arrays
+        Where the box is along the column, how far it reaches, and the row in which it begins.
+    number, right : arrays
+        Which column, and where it ends, or the box, counted from the middle of that.
+    last, active : masks
+        Whether it is the last column of the shadow, and whether it is one at all.
+    """
+
+    box: Box
+    v: Any
+    dv: Any
+    bottom: Any
+    number: Any
+    right: Any
+    last: Any
+    active: Any
+
+    def below(self, row: Any) -> Any:
+        """Return the part of each box that is left of the column's end and below that of a row."""
+        top = self.bottom + row + 1.0
+        inside = top < self.v + self.dv
+        limit = dr.select(inside, top, self.v + self.dv) - self.v
+        part = self.box.covered(self.right, limit)
+        # All of a box is one. For needles and plates it is not, to rounding: their last pixel makes
+        # up for it. Of other boxes it would only get noise.
+        lossy = self.last & ~inside & (dr.abs(part - 1.0) > _NOISE)
+        return dr.select(lossy, 1.0, part)
+
+
+def _columns(box: Box, place: list[Any], reach: list[Any], column: Any) -> _Columns:
+    """Return columns of shadows, counted from the first, of boxes at places on the screen."""
+    (u, v), (du, dv) = place, reach
+    # What is beside the frame on the left or below is taken by one column and one row.
+    left, bottom = (dr.select(p > -1.0, dr.floor(p), -1.0) for p in (u - du, v - dv))
+    edge = left + column + 1.0
+    last = edge >= u + du
+    right = dr.select(last, u + du, edge) - u
+    return _Columns(box, v, dv, bottom, left + column, right, last, edge - 1.0 < u + du)
+
+
+@dataclass
 class _State:
     """What goes round the rows: which one, and the part of the box below it."""
 
@@ -137,18 +185,13 @@ def _shadows(
     def of_cell(values: np.ndarray) -> Any:
         return dr.gather(Float, from_host(Float, values), cell)
 
-    (u, v), (du, dv) = ([of_cell(c) for c in part] for part in (boxes.place, boxes.reach))
+    place, reach = ([of_cell(c) for c in part] for part in (boxes.place, boxes.reach))
     box = spline.traced(backend).box([of_cell(boxes.sizes[k]) for k in spline.kept])
-    # What is beside the frame on the left or below is taken by one column and one row.
-    left, bottom = (dr.select(p > -1.0, dr.floor(p), -1.0) for p in (u - du, v - dv))
-    edge = left + column + 1.0
-    last = edge >= u + du
-    right = dr.select(last, u + du, edge) - u
-    active = edge - 1.0 < u + du
+    under = _columns(box, place, reach, column)
     amounts = [of_cell(amount) for amount in boxes.amounts]
     nx, ny = (dr.opaque(Float, n) for n in pixels)
     # Beyond the frame nothing counts.
-    across = dr.clip(left + column, -2.0, nx) + 2.0
+    across = dr.clip(under.number, -2.0, nx) + 2.0
     parts = [dr.empty(Float, lanes * rows) for _ in amounts]
     numbers = dr.empty(UInt, lanes * rows)
 
@@ -156,21 +199,15 @@ def _shadows(
         return state.row < dr.opaque(UInt, rows)
 
     def step(state: _State) -> tuple[_State]:
-        top = bottom + Float(state.row) + 1.0
-        inside = top < v + dv
-        limit = dr.select(inside, top, v + dv) - v
-        below = box.covered(right, limit)
-        # All of a box is one. For needles and plates it is not, to rounding: their last pixel makes
-        # up for it. Of other boxes it would only get noise.
-        lossy = last & ~inside & (dr.abs(below - 1.0) > _NOISE)
-        below = dr.select(lossy, 1.0, below)
+        row = Float(state.row)
+        below = under.below(row)
         target = state.row * dr.opaque(UInt, lanes) + lane
-        part = dr.select(active, below - state.below, 0.0)
+        part = dr.select(under.active, below - state.below, 0.0)
         for amount, out in zip(amounts, parts, strict=True):
             dr.scatter(out, part * amount, target)
-        line = dr.clip(bottom + Float(state.row), -1.0, ny) + 1.0
+        line = dr.clip(under.bottom + row, -1.0, ny) + 1.0
         pixel = dr.fma(line, nx + 3.0, across)
-        dr.scatter(numbers, 2 * UInt(pixel) + dr.select(last, UInt(1), 0), target)
+        dr.scatter(numbers, 2 * UInt(pixel) + dr.select(under.last, UInt(1), 0), target)
         return (_State(state.row + 1, below),)
 
     start = _State(dr.zeros(UInt, lanes), dr.zeros(Float, lanes))

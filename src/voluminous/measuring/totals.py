@@ -137,7 +137,9 @@ def measure(
     if region is not None and not isinstance(region, Region):
         raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
     if camera is not None and not hasattr(camera, "frame"):
-        return _table(volume, quantities, where, camera, region, aperture, maps, samples, device)
+        options = {"region": region, "aperture": aperture, "maps": maps}
+        options |= {"samples": samples, "device": device}
+        return _table(volume, quantities, where, camera, options)
     seen = volume if camera is None else volume.seen_by(camera)
     what = {name: Quantity.of(seen, text, name) for name, text in asked.items()}
     parts = Parts(seen, where, region, samples)
@@ -234,28 +236,16 @@ def _with_unit(volume: Any, total: float, unit: Any) -> Any:
     return float(total * factor) if own is None else float(total * factor) * own
 
 
-def _table(volume: Any, quantities: Any, where: Any, cameras: Any, *options: Any) -> Any:
+def _table(
+    volume: Any, quantities: Any, where: Any, cameras: Any, options: Mapping[str, Any]
+) -> Any:
     """Return one row of totals per camera."""
     from astropy import units as u
     from astropy.table import QTable
 
     if not isinstance(cameras, Sequence) or isinstance(cameras, str) or not cameras:
         raise InputError(f"camera must be a camera, or a list of them, got {cameras!r}")
-    region, aperture, maps, samples, device = options
-    found = [
-        measure(
-            volume,
-            quantities,
-            where,
-            camera,
-            region=region,
-            aperture=aperture,
-            maps=maps,
-            samples=samples,
-            device=device,
-        )
-        for camera in cameras
-    ]
+    found = [measure(volume, quantities, where, camera, **options) for camera in cameras]
     table = QTable()
     for name in ("incl", "phi"):
         if all(hasattr(camera, name) for camera in cameras):
@@ -267,6 +257,6 @@ def _table(volume: Any, quantities: Any, where: Any, cameras: Any, *options: Any
     table.meta["where"] = "" if where is None else str(where)
     if any(row.missing for row in found):
         table.meta["missing"] = [row.missing for row in found]
-    if maps:
+    if options["maps"]:
         table.meta["maps"] = [row.maps for row in found]
     return table

@@ -116,17 +116,22 @@ def moments(
     column = image(factor * sums[0], unit, "column")
     with np.errstate(invalid="ignore", divide="ignore"):
         raw = [np.where(sums[0] != 0, s / sums[0], np.nan) for s in sums]
-    if n == 0:
-        return Moments(column)
-    mean = image(middle + raw[1], speed.unit, "mean velocity")
-    if n == 1:
-        return Moments(column, mean)
-    central = _central(raw)
-    powers = [None if speed.unit is None else speed.unit**k for k in range(2, n + 1)]
-    pairs = zip(central, powers, strict=True)
-    images = tuple(image(c, p, f"central moment {k}") for k, (c, p) in enumerate(pairs, 2))
-    spread = np.sqrt(np.maximum(central[0], 0.0))
-    return Moments(column, mean, image(spread, speed.unit, "dispersion"), images)
+    return Moments(column, *_images_of_speed(raw, middle, speed.unit, image))
+
+
+def _images_of_speed(
+    raw: list[np.ndarray], middle: float, unit: Any, image: Callable[..., Image]
+) -> Iterator[Any]:
+    """Yield mean, dispersion and central moments, as far as means of powers are known."""
+    if len(raw) > 1:
+        yield image(middle + raw[1], unit, "mean velocity")
+    if len(raw) > 2:
+        central = _central(raw)
+        yield image(np.sqrt(np.maximum(central[0], 0.0)), unit, "dispersion")
+        yield tuple(
+            image(moment, None if unit is None else unit**k, f"central moment {k}")
+            for k, moment in enumerate(central, 2)
+        )
 
 
 def _along(volume: Any, velocity: Any) -> Quantity:

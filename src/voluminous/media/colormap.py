@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from .color_scale import ColorScale
 from .given import named
+from .shell import Shell
 from .table import Table
 
 
@@ -66,6 +68,10 @@ class Colormap(Table):
         }
         nodes = scale.values * scale.unit if scale.unit is not None else scale.values
         super().__init__(expr, nodes, scale.rgb * alpha[:, None], alpha, path_length, where=where)
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return it as one, told by where its range begins."""
+        return tuple(replace(s, value=self._described["vmin"]) for s in super().shells())
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
     from .sampled import Sampled
+    from .shell import Shell
     from .stretch import Panel, Stretch
 
 # What a structure wider than a panel counts, among those narrower.
@@ -96,6 +97,13 @@ class Medium:
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expressions that `means` takes as linear over a panel."""
+        return ()
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return what is to be seen at some values of the scalars only, each level by itself.
+
+        A picture of a volume without these values warns. By default none: it looks for no value.
+        """
         return ()
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
@@ -206,6 +214,19 @@ class Medium:
             [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
         )
 
+    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return how large |j| and α may be on a ray while the fields stay in ranges (NumPy).
+
+        By default what `ranges` tells.
+        """
+        found = self.ranges(fields, context)
+        return Coefficients(
+            *(
+                [np.where(value.nan, np.inf, value.size) for value in values]
+                for values in (found.emissivity, found.extinction)
+            )
+        )
+
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain on a panel of a ray, of all parts whose sum this is (traced).
 
@@ -274,6 +295,14 @@ class Medium:
     def components(self) -> tuple[Medium, ...]:
         """Return the media this one is the sum of."""
         return (self,)
+
+    def formulas(self) -> Medium | None:
+        """Return what a function computes as expressions, where it can be read; else None."""
+        return None
+
+    def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
+        """Return it with a change made to each of its components."""
+        return change(self)
 
     def __add__(self, other: Any) -> Medium:
         from .sum import Sum

@@ -9,7 +9,6 @@ from .coefficients import Coefficients
 from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
-from .sum import Sum
 
 if TYPE_CHECKING:
     from .function import Function
@@ -62,10 +61,4 @@ def with_formulas(medium: Medium) -> Medium:
 
     They are read for each picture: what a function closes over may have changed.
     """
-    from .function import Function
-
-    parts = medium.components()
-    if not any(isinstance(part, Function) for part in parts):
-        return medium
-    read = tuple((isinstance(p, Function) and p.formulas()) or p for p in parts)
-    return Sum(read) if isinstance(medium, Sum) else read[0]
+    return medium.with_each(lambda part: part.formulas() or part)

@@ -12,8 +12,11 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ..backend import dr
 from ..backend.functions import unit_interval
@@ -30,6 +33,7 @@ from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors, Middle
 from .shape_middles import box_middle, crossing_middle
+from .shell import Shell
 from .surface_given import (
     depth_of,
     fraction,
@@ -157,6 +161,21 @@ class Isosurface(Medium):
         """Return the expression whose levels are shown."""
         return (self.expr,)
 
+    def shells(self) -> tuple[Shell, ...]:
+        """Return each level: colour shows times opacity."""
+        return tuple(
+            Shell(self._level(k), _named(level), dark=not any(opacity))
+            for k, (level, opacity) in enumerate(zip(self.levels, self.opacities, strict=True))
+        )
+
+    def _level(self, k: int) -> Isosurface:
+        """Return one of several surfaces."""
+        one = copy.copy(self)
+        one.levels, one.colors, one.opacities = (
+            every[k : k + 1] for every in (self.levels, self.colors, self.opacities)
+        )
+        return one
+
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""
         own = self.numbers(context)
@@ -250,6 +269,11 @@ class Isosurface(Medium):
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return intervals that hold j and α, with |∇x| for the slope."""
         return self.coefficients(fields, context) if self.thick else super().ranges(fields, context)
+
+    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return nothing where no level is reached; on one, x may be as steep as can be."""
+        most = np.where(self.visible_in(fields, context), np.inf, 0.0)
+        return Coefficients([most] * self.channels, [most] * len(self.opacities[0]))
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain on a panel: how often levels are crossed."""

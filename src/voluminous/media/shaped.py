@@ -23,6 +23,7 @@ from .given import scalar as _scalar
 from .looked_up import LookedUp
 from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
+from .shell import Shell
 from .stretch import Straight, extremes
 
 if TYPE_CHECKING:
@@ -111,6 +112,11 @@ class Shaped(Medium):
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the shape is a function of."""
         return (self.expr,)
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return it as one."""
+        dark = not (any(self.color) or any(self.opacity))
+        return (Shell(self, _named(self.center), dark),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
@@ -15,6 +16,7 @@ from .stretch import extremes
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
+    from .shell import Shell
     from .stretch import Panel, Stretch
 
 
@@ -44,6 +46,12 @@ class Sum(Medium):
         """Return the media this one is the sum of."""
         return self.parts
 
+    def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
+        """Return the sum of the parts, each changed; itself if none is."""
+        changed = tuple(change(part) for part in self.parts)
+        same = all(new is old for new, old in zip(changed, self.parts, strict=True))
+        return self if same else Sum(changed)
+
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return the sums of j and of α."""
         return self._total([part.coefficients(fields, context) for part in self.parts])
@@ -61,6 +69,10 @@ class Sum(Medium):
         """Return the parts' scalars, each once."""
         found = (e for part in self.parts for e in part.scalars())
         return tuple({e.text: e for e in found}.values())
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return the parts' shells."""
+        return tuple(shell for part in self.parts for shell in part.shells())
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the sums of the parts' means."""
@@ -110,6 +122,10 @@ class Sum(Medium):
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
         """Return the sums of the parts' intervals."""
         return self._total([part.ranges(fields, context) for part in self.parts])
+
+    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+        """Return the sums of the parts' magnitudes."""
+        return self._total([part.largest(fields, context) for part in self.parts])
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
         """Return what is certain of all parts."""

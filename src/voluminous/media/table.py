@@ -18,6 +18,7 @@ from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
 from .sampled import BEND, PAIR, Sampled
+from .shell import Shell
 from .table_given import given_colors, given_columns, given_values, shared_colors
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
@@ -116,6 +117,10 @@ class Table(Medium):
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the table is a function of."""
         return (self.expr,)
+
+    def shells(self) -> tuple[Shell, ...]:
+        """Return it as one."""
+        return (Shell(self, None, dark=not self.rows.any(), has_entries=True),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel, exact if x is linear there."""

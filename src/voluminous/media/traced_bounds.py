@@ -1,20 +1,18 @@
-"""Between which values the coefficients of a medium stay, inside kernels: see `bounds`."""
+"""How media are evaluated on intervals inside kernels, as `bounds` does on the host."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..expressions import Expression
-from ..expressions.interval import Interval
 from ..expressions.traced_interpolation import interpolate_traced_ranges
 from ..expressions.traced_interval import TracedInterval, traced
 from ..expressions.traced_interval_ops import TracedIntervalOps
 from .context import Context
-from .contract import Coefficients, Medium
 
 
 class TracedRangeContext(Context):
@@ -60,32 +58,3 @@ class TracedRangeContext(Context):
     ) -> list[TracedInterval]:
         """Return enclosures of the columns of a table, interpolated anywhere in an interval."""
         return interpolate_traced_ranges(x, nodes, columns)
-
-
-def traced_ranges(
-    medium: Medium, fields: Mapping[str, TracedInterval], context: TracedRangeContext
-) -> Coefficients:
-    """Return `TracedInterval` that hold j and α while the fields stay in theirs.
-
-    A medium of which nothing is known, such as a function, has j in (-∞, ∞) and α in [0, ∞).
-
-    Parameters
-    ----------
-    medium : Medium
-        Any, or a sum.
-    fields : mapping of str to TracedInterval
-        All that are in ``medium.names``.
-    context : TracedRangeContext
-        How to evaluate.
-
-    Raises
-    ------
-    UnknownNameError
-        If a field is missing.
-    """
-    given: dict[str, Interval] = dict(fields)
-    found = medium.ranges(given, context)
-    return Coefficients(
-        [context.real(value) for value in found.emissivity],
-        [context.real(value) for value in found.extinction],
-    )

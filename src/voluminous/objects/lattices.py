@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
-from ..grids.trees.patch_tree import expanded
+from ..grids.boxes import expanded
 
 # Leaves looked at at once.
 _CHUNK = 1 << 20

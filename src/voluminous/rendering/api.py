@@ -18,7 +18,7 @@ from ..objects.values import MANY
 from ..units import unit_name
 from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
-from .coefficients.numbers import before
+from .coefficients.emission_unit import before
 from .framing import framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects

@@ -13,7 +13,7 @@ from ..backend import dr, get_backend
 from ..grids.contract import cells_across, has_blocks
 from ..volume import Volume
 from .coefficients.digits import beyond_single_sums
-from .coefficients.numbers import channels_last, in_units_of
+from .coefficients.emission_unit import channels_last, in_units_of
 from .options import DEFAULT_ERROR, walk_kinds
 from .rays.adaptive import refine
 from .rays.control import controlled, in_kernel_unit, total_error
@@ -21,7 +21,7 @@ from .rays.drawing import Drawing
 from .rays.flux_conserving import FluxConserving
 from .rays.hidden import Hidden
 from .rays.paths import Paths
-from .source import get_source
+from .sources.choice import get_source
 from .store import Store
 
 

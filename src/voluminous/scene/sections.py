@@ -70,11 +70,7 @@ def build_medium(sections: list[Mapping[str, Any]]) -> Any:
     """
     from ..media import MEDIA
 
-    parts = []
-    for number, section in enumerate(sections, start=1):
-        with placed(f"[[medium]] {number}"):
-            make, rest = _typed(section, MEDIA)
-            parts.append(make(**arguments(make, rest, _MEDIUM)))
+    parts = _listed("medium", sections, MEDIA, _MEDIUM)
     with placed("[[medium]]"):
         return sum(parts[1:], parts[0])
 
@@ -89,11 +85,21 @@ def build_objects(sections: list[Mapping[str, Any]]) -> list[Any]:
     """
     from ..objects import OBJECTS
 
+    return _listed("object", sections, OBJECTS, _OBJECT)
+
+
+def _listed(
+    name: str,
+    sections: list[Mapping[str, Any]],
+    types: Mapping[str, Any],
+    known: Mapping[str, Kind],
+) -> list[Any]:
+    """Return what is in all sections of a name, each of a type."""
     found = []
     for number, section in enumerate(sections, start=1):
-        with placed(f"[[object]] {number}"):
-            make, rest = _typed(section, OBJECTS)
-            found.append(make(**arguments(make, rest, _OBJECT)))
+        with placed(f"[[{name}]] {number}"):
+            make, rest = _typed(section, types)
+            found.append(make(**arguments(make, rest, known)))
     return found
 
 

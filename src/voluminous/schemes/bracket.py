@@ -16,6 +16,7 @@ from ..backend import dr
 from ..expressions.traced_rounding import positive
 from .contract import Solution
 from .panel_bounds import solve_parts
+from .panels import next_panel
 from .path import Path, empty_path, most, over
 
 # No panel is made narrower than this fraction of a segment: at a jump nothing else would end it.
@@ -89,11 +90,8 @@ class Bracket:
             # The budget is spent evenly along the segment, but for a share where it is needed most.
             good |= tried >= budget * (_SHARE + (1.0 - _SHARE) * end)
             good |= (state.width <= _NARROWEST) | (state.begin < 0.0)
-            begin = dr.select(good, end, state.begin)
-            width = dr.select(good, 2.0 * state.width, 0.5 * state.width)
-            width = dr.select(width < 1.0 - begin, width, 1.0 - begin)
             path = dr.select(good, over(state.path, found), state.path)
-            return (Progress(begin, width, tried, path),)
+            return (Progress(*next_panel(good, state.begin, state.width), tried, path),)
 
         count = source.numbers.emissions
         nothing = empty_path(real, count, count)

@@ -17,6 +17,7 @@ from typing import Any
 from ..backend import dr
 from .contract import Solution
 from .halving import attempt
+from .panels import next_panel
 from .path import Path, empty_path, most, over
 from .smooth_segment import smooth_segment
 
@@ -172,14 +173,12 @@ def _in_panels(
         no_number = dr.isnan(found.error[0] + found.error[1]) & (state.width <= _NO_NUMBER)
         good = (good & ~hidden) | least | no_number
         front, back = (found, state.path) if backward else (state.path, found)
-        begin = dr.select(good, state.begin + state.width, state.begin)
-        width = dr.select(good, 2.0 * state.width, 0.5 * state.width)
-        width = dr.select(width < 1.0 - begin, width, 1.0 - begin)
+        panel = next_panel(good, state.begin, state.width)
         scalars = [
             dr.select(good, part.scalar(expr, 1.0), value)
             for expr, value in zip(source.scalars, state.scalars, strict=True)
         ]
-        return (Progress(begin, width, scalars, dr.select(good, over(front, back), state.path)),)
+        return (Progress(*panel, scalars, dr.select(good, over(front, back), state.path)),)
 
     starts = [values[0] for values in known]
     state = Progress(real(0), real(widest), starts, nothing)

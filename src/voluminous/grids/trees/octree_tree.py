@@ -8,56 +8,19 @@ wide, are needed where levels change.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from .octree_places import Places, spread_bits
+from .octree_numbering import STEP, Halved
+from .octree_places import Places
 from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 
-# Levels from one block to those below it.
-STEP = 2
 # The kind has three bits: evenly refined entries are 2^3 cells wide at most, cells 2^3 entries.
 _EVEN = 3
 # Root entries per leaf, at most, and how many are no matter. More would save look-ups, but small
 # trees stay in the caches: that matters more (2.2 instead of 1.5 ns a step for 38 million leaves).
 _ROOT_SHARE, _ROOT_FREE = 0.25, 1 << 12
-
-
-@dataclass(frozen=True)
-class Halved:
-    """Entries whose cells are entries, halved or doubled some times along some axes.
-
-    An entry of kind k has cells of 2^(4 - k) times its own size. Their numbers follow each other
-    depth first: ``number`` is that of the first one, or of the one cell the entry is a part of.
-
-    Attributes
-    ----------
-    axes : tuple of int
-        The axes that are halved; the others are not refined.
-    """
-
-    axes: tuple[int, ...] = (0, 1, 2)
-
-    def cells(
-        self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers and sizes of the cells around places; see `tree.Numbering`."""
-        number = (entry & NUMBER_MASK).astype(np.int64)
-        kind = (entry >> NUMBER_BITS).astype(np.int64)
-        deeper, size = np.maximum(kind - PLAIN, 0), unit.copy()
-        for k, axis in enumerate(self.axes):
-            size[axis] = (unit[axis] << np.maximum(PLAIN - kind, 0)) >> deeper
-            local = place[axis] // size[axis] & ((1 << deeper) - 1)
-            number += spread_bits(local, len(self.axes)) << k
-        return np.where(entry & NUMBER_MASK == NONE, -1, number), size
-
-    def traced(self, tree: Tree, backend: Any) -> Any:
-        """Return the same for kernels."""
-        from .octree_lookup import TracedHalved
-
-        return TracedHalved(self.axes, tree, backend)
 
 
 def octree_tree(counts: tuple[int, ...], places: Places, numbers: np.ndarray | None = None) -> Tree:

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from .patch_tree import Boxes, PatchEntries, patch_entries
+from .patch_numbering import TABLED, PatchNumbering
+from .patch_painting import Boxes
+from .patch_tree import PatchEntries, patch_entries
 from .tree import ABSENT, NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 
-# Marks patches that are seen partly: the numbers of their cells are looked up.
-TABLED = 1 << 31
 # Parts of cells that are rounding.
 _PART = 1e-9
 
@@ -252,31 +251,3 @@ def _names(words: np.ndarray) -> np.ndarray:
     """Return which entries name a patch."""
     named: np.ndarray = (words >> NUMBER_BITS == PLAIN) & (words != ABSENT)
     return named
-
-
-@dataclass(frozen=True)
-class PatchNumbering:
-    """Entries that name the patch whose cells they are covered by; see `tree.Numbering`."""
-
-    patches: Patches
-
-    def cells(
-        self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return numbers and sizes of the cells around places; a hole is its entry."""
-        hole, patches = entry == ABSENT, self.patches
-        patch = np.where(hole, 0, entry & NUMBER_MASK)
-        size = patches.sizes[patches.level[patch]].T
-        index = place // size - patches.low[patch].T
-        ny, nz = patches.shape[patch, 1], patches.shape[patch, 2]
-        local = (index[0] * ny + index[1]) * nz + index[2]
-        number = local + (patches.ends - patches.visible)[patch]
-        partly = patches.hidden[patch] & ~hole
-        number[partly] = patches.numbers[(local + patches.first_slots[patch])[partly]]
-        return np.where(hole, -1, number), np.where(hole, unit, size)
-
-    def traced(self, tree: Tree, backend: Any) -> Any:
-        """Return the same for kernels."""
-        from .patch_lookup import TracedPatches
-
-        return TracedPatches(self.patches, tree, backend)

@@ -1,9 +1,8 @@
 """The tree of blocks over nested patches: which patch is the finest one at a place.
 
-Entries of the tree are painted with the patches that cover them, the finest last. Where a finer
-patch touches an entry but does not cover it, a block of smaller entries is painted. How small
-entries need be is known beforehand: all corners of the patches up to some level are multiples of
-some size, so entries of that size are painted by none of them partly.
+Entries of the tree are painted with the patches that cover them (`patch_painting`). How small they
+need be is known beforehand: all corners of the patches up to some level are multiples of some size,
+so entries of that size are painted by none of them partly.
 """
 
 from __future__ import annotations
@@ -14,36 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
+from ..boxes import unravelled
+from .patch_painting import Boxes, painted_blocks, painted_root
 from .tree import ABSENT, NONE, NUMBER_BITS, PLAIN
 
 # Entries of a block along an axis, where there is a choice.
 _WIDE = 4
 # Root entries per cell, at most, and how many are no matter.
 _ROOT_SHARE, _ROOT_FREE = 0.125, 1 << 15
-# Patches that touch more entries are painted one by one, the others all at once.
-_LARGE = 1 << 7
 # Entries looked at together: temporary arrays stay in the cache.
 _SOME = 1 << 16
-
-
-@dataclass(frozen=True)
-class Boxes:
-    """Patches in the order in which they are painted, in finest units.
-
-    Attributes
-    ----------
-    low, high : array of int64, shape (n, 3)
-        Their corners.
-    level : array of int64, shape (n,)
-        Ascending.
-    name : array of int64, shape (n,)
-        Their numbers in the order they were given.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    level: np.ndarray
-    name: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -84,11 +63,11 @@ class PatchEntries:
         for first in range(0, len(entry), _SOME):
             some = entry[first : first + _SOME]
             if order is not None:
-                yield some, _unravelled(order[some], self.shape)
+                yield some, unravelled(order[some], self.shape)
                 continue
             ratio = self.units[level - 1] // self.units[level]
             block, inner = np.divmod(some, int(ratio.prod()))
-            yield some, self.corners[level - 1][block].T + _unravelled(inner, ratio)
+            yield some, self.corners[level - 1][block].T + unravelled(inner, ratio)
 
 
 def patch_entries(boxes: Boxes, extent: np.ndarray, cells: int) -> PatchEntries:
@@ -104,7 +83,7 @@ def patch_entries(boxes: Boxes, extent: np.ndarray, cells: int) -> PatchEntries:
     """
     units = _units(boxes, extent, cells)
     shape = extent // units[0]
-    painted, pairs = _painted_root(boxes, shape, units[0])
+    painted, pairs = painted_root(boxes, shape, units[0])
     blocks, total, used = [], 0, 1
     corners: list[np.ndarray] = []
     while True:
@@ -121,7 +100,7 @@ def patch_entries(boxes: Boxes, extent: np.ndarray, cells: int) -> PatchEntries:
         words[painted.mixed] = total + int(ratio.prod()) * np.arange(len(painted.mixed))
         blocks.append(words)
         corners.append(painted.corner * ratio)
-        painted, pairs = _painted_blocks(boxes, painted, pairs, units[used], ratio)
+        painted, pairs = painted_blocks(boxes, painted, pairs, units[used], ratio)
         used += 1
         if total > NONE:
             raise InputError("patches need too many blocks: their corners lie too irregularly")
@@ -135,11 +114,6 @@ def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     ]
     order = np.arange(int(shape.prod())).reshape(split)
     return bricks, order.transpose(0, 2, 4, 1, 3, 5).reshape(-1)
-
-
-def _unravelled(flat: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Return indices (3, n) from flat ones, of which the first axis runs fastest."""
-    return np.stack(np.unravel_index(flat, tuple(shape[::-1]))[::-1])
 
 
 def _words(full: np.ndarray, boxes: Boxes) -> np.ndarray:
@@ -180,150 +154,3 @@ def _divisor(ratio: int) -> int:
     if ratio == 1 or small:
         return small[0] if small else 1
     return next(d for d in range(_WIDE + 1, ratio + 1) if ratio % d == 0)
-
-
-@dataclass(frozen=True)
-class _Painted:
-    """Entries of one tree level.
-
-    Attributes
-    ----------
-    full : array of int32, shape (entries,)
-        The last patch that covers each entry, by rank; -1 where none does.
-    mixed : array of int64, shape (m,)
-        Entries that a later patch touches.
-    corner : array of int64, shape (m, 3)
-        Their lower corners in units of entries.
-    """
-
-    full: np.ndarray
-    mixed: np.ndarray
-    corner: np.ndarray
-
-
-_NOTHING = np.zeros(0, np.int64)
-
-# A patch by rank, and a mixed entry, by its place among them, that it touches but does not cover.
-_Pairs = tuple[np.ndarray, np.ndarray]
-
-
-def _painted_root(boxes: Boxes, shape: np.ndarray, unit: np.ndarray) -> tuple[_Painted, _Pairs]:
-    """Return the painted root, and the patches that its mixed entries need."""
-    full = np.full(shape[::-1], -1, np.int32)
-    low, high = boxes.low // unit, -(-boxes.high // unit)
-    inner = -(-boxes.low // unit), boxes.high // unit
-    _paint(full, *inner)
-    # Others do not touch more than they cover.
-    partly = np.flatnonzero(((inner[0] != low) | (inner[1] != high)).any(axis=1))
-    touch = full.copy()
-    _paint(touch, low[partly], high[partly], partly)
-    mixed = np.flatnonzero(touch > full)
-    painted = _Painted(full.reshape(-1), mixed, _unravelled(mixed, shape).T)
-    rank, entry = _beyond(full, low[partly], high[partly], partly)
-    return painted, (rank, np.searchsorted(mixed, entry))
-
-
-def _paint(
-    target: np.ndarray, low: np.ndarray, high: np.ndarray, ranks: np.ndarray | None = None
-) -> None:
-    """Write the rank of each box into the entries inside it, (nz, ny, nx), the last one remaining.
-
-    Small boxes all at once, large ones one by one: that takes 1 ns an entry, where expanding them
-    takes 30.
-    """
-    small, large = _by_size(low, high)
-    ranks = np.arange(len(low)) if ranks is None else ranks
-    which, (x, y, z) = expanded(low[small], high[small])
-    target[z, y, x] = ranks[small[which]]
-    for box in large.tolist():
-        part = target[_inside(low[box], high[box])]
-        np.maximum(part, ranks[box], out=part)
-
-
-def _beyond(
-    full: np.ndarray, low: np.ndarray, high: np.ndarray, ranks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return ranks of boxes, and flat entries in them that none of their rank or above covers."""
-    small, large = _by_size(low, high)
-    which, (x, y, z) = expanded(low[small], high[small])
-    rank = ranks[small[which]]
-    seen = full[z, y, x] < rank
-    entry = np.ravel_multi_index((z[seen], y[seen], x[seen]), full.shape)
-    found = [(rank[seen], entry)]
-    for box in large.tolist():
-        place = np.nonzero(full[_inside(low[box], high[box])] < ranks[box])
-        corner = low[box, ::-1]
-        entry = np.ravel_multi_index(
-            tuple(p + c for p, c in zip(place, corner, strict=True)), full.shape
-        )
-        found.append((np.full(len(entry), ranks[box]), entry))
-    first, second = zip(*found, strict=True)
-    return np.concatenate(first), np.concatenate(second)
-
-
-def _by_size(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which boxes are small, and which are large; none that is empty."""
-    count = np.maximum(high - low, 0).prod(axis=1)
-    return np.flatnonzero((count > 0) & (count <= _LARGE)), np.flatnonzero(count > _LARGE)
-
-
-def _inside(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
-    """Return what selects the entries of a box from an array (nz, ny, nx)."""
-    return tuple(slice(a, b) for a, b in zip(low[::-1].tolist(), high[::-1].tolist(), strict=True))
-
-
-def expanded(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return all cells of boxes: which box (m,) and which indices (3, m), the first one fastest.
-
-    Layer by layer, row by row: no cell's index needs a division (a third of the time).
-    """
-    size = np.maximum(high - low, 0)
-    box = np.arange(len(low))
-    found: list[np.ndarray] = []
-    for axis in (2, 1, 0):
-        count = size[box, axis]
-        index = np.arange(int(count.sum())) + np.repeat(low[box, axis] - _starts(count), count)
-        found = [np.repeat(f, count) for f in found]
-        box = np.repeat(box, count)
-        found.append(index)
-    return box, np.stack(found[::-1])
-
-
-def _starts(count: np.ndarray) -> np.ndarray:
-    """Return where runs of these lengths begin."""
-    starts: np.ndarray = np.cumsum(count) - count
-    return starts
-
-
-def _painted_blocks(
-    boxes: Boxes, above: _Painted, pairs: _Pairs, unit: np.ndarray, ratio: np.ndarray
-) -> tuple[_Painted, _Pairs]:
-    """Return the painted blocks of mixed entries, and what their own mixed entries need."""
-    volume = int(ratio.prod())
-    full = np.repeat(above.full[above.mixed], volume)
-    order = np.argsort(pairs[0], kind="stable")  # the last one painted is the finest
-    rank, block = pairs[0][order], pairs[1][order]
-    start = above.corner[block] * ratio
-    low = np.clip(boxes.low[rank] // unit, start, start + ratio)
-    high = np.clip(-(-boxes.high[rank] // unit), start, start + ratio)
-    which, index = expanded(low, high)
-    rank, block = rank[which], block[which]
-    local = index.T - start[which]
-    entry = block * volume + local[:, 0] + ratio[0] * (local[:, 1] + ratio[1] * local[:, 2])
-    if not (boxes.low[pairs[0]] % unit).any() and not (boxes.high[pairs[0]] % unit).any():
-        full[entry] = rank  # none is covered partly
-        return _Painted(full, _NOTHING, _NOTHING.reshape(0, 3)), (_NOTHING, _NOTHING)
-    inside = ((boxes.low[rank] <= index.T * unit) & ((index.T + 1) * unit <= boxes.high[rank])).all(
-        axis=1
-    )
-    touch = full.copy()
-    full[entry[inside]] = rank[inside]
-    touch[entry] = rank
-    touch = np.maximum(touch, full)
-    mixed = np.flatnonzero(touch > full)
-    place = np.full(len(full), -1)
-    place[mixed] = np.arange(len(mixed))
-    block, inner = np.divmod(mixed, volume)
-    corner = above.corner[block] * ratio + _unravelled(inner, ratio).T
-    needed = (place[entry] >= 0) & (rank > full[entry]) & ~inside
-    return _Painted(full, mixed, corner), (rank[needed], place[entry[needed]])

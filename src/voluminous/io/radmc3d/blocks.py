@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from .decimals import PADDING, decimals
-from .text import number
+from .fortran import number
 
 # Calls for so many characters last long compared with their overhead.
 _BLOCK = 1 << 20

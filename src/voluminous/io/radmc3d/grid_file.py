@@ -1,4 +1,4 @@
-"""The file ``amr_grid``: what is in it, read and written in all its forms."""
+"""The file ``amr_grid``: what is in it, read in all its forms."""
 
 from __future__ import annotations
 

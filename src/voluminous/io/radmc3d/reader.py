@@ -94,10 +94,12 @@ def _check_length(unit: Any) -> None:
 
 
 def _cells(model: Model, unit: Any) -> Cells:
-    from .cells import make_cells
+    from .cartesian import cartesian_cells
+    from .spherical import spherical_cells
 
+    make = spherical_cells if model.grid.spherical else cartesian_cells
     with placed(model.grid_path.name), _of_file():
-        return make_cells(model.grid, unit)
+        return make(model.grid, unit)
 
 
 @contextmanager

@@ -2,54 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
+from .blocks import NumbersInText
+from .fortran import number, shown
 from .opened import OpenedFile
 
-if TYPE_CHECKING:
-    from .blocks import NumbersInText
-
-# Fortran leaves out the letter where an exponent has three digits: 1.0-100.
-_NUMBER = re.compile(rb"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdDqQ]?([+-]\d+)|[eEdDqQ](\d+))?")
-_WORDS = re.compile(rb"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _WHOLE = re.compile(rb"[+-]?\d{1,18}")
 _LONGEST_LINE = 1 << 26
-_SHOWN = 32
 # How many of the last numbers of a file tell how they are written, if they are as long as this.
 _LAST, _FIXED = 9, 8
 _TAIL = 2048
-
-
-def number(token: bytes) -> float:
-    """Return a number as Fortran writes it, rounded to the nearest double.
-
-    Raises
-    ------
-    ValueError
-        If it is none, or too large.
-    """
-    found = _NUMBER.fullmatch(token)
-    if found is None:
-        if _WORDS.fullmatch(token):
-            return float(token)
-        raise ValueError(f"expected a number, got {_shown(token)}")
-    digits, signed, unsigned = found.groups()
-    value = float(digits + b"e" + (signed or unsigned or b"0"))
-    if math.isinf(value):
-        raise ValueError(f"{_shown(token)} is too large a number")
-    return value
-
-
-def _shown(token: bytes) -> str:
-    text = token[:_SHOWN].decode("ascii", "backslashreplace")
-    return repr(text) + (" …" if len(token) > _SHOWN else "")
 
 
 def _check_end(path: Path) -> None:
@@ -66,7 +34,7 @@ def _check_end(path: Path) -> None:
         return
     *others, last = map(len, numbers)
     if len(set(others)) == 1 and last < others[0] and others[0] >= _FIXED:
-        raise FileFormatError(f"it is cut short: it ends within a number, {_shown(numbers[-1])}")
+        raise FileFormatError(f"it is cut short: it ends within a number, {shown(numbers[-1])}")
 
 
 class TextFile(OpenedFile):
@@ -91,7 +59,7 @@ class TextFile(OpenedFile):
             tokens += self._tokens(what, f"{count} whole number{'s' * (count > 1)}")
             for token in tokens[:count]:
                 if not _WHOLE.fullmatch(token):
-                    raise self._error(what, f"expected a whole number, got {_shown(token)}")
+                    raise self._error(what, f"expected a whole number, got {shown(token)}")
         return [int(token) for token in tokens[:count]]
 
     def reals(self, count: int, what: str) -> NDArray[np.float64]:
@@ -140,7 +108,7 @@ class TextFile(OpenedFile):
         while line := self._file.readline(_LONGEST_LINE):
             self._line += 1
             if tokens := line.split():
-                raise self._error("the end", f"expected nothing more, got {_shown(tokens[0])}")
+                raise self._error("the end", f"expected nothing more, got {shown(tokens[0])}")
 
     def width(self, cells: int) -> int:
         """Return how many numbers are on the next line."""
@@ -179,8 +147,6 @@ class TextPlanes:
         FileFormatError
             If there are more or fewer than promised, or something is no number.
         """
-        from .blocks import NumbersInText
-
         if self._numbers is None:
             self._numbers = NumbersInText(self.path, self.offset)
         found, expected = self._numbers.count, self.count * self.size

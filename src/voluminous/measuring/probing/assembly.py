@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...media.bounds import RangeContext
-from ...rendering.coefficients.numbers import before
+from ...rendering.coefficients.emission_unit import before
 from ...units import parse_unit, unit_name
 from .fields import in_cells, looked_at, on_the_ray, units_of
 from .follow import Followed, ProbeJob

@@ -17,11 +17,11 @@ from ...media.contract import Medium
 from ...media.course import CourseContext, Courses, CubicPiece
 from ...media.stretch import control_point, shifted
 from ..coefficients.classify import Classifier
-from ..coefficients.numbers import Direct
+from ..coefficients.direct import Direct
 from ..coefficients.own_coordinates import ray_coordinates
 from ..empty_space.blocks import DUAL
 from ..empty_space.neglected import empty_blocks
-from ..source import get_lattices, get_ranges
+from ..sources.kept import get_lattices, get_ranges
 from ..store import Store
 from .curved import CurvedField
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from ...expressions.interval import Interval
 from ...grids.contract import has_blocks
-from ...media import Isosurface
 from ...media.bounds import RangeContext
 from ...media.contract import Medium
 from ..coefficients.classify import Classifier
@@ -67,17 +66,10 @@ def _largest(
     """Return bounds of j per channel, and of the largest α, in every block."""
     emission, depth = np.zeros((medium.channels, *shape)), np.zeros(shape)
     for part in medium.components():
-        found = part.ranges(ranges, context)
+        found = part.largest(ranges, context)
         j, alpha = (
-            np.array([_size(v, shape) for v in values])
+            np.array([np.broadcast_to(most, shape) for most in values])
             for values in (found.emissivity, found.extinction)
         )
-        if isinstance(part, Isosurface):  # how steep x is along a ray, its ranges do not tell
-            hidden = ~np.broadcast_to(part.visible_in(ranges, context), shape)
-            j, alpha = (np.broadcast_to(np.where(hidden, 0.0, np.inf), v.shape) for v in (j, alpha))
         emission, depth = emission + j, depth + alpha.max(axis=0)
     return emission, depth
-
-
-def _size(value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    return np.broadcast_to(np.where(value.nan, np.inf, value.size), shape)

@@ -19,7 +19,7 @@ from ...grids.contract import has_blocks
 from ...grids.curvilinear.field_walk import dual_values
 from ...memory import check_memory, fits
 from ..coefficients.classify import device_array
-from ..coefficients.numbers import unit_near
+from ..coefficients.emission_unit import unit_near
 from ..coefficients.tables import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take

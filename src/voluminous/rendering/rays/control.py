@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..coefficients.numbers import fits_single
+from ..coefficients.emission_unit import fits_single
 from .drawing import MARGIN
 
 if TYPE_CHECKING:

@@ -1,16 +1,48 @@
-"""What the entries of a tree of patches mean to a kernel (`patch_cells.PatchNumbering`, traced)."""
+"""What the entries of a tree of patches mean: to NumPy, and to a kernel."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...backend import dr, from_host
 from .lookup import Cell, Orientation
-from .patch_cells import TABLED, Patches
 from .patch_sizes import make_sizes
-from .tree import NONE, NUMBER_MASK, Tree
+from .tree import ABSENT, NONE, NUMBER_MASK, Tree
+
+if TYPE_CHECKING:
+    from .patch_cells import Patches
+
+# Marks patches that are seen partly: the numbers of their cells are looked up.
+TABLED = 1 << 31
+
+
+@dataclass(frozen=True)
+class PatchNumbering:
+    """Entries that name the patch whose cells they are covered by; see `tree.Numbering`."""
+
+    patches: Patches
+
+    def cells(
+        self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers and sizes of the cells around places; a hole is its entry."""
+        hole, patches = entry == ABSENT, self.patches
+        patch = np.where(hole, 0, entry & NUMBER_MASK)
+        size = patches.sizes[patches.level[patch]].T
+        index = place // size - patches.low[patch].T
+        ny, nz = patches.shape[patch, 1], patches.shape[patch, 2]
+        local = (index[0] * ny + index[1]) * nz + index[2]
+        number = local + (patches.ends - patches.visible)[patch]
+        partly = patches.hidden[patch] & ~hole
+        number[partly] = patches.numbers[(local + patches.first_slots[patch])[partly]]
+        return np.where(hole, -1, number), np.where(hole, unit, size)
+
+    def traced(self, tree: Tree, backend: Any) -> Any:
+        """Return the same for kernels."""
+        return TracedPatches(self.patches, tree, backend)
 
 
 class TracedPatches:

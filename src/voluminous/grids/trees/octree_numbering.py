@@ -1,13 +1,52 @@
-"""What the entries of an octree mean to a kernel (`octree_tree.Halved`, traced)."""
+"""What the entries of an octree's tree mean: to NumPy, and to a kernel."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from ...backend import dr
 from .lookup import Cell, Orientation
-from .octree_tree import STEP
-from .tree import NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
+from .octree_places import spread_bits
+from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
+
+# Levels from one block to those below it.
+STEP = 2
+
+
+@dataclass(frozen=True)
+class Halved:
+    """Entries whose cells are entries, halved or doubled some times along some axes.
+
+    An entry of kind k has cells of 2^(4 - k) times its own size. Their numbers follow each other
+    depth first: ``number`` is that of the first one, or of the one cell the entry is a part of.
+
+    Attributes
+    ----------
+    axes : tuple of int
+        The axes that are halved; the others are not refined.
+    """
+
+    axes: tuple[int, ...] = (0, 1, 2)
+
+    def cells(
+        self, entry: np.ndarray, place: np.ndarray, unit: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return numbers and sizes of the cells around places; see `tree.Numbering`."""
+        number = (entry & NUMBER_MASK).astype(np.int64)
+        kind = (entry >> NUMBER_BITS).astype(np.int64)
+        deeper, size = np.maximum(kind - PLAIN, 0), unit.copy()
+        for k, axis in enumerate(self.axes):
+            size[axis] = (unit[axis] << np.maximum(PLAIN - kind, 0)) >> deeper
+            local = place[axis] // size[axis] & ((1 << deeper) - 1)
+            number += spread_bits(local, len(self.axes)) << k
+        return np.where(entry & NUMBER_MASK == NONE, -1, number), size
+
+    def traced(self, tree: Tree, backend: Any) -> Any:
+        """Return the same for kernels."""
+        return TracedHalved(self.axes, tree, backend)
 
 
 class TracedHalved:

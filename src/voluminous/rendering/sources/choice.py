@@ -1,0 +1,49 @@
+"""Which source of coefficients a scheme is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..coefficients.classify import Classifier
+from ..coefficients.numbers import plan_numbers
+from ..store import Store
+from .interpolated_fields import interpolated_fields
+from .tabulated import tabulated
+
+
+def get_source(
+    volume: Any,
+    medium: Any,
+    scheme: Any,
+    backend: Any,
+    steps: float,
+    report: Callable[..., None],
+    tolerance: float = 1e-3,
+    faintest: bool = False,
+    *,
+    store: Store,
+    whole: bool = True,
+) -> Any:
+    """Return the coefficients for a scheme.
+
+    Parameters
+    ----------
+    steps : float
+        About how many cells the rays will cross in all.
+    report : callable
+        Called as ``report(done, total)`` while classifying.
+    tolerance : float
+        What a scheme that controls its error is to keep to.
+    faintest : bool
+        Leave nothing out, however faint.
+    store : Store
+        What was made of the volume before.
+    whole : bool
+        No cell is hidden: rays may cross several at once.
+    """
+    numbers = plan_numbers(medium, scheme, backend)
+    classifier = Classifier(volume, medium, numbers, backend, store.extremes)
+    if scheme.place == "field":
+        return interpolated_fields(classifier, store, scheme, tolerance, faintest, whole)
+    return tabulated(classifier, store, scheme, steps, report, whole)

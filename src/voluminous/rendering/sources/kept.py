@@ -1,0 +1,78 @@
+"""What is made of fields and a medium for one picture, and kept with the volume for the next."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...expressions.interval import Interval
+from ...grids.contract import has_blocks
+from ..coefficients.classify import Classifier
+from ..empty_space.blocks import (
+    Window,
+    coordinate_ranges,
+    field_ranges,
+    visible_blocks,
+    worthwhile_blocks,
+)
+from ..interpolants.coarse import allowed_differences, wide_steps
+from ..interpolants.lattice import make_lattice
+from ..interpolants.pyramid import make_pyramid
+from ..store import Store
+
+
+def get_lattices(classifier: Classifier, store: Store, blocks: Any = None) -> dict[str, Any]:
+    """Return all fields as rays gather them; kept with the volume."""
+    volume, backend = classifier.volume, classifier.backend
+    steps = blocks.steps if blocks is not None else ()
+
+    def make(name: str) -> Any:
+        key = ("lattice", name, backend.device, backend.precision, store.digest(name))
+        fine = store.kept(key, lambda: make_lattice(volume.grid, volume.array(name), backend))
+        if not steps:
+            return fine
+        return store.kept(
+            (*key, steps), lambda: make_pyramid(volume.array(name), fine, steps, backend)
+        )
+
+    return {name: make(name) for name in classifier.medium.names if name in volume}
+
+
+def get_blocks(
+    classifier: Classifier, store: Store, faint: float, window: Window, coarseness: float = 0.0
+) -> Any:
+    """Return the blocks that rays may leap over, or None; kept with the volume."""
+    medium, backend = classifier.medium, classifier.backend
+    if not has_blocks(classifier.grid):
+        return None
+    allowed = allowed_differences(classifier, coarseness)
+
+    def make() -> Any:
+        ranges = get_ranges(classifier, store, window)
+        visible = visible_blocks(classifier, ranges, faint, window)
+        steps = None if allowed is None else wide_steps(classifier, visible, ranges, allowed)
+        return worthwhile_blocks(visible, backend, window, steps)
+
+    own = medium.visible_key()
+    if own is None:
+        return make()
+    differences = allowed and tuple((expr.text, most) for expr, most in allowed)
+    key = ("blocks", own, faint, window, differences, store.digests(medium.names), backend)
+    return store.kept(key, make)
+
+
+def get_ranges(classifier: Classifier, store: Store, window: Window) -> dict[str, Interval]:
+    """Return the values of all fields in and around every block; kept with the volume.
+
+    Where there are no blocks, of the whole volume.
+    """
+    names = classifier.medium.names
+    if not has_blocks(classifier.grid):
+        return {name: classifier.range_of(name) for name in names}
+    return {name: _ranges(classifier.volume, store, name, window) for name in names}
+
+
+def _ranges(volume: Any, store: Store, name: str, window: Window) -> Any:
+    if name not in volume:
+        return coordinate_ranges(name, volume.grid.edges, window)
+    key = ("ranges", name, store.digest(name), window)
+    return store.kept(key, lambda: field_ranges(volume.array(name), window))
