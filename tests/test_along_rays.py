@@ -158,6 +158,27 @@ def test_missing_cells_are_not_found():
     assert surface.depth.intensity[4, 4, 0] == pytest.approx(-1 + 0.25 + 0.125)
 
 
+@pytest.mark.parametrize(
+    "scheme", ["first-order", "second-order", "olson-kunasz", "post-classified"]
+)
+def test_surfaces_behind_missing_cells_are_where_the_depth_of_the_picture_is(scheme):
+    """What a scheme carries from cell to cell goes on through one that holds nothing."""
+    rng = np.random.default_rng(1)
+    values = rng.random(GRID.shape) + 0.1
+    values[rng.random(GRID.shape) < 0.4] = np.nan
+    volume, medium = vm.Volume(GRID, a=values), vm.Coefficients(0, "a")
+    camera = vm.Orthographic(37, 61, 20, width=1.6, resolution=8, center=(0, 0, 0))
+    ray = vm.probe(
+        volume, medium, camera, (3, 4), scheme=scheme, precision="double", tolerance=None
+    )
+    for tau in np.linspace(0.1, 0.95, 5) * ray.depth[-1, 0]:
+        k = np.searchsorted(ray.depth[:, 0], tau)
+        part = 1 - (ray.depth[k, 0] - tau) / ray.tau[k, 0]
+        expected = ray.begin[k] + part * (ray.end[k] - ray.begin[k])
+        found = vm.tau_surface(volume, medium, camera, tau, scheme=scheme).depth
+        assert found.intensity[4, 3, 0] == pytest.approx(expected, abs=1e-12)
+
+
 def test_what_makes_no_sense():
     with pytest.raises(vm.InputError, match="tau must be a positive number"):
         vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)

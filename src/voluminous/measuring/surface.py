@@ -121,6 +121,11 @@ class Surface(Scanner):
         inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
         return [*carried[:own], *inner]
 
+    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Find nothing, but let the scheme carry on: its next segment begins there."""
+        own = 2 * self.recorded
+        return [*carried[:own], *onward[own:]]
+
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Any, list[Any]]:
