@@ -179,7 +179,53 @@ def test_surfaces_behind_missing_cells_are_where_the_depth_of_the_picture_is(sch
         assert found.intensity[4, 3, 0] == pytest.approx(expected, abs=1e-12)
 
 
+@pytest.mark.parametrize("method", ["rays", "exact"])
+def test_expressions_without_a_value_count_nothing(method):
+    """As fields that lack it there: log10(a) where a is negative."""
+    volume = vm.Volume(GRID, a=VOLUME.array("a"))
+    volume["logarithm"] = "log10(a)"
+    assert np.isnan(volume.array("logarithm")).mean() > 0.4
+    maps = [
+        vm.column(volume, text, DOWN, method=method, precision="double").intensity
+        for text in ("log10(a)", "logarithm")
+    ]
+    np.testing.assert_allclose(*maps, atol=1e-13)
+    maps = [
+        vm.column(volume, text, DOWN, weight="2 + a", method=method, precision="double").intensity
+        for text in ("log10(a)", "logarithm")
+    ]
+    np.testing.assert_allclose(*maps, atol=1e-12)
+
+
+def test_expressions_without_a_value_are_not_found():
+    a = VOLUME.array("a")
+    with np.errstate(invalid="ignore"):
+        expected = np.nanmin(np.log10(a), axis=2).T
+    found = vm.extreme(VOLUME, "log10(a)", DOWN, "minimum", precision="double")
+    np.testing.assert_allclose(found.value.intensity[..., 0], expected, rtol=1e-12)
+    found = vm.first_hit(VOLUME, "log10(a)", DOWN, precision="double").intensity[..., 0]
+    first = np.argmax(a[..., ::-1] > 0, axis=2).T
+    np.testing.assert_array_equal(found, first / 4 - 1)
+
+
+@pytest.mark.parametrize("method", ["rays", "exact"])
+def test_infinite_quantities_are_refused_by_name(method):
+    """Else pixels that do not see the cell would be infinite too, or no numbers."""
+    volume = vm.Volume(GRID, a=np.where(np.arange(8) == 3, 0.0, VOLUME.array("a")))
+    with pytest.raises(vm.InputError, match=r"'1/a' is infinite .* \(0, 0, 3\)"):
+        vm.column(volume, "1/a", DOWN, method=method)
+    flow = vm.moments(volume, "abs(a)", DOWN, "1/a", 1, method=method)  # there is nothing there
+    assert np.isfinite(flow.mean.intensity).all()
+
+
+def test_what_has_no_value_at_all_is_refused_by_name():
+    with pytest.raises(vm.InputError, match=r"'log10\(-abs\(a\)\)' has no value in any cell"):
+        vm.extreme(VOLUME, "log10(-abs(a))", DOWN)
+
+
 def test_what_makes_no_sense():
+    with pytest.raises(vm.InputError, match="progress must be a function of done and total"):
+        vm.first_hit(VOLUME, "a > 0", DOWN, progress=3)
     with pytest.raises(vm.InputError, match="tau must be a positive number"):
         vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)
     with pytest.raises(vm.UnknownNameError, match="did you mean 'maximum'"):

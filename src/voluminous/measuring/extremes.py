@@ -12,9 +12,10 @@ from ..backend import dr
 from ..errors import unknown_name
 from ..media import Coefficients
 from .conditions import condition as converted_condition
+from .known import with_known
 from .maps import as_map, depth_map
 from .quantity import Quantity, check_volume
-from .scan import NOTHING, Scanner, distance, scan
+from .scan import NOTHING, Scanned, Scanner, distance, scan
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -70,7 +71,7 @@ def extreme(
     what = Quantity.of(volume.seen_by(camera), quantity)
     scheme = _Largest(1.0 if kind == "maximum" else -1.0)
     options = {"precision": precision, "device": device, "progress": progress}
-    found = scan(volume, Coefficients(what.expression, 0), camera, scheme, **options)
+    found = _scanned(volume, what, camera, scheme, **options)
     value, depth = found.unit * found.values[0], found.values[1]
     quantity = what.expression.text
     told = {"quantity": quantity, "kind": kind, "map": f"{kind} of {quantity}"}
@@ -104,8 +105,14 @@ def first_hit(
     check_volume(volume)
     what = converted_condition(volume.seen_by(camera), condition, "condition")
     options = {"precision": precision, "device": device, "progress": progress}
-    found = scan(volume, Coefficients(what.expression, 0), camera, _First(), **options)
+    found = _scanned(volume, what, camera, _First(), **options)
     return depth_map(found.values[0], volume, camera, {"condition": what.expression.text})
+
+
+def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
+    """Return what rays find of a quantity in cells in which it has a value."""
+    seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
+    return scan(seen, Coefficients(known, 0), camera, scheme, **options)
 
 
 class _Largest(Scanner):

@@ -12,6 +12,7 @@ from ..cameras import Orthographic
 from ..errors import InputError, unknown_name
 from ..media import Coefficients
 from ..rendering import render
+from .known import check_finite, with_known
 from .shadows import Screen, onto_pixels
 from .thin import Thin
 
@@ -44,16 +45,17 @@ def integrals(
     UnknownNameError
         If there is no such method.
     InputError
-        If the method cannot be used with the camera or the grid.
+        If the method cannot be used with the camera or the grid, or a quantity is infinite.
     """
     if method == "exact":
         check_exact(volume.grid, camera)
         return exact_maps(volume.seen_by(camera), expressions, camera, device, together=True)
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
+    seen, known = with_known(volume.seen_by(camera), expressions)
     image = render(
-        volume,
-        Coefficients(list(expressions), 0),
+        seen,
+        Coefficients(known, 0),
         camera,
         scheme=Thin(),
         cutoff=0.0,
@@ -101,6 +103,9 @@ def exact_maps(
                 for e in expressions
             ]
         )
+        for e, own in zip(expressions, values, strict=True):
+            if e is not None:
+                check_finite(np.where(share == 0, 0.0, own), e, first, grid)
         unknown = np.isnan(values)
         if together:
             unknown = np.any(unknown, axis=0)
