@@ -223,6 +223,14 @@ def test_what_has_no_value_at_all_is_refused_by_name():
         vm.extreme(VOLUME, "log10(-abs(a))", DOWN)
 
 
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+@pytest.mark.parametrize("extinction", ["a", "log10(a)"])
+def test_surfaces_in_what_is_no_extinction_are_refused(scheme, extinction):
+    """It is negative, or no number, in places: NaN would mean that surfaces are not reached."""
+    with pytest.raises(vm.InputError, match=r"not finite|cannot be used in"):
+        vm.tau_surface(VOLUME, vm.Coefficients(0, extinction), DOWN, 0.1, scheme=scheme)
+
+
 def test_what_makes_no_sense():
     with pytest.raises(vm.InputError, match="progress must be a function of done and total"):
         vm.first_hit(VOLUME, "a > 0", DOWN, progress=3)

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..calibration import auto
 from ..cameras import Orthographic
-from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
 from ..image import Image
 from ..media.bounds import RangeContext
@@ -22,7 +21,7 @@ from .coefficients.numbers import before
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
-from .options import background_array
+from .options import background_array, refuse_unusable
 from .prepare import prepare, silent
 from .sky import image_wcs
 from .unseen import warn_of_unseen
@@ -131,7 +130,8 @@ def render(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
-    _check_finite(job, planes)
+    if not planes.finite:
+        refuse_unusable(job.backend.precision)
     warn_of_unseen(job, planes, others=bool(things))
     told = {"samples": samples, "order": order}
     if things:
@@ -149,16 +149,6 @@ def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     if medium is None and isinstance(volume, Volume):
         medium = auto(volume)
     return medium, Orthographic(FIRST_INCL, FIRST_PHI) if camera is None else camera
-
-
-def _check_finite(job: Job, planes: Planes) -> None:
-    if not planes.finite:
-        raise InputError(
-            "the picture is not finite: the medium gives coefficients that are not, or too large "
-            f"for {job.backend.precision} precision, or a negative extinction, in cells that rays "
-            "visit; scheme='first-order' names the first of them, and `volume.evaluate(...)` shows "
-            "fields and expressions"
-        )
 
 
 def _image(

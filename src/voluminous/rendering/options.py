@@ -69,6 +69,22 @@ def check_cutoff(cutoff: Any) -> float | None:
     return float(cutoff)
 
 
+def refuse_unusable(precision: str) -> None:
+    """Raise the error for what is not finite after all rays were followed.
+
+    Raises
+    ------
+    InputError
+        Always.
+    """
+    raise InputError(
+        "the picture is not finite: the medium gives coefficients that are not, or too large "
+        f"for {precision} precision, or a negative extinction, in cells that rays "
+        "visit; scheme='first-order' names the first of them, and `volume.evaluate(...)` shows "
+        "fields and expressions"
+    )
+
+
 def check_progress(progress: Any) -> None:
     """Refuse what cannot be told how far a picture is.
 
