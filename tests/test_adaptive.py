@@ -60,6 +60,18 @@ def test_pixels_show_more_than_their_surroundings_tell():
     assert np.mean(off <= image.error) >= 0.98
 
 
+@pytest.mark.parametrize("opacity", [1.0, 0.5])
+def test_what_lies_in_front_of_objects_scatters_too(opacity):
+    ball = vm.Spheres([(0, 0, 0)], [0.8], 0.5, opacity=opacity)
+    surface = vm.Isosurface("a", 0.6, [1.0, 0.5, 0.2], 0.6)
+    image = picture(surface, objects=ball)
+    off = np.abs(image.intensity - mean_over_pixels(surface, objects=ball)).max(axis=-1)
+    x, y = np.meshgrid(image.x, image.y)
+    covered = np.hypot(x, y) < 0.55
+    assert np.mean((off <= image.error)[covered]) >= 0.95
+    assert np.median(image.error[covered]) <= 0.1
+
+
 @pytest.mark.parametrize("resolution", [1, (1, 6)])
 def test_one_pixel_is_more_than_its_centre(resolution):
     """It has no neighbours that would tell whether the picture is smooth."""

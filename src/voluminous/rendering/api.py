@@ -78,8 +78,8 @@ def render(
         image's maximum.
     samples : int, "adaptive" or "flux-conserving"
         n for n × n rays per pixel, at the centres of equal parts; or more rays where the picture is
-        not smooth, up to 256 a pixel, until its mean has settled to the tolerance; or RADMC-3D's
-        recursion.
+        not smooth, up to 256 a pixel, until its mean has settled to the tolerance (to a tenth, if
+        that is None); or RADMC-3D's recursion.
     bounds : bool or int
         Also give `Image.lower` and `Image.upper`: what the intensity is at least and at most, with
         certainty, per pixel and channel; for media of expressions, and ``"post-classified"``. They

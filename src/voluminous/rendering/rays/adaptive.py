@@ -79,8 +79,7 @@ class Means:
 
     def wrong(self) -> np.ndarray:
         """Return by how much rows may be off."""
-        # What such sequences leave of an edge through a pixel (0.3, and three deviations).
-        return np.maximum(self.off, (self.high - self.low) * self.count**-0.75)
+        return np.maximum(self.off, left_of_edges(self.high - self.low, self.count))
 
     def some(self, index: np.ndarray) -> Means:
         """Return some of the pixels."""
@@ -114,6 +113,14 @@ def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
         _store(paths, means, scale, drawing.source.numbers.unit)
         changed = np.maximum(means.off, before).max(axis=0)
         means = means.some(np.flatnonzero((changed > tolerance) | (count < _LEAST)))
+
+
+def left_of_edges(spread: np.ndarray, count: int) -> np.ndarray:
+    """Return what means over so many rays may be off by, of an edge of some height.
+
+    It was 0.3 of that for sequences like these, and three deviations are counted.
+    """
+    return np.asarray(spread * count**-0.75)
 
 
 def _offsets(pixel: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
