@@ -152,6 +152,21 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
     return int(samples)
 
 
+def check_parallel(samples: Any, camera: Any) -> None:
+    """Refuse to divide pixels that are angles by the widths of cells.
+
+    Raises
+    ------
+    InputError
+        Names what takes any camera.
+    """
+    if isinstance(samples, str) and samples == "flux-conserving" and not camera.parallel:
+        raise InputError(
+            "samples='flux-conserving' compares pixels with cells: it needs parallel rays "
+            "(vm.Orthographic); use samples='adaptive'"
+        )
+
+
 def is_recursive(samples: Any, grid: Any) -> bool:
     """Return True where pixels are divided as their rays ask for, each by itself."""
     uniform = len(grid.shape) == 3 and tuple(grid.coordinates) == CARTESIAN

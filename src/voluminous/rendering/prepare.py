@@ -21,6 +21,7 @@ from .options import (
     check_coordinates,
     check_cutoff,
     check_order,
+    check_parallel,
     check_pixels,
     check_progress,
     check_tolerance,
@@ -50,6 +51,7 @@ def prepare(
     """
     _check_types(volume, medium, camera)
     check_progress(progress)
+    check_parallel(samples, camera)
     scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)
