@@ -231,6 +231,35 @@ def test_surfaces_in_what_is_no_extinction_are_refused(scheme, extinction):
         vm.tau_surface(VOLUME, vm.Coefficients(0, extinction), DOWN, 0.1, scheme=scheme)
 
 
+@pytest.mark.parametrize("length", [1e-60, 1e60])
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_measurements_do_not_depend_on_units(length, size):
+    """Depths and columns are numbers of a size that single precision, or products, cannot hold."""
+    camera = vm.Orthographic(37, 61, 20, width=2.4 * length, resolution=5, center=(0, 0, 0))
+    values, plain = np.abs(VOLUME.array("a")), vm.Orthographic(37, 61, 20, 2.4, 5, center=(0, 0, 0))
+    large = vm.Volume(vm.CartesianGrid.uniform(8, (-length, length)), a=size * values)
+    usual = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), a=values)
+    exact = {"rtol": 1e-5, "atol": 1e-5}
+
+    def measured(volume, camera, size, length):
+        found = vm.extreme(volume, "a", camera)
+        yield found.value.intensity / size
+        yield found.depth.intensity / length
+        yield vm.first_hit(volume, f"a > {size!r}", camera).intensity / length
+        for method in ("rays", "exact"):
+            yield vm.column(volume, "a", camera, method=method).intensity / size / length
+        medium = vm.Coefficients(0, f"a * {1 / size / length!r}")
+        for precision in ("single", "double"):
+            surface = vm.tau_surface(volume, medium, camera, 0.3, precision=precision)
+            yield surface.depth.intensity / length
+
+    pairs = zip(
+        measured(large, camera, size, length), measured(usual, plain, 1.0, 1.0), strict=True
+    )
+    for found, expected in pairs:
+        np.testing.assert_allclose(found, expected, **exact)
+
+
 def test_what_makes_no_sense():
     with pytest.raises(vm.InputError, match="progress must be a function of done and total"):
         vm.first_hit(VOLUME, "a > 0", DOWN, progress=3)

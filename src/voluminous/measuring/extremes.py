@@ -72,7 +72,7 @@ def extreme(
     scheme = _Largest(1.0 if kind == "maximum" else -1.0)
     options = {"precision": precision, "device": device, "progress": progress}
     found = _scanned(volume, what, camera, scheme, **options)
-    value, depth = found.unit * found.values[0], found.values[1]
+    value, depth = found.unit * found.values[0], found.length * found.values[1]
     quantity = what.expression.text
     told = {"quantity": quantity, "kind": kind, "map": f"{kind} of {quantity}"}
     return Extreme(
@@ -106,7 +106,8 @@ def first_hit(
     what = converted_condition(volume.seen_by(camera), condition, "condition")
     options = {"precision": precision, "device": device, "progress": progress}
     found = _scanned(volume, what, camera, _First(), **options)
-    return depth_map(found.values[0], volume, camera, {"condition": what.expression.text})
+    depth = found.length * found.values[0]
+    return depth_map(depth, volume, camera, {"condition": what.expression.text})
 
 
 def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
@@ -138,7 +139,7 @@ class _Largest(Scanner):
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
         larger &= segment.active & (segment.length > 0.0)
-        here = distance(walk, track, 0.5 * (segment.begin + segment.end))
+        here = distance(track, 0.5 * (segment.begin + segment.end))
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
@@ -158,4 +159,4 @@ class _First(Scanner):
         """Look at one cell; see `schemes.contract.Scheme`."""
         (value,), _ = source.at(segment.cell, segment.active)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
-        return NOTHING, [dr.select(hit, distance(walk, track, segment.begin), carried[0])]
+        return NOTHING, [dr.select(hit, distance(track, segment.begin), carried[0])]

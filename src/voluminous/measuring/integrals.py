@@ -94,7 +94,10 @@ def exact_maps(
     for first in range(0, grid.size, _CHUNK):
         last = min(first + _CHUNK, grid.size)
         sizes = np.asarray(grid.cell_sizes(first, last))
-        share = np.prod(sizes, axis=0) * (1.0 if parts is None else parts.of(first, last))
+        # In units of the scale: products of three lengths and a density may be too large, or small.
+        share = np.prod(sizes / grid.scale, axis=0) * (
+            1.0 if parts is None else parts.of(first, last)
+        )
         values = np.array(
             [
                 np.ones(last - first)
@@ -112,7 +115,7 @@ def exact_maps(
         amounts = np.where(unknown | (share == 0), 0.0, values) * share
         centers = np.asarray(grid.cell_centers(first, last))
         total += onto_pixels(screen, centers, sizes, amounts, backend)
-    return total / np.prod(frame.pixel)
+    return total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale
 
 
 def check_exact(grid: Any, camera: Any) -> None:

@@ -88,7 +88,8 @@ def tau_surface(
     places, depths = np.split(found.values, 2)
     if np.isnan(depths).any():  # else it would seem that the surface is not reached
         refuse_unusable(precision)
-    image = depth_map(np.moveaxis(places, 0, -1), volume, camera, told)
+    distances = found.length * np.moveaxis(places, 0, -1)
+    image = depth_map(distances, volume, camera, told)
     return TauSurface(image, _points(volume, camera, image.intensity), float(tau))
 
 
@@ -140,14 +141,14 @@ class Surface(Scanner):
         found, inner = self.scheme.solve(source, walk, track, segment, inner, backward)
         after = [d + more for d, more in zip(depths, found.depth, strict=True)]
         parts = zip(places, depths, after, found.depth, strict=True)
-        reached = [self._reached(walk, track, segment, *part) for part in parts]
+        reached = [self._reached(track, segment, *part) for part in parts]
         return NOTHING, [*reached, *after, *inner]
 
     def _reached(
-        self, walk: Any, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
+        self, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
     ) -> Any:
         """Return where the depth is reached."""
         hit = dr.isnan(place) & (after >= self.limit) & segment.active
         part = (self.limit - before) / dr.select(hit, more, 1.0)
         here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)
-        return dr.select(hit, distance(walk, track, here), place)
+        return dr.select(hit, distance(track, here), place)
