@@ -158,7 +158,111 @@ def test_missing_cells_are_not_found():
     assert surface.depth.intensity[4, 4, 0] == pytest.approx(-1 + 0.25 + 0.125)
 
 
+@pytest.mark.parametrize(
+    "scheme", ["first-order", "second-order", "olson-kunasz", "post-classified"]
+)
+def test_surfaces_behind_missing_cells_are_where_the_depth_of_the_picture_is(scheme):
+    """What a scheme carries from cell to cell goes on through one that holds nothing."""
+    rng = np.random.default_rng(1)
+    values = rng.random(GRID.shape) + 0.1
+    values[rng.random(GRID.shape) < 0.4] = np.nan
+    volume, medium = vm.Volume(GRID, a=values), vm.Coefficients(0, "a")
+    camera = vm.Orthographic(37, 61, 20, width=1.6, resolution=8, center=(0, 0, 0))
+    ray = vm.probe(
+        volume, medium, camera, (3, 4), scheme=scheme, precision="double", tolerance=None
+    )
+    for tau in np.linspace(0.1, 0.95, 5) * ray.depth[-1, 0]:
+        k = np.searchsorted(ray.depth[:, 0], tau)
+        part = 1 - (ray.depth[k, 0] - tau) / ray.tau[k, 0]
+        expected = ray.begin[k] + part * (ray.end[k] - ray.begin[k])
+        found = vm.tau_surface(volume, medium, camera, tau, scheme=scheme).depth
+        assert found.intensity[4, 3, 0] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("method", ["rays", "exact"])
+def test_expressions_without_a_value_count_nothing(method):
+    """As fields that lack it there: log10(a) where a is negative."""
+    volume = vm.Volume(GRID, a=VOLUME.array("a"))
+    volume["logarithm"] = "log10(a)"
+    assert np.isnan(volume.array("logarithm")).mean() > 0.4
+    maps = [
+        vm.column(volume, text, DOWN, method=method, precision="double").intensity
+        for text in ("log10(a)", "logarithm")
+    ]
+    np.testing.assert_allclose(*maps, atol=1e-13)
+    maps = [
+        vm.column(volume, text, DOWN, weight="2 + a", method=method, precision="double").intensity
+        for text in ("log10(a)", "logarithm")
+    ]
+    np.testing.assert_allclose(*maps, atol=1e-12)
+
+
+def test_expressions_without_a_value_are_not_found():
+    a = VOLUME.array("a")
+    with np.errstate(invalid="ignore"):
+        expected = np.nanmin(np.log10(a), axis=2).T
+    found = vm.extreme(VOLUME, "log10(a)", DOWN, "minimum", precision="double")
+    np.testing.assert_allclose(found.value.intensity[..., 0], expected, rtol=1e-12)
+    found = vm.first_hit(VOLUME, "log10(a)", DOWN, precision="double").intensity[..., 0]
+    first = np.argmax(a[..., ::-1] > 0, axis=2).T
+    np.testing.assert_array_equal(found, first / 4 - 1)
+
+
+@pytest.mark.parametrize("method", ["rays", "exact"])
+def test_infinite_quantities_are_refused_by_name(method):
+    """Else pixels that do not see the cell would be infinite too, or no numbers."""
+    volume = vm.Volume(GRID, a=np.where(np.arange(8) == 3, 0.0, VOLUME.array("a")))
+    with pytest.raises(vm.InputError, match=r"'1/a' is infinite .* \(0, 0, 3\)"):
+        vm.column(volume, "1/a", DOWN, method=method)
+    flow = vm.moments(volume, "abs(a)", DOWN, "1/a", 1, method=method)  # there is nothing there
+    assert np.isfinite(flow.mean.intensity).all()
+
+
+def test_what_has_no_value_at_all_is_refused_by_name():
+    with pytest.raises(vm.InputError, match=r"'log10\(-abs\(a\)\)' has no value in any cell"):
+        vm.extreme(VOLUME, "log10(-abs(a))", DOWN)
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+@pytest.mark.parametrize("extinction", ["a", "log10(a)"])
+def test_surfaces_in_what_is_no_extinction_are_refused(scheme, extinction):
+    """It is negative, or no number, in places: NaN would mean that surfaces are not reached."""
+    with pytest.raises(vm.InputError, match=r"not finite|cannot be used in"):
+        vm.tau_surface(VOLUME, vm.Coefficients(0, extinction), DOWN, 0.1, scheme=scheme)
+
+
+@pytest.mark.parametrize("length", [1e-60, 1e60])
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+def test_measurements_do_not_depend_on_units(length, size):
+    """Depths and columns are numbers of a size that single precision, or products, cannot hold."""
+    camera = vm.Orthographic(37, 61, 20, width=2.4 * length, resolution=5, center=(0, 0, 0))
+    values, plain = np.abs(VOLUME.array("a")), vm.Orthographic(37, 61, 20, 2.4, 5, center=(0, 0, 0))
+    large = vm.Volume(vm.CartesianGrid.uniform(8, (-length, length)), a=size * values)
+    usual = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), a=values)
+    exact = {"rtol": 1e-5, "atol": 1e-5}
+
+    def measured(volume, camera, size, length):
+        found = vm.extreme(volume, "a", camera)
+        yield found.value.intensity / size
+        yield found.depth.intensity / length
+        yield vm.first_hit(volume, f"a > {size!r}", camera).intensity / length
+        for method in ("rays", "exact"):
+            yield vm.column(volume, "a", camera, method=method).intensity / size / length
+        medium = vm.Coefficients(0, f"a * {1 / size / length!r}")
+        for precision in ("single", "double"):
+            surface = vm.tau_surface(volume, medium, camera, 0.3, precision=precision)
+            yield surface.depth.intensity / length
+
+    pairs = zip(
+        measured(large, camera, size, length), measured(usual, plain, 1.0, 1.0), strict=True
+    )
+    for found, expected in pairs:
+        np.testing.assert_allclose(found, expected, **exact)
+
+
 def test_what_makes_no_sense():
+    with pytest.raises(vm.InputError, match="progress must be a function of done and total"):
+        vm.first_hit(VOLUME, "a > 0", DOWN, progress=3)
     with pytest.raises(vm.InputError, match="tau must be a positive number"):
         vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)
     with pytest.raises(vm.UnknownNameError, match="did you mean 'maximum'"):

@@ -31,7 +31,8 @@ def column(
 ) -> Image:
     """Return a map of ∫ q ds, or of ∫ q w ds / ∫ w ds, along the lines of sight.
 
-    A quantity is constant in a cell. Where it is missing (NaN) it counts nothing.
+    A quantity is constant in a cell. Where it is missing (NaN), or an expression has no value, it
+    counts nothing.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def column(
     UnknownNameError
         For a field or method that does not exist.
     InputError
-        If the exact method cannot be used.
+        If the exact method cannot be used, or the quantity is infinite in a cell.
     UnitsError
         If the map is not of the unit.
     """

@@ -12,9 +12,10 @@ from ..backend import dr
 from ..errors import unknown_name
 from ..media import Coefficients
 from .conditions import condition as converted_condition
+from .known import with_known
 from .maps import as_map, depth_map
 from .quantity import Quantity, check_volume
-from .scan import NOTHING, Scanner, distance, scan
+from .scan import NOTHING, Scanned, Scanner, distance, scan
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -70,8 +71,8 @@ def extreme(
     what = Quantity.of(volume.seen_by(camera), quantity)
     scheme = _Largest(1.0 if kind == "maximum" else -1.0)
     options = {"precision": precision, "device": device, "progress": progress}
-    found = scan(volume, Coefficients(what.expression, 0), camera, scheme, **options)
-    value, depth = found.unit * found.values[0], found.values[1]
+    found = _scanned(volume, what, camera, scheme, **options)
+    value, depth = found.unit * found.values[0], found.length * found.values[1]
     quantity = what.expression.text
     told = {"quantity": quantity, "kind": kind, "map": f"{kind} of {quantity}"}
     return Extreme(
@@ -104,8 +105,15 @@ def first_hit(
     check_volume(volume)
     what = converted_condition(volume.seen_by(camera), condition, "condition")
     options = {"precision": precision, "device": device, "progress": progress}
-    found = scan(volume, Coefficients(what.expression, 0), camera, _First(), **options)
-    return depth_map(found.values[0], volume, camera, {"condition": what.expression.text})
+    found = _scanned(volume, what, camera, _First(), **options)
+    depth = found.length * found.values[0]
+    return depth_map(depth, volume, camera, {"condition": what.expression.text})
+
+
+def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
+    """Return what rays find of a quantity in cells in which it has a value."""
+    seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
+    return scan(seen, Coefficients(known, 0), camera, scheme, **options)
 
 
 class _Largest(Scanner):
@@ -131,7 +139,7 @@ class _Largest(Scanner):
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
         larger &= segment.active & (segment.length > 0.0)
-        here = distance(walk, track, 0.5 * (segment.begin + segment.end))
+        here = distance(track, 0.5 * (segment.begin + segment.end))
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
@@ -151,4 +159,4 @@ class _First(Scanner):
         """Look at one cell; see `schemes.contract.Scheme`."""
         (value,), _ = source.at(segment.cell, segment.active)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
-        return NOTHING, [dr.select(hit, distance(walk, track, segment.begin), carried[0])]
+        return NOTHING, [dr.select(hit, distance(track, segment.begin), carried[0])]

@@ -12,6 +12,7 @@ from ..cameras import Orthographic
 from ..errors import InputError, unknown_name
 from ..media import Coefficients
 from ..rendering import render
+from .known import check_finite, with_known
 from .shadows import Screen, onto_pixels
 from .thin import Thin
 
@@ -44,16 +45,17 @@ def integrals(
     UnknownNameError
         If there is no such method.
     InputError
-        If the method cannot be used with the camera or the grid.
+        If the method cannot be used with the camera or the grid, or a quantity is infinite.
     """
     if method == "exact":
         check_exact(volume.grid, camera)
         return exact_maps(volume.seen_by(camera), expressions, camera, device, together=True)
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
+    seen, known = with_known(volume.seen_by(camera), expressions)
     image = render(
-        volume,
-        Coefficients(list(expressions), 0),
+        seen,
+        Coefficients(known, 0),
         camera,
         scheme=Thin(),
         cutoff=0.0,
@@ -92,7 +94,10 @@ def exact_maps(
     for first in range(0, grid.size, _CHUNK):
         last = min(first + _CHUNK, grid.size)
         sizes = np.asarray(grid.cell_sizes(first, last))
-        share = np.prod(sizes, axis=0) * (1.0 if parts is None else parts.of(first, last))
+        # In units of the scale: products of three lengths and a density may be too large, or small.
+        share = np.prod(sizes / grid.scale, axis=0) * (
+            1.0 if parts is None else parts.of(first, last)
+        )
         values = np.array(
             [
                 np.ones(last - first)
@@ -101,13 +106,16 @@ def exact_maps(
                 for e in expressions
             ]
         )
+        for e, own in zip(expressions, values, strict=True):
+            if e is not None:
+                check_finite(np.where(share == 0, 0.0, own), e, first, grid)
         unknown = np.isnan(values)
         if together:
             unknown = np.any(unknown, axis=0)
         amounts = np.where(unknown | (share == 0), 0.0, values) * share
         centers = np.asarray(grid.cell_centers(first, last))
         total += onto_pixels(screen, centers, sizes, amounts, backend)
-    return total / np.prod(frame.pixel)
+    return total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale
 
 
 def check_exact(grid: Any, camera: Any) -> None:

@@ -28,7 +28,6 @@ class Scanner:
     reckoned = False
     coarseness = 0.0
     complete = True
-    records = True
     recorded = 1
 
     def count(self, numbers: Any) -> int:
@@ -39,6 +38,10 @@ class Scanner:
         self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
         """Go on as before: nothing is found in empty space."""
+        return carried
+
+    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Go on as before: nothing is found in cells without values."""
         return carried
 
 
@@ -69,12 +72,14 @@ class Scanned:
     Attributes
     ----------
     values : float64 array, shape (recorded, ny, nx)
-    unit : float
-        What tabulated coefficients are multiplied by, to be those of the medium.
+    unit, length : float
+        What tabulated coefficients are multiplied by, to be those of the medium, and distances, to
+        be in the volume's unit: single precision may not hold them.
     """
 
     values: np.ndarray
     unit: float
+    length: float
 
 
 def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> Scanned:
@@ -90,9 +95,9 @@ def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> 
     nx, ny = job.frame.pixels
     paths, numbers = job.drawn(Scan)
     values = np.stack(paths.emission).astype(np.float64).reshape(-1, ny, nx)
-    return Scanned(values, numbers.unit / volume.grid.scale)
+    return Scanned(values, numbers.unit / volume.grid.scale, volume.grid.scale)
 
 
-def distance(walk: Any, track: Any, t: Any) -> Any:
-    """Return how far a point of a ray is from its origin, in the volume's unit (traced)."""
-    return type(t)((track.entry + t) * walk.scale)
+def distance(track: Any, t: Any) -> Any:
+    """Return how far a point of a ray is from its origin, in units of the scale (traced)."""
+    return type(t)(track.entry + t)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError
+from ..rendering.options import refuse_unusable
 from ..schemes import get_scheme
 from .lines import lines_of_sight
 from .maps import depth_map
@@ -75,7 +76,8 @@ def tau_surface(
     Raises
     ------
     InputError
-        If `tau` is not positive, or something cannot be rendered.
+        If `tau` is not positive, or something cannot be rendered: where coefficients are not finite
+        or extinctions negative.
     """
     if not isinstance(tau, Real) or not 0 < tau < np.inf:
         raise InputError(f"tau must be a positive number, got {tau!r}")
@@ -83,7 +85,11 @@ def tau_surface(
     options = {"precision": precision, "device": device, "progress": progress}
     found = scan(volume, medium, camera, Surface(inner, float(tau)), **options)
     told = {"tau": float(tau), "scheme": inner.name}
-    image = depth_map(np.moveaxis(found.values, 0, -1), volume, camera, told)
+    places, depths = np.split(found.values, 2)
+    if np.isnan(depths).any():  # else it would seem that the surface is not reached
+        refuse_unusable(precision)
+    distances = found.length * np.moveaxis(places, 0, -1)
+    image = depth_map(distances, volume, camera, told)
     return TauSurface(image, _points(volume, camera, image.intensity), float(tau))
 
 
@@ -102,42 +108,47 @@ class Surface(Scanner):
         self.place = scheme.place
 
     def count(self, numbers: Any) -> int:
-        """Return how many extinctions there are."""
-        return int(numbers.extinctions)
+        """Return how many places and depths there are: one of each for every extinction."""
+        return 2 * int(numbers.extinctions)
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Carry nothing yet."""
         self.recorded, Float = self.count(source.numbers), source.backend.Float
         self.limit = source.backend.opaque(self.tau)
-        places = [Float(np.nan) for _ in range(self.recorded)]
-        depths = [Float(0) for _ in range(self.recorded)]
+        places = [Float(np.nan) for _ in range(self.recorded // 2)]
+        depths = [Float(0) for _ in places]
         return [*places, *depths, *self.scheme.start(source, walk, track, cursor)]
 
     def leapt(
         self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
         """Let the scheme know."""
-        own = 2 * self.recorded
+        own = self.recorded
         inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
         return [*carried[:own], *inner]
+
+    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Find nothing, but let the scheme carry on: its next segment begins there."""
+        own = self.recorded
+        return [*carried[:own], *onward[own:]]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Any, list[Any]]:
         """Solve one segment, and see if the depth is reached in it."""
-        count = self.recorded
+        count = self.recorded // 2
         places, depths, inner = carried[:count], carried[count : 2 * count], carried[2 * count :]
         found, inner = self.scheme.solve(source, walk, track, segment, inner, backward)
         after = [d + more for d, more in zip(depths, found.depth, strict=True)]
         parts = zip(places, depths, after, found.depth, strict=True)
-        reached = [self._reached(walk, track, segment, *part) for part in parts]
+        reached = [self._reached(track, segment, *part) for part in parts]
         return NOTHING, [*reached, *after, *inner]
 
     def _reached(
-        self, walk: Any, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
+        self, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
     ) -> Any:
         """Return where the depth is reached."""
         hit = dr.isnan(place) & (after >= self.limit) & segment.active
         part = (self.limit - before) / dr.select(hit, more, 1.0)
         here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)
-        return dr.select(hit, distance(walk, track, here), place)
+        return dr.select(hit, distance(track, here), place)

@@ -150,7 +150,8 @@ def _typical(volume: Any, weight: Quantity, speed: Quantity) -> float:
     last = min(volume.grid.size, 1 << 16)
     w, v = (volume.evaluate_cells(q.expression, 0, last) for q in (weight, speed))
     total = float(np.nansum(w))
-    mean = float(np.nansum(w * v)) / total if total else 0.0
+    with np.errstate(all="ignore"):  # a quotient by a density that is zero, say
+        mean = float(np.nansum(w * v)) / total if total else 0.0
     return mean if np.isfinite(mean) else 0.0
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..calibration import auto
 from ..cameras import Orthographic
-from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
 from ..image import Image
 from ..media.bounds import RangeContext
@@ -23,7 +22,7 @@ from .framing import framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
-from .options import background_array
+from .options import background_array, refuse_unusable
 from .prepare import prepare, silent
 from .sky import image_wcs
 from .unseen import warn_of_unseen
@@ -81,8 +80,8 @@ def render(
         image's maximum.
     samples : int, "adaptive" or "flux-conserving"
         n for n × n rays per pixel, at the centres of equal parts; or more rays where the picture is
-        not smooth, up to 256 a pixel, until its mean has settled to the tolerance; or RADMC-3D's
-        recursion.
+        not smooth, up to 256 a pixel, until its mean has settled to the tolerance (to a tenth, if
+        that is None); or RADMC-3D's recursion.
     bounds : bool or int
         Also give `Image.lower` and `Image.upper`: what the intensity is at least and at most, with
         certainty, per pixel and channel; for media of expressions, and ``"post-classified"``. They
@@ -133,7 +132,8 @@ def render(
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
     planes = job.run(float(np.max(np.abs(behind))))
-    _check_finite(job, planes)
+    if not planes.finite:
+        refuse_unusable(job.backend.precision)
     warn_of_unseen(job, planes, others=bool(things))
     told = {"samples": samples, "order": order}
     if things:
@@ -154,16 +154,6 @@ def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     if camera is None:
         camera = framed(volume, medium) if first else Orthographic(FIRST_INCL, FIRST_PHI)
     return medium, camera
-
-
-def _check_finite(job: Job, planes: Planes) -> None:
-    if not planes.finite:
-        raise InputError(
-            "the picture is not finite: the medium gives coefficients that are not, or too large "
-            f"for {job.backend.precision} precision, or a negative extinction, in cells that rays "
-            "visit; scheme='first-order' names the first of them, and `volume.evaluate(...)` shows "
-            "fields and expressions"
-        )
 
 
 def _image(

@@ -16,7 +16,7 @@ from .coefficients.digits import beyond_single_sums
 from .coefficients.emission_unit import channels_last, in_units_of
 from .options import DEFAULT_ERROR, walk_kinds
 from .rays.adaptive import refine
-from .rays.control import controlled, in_kernel_unit, total_error
+from .rays.control import add_floor, controlled, in_kernel_unit, total_error
 from .rays.drawing import Drawing
 from .rays.flux_conserving import FluxConserving
 from .rays.hidden import Hidden
@@ -142,6 +142,8 @@ class Job:
             paths = drawing.frame()
         if self.adaptive:
             refine(drawing, paths, self.tolerance)
+        if self.scheme.controlled:
+            add_floor(drawing, paths)
         return self._planes(paths, drawing, brightest_background)
 
     def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Drawing:

@@ -69,6 +69,36 @@ def check_cutoff(cutoff: Any) -> float | None:
     return float(cutoff)
 
 
+def refuse_unusable(precision: str) -> None:
+    """Raise the error for what is not finite after all rays were followed.
+
+    Raises
+    ------
+    InputError
+        Always.
+    """
+    raise InputError(
+        "the picture is not finite: the medium gives coefficients that are not, or too large "
+        f"for {precision} precision, or a negative extinction, in cells that rays "
+        "visit; scheme='first-order' names the first of them, and `volume.evaluate(...)` shows "
+        "fields and expressions"
+    )
+
+
+def check_progress(progress: Any) -> None:
+    """Refuse what cannot be told how far a picture is.
+
+    Raises
+    ------
+    InputError
+        If it cannot be called.
+    """
+    if progress is not None and not callable(progress):
+        raise InputError(
+            f"progress must be a function of done and total, or None, got {progress!r}"
+        )
+
+
 def check_tolerance(tolerance: Any) -> float:
     """Return the error allowed, relative to the brightest pixel.
 
@@ -120,6 +150,21 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
             f"'flux-conserving', got {samples!r}"
         )
     return int(samples)
+
+
+def check_parallel(samples: Any, camera: Any) -> None:
+    """Refuse to divide pixels that are angles by the widths of cells.
+
+    Raises
+    ------
+    InputError
+        Names what takes any camera.
+    """
+    if isinstance(samples, str) and samples == "flux-conserving" and not camera.parallel:
+        raise InputError(
+            "samples='flux-conserving' compares pixels with cells: it needs parallel rays "
+            "(vm.Orthographic); use samples='adaptive'"
+        )
 
 
 def is_recursive(samples: Any, grid: Any) -> bool:

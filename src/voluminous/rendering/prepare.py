@@ -21,7 +21,9 @@ from .options import (
     check_coordinates,
     check_cutoff,
     check_order,
+    check_parallel,
     check_pixels,
+    check_progress,
     check_tolerance,
     check_walk,
     is_recursive,
@@ -48,6 +50,8 @@ def prepare(
     See `voluminous.render` for the arguments and errors.
     """
     _check_types(volume, medium, camera)
+    check_progress(progress)
+    check_parallel(samples, camera)
     scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)

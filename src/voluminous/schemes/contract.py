@@ -29,7 +29,8 @@ class Scheme(Protocol):
     reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
     # Besides, if need be: `complete` (leave nothing out because it is faint), `everywhere` (visit
-    # empty cells too), `records` (what is carried has been found: not in cells without values).
+    # empty cells too), `passed` (what is carried beyond a cell without values, if nothing is to be
+    # found there: of what was carried to it, and what would be carried on).
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""

@@ -7,12 +7,14 @@ not. Nothing needs to be solved behind, and a layer that shows nothing changes n
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...objects.contract import Layers
+from ..rays.adaptive import left_of_edges
 from ..rays.control import lost_share
 from ..rays.pixels import subpixel_offsets
 from .pairs import Pairs, fold
@@ -81,6 +83,15 @@ def lay(planes: Planes, layers: Layers, drawing: Stretches) -> None:
     shown, bare = (Pairs.mean(list(parts)) for parts in zip(*found, strict=True))
     through = np.multiply.reduceat(1.0 - placed.opacity, groups.first)
     _put(planes, groups.pixel, shown, bare, through, drawing)
+    if job.adaptive and planes.error is not None:
+        planes.error.reshape(-1)[groups.pixel] += _scatter(found, through)
+
+
+def _scatter(found: list[tuple[Pairs, Pairs]], through: np.ndarray) -> np.ndarray:
+    """Return by how much means over the rays of a pixel may be off: what is in front has edges."""
+    seen = [shown.emission - through[:, None] * bare.emission for shown, bare in found]
+    low, high = (functools.reduce(extreme, seen) for extreme in (np.minimum, np.maximum))
+    return left_of_edges((high - low).max(axis=1), len(found))
 
 
 def _folded(placed: Layers, count: np.ndarray, ways: Pairs) -> tuple[Pairs, Pairs]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .control import in_kernel_unit
 from .paths import Paths
 
 if TYPE_CHECKING:
@@ -31,13 +32,59 @@ _SMOOTH = 4.0
 
 @dataclass
 class Means:
-    """Sums over the rays of some pixels, what they show, and by how much that changed."""
+    """Sums over the rays of some pixels, what they show, and by how much that may be off.
+
+    Rows are what a picture shows, see `_seen`, in parts of what differences are compared with.
+
+    Attributes
+    ----------
+    seen : array, shape (row, n)
+        The mean over the rays so far.
+    low, high : array, shape (row, n)
+        The least and the most that single rays show: own ones, and those through the centres of
+        the pixels around.
+    off : array, shape (row, n)
+        By how much the last rays changed the mean.
+    """
 
     pixel: np.ndarray
     total: Paths
     count: int
     seen: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
     off: np.ndarray
+
+    def take(self, drawing: Drawing, scale: np.ndarray, count: int) -> None:
+        """Take more rays, so that there are so many.
+
+        Each of them is reported: there may be many times as many as the picture has pixels.
+        """
+        numbers = range(self.count, count)
+        for done, number in enumerate(numbers):
+            drawing.job.progress(done * len(self.pixel), len(numbers) * len(self.pixel))
+            found = drawing.rays(self.pixel, *_offsets(self.pixel, number))
+            self._add(found, _seen(drawing, found) / scale)
+        self.count = count
+        now = _seen(drawing, self.mean()) / scale
+        self.seen, self.off = now, np.abs(now - self.seen)
+
+    def _add(self, found: Paths, seen: np.ndarray) -> None:
+        self.total = self.total.plus(found)
+        self.low, self.high = np.minimum(self.low, seen), np.maximum(self.high, seen)
+
+    def mean(self) -> Paths:
+        """Return the mean paths."""
+        return self.total.times(1.0 / self.count)
+
+    def wrong(self) -> np.ndarray:
+        """Return by how much rows may be off."""
+        return np.maximum(self.off, left_of_edges(self.high - self.low, self.count))
+
+    def some(self, index: np.ndarray) -> Means:
+        """Return some of the pixels."""
+        rows = (row[:, index] for row in (self.seen, self.low, self.high, self.off))
+        return Means(self.pixel[index], self.total.some(index), self.count, *rows)
 
 
 def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
@@ -50,41 +97,30 @@ def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
     tolerance : float
         Differences that matter, as a fraction of the brightest pixel (of transparencies: as such).
     """
-    seen = _seen(drawing, paths)
-    scale = _scale(seen, drawing)
-    rough = _rough(seen / scale, drawing.job.frame.pixels, _SMOOTH * tolerance)
-    contrast = _contrast(seen / scale, drawing.job.frame.pixels)
-    brightest = float(np.max(scale[:-1], initial=0.0))
-    means = Means(
-        rough, paths.some(rough), 1, (seen / scale)[:, rough], np.full(len(rough), np.inf)
-    )
+    seen, pixels = _seen(drawing, paths), drawing.job.frame.pixels
+    scale = _scale(seen, len(paths.transparency))
+    seen = seen / scale
+    low, high = _around(seen, pixels)
+    rough = _rough(seen, pixels, _SMOOTH * tolerance)
+    unsettled = np.full_like(seen, np.inf)
+    everywhere = Means(np.arange(seen.shape[1]), paths, 1, seen, low, high, unsettled)
+    means = everywhere.some(rough)
     for count in _ROUNDS:
         if not len(means.pixel):
             break
-        more = _drawn(drawing, means.pixel, range(means.count, count))
-        total = means.total.plus(more)
-        now = _seen(drawing, total.times(1.0 / count)) / scale
-        off = np.max(np.abs(now - means.seen), axis=0)
-        # What such sequences leave of an edge through a pixel (0.3, and three deviations).
-        edge = contrast[means.pixel] * count**-0.75
-        _store(paths, means.pixel, total, count, np.maximum(off, edge) * brightest)
-        rest = np.flatnonzero((np.maximum(off, means.off) > tolerance) | (count < _LEAST))
-        means = Means(means.pixel[rest], total.some(rest), count, now[:, rest], off[rest])
+        before = means.off
+        means.take(drawing, scale, count)
+        _store(paths, means, scale, drawing.source.numbers.unit)
+        changed = np.maximum(means.off, before).max(axis=0)
+        means = means.some(np.flatnonzero((changed > tolerance) | (count < _LEAST)))
 
 
-def _drawn(drawing: Drawing, pixel: np.ndarray, numbers: range) -> Paths:
-    """Return the sums of the paths of the rays with some numbers through each pixel.
+def left_of_edges(spread: np.ndarray, count: int) -> np.ndarray:
+    """Return what means over so many rays may be off by, of an edge of some height.
 
-    Each of them is reported: there may be many times as many as the picture has pixels.
+    It was 0.3 of that for sequences like these, and three deviations are counted.
     """
-    total = None
-    for done, number in enumerate(numbers):
-        drawing.job.progress(done * len(pixel), len(numbers) * len(pixel))
-        du, dv = _offsets(pixel, number)
-        found = drawing.rays(pixel, du, dv)
-        total = found if total is None else total.plus(found)
-    assert total is not None
-    return total
+    return np.asarray(spread * count**-0.75)
 
 
 def _offsets(pixel: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -104,16 +140,16 @@ def _hashed(pixel: np.ndarray, salt: int) -> np.ndarray:
 
 
 def _seen(drawing: Drawing, paths: Paths) -> np.ndarray:
-    """Return what a picture shows of paths, in rows: intensities, and the mean transparency."""
+    """Return what a picture shows of paths, in rows: intensities, and transparencies."""
     mixed = drawing.source.numbers.mix(paths.emission)
-    return np.vstack([np.moveaxis(mixed, -1, 0), np.mean(paths.transparency, axis=0)[None]])
+    return np.vstack([np.moveaxis(mixed, -1, 0), *(row[None] for row in paths.transparency)])
 
 
-def _scale(seen: np.ndarray, drawing: Drawing) -> np.ndarray:
+def _scale(seen: np.ndarray, extinctions: int) -> np.ndarray:
     """Return what differences in each row are compared with."""
-    brightest = float(np.max(np.abs(seen[:-1]), initial=0.0))
+    brightest = float(np.max(np.abs(seen[:-extinctions]), initial=0.0))
     column = np.full((len(seen), 1), brightest if brightest > 0 else 1.0, seen.dtype)
-    column[-1] = 1.0
+    column[-extinctions:] = 1.0
     return column
 
 
@@ -130,16 +166,18 @@ def _rough(seen: np.ndarray, pixels: tuple[int, int], limit: float) -> np.ndarra
             bent[tuple(inner)] |= bends
         elif planes.shape[axis] == 2:
             bent |= np.abs(np.diff(planes, axis=axis)).max(axis=0) > limit
+        else:  # one pixel does not tell
+            bent[:] = True
     return np.flatnonzero(_dilated(bent))
 
 
-def _contrast(seen: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
-    """Return by how much a pixel and its neighbours differ at most."""
+def _around(seen: np.ndarray, pixels: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the most that a pixel and its neighbours show, in the same rows."""
     nx, ny = pixels
     planes = np.pad(seen.reshape(-1, ny, nx), ((0, 0), (1, 1), (1, 1)), mode="edge")
     shifts = [planes[:, a : a + ny, b : b + nx] for a in range(3) for b in range(3)]
-    spread = functools.reduce(np.maximum, shifts) - functools.reduce(np.minimum, shifts)
-    return spread.max(axis=0).reshape(-1)
+    low, high = (functools.reduce(extreme, shifts) for extreme in (np.minimum, np.maximum))
+    return low.reshape(seen.shape), high.reshape(seen.shape)
 
 
 def _dilated(mask: np.ndarray) -> np.ndarray:
@@ -150,8 +188,16 @@ def _dilated(mask: np.ndarray) -> np.ndarray:
     )
 
 
-def _store(paths: Paths, pixel: np.ndarray, total: Paths, count: int, off: np.ndarray) -> None:
-    """Put the means of some pixels in the place of what they were."""
-    paths.put(pixel, total.times(1.0 / count))
+def _store(paths: Paths, means: Means, scale: np.ndarray, unit: float) -> None:
+    """Put the means of some pixels in the place of what they were.
+
+    Errors of intensities are in the unit of kernels, see `Direct`; those of transparencies count as
+    much as there is behind.
+    """
+    paths.put(means.pixel, means.mean())
     if paths.error:
-        paths.error[0][pixel] += off
+        extinctions = len(paths.transparency)
+        wrong = means.wrong()
+        brightest = in_kernel_unit(float(scale[0, 0]), unit)
+        paths.error[0][means.pixel] += wrong[:-extinctions].max(axis=0) * brightest
+        paths.error[1][means.pixel] += wrong[-extinctions:].max(axis=0)

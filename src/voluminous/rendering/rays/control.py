@@ -32,7 +32,8 @@ _UNDERFLOW = 1e-12
 def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[Paths, bool]:
     """Return the paths of all pixels, none off by more than the tolerance, if that can be had.
 
-    The second value is False if the medium's faint places, which are left out, may show more.
+    The second value is False if the medium's faint places, which are left out, may show more. The
+    errors are those of segments; `add_floor` adds the others.
 
     Some pixels tell how bright the picture is, and so what segments may be off by: narrower panels
     where two per segment are not good enough. Pixels in which that still adds up to too much are
@@ -64,7 +65,6 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
         source.allow(share * tolerance * scale, share * tolerance)
         paths.put(wrong, drawing.pixels(wrong))
     source.allow(first * tolerance * scale, first * tolerance)  # for rays still to come
-    _add_floor(drawing, paths)
     return paths, source.neglected <= tolerance * scale
 
 
@@ -110,7 +110,7 @@ def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> n
     return np.flatnonzero((wrong + dim * behind > tolerance * scale) | (dim > tolerance))
 
 
-def _add_floor(drawing: Drawing, paths: Paths) -> None:
+def add_floor(drawing: Drawing, paths: Paths) -> None:
     """Add to the errors what rounding, underflow, faint places and early ends may have lost."""
     wrong, dim, brightness = paths.error
     wrong += lost_share(drawing) * brightness + drawing.source.neglected

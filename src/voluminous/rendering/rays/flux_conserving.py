@@ -145,14 +145,9 @@ def _narrowest(job: Job) -> Narrowest:
     Raises
     ------
     InputError
-        If there is no rule for such a camera or grid.
+        If there is no rule for such a grid.
     """
     grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
-    if not job.camera.parallel:
-        raise InputError(
-            "samples='flux-conserving' compares pixels with cells: it needs parallel rays "
-            "(vm.Orthographic); use samples='adaptive'"
-        )
     if kind == SPHERICAL:
         return NarrowestOfSphere(grid, job.backend, job.backward)
     if kind == CYLINDRICAL:

@@ -55,6 +55,6 @@ class Hiding:
         found, onward = self.scheme.solve(source, walk, track, segment, carried, backward)
         parts = (found.emission, found.transparency, found.error)
         nothing = empty_path(type(segment.length), *(len(part) for part in parts))
-        if getattr(self.scheme, "records", False):  # what it carries is what it has found
-            onward = dr.select(hidden, carried, onward)
+        if hasattr(self.scheme, "passed"):
+            onward = dr.select(hidden, self.scheme.passed(carried, onward), onward)
         return dr.select(hidden, nothing, found), onward
