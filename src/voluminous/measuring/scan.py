@@ -28,7 +28,6 @@ class Scanner:
     reckoned = False
     coarseness = 0.0
     complete = True
-    records = True
     recorded = 1
 
     def count(self, numbers: Any) -> int:
@@ -39,6 +38,10 @@ class Scanner:
         self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
         """Go on as before: nothing is found in empty space."""
+        return carried
+
+    def unseen(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Go on as before: nothing is found in cells without values."""
         return carried
 
 

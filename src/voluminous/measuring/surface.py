@@ -12,6 +12,7 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..schemes import get_scheme
+from ..schemes.contract import carried_beyond
 from .lines import lines_of_sight
 from .maps import depth_map
 from .scan import NOTHING, Scanner, distance, scan
@@ -120,6 +121,11 @@ class Surface(Scanner):
         own = 2 * self.recorded
         inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
         return [*carried[:own], *inner]
+
+    def unseen(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Keep places and depths, and let the scheme know."""
+        own = 2 * self.recorded
+        return [*carried[:own], *carried_beyond(self.scheme, carried[own:], onward[own:])]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
