@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..units import plain, unit_of
 from .bends import bend, thinness
 from .color_by import ColorBy
 from .context import Context
-from .contract import Coefficients, Medium, check_plain
+from .contract import WIDE, Coefficients, Medium, check_plain
 from .crossings import NOISE, passes
 from .front_light import extent_of, unseen_change
 from .given import named
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 _DOUBT = 0.25
 # What is left of that where x only just reaches what shows.
 _REACHED = 2.0**-8
+# Emission and extinction that differ by less, as parts of their peaks, vary alike.
+_EVEN = 1e-9
 # A structure is a ramp up and one down.
 _RAMPS = 2.0
 # Half of how far apart the ends of a stretch are, over the distance of two samples.
@@ -213,6 +216,32 @@ class Table(Medium):
         return ((above <= first) & (high > first + least)) | (
             (below >= last) & (low < last - least)
         )
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return how many structures are in each half: two where colours vary in one narrower.
+
+        One of them is in front of the other, and panels may agree about a mixture of both.
+        """
+        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
+        real = type(nodes[0])
+        found = context.keep((id(self), "structures"), lambda: self._kept_structures(context, real))
+        within = stretch.length * 0.0 + (1.0 if self._even else 2.0)
+        counts = []
+        for low, high in map(extremes, pairwise(nodes)):
+            count = stretch.length * 0.0
+            for doubt, first, last in found:
+                own = dr.select(_DOUBT * (high - low) > doubt, within, WIDE)
+                there = (low < last) & (high > first)
+                count = extremes([count, dr.select(there, own, 0.0)])[1]
+            counts.append(count)
+        return counts
+
+    @property
+    def _even(self) -> bool:
+        """Whether what is in front of what makes no difference."""
+        shown = np.flatnonzero(np.abs(self._rows).max(axis=0))
+        absorbs = bool((shown >= self.channels).any())
+        return not absorbs or bool(np.ptp(self._shape[:, shown], axis=1).max() < _EVEN)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return how thin the narrowest structure is, and what bends of x may do to it."""
