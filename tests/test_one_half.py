@@ -38,12 +38,19 @@ def test_what_is_in_front_in_a_narrow_table(first, opacity, precision):
     assert told <= 2e-3
 
 
+KINKED = {
+    "interp(f, [0, {0}, 1], [1, 2, 1])": lambda f, x: np.interp(f, [0, x, 1], [1, 2, 1]),
+    "1 + max(f, {0})": lambda f, x: 1 + np.maximum(f, x),
+    "1 + abs(f - {0})": lambda f, x: 1 + np.abs(f - x),
+}
+
+
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("place", [0.01, 0.03, 0.05, 0.08, 0.5, 0.92, 0.95, 0.97, 0.99])
-def test_a_kink_beside_an_end(place, precision):
+@pytest.mark.parametrize("text", KINKED)
+def test_a_kink_beside_an_end(text, place, precision):
     """No place at which a panel and its halves are looked at is beyond it."""
-    text = f"interp(f, [0, {place}, 1], [1, 2, 1])"
-    medium = vm.Coefficients(text, 0.1)
-    wrong, told = off(medium, np.interp(FIELD, [0, place, 1], [1, 2, 1]), 0.1, precision)
+    medium = vm.Coefficients(text.format(place), 0.1)
+    wrong, told = off(medium, KINKED[text](FIELD, place), 0.1, precision)
     assert wrong <= told + 1e-6
     assert told <= 2e-3
