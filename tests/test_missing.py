@@ -209,3 +209,38 @@ def test_means_on_another_grid_are_those_of_what_is_known(source):
     enough = found.array("known") >= 0.5 * found.array("one")
     np.testing.assert_array_equal(np.isnan(found.array("a")), ~enough)
     np.testing.assert_allclose(found.array("a")[enough], 2 * found.array("one")[enough], rtol=1e-12)
+
+
+LINE = np.append(np.arange(6.0), [np.nan, np.nan])
+
+
+def column(values):
+    """Return one column of cells along z, as wide as one ray."""
+    walls = np.arange(len(values) + 1.0)
+    return vm.Volume(vm.CartesianGrid([-1, 1], [-1, 1], walls), f=np.reshape(values, (1, 1, -1)))
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_missing_cells_hide_nothing_that_is_behind_them(precision):
+    """However opaque what surrounds them is: what is behind is as exact as anywhere."""
+    camera = vm.Orthographic(width=0.5, resolution=1)
+    medium = vm.Coefficients("30 * (1 + cos(8 * f))", 30)
+    image, other = (
+        vm.render(column(values), medium, camera, precision=precision)
+        for values in (LINE, LINE[:6])
+    )
+    assert image.error.item() == pytest.approx(other.error.item(), rel=0.1)
+    assert image.intensity.item() == pytest.approx(other.intensity.item(), rel=1e-5)
+    image = vm.render(column(LINE), medium, camera, bounds=True, tolerance=1e-6)
+    assert (image.upper - image.lower).item() <= 1.001e-6 * image.intensity.item()
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
+def test_optical_depth_grows_behind_missing_cells_as_without_them(scheme):
+    camera = vm.Orthographic(width=0.5, resolution=1, center=(0, 0, 0))
+    medium = vm.Coefficients("f", "0.2 * f")
+    depths = [
+        vm.tau_surface(column(values), medium, camera, 2.0, scheme=scheme).depth.intensity.item()
+        for values in (LINE, LINE[:6])
+    ]
+    assert depths[0] == pytest.approx(depths[1], rel=1e-12)

@@ -208,27 +208,34 @@ class TracedJetOps(Ops):
 
     def abs(self, x: TracedJet) -> TracedJet:  # type: ignore[override]
         """Return the magnitude; it has a kink where the sign changes."""
-        found = self.where(x.value >= 0.0, x, self.negative(x))
-        return TracedJet(abs(x.value), found.first, found.second)
+        return self._kinked(abs(x.value), x.value >= 0.0, x, self.negative(x))
 
     def minimum(self, left: TracedJet, right: TracedJet) -> TracedJet:
         """Return the smaller of both."""
-        found = self.where(left.value < right.value, left, right)
-        return TracedJet(self._at.minimum(left.value, right.value), found.first, found.second)
+        value = self._at.minimum(left.value, right.value)
+        return self._kinked(value, left.value < right.value, left, right)
 
     def maximum(self, left: TracedJet, right: TracedJet) -> TracedJet:
         """Return the larger of both."""
-        found = self.where(left.value > right.value, left, right)
-        return TracedJet(self._at.maximum(left.value, right.value), found.first, found.second)
+        value = self._at.maximum(left.value, right.value)
+        return self._kinked(value, left.value > right.value, left, right)
 
     def where(self, mask: Truth, chosen: TracedJet, otherwise: TracedJet) -> TracedJet:
         """Return the one or the other; where it can be either, derivatives may be anything."""
-        either = mask.true & mask.false
-        derivatives = [
-            self._at.where(mask, self._interval(a), self._interval(b)).unknown_where(either, False)
+        value = self._at.where(mask, chosen.value, otherwise.value)
+        found = self._kinked(value, mask, chosen, otherwise)
+        first = self._interval(found.first).unknown_where(mask.true & mask.false, False)
+        return TracedJet(value, first, found.second)
+
+    def _kinked(
+        self, value: TracedInterval, mask: Truth, chosen: TracedJet, otherwise: TracedJet
+    ) -> TracedJet:
+        """Return the one or the other, equal where it changes: slopes are between those of both."""
+        first, second = (
+            self._at.where(mask, self._interval(a), self._interval(b))
             for a, b in ((chosen.first, otherwise.first), (chosen.second, otherwise.second))
-        ]
-        return TracedJet(self._at.where(mask, chosen.value, otherwise.value), *derivatives)
+        )
+        return TracedJet(value, first, second.unknown_where(mask.true & mask.false, False))
 
     def _comparison(self, name: str) -> Callable[[TracedJet, TracedJet], Truth]:
         compare = getattr(self._at, name)

@@ -13,6 +13,7 @@ from ..backend import dr
 from ..errors import InputError
 from ..rendering.options import refuse_unusable
 from ..schemes import get_scheme
+from ..schemes.contract import carried_beyond
 from .lines import lines_of_sight
 from .maps import depth_map
 from .scan import NOTHING, Scanner, distance, scan
@@ -128,9 +129,9 @@ class Surface(Scanner):
         return [*carried[:own], *inner]
 
     def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
-        """Find nothing, but let the scheme carry on: its next segment begins there."""
+        """Keep places and depths, and let the scheme know."""
         own = self.recorded
-        return [*carried[:own], *onward[own:]]
+        return [*carried[:own], *carried_beyond(self.scheme, carried[own:], onward[own:])]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

@@ -15,7 +15,7 @@ from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
-from .peaks import may_peak, sharpness
+from .peaks import may_peak, sharpness, unseen_kink
 from .sampled import FIVE, Sampled, compared
 
 if TYPE_CHECKING:
@@ -102,12 +102,15 @@ class Coefficients(Medium):
         return seen, hidden | self._peaks(stretch, context)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return how sharply coefficients may bend: halves of panels then have no order."""
-        zero = stretch.length * 0.0
-        found = zero
+        """Return how sharply coefficients may bend, and what kinks beside ends of panels may do.
+
+        Halves of panels have no order where there is a kink.
+        """
+        sharp = off = stretch.length * 0.0
         for expr in filter(_restless, (*self.emissivity, *self.extinction)):
-            found = larger(found, context.narrow(sharpness(stretch, expr)))
-        return found, zero
+            sharp = larger(sharp, context.narrow(sharpness(stretch, expr)))
+            off = larger(off, context.narrow(unseen_kink(stretch, expr)))
+        return sharp, off
 
     def _peaks(self, stretch: Stretch, context: Context) -> Any:
         """Return where a coefficient may have peaks or steps that places do not show."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
@@ -24,6 +25,9 @@ _BENT, _STEEP = 64.0, 4.0
 _FAR = 0.5
 # Halves of a panel have no order from such a second derivative on.
 _SHARP = 16.0
+# What a mean loses by a kink at which a slope of one turns round, where it is as far from an end of
+# a panel as the nearest place in one of its halves (Gauss-Legendre): no place is beyond.
+_BLIND = (0.5 * (0.5 - math.sqrt(0.15))) ** 2
 
 
 def sharpness(stretch: Stretch, expr: Expression) -> Any:
@@ -31,6 +35,17 @@ def sharpness(stretch: Stretch, expr: Expression) -> Any:
     _, _, bow = stretch.spread(expr)
     size = _SHARP * _size(stretch, expr)
     return dr.select(bow < size, bow / size, dr.select(bow > 0.0, 1.0, 0.0))
+
+
+def unseen_kink(stretch: Stretch, expr: Expression) -> Any:
+    """Return the relative error of means that a kink beside an end of a stretch may make.
+
+    A panel and its halves agree about it. What is too steep for them is a matter of `may_peak`.
+    """
+    _, slope, bow = stretch.spread(expr)
+    size = _size(stretch, expr)
+    kinked = ~(bow < dr.inf) & (slope <= _STEEP * size) & (size > 0.0)
+    return dr.select(kinked, _BLIND * slope / dr.select(kinked, size, 1.0), 0.0)
 
 
 def _size(stretch: Stretch, expr: Expression) -> Any:

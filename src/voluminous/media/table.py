@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
 
+# Emission and extinction that differ by less, as parts of their peaks, vary alike.
+_EVEN = 1e-9
 # Half of how far apart the ends of a stretch are, over the distance of two samples.
 _TO_ENDS = 0.5 / (PAIR[1] - PAIR[0])
 
@@ -170,6 +172,10 @@ class Table(Medium):
         """Return where an entry may be noticeable, and where a panel's ends may not show that."""
         return table_panels.visible(self, stretch, context)
 
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return how many structures are in each half: two where colours vary in one narrower."""
+        return table_panels.cores(self, stretch, context)
+
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return how thin the narrowest structure is, and what bends of x may do to it."""
         return table_panels.sharpness(self, stretch, context)
@@ -213,6 +219,13 @@ class Table(Medium):
     def shape(self) -> np.ndarray:
         """All columns, each over its peak."""
         return np.ascontiguousarray(self.rows / self.peaks)
+
+    @property
+    def even(self) -> bool:
+        """Whether what is in front of what makes no difference."""
+        shown = np.flatnonzero(np.abs(self.rows).max(axis=0))
+        absorbs = bool((shown >= self.channels).any())
+        return not absorbs or bool(np.ptp(self.shape[:, shown], axis=1).max() < _EVEN)
 
     @property
     def _weight(self) -> np.ndarray:

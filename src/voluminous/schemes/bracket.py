@@ -68,6 +68,10 @@ class Bracket:
         seen, *before = carried
         return [seen, *(dr.select(moved, math.nan, value) for value in before)]
 
+    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Go on with the fields as they are there; what is not seen dims nothing."""
+        return [carried[0], *onward[1:]]
+
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Solution, list[Any]]:

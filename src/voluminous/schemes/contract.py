@@ -29,8 +29,7 @@ class Scheme(Protocol):
     reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
     # Besides, if need be: `complete` (leave nothing out because it is faint), `everywhere` (visit
-    # empty cells too), `passed` (what is carried beyond a cell without values, if nothing is to be
-    # found there: of what was carried to it, and what would be carried on).
+    # empty cells too), `passed` (see `carried_beyond`).
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""
@@ -51,3 +50,18 @@ class Scheme(Protocol):
         ``backward`` is True if the walk runs towards the camera: then the end of the segment
         is its front.
         """
+
+
+def carried_beyond(scheme: Any, carried: list[Any], onward: list[Any]) -> list[Any]:
+    """Return what a scheme carries on from a segment whose solution is left out.
+
+    Parameters
+    ----------
+    scheme : Scheme
+        Its method ``passed(carried, onward)`` tells, if it has one: what follows from where the ray
+        is goes on, what was gathered stays as it was.
+    carried, onward : list of arrays
+        What was carried to the segment, and what would be carried on if it had been seen.
+    """
+    passed = getattr(scheme, "passed", None)
+    return onward if passed is None else passed(carried, onward)

@@ -63,6 +63,10 @@ class PostClassified:
         *scalars, seen_through = carried
         return [*(dr.select(moved, math.nan, x) for x in scalars), seen_through]
 
+    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Go on with the scalars as they are there; what is not seen dims nothing."""
+        return [*onward[:-1], carried[-1]]
+
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Solution, list[Any]]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...backend import dr
 from ...grids.two_walks import cell_of
+from ...schemes.contract import carried_beyond
 from ...schemes.linear import looked_up
 
 # The middle and the two halves of a segment, of which coefficients are the mean.
@@ -86,6 +87,11 @@ class Recorder:
             before = looked_up(source, walk, track, cursor, before, moved)
         inner = self.scheme.leapt(source, walk, track, cursor, inner, moved)
         return [row, *before, *inner]
+
+    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+        """Go on, and let the scheme know: what is not seen is written down, too."""
+        inner = carried_beyond(self.scheme, carried[self.own :], onward[self.own :])
+        return [*onward[: self.own], *inner]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool

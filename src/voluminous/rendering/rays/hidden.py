@@ -8,6 +8,7 @@ import numpy as np
 
 from ...backend import dr
 from ...grids.two_walks import TwoWalks, cell_of
+from ...schemes.contract import carried_beyond
 from ...schemes.path import empty_path
 
 
@@ -55,6 +56,5 @@ class Hiding:
         found, onward = self.scheme.solve(source, walk, track, segment, carried, backward)
         parts = (found.emission, found.transparency, found.error)
         nothing = empty_path(type(segment.length), *(len(part) for part in parts))
-        if hasattr(self.scheme, "passed"):
-            onward = dr.select(hidden, self.scheme.passed(carried, onward), onward)
-        return dr.select(hidden, nothing, found), onward
+        beyond = carried_beyond(self.scheme, carried, onward)
+        return dr.select(hidden, nothing, found), dr.select(hidden, beyond, onward)

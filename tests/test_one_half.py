@@ -1,0 +1,56 @@
+"""What panels and their halves agree about, and are wrong: what lies in one half, or at an end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+
+# One ray, from z = 2 to z = 0: f is one on its way in, zero on its way out, linear between centres.
+VOLUME = vm.Volume(vm.CartesianGrid([-1, 1], [-1, 1], [0, 1, 2]), f=[[[0.0, 1.0]]])
+ALONG = vm.Orthographic(width=0.5, resolution=1)
+DISTANCE = (np.arange(200_000) + 0.5) / 100_000
+FIELD = np.clip(1.5 - DISTANCE, 0, 1)
+
+
+def off(medium, emissivity, extinction, precision):
+    """Return how far a pixel is off, and what it is said to be off by, relatively."""
+    step = DISTANCE[1] - DISTANCE[0]
+    depth = np.broadcast_to(extinction * step, DISTANCE.shape)
+    exact = np.sum(emissivity * step * np.exp(0.5 * depth - np.cumsum(depth)))
+    image = vm.render(VOLUME, medium, ALONG, precision=precision)
+    return abs(image.intensity.item() / exact - 1), image.error.item() / exact
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("opacity", [0.5, 2.0, 8.0])
+@pytest.mark.parametrize("first", np.linspace(0.02, 0.7, 8))
+def test_what_is_in_front_in_a_narrow_table(first, opacity, precision):
+    """A dark peak that hides a bright one from where it is looked at, wherever they are."""
+    values = first + np.array([0, 0.05, 0.1, 0.15, 0.2])
+    bright, dark = np.array([0.0, 1, 0, 0, 0]), np.array([0.0, 0, 0, 1, 0])
+    opacities = opacity * (0.3 * bright + dark)
+    table = vm.Table("f", values, bright, opacities, 0.05)
+    j, alpha = (np.interp(FIELD, values, v) / 0.05 for v in (bright, opacities))
+    wrong, told = off(table, j, alpha, precision)
+    assert wrong <= told + 1e-6
+    assert told <= 2e-3
+
+
+KINKED = {
+    "interp(f, [0, {0}, 1], [1, 2, 1])": lambda f, x: np.interp(f, [0, x, 1], [1, 2, 1]),
+    "1 + max(f, {0})": lambda f, x: 1 + np.maximum(f, x),
+    "1 + abs(f - {0})": lambda f, x: 1 + np.abs(f - x),
+}
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("place", [0.01, 0.03, 0.05, 0.08, 0.5, 0.92, 0.95, 0.97, 0.99])
+@pytest.mark.parametrize("text", KINKED)
+def test_a_kink_beside_an_end(text, place, precision):
+    """No place at which a panel and its halves are looked at is beyond it."""
+    medium = vm.Coefficients(text.format(place), 0.1)
+    wrong, told = off(medium, KINKED[text](FIELD, place), 0.1, precision)
+    assert wrong <= told + 1e-6
+    assert told <= 2e-3
