@@ -305,7 +305,8 @@ def solve(medium, points, ctx=None):
     ctx = ctx or context()
     shape = np.broadcast_shapes(*(values.shape for values in points.values()))
     fields = {
-        name: ctx.real(np.broadcast_to(values, shape).ravel()) for name, values in points.items()
+        name: from_host(ctx.real, np.broadcast_to(values, shape).ravel())
+        for name, values in points.items()
     }
     found = medium.coefficients(fields, ctx)
 

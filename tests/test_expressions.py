@@ -45,7 +45,9 @@ def with_numpy(text, **values):
 
 
 def with_drjit(text, float_type, **values):
-    fields = {name: float_type(np.atleast_1d(value)) for name, value in values.items()}
+    from voluminous.backend import from_host
+
+    fields = {name: from_host(float_type, value) for name, value in values.items()}
     return Expression(text).evaluate(DrjitOps(float_type), fields).numpy()
 
 

@@ -34,7 +34,7 @@ def real(precision):
 def attenuated(tau):
     """Return exp(-tau) and the mean transparency, in the precision of a NumPy array."""
     kind = "single" if tau.dtype == np.float32 else "double"
-    found = attenuation(real(kind)(tau))
+    found = attenuation(from_host(real(kind), tau))
     dr.eval(found)
     return tuple(np.asarray(part) for part in found)
 
@@ -117,14 +117,14 @@ def test_first_true_of_another_count_is_the_same_kernel(kernels):
 def test_powers_of_two_are_exact(precision):
     info = np.finfo(KINDS[precision])
     exponents = np.arange(info.minexp, info.maxexp)
-    found = power_of_two(real(precision)(exponents.astype(KINDS[precision])))
+    found = power_of_two(from_host(real(precision), exponents))
     np.testing.assert_array_equal(np.asarray(found), 2.0**exponents)
 
 
 def test_inverses_of_powers_of_two_are_exact(precision):
     n = np.arange(-100, 101)
     powers = np.exp2(n).astype(KINDS[precision])
-    found = np.asarray(inverse_power_of_two(real(precision)(powers)))
+    found = np.asarray(inverse_power_of_two(from_host(real(precision), powers)))
     np.testing.assert_array_equal(found, np.exp2(-n))
 
 
@@ -137,9 +137,9 @@ def test_subnormal_numbers_are_flushed_and_nothing_else(precision):
     small = np.array([info.smallest_subnormal, info.tiny, 1e3 * info.tiny], dtype=info.dtype)
     kept = np.array([0.0, 1e20 * info.tiny, 1.0, info.max, np.inf], dtype=info.dtype)
     for sign in (1, -1):
-        flushed = flush_subnormal(real(precision)(sign * small))
+        flushed = flush_subnormal(from_host(real(precision), sign * small))
         np.testing.assert_array_equal(np.asarray(flushed), 0)
-        same = flush_subnormal(real(precision)(sign * kept))
+        same = flush_subnormal(from_host(real(precision), sign * kept))
         np.testing.assert_array_equal(np.asarray(same), sign * kept)
     assert np.isnan(np.asarray(flush_subnormal(real(precision)([np.nan])))).all()
 
@@ -149,7 +149,7 @@ def test_angles_of_vectors_of_known_length(precision):
     angle = np.concatenate([np.linspace(-0.785, 0.785, 4001), np.geomspace(1e-30, 0.7, 500)])
     length = np.geomspace(1e-10, 1e10, len(angle))
     x, y = ((length * f(angle)).astype(kind) for f in (np.cos, np.sin))
-    given = [real(precision)(v) for v in (y, x, np.hypot(x, y).astype(kind))]
+    given = [from_host(real(precision), v) for v in (y, x, np.hypot(x, y).astype(kind))]
     found = np.asarray(sharp_angle(*given))
     expected = np.arctan2(y.astype(float), x.astype(float))
     # A quotient, a polynomial and a product, each rounded; the sum below the line has two.
@@ -158,7 +158,7 @@ def test_angles_of_vectors_of_known_length(precision):
 
 def test_angles_of_vectors_that_are_wide_or_of_no_length(precision):
     y, x = np.array([1.0, -1.0, 0.0, 1e-5]), np.array([0.0, -1.0, 0.0, -1.0])
-    found = sharp_angle(*[real(precision)(v) for v in (y, x, np.hypot(x, y))])
+    found = sharp_angle(*[from_host(real(precision), v) for v in (y, x, np.hypot(x, y))])
     assert np.all(np.abs(np.asarray(found)[[0, 1]]) > np.pi / 4)
     assert np.asarray(found)[2] == 0
     assert np.isfinite(np.asarray(found)[3])

@@ -11,7 +11,7 @@ from astropy import units as u
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
 from voluminous.backend import dr
-from voluminous.rendering import source
+from voluminous.rendering.sources import tabulated
 from voluminous.schemes import SCHEMES
 
 PARSEC = 3.0856775814913674e18
@@ -185,6 +185,6 @@ def test_faint_coefficients_make_the_same_picture_only_fainter(
         return image.intensity / factor
 
     for on_ray in (False, True):
-        monkeypatch.setattr(source, "_crowded", lambda *a, on_ray=on_ray: on_ray)
+        monkeypatch.setattr(tabulated, "_crowded", lambda *a, on_ray=on_ray: on_ray)
         # Rays stop at 1e-4 of what they have gathered; numbers are scaled by a power of two.
         np.testing.assert_allclose(picture(size), picture(1.0), rtol=3e-4)

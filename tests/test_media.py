@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from matplotlib import colors
 
 import voluminous.math as vmath
-from voluminous.backend import dr, get_backend
+from voluminous.backend import dr, from_host, get_backend
 from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
 from voluminous.media import (
     Coefficients,
@@ -41,7 +41,7 @@ def context(precision="double", unit=None, unit_of=lambda expression: None):
 
 def solve(medium, ctx, **fields):
     """Return j and α as arrays (channel, value)."""
-    given = {name: ctx.real(np.asarray(value, float)) for name, value in fields.items()}
+    given = {name: from_host(ctx.real, value) for name, value in fields.items()}
     found = medium.coefficients(given, ctx)
     count = max((np.size(value) for value in fields.values()), default=1)
 

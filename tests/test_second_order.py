@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.backend import get_backend
+from voluminous.backend import from_host, get_backend
 from voluminous.schemes.second_order import visibility
 
 KINDS = {"single": np.float32, "double": np.float64}
@@ -49,8 +49,8 @@ def test_what_is_seen_of_both_ends_is_exact(precision):
     # Numbers that both precisions can tell.
     front, back = (2 * tau * share).astype("f4"), (2 * tau * (1 - share)).astype("f4")
     Float = get_backend("cpu", precision).Float
-    depth = 0.5 * (Float(front) + Float(back))
-    found = visibility([Float(front)], [Float(back)], [depth])
+    given = [from_host(Float, depth) for depth in (front, back)]
+    found = visibility(*([depth] for depth in given), [0.5 * (given[0] + given[1])])
     ((w_front, w_back),), (theta,) = found
     exact = np.array([moments(float(f), float(b)) for f, b in zip(front, back, strict=True)])
     # A sum of a few dozen positive terms; exponentials of some tens lose as many last places.

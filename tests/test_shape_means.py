@@ -34,7 +34,7 @@ def panels(precision):
 def computed(function, precision, *columns):
     """Return a function's values for arrays of a precision."""
     real = get_backend("cpu", precision).Float
-    found = function(*(real(c) for c in columns))
+    found = function(*(from_host(real, c) for c in columns))
     dr.eval(found)
     return np.asarray(found, float)
 

@@ -73,7 +73,7 @@ def stretches(points, backend):
     """Return stretches on which the field `a` runs along cubics."""
     a, b, c, d = points
     power = [a, 3 * (b - a), 3 * (a - 2 * b + c), d - 3 * c + 3 * b - a]
-    cubic = [backend.Float(p) for p in power]
+    cubic = [from_host(backend.Float, p) for p in power]
     context = Context(backend.Float, backend.opaque, None, lambda expr: None)
     return Stretch({"a": cubic}, context, backend.Float(1.0))
 

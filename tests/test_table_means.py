@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.backend.device import get_backend
+from voluminous.backend import from_host, get_backend
 from voluminous.media.table_means import PiecewiseLinear
 from voluminous.media.table_structure import structures, visible_range
 
@@ -21,7 +21,7 @@ def kernel_means(nodes, columns, first, last, precision):
     """Return the means of a table's columns between places, shape (place, column)."""
     real = get_backend("cpu", precision).Float
     table = PiecewiseLinear(real, np.asarray(nodes, float), np.asarray(columns, float))
-    ends = [table.at(real(np.asarray(x, float))) for x in (first, last)]
+    ends = [table.at(from_host(real, x)) for x in (first, last)]
     return np.stack([np.asarray(v) for v in table.means(*ends)], axis=-1)
 
 

@@ -47,7 +47,10 @@ def random_boxes(names, seed, dtype, count=100):
 
 
 def intervals(backend, box):
-    return {name: TracedInterval(*map(backend.Float, ends)) for name, ends in box.items()}
+    return {
+        name: TracedInterval(*(from_host(backend.Float, end) for end in ends))
+        for name, ends in box.items()
+    }
 
 
 def arrays(found, shape):

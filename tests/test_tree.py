@@ -10,7 +10,7 @@ import pytest
 import voluminous as vm
 from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
-from voluminous.backend import get_backend
+from voluminous.backend import from_host, get_backend
 from voluminous.grids.trees.lookup import TreeLookup
 from voluminous.grids.trees.octree_order import flags_from_levels, levels_from_flags, split_levels
 from voluminous.grids.trees.octree_places import Places
@@ -94,10 +94,12 @@ def test_kernels_find_what_the_host_finds(name, precision):
         # In the middle of a finest unit.
         own = place if mirrored is None else np.where(down, tree.extent[:, None] - 1 - place, place)
         there = [
-            backend.Float(((p + 0.5) * u).astype(backend.dtype))
+            from_host(backend.Float, (p + 0.5) * u)
             for p, u in zip(own, lookup.per_finest, strict=True)
         ]
-        way = lookup.orient(None if mirrored is None else [backend.Bool(d) for d in down])
+        way = lookup.orient(
+            None if mirrored is None else [from_host(backend.Bool, d) for d in down]
+        )
         cell = lookup.find(there, way, backend.Bool(True))
         number = np.asarray(cell.number).astype(np.int64)
         np.testing.assert_array_equal(np.where(number == NONE, -1, number), expected.number)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import dr, from_host
 from .interval import Interval, Truth
 from .traced_rounding import float_info, larger, lowered, positive, raised, smaller
 
@@ -219,4 +219,5 @@ def _from_host(real: Any, value: Interval) -> TracedInterval:
         lo, hi = np.ravel(value.lo).astype(dtype), np.ravel(value.hi).astype(dtype)
     lo = np.where(lo > np.ravel(value.lo), np.nextafter(lo, dtype.type(-np.inf)), lo)
     hi = np.where(hi < np.ravel(value.hi), np.nextafter(hi, dtype.type(np.inf)), hi)
-    return TracedInterval(real(lo), real(hi), dr.mask_t(real)(np.ravel(value.nan)))
+    parts = ((real, lo), (real, hi), (dr.mask_t(real), np.ravel(value.nan)))
+    return TracedInterval(*(from_host(kind, part) for kind, part in parts))

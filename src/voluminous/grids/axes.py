@@ -148,7 +148,8 @@ class RectilinearAxis(Axis):
     def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
         super().__init__(edges, scale, scale, backend)
         up, down = (edges - edges[0]) / scale, (edges[-1] - edges[::-1]) / scale
-        self.mirrored = from_host(backend.Float, np.concatenate([up, down]))
+        # One more: of rays that have left downwards the next wall is looked up, too.
+        self.mirrored = from_host(backend.Float, np.concatenate([up, down, down[-1:]]))
         widths = np.concatenate([np.diff(up), [1.0], np.diff(down), [1.0]])
         self.inverse_width = from_host(backend.Float, 1.0 / widths)
         self.down_table = dr.opaque(backend.UInt, self.count + 1)

@@ -95,6 +95,10 @@ class Medium:
         """Whether `means` looks at fields between a panel's ends."""
         return True
 
+    def strongest(self) -> tuple[float, float]:
+        """Return how bright and how opaque one path length of it is at most; 0 if it has none."""
+        return 0.0, 0.0
+
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expressions that `means` takes as linear over a panel."""
         return ()

@@ -157,6 +157,10 @@ class Isosurface(Medium):
         plain = self.density == "crossing" and self.shading == 0
         return not (plain and self.modulation.fixed)
 
+    def strongest(self) -> tuple[float, float]:
+        """Return the largest colour and the largest opacity."""
+        return max(map(abs, self.color)), max(self.opacity)
+
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression whose levels are shown."""
         return (self.expr,)

@@ -109,6 +109,10 @@ class Shaped(Medium):
         """Whether colours or a gate are looked up between a panel's ends."""
         return not self.modulation.fixed
 
+    def strongest(self) -> tuple[float, float]:
+        """Return the largest colour and the largest opacity."""
+        return max(map(abs, self.color)), max(self.opacity)
+
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the shape is a function of."""
         return (self.expr,)

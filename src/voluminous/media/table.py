@@ -91,11 +91,6 @@ class Table(Medium):
         self.modulation = Modulation(where, by, self.channels)
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
-    @property
-    def color(self) -> tuple[float, ...]:
-        """The brightest emission of each channel."""
-        return tuple(np.abs(self.colors).max(axis=0).tolist())
-
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length, interpolated in x."""
         x = context.evaluate(self.expr, fields)
@@ -115,6 +110,10 @@ class Table(Medium):
     def looks_inside(self) -> bool:
         """Whether colours or a gate are looked up between a panel's ends."""
         return not self.modulation.fixed
+
+    def strongest(self) -> tuple[float, float]:
+        """Return the largest emission and the largest extinction."""
+        return float(np.abs(self.colors).max()), float(self.opacities.max())
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the table is a function of."""

@@ -108,13 +108,11 @@ class Direct:
         return self._brightest_color() / self.unit
 
     def _brightest_color(self) -> float:
-        colors = [abs(h) for part in self.medium.components() for h in getattr(part, "color", ())]
-        return max(colors, default=0.0)
+        return max(part.strongest()[0] for part in self.medium.components())
 
     def one_depth(self) -> float:
         """Return the optical depth of one path length of the densest part."""
-        found = [np.max(np.abs(getattr(p, "opacity", 0.0))) for p in self.medium.components()]
-        return float(max(found))
+        return max(part.strongest()[1] for part in self.medium.components())
 
     def paths(self, largest: list[float]) -> float:
         """Return how many path lengths go into a length of one; zero if that cannot be told."""
