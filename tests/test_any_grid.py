@@ -8,6 +8,7 @@ from astropy import units as u
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
+from voluminous.rendering.sources import tabulated
 
 EDGES = ([0.0, 1.0, 3.0, 3.5], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 GRID = vm.CartesianGrid(*EDGES, unit="pc")
@@ -51,11 +52,11 @@ def test_pictures_are_the_same(scheme, emission, precision):
 def test_pictures_on_the_ray_are_the_same_as_from_a_table(monkeypatch):
     _, flat = both(a=VALUES)
     medium = vm.Coefficients("a * x + r", "2 * a")
-    tabulated = vm.render(flat, medium, CAMERA, scheme="first-order")
+    from_table = vm.render(flat, medium, CAMERA, scheme="first-order")
     flat.tables.clear()
-    monkeypatch.setattr(cell_by_cell, "_crowded", lambda *a: True)
+    monkeypatch.setattr(tabulated, "_crowded", lambda *a: True)
     on_ray = vm.render(flat, medium, CAMERA, scheme="first-order")
-    np.testing.assert_array_equal(on_ray.intensity, tabulated.intensity)
+    np.testing.assert_array_equal(on_ray.intensity, from_table.intensity)
     assert np.any(on_ray.intensity)
 
 
