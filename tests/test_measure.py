@@ -274,6 +274,7 @@ def test_what_makes_no_sense():
         ((volume, "density"), {"maps": True}, "give a camera"),
         ((volume, "density"), {"region": 3}, "one of vm.regions"),
         ((volume, "density"), {"camera": 3}, "a camera, or a list of them"),
+        ((volume, "density"), {"camera": [vm.Orthographic(), None]}, "number 1 is None"),
         ((volume, "density"), {"camera": CAMERA, "aperture": np.ones((3, 3))}, "aperture must be"),
         ((volume, "density * los('velocity')"), {}, "give a camera"),
         ((volume, "density"), {"camera": "above"}, "a list of them, got 'above'"),

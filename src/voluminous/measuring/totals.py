@@ -245,6 +245,9 @@ def _table(
 
     if not isinstance(cameras, Sequence) or isinstance(cameras, str) or not cameras:
         raise InputError(f"camera must be a camera, or a list of them, got {cameras!r}")
+    for number, camera in enumerate(cameras):
+        if not hasattr(camera, "frame"):
+            raise InputError(f"camera must be a list of cameras; number {number} is {camera!r}")
     found = [measure(volume, quantities, where, camera, **options) for camera in cameras]
     table = QTable()
     for name in ("incl", "phi"):
