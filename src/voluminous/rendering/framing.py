@@ -102,5 +102,4 @@ def _span(light: np.ndarray) -> tuple[int, int]:
 
 def _rounded(value: float, size: float) -> float:
     """Return a length to a thousandth of the frame: it is shown, and typed again."""
-    step = 10.0 ** np.floor(np.log10(size) - 3)
-    return float(np.round(value / step) * step)
+    return round(float(value), 3 - int(np.floor(np.log10(size))))
