@@ -65,3 +65,13 @@ def test_pictures(kind, scheme):
 @pytest.mark.parametrize("kind", GRIDS)
 def test_derivatives(kind):
     assert np.isfinite(noise(kind).evaluate("laplacian(a)")).all()
+
+
+@pytest.mark.usefixtures("in_bounds")
+def test_tables_of_what_ends_on_the_way():
+    """From a value on to none: of the logarithm of what falls below zero."""
+    values = np.linspace(-1, 1, 27).reshape(3, 3, 3)
+    volume = vm.Volume(vm.CartesianGrid(AXIS, AXIS, AXIS), a=values)
+    table = vm.Table("log10(a)", [-2, -1, 0], [0, 1, 2], [0, 1, 2], 1.0)
+    with pytest.raises(vm.InputError, match="not finite"):
+        vm.render(volume, table, INSIDE)

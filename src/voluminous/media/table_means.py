@@ -130,8 +130,9 @@ class PiecewiseLinear:
         """Return the means of the columns between two places, in either order."""
         together = first.interval == last.interval
         turned = last.x < first.x
-        lower = dr.select(turned, last.interval, first.interval)
-        upper = dr.select(turned, first.interval, last.interval)
+        # By their numbers: what is NaN is in none, and below nothing.
+        lower = dr.minimum(first.interval, last.interval)
+        upper = dr.maximum(first.interval, last.interval)
         between = self.sums.between(lower, upper, ~together)
         way = dr.abs(last.x - first.x)
         per_way = 1.0 / dr.select(together, 1.0, way)

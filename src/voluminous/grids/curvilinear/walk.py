@@ -122,7 +122,9 @@ class CurvilinearWalk(GapCrossing):
     def _share_tables(self) -> None:
         """Put the walls of all families into one table: one crossing is computed per step."""
         tables, first = [family.own_table for family in self.families], 0
-        shared = from_host(self.backend.Float, np.concatenate(tables).reshape(-1))
+        # One more: of rays that leave through the last wall of all the next is looked up, too.
+        rows = np.concatenate([*tables, tables[-1][-1:]])
+        shared = from_host(self.backend.Float, rows.reshape(-1))
         for family, table in zip(self.families, tables, strict=True):
             family.share(shared, first)
             first += len(table)
