@@ -91,6 +91,16 @@ class Table(Medium):
         self.modulation = Modulation(where, by, self.channels)
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
+    @property
+    def color(self) -> tuple[float, ...]:
+        """The brightest emission of each channel."""
+        return tuple(np.abs(self.colors).max(axis=0).tolist())
+
+    @property
+    def opacity(self) -> tuple[float, ...]:
+        """The largest extinction, or one for each channel."""
+        return tuple(self.opacities.max(axis=0).tolist())
+
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length, interpolated in x."""
         x = context.evaluate(self.expr, fields)
@@ -113,7 +123,7 @@ class Table(Medium):
 
     def strongest(self) -> tuple[float, float]:
         """Return the largest emission and the largest extinction."""
-        return float(np.abs(self.colors).max()), float(self.opacities.max())
+        return max(self.color), max(self.opacity)
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the table is a function of."""
