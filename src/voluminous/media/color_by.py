@@ -14,7 +14,7 @@ from ..expressions.traced_interval import TracedInterval
 from ..units import plain
 from .color_scale import ColorScale
 from .context import Context
-from .contract import channel_values
+from .given import channel_values
 from .table_means import PiecewiseLinear
 
 if TYPE_CHECKING:

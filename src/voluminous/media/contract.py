@@ -10,11 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
-from ..colormaps import get_color
-from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..units import is_quantity
 from .context import Context, no_unit
 
 if TYPE_CHECKING:
@@ -336,52 +333,3 @@ class Medium:
     def __repr__(self) -> str:
         described = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
         return f"{type(self).__name__}({described})"
-
-
-def channel_values(value: Any, what: str) -> tuple[float, ...]:
-    """Return finite floats, one per channel, from a number or a sequence.
-
-    Raises
-    ------
-    InputError
-        If they are not numbers.
-    """
-    check_plain(value, what)
-    try:
-        values = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{what} must be a number or one number per channel, got {value!r}"
-        ) from error
-    if values.ndim != 1 or values.size == 0 or not np.all(np.isfinite(values)):
-        raise InputError(f"{what} must be finite, one number per channel, got {value!r}")
-    return tuple(float(v) for v in values)
-
-
-def color_values(color: Any) -> tuple[float, ...]:
-    """Return emission per channel, from numbers, or red, green and blue from a colour's name.
-
-    Raises
-    ------
-    InputError, UnknownNameError
-        If it is neither.
-    """
-    return get_color(color) if isinstance(color, str) else channel_values(color, "color")
-
-
-def check_plain(value: Any, what: str) -> None:
-    """Refuse quantities where NumPy would drop the unit."""
-    if is_quantity(value):
-        raise InputError(
-            f"{what} must be plain numbers, got {value}; units belong to expr and path_length"
-        )
-
-
-def check_extinction(values: tuple[float, ...], channels: int, what: str) -> None:
-    """Refuse negative opacities, and a number of them that is neither one nor the channels'."""
-    if min(values) < 0:
-        raise InputError(f"{what} must not be negative, got {min(values):g}")
-    if len(values) not in (1, channels):
-        raise InputError(
-            f"{what} must be one number (grey) or {channels} (one per channel), got {len(values)}"
-        )

@@ -21,7 +21,8 @@ from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .color_by import ColorBy
 from .context import Context
-from .contract import Coefficients, color_values
+from .contract import Coefficients
+from .given import color_values
 from .turning import at_places, within
 
 if TYPE_CHECKING:

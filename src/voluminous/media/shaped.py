@@ -16,8 +16,9 @@ from ..expressions.interval import Interval
 from ..units import plain
 from .bends import bend, slope_factor, thinness
 from .context import Context
-from .contract import WIDE, Coefficients, Medium, channel_values, check_extinction
+from .contract import WIDE, Coefficients, Medium
 from .front_light import extent_of
+from .given import channel_values, check_extinction
 from .given import named as _named
 from .given import scalar as _scalar
 from .looked_up import LookedUp

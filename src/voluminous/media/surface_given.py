@@ -10,8 +10,7 @@ import numpy as np
 from ..colormaps import get_color, get_colormap, is_color
 from ..errors import InputError, UnknownNameError
 from .color_by import ColorBy
-from .contract import channel_values, check_extinction, color_values
-from .given import scalar
+from .given import channel_values, check_extinction, color_values, scalar
 from .modulation import Modulation, modulated
 
 # The optical depth of an opaque surface: what shows through is below all rounding.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from .color_by import ColorBy
-from .contract import check_plain, color_values
+from .given import check_plain, color_values
 
 
 def shared_colors(opacities: np.ndarray, by: ColorBy) -> np.ndarray:
