@@ -256,13 +256,17 @@ class Shaped(Medium):
         return self.modulation.color is None
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return in which halves the shell is: one if it is narrower than they are, else less."""
+        """Return in which halves the shell is: one if it is narrower than they are, else less.
+
+        As two if its colour varies: one side of it is in front of the other.
+        """
         nodes = self._offsets(stretch.nodes(self.expr), context)
+        within = stretch.length * 0.0 + (1.0 if self.steady else 2.0)
         counts = []
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)
             there = (low < _CORE) & (high > -_CORE)
-            own = dr.select(high - low > 1.0, stretch.length * 0.0 + 1.0, WIDE)
+            own = dr.select(high - low > 1.0, within, WIDE)
             counts.append(dr.select(there, own, 0.0))
         return counts
 

@@ -62,16 +62,21 @@ def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[
 
 
 def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
-    """Return how many surfaces are crossed in each half."""
+    """Return how many surfaces are crossed in each half.
+
+    As two if a thick one's colour varies: one side of it is in front of the other.
+    """
     own = surface.numbers(context)
     nodes = stretch.nodes(surface.expr)
+    varies = surface.thick and (surface.modulation.color is not None or surface.shading > 0)
+    within = stretch.length * 0.0 + (2.0 if varies else 1.0)
     counts = []
     for pair in (nodes[:2], nodes[1:]):
         low, high = extremes(pair)
         total = stretch.length * 0.0
         for first, last in own.ranges:
             near = (low <= last) & (high >= first)
-            one = dr.select(high - low > own.width, total * 0.0 + 1.0, WIDE)
+            one = dr.select(high - low > own.width, within, WIDE)
             total += dr.select(near, one, 0.0)
         counts.append(total)
     return counts
