@@ -68,7 +68,7 @@ def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
     """
     own = surface.numbers(context)
     nodes = stretch.nodes(surface.expr)
-    varies = surface.thick and (surface.modulation.color is not None or surface.shading > 0)
+    varies = surface.thick and surface.modulation.color is not None
     within = stretch.length * 0.0 + (2.0 if varies else 1.0)
     counts = []
     for pair in (nodes[:2], nodes[1:]):
