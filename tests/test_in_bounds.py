@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from test_any_grid_derivatives import patches
 from voluminous.backend import dr
 
 AXIS = np.linspace(-1.0, 1.0, 4)
@@ -16,13 +17,6 @@ def uneven_octree():
     return vm.OctreeGrid.from_function(
         AXIS, AXIS, AXIS, lambda x, y, z, size: x * x + y * y + z * z < 4 * size * size, 3
     )
-
-
-def patches():
-    """Return ratios 2 and 3, overlap, and a hole."""
-    lower = [[0, 0, 0], [3, 0, 0], [1, 1, 1], [2, 1, 1]]
-    upper = [[2, 4, 4], [4, 4, 4], [2, 2, 3], [2.5, 2, 2]]
-    return vm.PatchGrid(lower, upper, [[2, 4, 4], [2, 4, 4], [2, 2, 4], [3, 6, 6]])
 
 
 THETA, PHI = np.linspace(0, np.pi, 3), np.linspace(0, 2 * np.pi, 5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -30,11 +31,12 @@ def with_known(volume: Any, expressions: Sequence[Expression]) -> tuple[Any, lis
     arrays: dict[str, np.ndarray] = {}
     found = []
     for expression in expressions:
-        if _defined(volume, expression) or not _lacking(volume, expression):
+        values = None if _defined(volume, expression) else _lacking(volume, expression)
+        if values is None:
             found.append(expression)
             continue
         name = _free_name(volume, len(arrays))
-        arrays[name] = _whole(volume, expression)
+        arrays[name] = values
         found.append(Expression(name))
     return (_with_fields(volume, arrays) if arrays else volume), found
 
@@ -62,24 +64,20 @@ def _defined(volume: Any, expression: Expression) -> bool:
     if not expression.partial:
         return True
     with np.errstate(all="ignore"):
-        names = expression.names
-        fields = {n: range_of(volume, n, lambda n: extremes_of(volume, n)) for n in names}
+        extremes = functools.partial(extremes_of, volume)
+        fields = {name: range_of(volume, name, extremes) for name in expression.names}
         ops = IntervalOps()
         range_ = ops.number(expression.evaluate(ops, fields))
     return bool(np.isfinite(range_.lo) & np.isfinite(range_.hi))
 
 
-def _lacking(volume: Any, expression: Expression) -> bool:
-    """Return whether it has no value in some cells."""
-    return any(np.isnan(values).any() for values in _pieces(volume, expression))
-
-
-def _whole(volume: Any, expression: Expression) -> np.ndarray:
-    """Return its values, as a field."""
+def _lacking(volume: Any, expression: Expression) -> np.ndarray | None:
+    """Return its values, as a field, if it has none in some cells."""
     values = np.concatenate(list(_pieces(volume, expression)))
-    if np.isnan(values).all():
+    unknown = np.isnan(values)
+    if unknown.all():
         raise InputError(f"{expression.text!r} has no value in any cell")
-    return values.reshape(volume.grid.shape)
+    return values.reshape(volume.grid.shape) if unknown.any() else None
 
 
 def _pieces(volume: Any, expression: Expression) -> Iterator[np.ndarray]:

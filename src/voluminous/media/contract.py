@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from .shell import Shell
     from .stretch import Panel, Stretch
 
-# What a structure wider than a panel counts, among those narrower.
-WIDE = 0.75
 # Places and weights on [0, 1].
 GAUSS_LEGENDRE_3 = (
     (0.5 - math.sqrt(0.15), 5 / 18),
@@ -181,7 +179,7 @@ class Medium:
         return False
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return how many structures lie in each half of a stretch, wide ones counting `WIDE`.
+        """Return how many structures lie in each half of a stretch, as `cores.core` counts them.
 
         Where one narrower than the half lies beside another, a panel mixes what is in front of each
         other: more than one and a half. Two wide ones mix in truth.

@@ -16,7 +16,8 @@ from ..expressions.interval import Interval
 from ..units import plain
 from .bends import bend, slope_factor, thinness
 from .context import Context
-from .contract import WIDE, Coefficients, Medium
+from .contract import Coefficients, Medium
+from .cores import core
 from .front_light import extent_of
 from .given import channel_values, check_extinction
 from .given import named as _named
@@ -256,18 +257,13 @@ class Shaped(Medium):
         return self.modulation.color is None
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return in which halves the shell is: one if it is narrower than they are, else less.
-
-        As two if its colour varies: one side of it is in front of the other.
-        """
+        """Return in which halves the shell is: one if it is narrower than they are, else less."""
         nodes = self._offsets(stretch.nodes(self.expr), context)
-        within = stretch.length * 0.0 + (1.0 if self.steady else 2.0)
         counts = []
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)
             there = (low < _CORE) & (high > -_CORE)
-            own = dr.select(high - low > 1.0, within, WIDE)
-            counts.append(dr.select(there, own, 0.0))
+            counts.append(core(there, high - low > 1.0, not self.steady, stretch.length))
         return counts
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:

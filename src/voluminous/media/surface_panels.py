@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from ..backend import dr
 from ..backend.functions import precision_of
 from .bends import bend
-from .contract import WIDE
+from .cores import core
 from .crossings import NOISE, passes, way_within
 from .front_light import extent_of
 from .looked_up import LookedUp
@@ -62,22 +62,17 @@ def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[
 
 
 def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
-    """Return how many surfaces are crossed in each half.
-
-    As two if a thick one's colour varies: one side of it is in front of the other.
-    """
+    """Return how many surfaces are crossed in each half."""
     own = surface.numbers(context)
     nodes = stretch.nodes(surface.expr)
     varies = surface.thick and surface.modulation.color is not None
-    within = stretch.length * 0.0 + (2.0 if varies else 1.0)
     counts = []
     for pair in (nodes[:2], nodes[1:]):
         low, high = extremes(pair)
         total = stretch.length * 0.0
         for first, last in own.ranges:
-            near = (low <= last) & (high >= first)
-            one = dr.select(high - low > own.width, within, WIDE)
-            total += dr.select(near, one, 0.0)
+            there = (low <= last) & (high >= first)
+            total += core(there, high - low > own.width, varies, total)
         counts.append(total)
     return counts
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ..backend import dr
 from ..backend.functions import precision_of
 from .bends import bend, thinness
-from .contract import WIDE
+from .cores import core
 from .crossings import NOISE, passes
 from .front_light import extent_of
 from .looked_up import LookedUp
@@ -87,20 +87,16 @@ def sharpness(table: Table, stretch: Stretch, context: Context) -> tuple[Any, An
 
 
 def cores(table: Table, stretch: Stretch, context: Context) -> list[Any]:
-    """Return how many structures are in each half: two where colours vary in one narrower.
-
-    One of them is in front of the other, and panels may agree about a mixture of both.
-    """
+    """Return how many structures are in each half; of several classes of width the most."""
     nodes = [context.narrow(x) for x in stretch.nodes(table.expr)]
     parts = _parts(table, context, type(nodes[0]))
-    within = stretch.length * 0.0 + (1.0 if table.even else 2.0)
     counts = []
     for low, high in map(extremes, pairwise(nodes)):
         count = stretch.length * 0.0
         for doubt, first, last in parts.structures:
-            own = dr.select(_DOUBT * (high - low) > doubt, within, WIDE)
-            there = (low < last) & (high > first)
-            count = extremes([count, dr.select(there, own, 0.0)])[1]
+            narrow = _DOUBT * (high - low) > doubt
+            own = core((low < last) & (high > first), narrow, not table.even, count)
+            count = extremes([count, own])[1]
         counts.append(count)
     return counts
 
