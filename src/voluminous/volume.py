@@ -253,6 +253,10 @@ class Volume(Evaluation, OnOtherCells):
         self._derivatives.forget(name)
         self.tables.clear()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles hold: not what was made for pictures, on a device."""
+        return {**vars(self), "tables": OrderedDict()}
+
     def __contains__(self, name: object) -> bool:
         """Return True for fields, and for what can be made of fields and coordinates."""
         derived = self._derived(name) if isinstance(name, str) else None
@@ -273,7 +277,7 @@ class Volume(Evaluation, OnOtherCells):
         Fields, and all that is kept of them, are this volume's own. `render` does it.
         """
         seen = copy.copy(self)
-        seen.sight = Sight(self.grid, camera)
+        seen.tables, seen.sight = self.tables, Sight(self.grid, camera)
         return seen
 
     def with_arrays(self, arrays: Mapping[str, np.ndarray]) -> Volume:

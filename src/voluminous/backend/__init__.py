@@ -5,6 +5,7 @@ from .check import llvm_version
 from .device import Backend, available_devices, get_backend
 from .host import aligned, from_host
 from .jit import dr
+from .twins import overwrite, twin
 
 __all__ = [
     "Backend",
@@ -15,4 +16,6 @@ __all__ = [
     "from_host",
     "get_backend",
     "llvm_version",
+    "overwrite",
+    "twin",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -75,6 +76,13 @@ class Camera:
         ``origin + t direction`` runs away from the camera.
         """
         raise NotImplementedError
+
+    def key(self) -> Hashable:
+        """Return what decides how `rays` is traced, besides the numbers it is given.
+
+        What was traced is launched again for an equal key; None, if nothing is known, means never.
+        """
+        return None
 
     def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
         """Return unit vectors that point from the observer to points, and beyond.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,10 @@ class Orthographic(Camera):
         turned = _turned(u, v, *turns)
         start = [p + c - b for p, c, b in zip(turned, center, back, strict=True)]
         return Ray(origin, list(away), start=start)
+
+    def key(self) -> Hashable:
+        """Return what decides how `rays` is traced; None for classes derived from this one."""
+        return "orthographic" if type(self) is Orthographic else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
         """Return the direction of view, the same at all points."""

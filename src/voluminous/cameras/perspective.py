@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,10 @@ class Perspective(Camera):
         direction = [across * x + along * y - back * z for x, y, z in zip(ex, ey, ez, strict=True)]
         zero = type(u)(0)
         return Ray([zero + p for p in position], direction, first=zero)
+
+    def key(self) -> Hashable:
+        """Return what decides how `rays` is traced; None for classes derived from this one."""
+        return ("perspective", self.projection) if type(self) is Perspective else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
         """Return unit vectors from the observer to points; zero where the observer is."""

@@ -103,6 +103,10 @@ class Image(Made):
         self.camera = json_value(camera, "camera")
         self.provenance = json_value(provenance, "provenance")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles hold: optical depths that wait are computed."""
+        return {**vars(self), "_optical_depth": self.optical_depth, "_pending": None}
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """Rows, columns and channels."""

@@ -283,7 +283,8 @@ class Medium:
     def key(self) -> Any:
         """Return what identifies this medium, hashable; None if nothing does.
 
-        Tabulated coefficients are used again for a medium with the same key.
+        Tabulated coefficients, and what was traced of it, are used again for a medium with the same
+        key: all that `coefficients` and the other methods depend on belongs into it.
         """
         raise NotImplementedError
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..backend import dr, get_backend
 from ..grids.contract import cells_across, has_blocks
+from ..schemes.contract import scheme_key
 from ..volume import Volume
 from .coefficients.digits import beyond_single_sums
 from .coefficients.emission_unit import channels_last, in_units_of
@@ -20,6 +21,7 @@ from .rays.control import add_floor, controlled, in_kernel_unit, total_error
 from .rays.drawing import Drawing
 from .rays.flux_conserving import FluxConserving
 from .rays.hidden import Hidden
+from .rays.kernels import Kernels
 from .rays.paths import Paths
 from .sources.choice import get_source
 from .store import Store
@@ -148,7 +150,27 @@ class Job:
 
     def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Drawing:
         kind = FluxConserving if self.recursive else Drawing
-        return kind(self, self._source(faintest), brightest_background)
+        drawing = kind(self, self._source(faintest), brightest_background)
+        drawing.kernels = self._kernels(drawing, faintest)
+        return drawing
+
+    def _kernels(self, drawing: Drawing, faintest: bool) -> Kernels | None:
+        """Return where what is traced is kept: with the volume, if all that steers it is known."""
+        if self.backend.device != "cpu":
+            return None
+        parts = self.medium.key(), self.camera.key(), scheme_key(self.scheme)
+        if None in parts or not self.store.is_hashed(self.medium.names):
+            return Kernels()
+        source, ending = drawing.source, drawing.ending
+        key = (
+            "kernels",
+            *parts,
+            self.store.digests(self.medium.names),
+            (self.backend, self.backward, self.tolerance, faintest, self.hidden is None),
+            (type(source), type(drawing.walk), None if ending is None else len(ending.weights)),
+        )
+        kernels: Kernels = self.store.kept(key, Kernels)
+        return kernels
 
     def _source(self, faintest: bool = False) -> Any:
         source = self._make_source(faintest)

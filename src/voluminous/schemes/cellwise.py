@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from .contract import Keyed
 
-class Cellwise:
+
+class Cellwise(Keyed):
     """Carry nothing from one segment to the next: a segment knows its cell."""
 
     order = 1

@@ -7,6 +7,7 @@ one segment to the next, and how it gets (b, θ) from both.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any, Protocol
 
 from .path import Path
@@ -29,7 +30,7 @@ class Scheme(Protocol):
     reckoned: bool  # in double precision the last bits of positions are to be RADMC-3D's
 
     # Besides, if need be: `complete` (leave nothing out because it is faint), `everywhere` (visit
-    # empty cells too), `passed` (see `carried_beyond`).
+    # empty cells too), `passed` (see `carried_beyond`), `key` (see `Keyed`).
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
         """Return what is carried along the ray, where it enters (a list of arrays)."""
@@ -50,6 +51,23 @@ class Scheme(Protocol):
         ``backward`` is True if the walk runs towards the camera: then the end of the segment
         is its front.
         """
+
+
+class Keyed:
+    """A scheme of which its class and its attributes tell all."""
+
+    def key(self) -> Hashable:
+        """Return what identifies it: what was traced is launched again for an equal key.
+
+        None if nothing does: what steers a class of somebody else's may change unseen.
+        """
+        own = type(self).__module__.rpartition(".")[0] == __package__
+        return (type(self).__name__, *sorted(vars(self).items())) if own else None
+
+
+def scheme_key(scheme: Any) -> Hashable:
+    """Return what identifies a scheme, or None; see `Keyed`."""
+    return scheme.key() if hasattr(scheme, "key") else None
 
 
 def carried_beyond(scheme: Any, carried: list[Any], onward: list[Any]) -> list[Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..backend import dr
-from .contract import Solution
+from .contract import Keyed, Solution
 
 # Coefficients at one end of a segment: j per emission, α per extinction.
 End = tuple[list[Any], list[Any]]
@@ -26,7 +26,7 @@ def looked_up(
     return list(dr.if_stmt((known,), moved, anew, same))
 
 
-class Linear:
+class Linear(Keyed):
     """Look coefficients up where the ray crosses walls, and solve what lies between.
 
     They are averaged to vertices and bilinear on walls. The values at one wall are carried along:

@@ -15,14 +15,14 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
-from .contract import Solution
+from .contract import Keyed, Solution
 from .path import Path, empty_path
 
 # The core of the note: 1.7e-3 of the maximum rms, and 0.87 of the time that 0.1 takes (1.4e-3).
 _COARSENESS = 0.2
 
 
-class OnePanel:
+class OnePanel(Keyed):
     """Classify what is interpolated, one panel per segment.
 
     Parameters

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-from .contract import Solution
+from .contract import Keyed, Solution
 from .halving import attempt
 from .panels import next_panel
 from .path import Path, empty_path, most, over
@@ -40,7 +40,7 @@ class Progress:
     path: Path
 
 
-class PostClassified:
+class PostClassified(Keyed):
     """Classify what is interpolated, to a tolerance."""
 
     name = "post-classified"

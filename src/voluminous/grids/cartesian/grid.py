@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...geometry import is_uniform, span
 from ...units import is_quantity, plain, space_unit, unit_name, unit_of
+from ..devices import OnDevices
 from ..extent import check_extent
 from .cells import CartesianCells
 
@@ -19,7 +20,7 @@ AXES = "xyz"
 _POINTS_PER_CELL = 256
 
 
-class CartesianGrid(CartesianCells):
+class CartesianGrid(OnDevices, CartesianCells):
     """Cells between planes of constant x, y and z.
 
     Parameters
@@ -61,7 +62,6 @@ class CartesianGrid(CartesianCells):
             _edges(values, self.unit, name) for values, name in zip((x, y, z), AXES, strict=True)
         )
         check_extent(**dict(zip(AXES, self.edges, strict=True)))
-        self._walks: dict[Any, Any] = {}
 
     @classmethod
     def uniform(cls, shape: Any, bounds: Any, *, unit: Any = None) -> CartesianGrid:
@@ -145,10 +145,7 @@ class CartesianGrid(CartesianCells):
             "dual": DualWalk,
             "coarse": CoarseWalk,
         }
-        key = (backend.device, backend.precision, kind)
-        if key not in self._walks:
-            self._walks[key] = kinds[kind](self.edges, self.scale, backend)
-        return self._walks[key]
+        return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
 
     def describe(self) -> dict[str, Any]:
         """Return type, shape, bounds and unit as plain values."""

@@ -72,7 +72,6 @@ class CylindricalGrid(CurvilinearGrid):
     walk_kinds: tuple[str, ...] = ("cells", "dual")  # RADMC-3D has no cylindrical grids
 
     def __init__(self, R: Any, phi: Any, z: Any, *, refined: Any = None, unit: Any = None) -> None:
-        super().__init__()
         self.unit = length_unit((R, z), unit)
         heights = increasing(length_edges(z, self.unit, "z"), "z")
         heights.setflags(write=False)

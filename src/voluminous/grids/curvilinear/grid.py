@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import InputError
 from ...geometry import span
 from ...units import unit_name
+from ..devices import OnDevices
 from .edges import FULL_CIRCLE, is_closed
 from .vertices import cells_around
 
@@ -17,7 +18,7 @@ from .vertices import cells_around
 _POINTS_PER_CELL = 256
 
 
-class CurvilinearGrid:
+class CurvilinearGrid(OnDevices):
     """Cells between surfaces of constant coordinates; see `SphericalGrid`, `CylindricalGrid`.
 
     Attributes
@@ -41,9 +42,6 @@ class CurvilinearGrid:
     def __new__(cls, *arguments: Any, refined: Any = None, **options: Any) -> CurvilinearGrid:
         """Return a grid that is refined, if split flags are given."""
         return super().__new__(cls if refined is None else cls._refined_class())
-
-    def __init__(self) -> None:
-        self._walks: dict[Any, Any] = {}
 
     @classmethod
     def _refined_class(cls) -> type[CurvilinearGrid]:
@@ -193,10 +191,7 @@ class CurvilinearGrid:
                 f"a {self.type_name} grid has no walk of the kind {kind!r}, only "
                 f"{', '.join(map(repr, self.walk_kinds))}; use scheme='first-order'"
             )
-        key = (backend.device, backend.precision, kind)
-        if key not in self._walks:
-            self._walks[key] = make_walk(self, backend, kind)
-        return self._walks[key]
+        return self.on_device(backend, kind, lambda: make_walk(self, backend, kind))
 
     def describe(self) -> dict[str, Any]:
         """Return type, shape, bounds, edges' ends and unit as plain values."""

@@ -176,10 +176,8 @@ class RefinedCells(CurvilinearGrid):
 
         if kind != "dual":
             return super().walk(backend, kind)
-        key = (backend.device, backend.precision, kind)
-        if key not in self._walks:
-            self._walks[key] = RefinedFieldWalk(self, super().walk(backend), backend)
-        return self._walks[key]
+        cells = super().walk(backend)
+        return self.on_device(backend, kind, lambda: RefinedFieldWalk(self, cells, backend))
 
     def describe(self) -> dict[str, Any]:
         """Return the base grid's description, and the number of cells of each level."""

@@ -89,7 +89,6 @@ class SphericalGrid(CurvilinearGrid):
         refined: Any = None,
         unit: Any = None,
     ) -> None:
-        super().__init__()
         if not isinstance(mirror, (bool, np.bool_)):
             raise InputError(f"mirror must be True or False, got {mirror!r}")
         self.unit, self.mirror = length_unit((r,), unit), bool(mirror)

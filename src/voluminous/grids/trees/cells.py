@@ -10,6 +10,7 @@ import numpy as np
 from ...backend import get_backend
 from ...geometry import span
 from ...units import unit_name
+from ..devices import OnDevices
 from ..points import plain_points
 from .tree import Tree
 from .vertex_numbers import VertexNumbers
@@ -21,7 +22,7 @@ _POINTS_PER_CELL = 256
 _CHUNK = 1 << 20
 
 
-class TreeCells:
+class TreeCells(OnDevices):
     """What `grids.contract.Grid` asks of a grid of boxes between planes of x, y and z.
 
     A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
@@ -216,18 +217,11 @@ class TreeCells:
         from .vertices import Surroundings
 
         double = get_backend(backend.device, "double")
-        kept = self.__dict__.setdefault("_surroundings", {})
-        if backend.device not in kept:
-            kept[backend.device] = Surroundings(self.tree, double)
-        return kept[backend.device]
+        return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
 
     def walk(self, backend: Any, kind: str = "cells") -> Any:
         """Return the walk of rays through this grid, for a backend (made once)."""
-        key = (backend.device, backend.precision, kind)
-        walks = self.__dict__.setdefault("_walks", {})
-        if key not in walks:
-            walks[key] = self.walk_through(self.tree, backend, kind)
-        return walks[key]
+        return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
 
     def walk_through(self, tree: Tree, backend: Any, kind: str = "cells") -> Any:
         """Return a walk through another tree over the same domain, such as one with more holes."""

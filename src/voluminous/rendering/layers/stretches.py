@@ -10,7 +10,8 @@ import numpy as np
 from ...backend import dr, from_host
 from ...grids.contract import Ray
 from ...objects.contract import Layers
-from ..rays.drawing import Drawing, _Gathered
+from ..rays.drawing import Drawing, Gathered
+from ..rays.found import Found
 from ..rays.paths import Paths
 from .pairs import Pairs, with_channels
 
@@ -77,13 +78,14 @@ class Stretches(Drawing):
         channels: int,
     ) -> Pairs:
         """Return the pairs of rays between two depths each, in intensities of all channels."""
-        gathered = _Gathered(self, len(pixel))
+        gathered = Gathered(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
             lanes = self._lanes(pixel[part], du[part], dv[part])
             ray = self._confined(self._ray(lanes), begin[part], end[part])
             state = self._followed(ray)
-            gathered.add(state.path, state.cursor.inside, lanes, first)
+            found = Found(state.path, state.cursor.inside, lanes)
+            found.write(gathered.rows, first)
         return self._pairs(gathered.paths(), channels)
 
     def _confined(self, ray: Ray, begin: np.ndarray, end: np.ndarray) -> Ray:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..coefficients.emission_unit import fits_single
-from .drawing import MARGIN
+from .found import MARGIN
 
 if TYPE_CHECKING:
     from .drawing import Drawing

@@ -2,36 +2,51 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...backend import dr
-from ...backend.functions import flush_subnormal
 from ...grids.contract import Ray, cells_across
-from ...schemes.path import Path, empty_path, plus, times
+from ...schemes.path import Path, empty_path
+from .found import Batch, Found, Numbers
 from .hidden import Hiding, through_cells
 from .march import Cutoff, State, march
 from .paths import Paths, mean
-from .pixels import BLOCK, Lanes, PixelOrder, some_lanes, subpixel_offsets
+from .pixels import (
+    BLOCK,
+    MOST_KEPT,
+    Lanes,
+    PixelOrder,
+    some_lanes,
+    subpixel_offsets,
+    whole_picture,
+)
 
 if TYPE_CHECKING:
     from ..job import Job
+    from .kernels import Kernels
 
 # Cells crossed per kernel launch, at most: a fraction of a second, so that Ctrl-C is heard.
 _STEPS_PER_BATCH = 5e7
-# Sums below so many times the smallest normal number count as zero: they may have lost subnormal
-# terms, and with how many threads, decides.
-MARGIN = 2.0**36
 
 
 class Drawing:
-    """A job's rays, ready to be marched through its source."""
+    """A job's rays, ready to be marched through its source.
+
+    Attributes
+    ----------
+    kernels : Kernels or None
+        Where what is traced is kept, to be launched again.
+    """
 
     def __init__(self, job: Job, source: Any, brightest_background: float) -> None:
         self.job, self.source, self.backend = job, source, job.backend
-        grid = job.volume.grid
+        self.kernels: Kernels | None = None
+        grid, wide = job.volume.grid, job.backend.wide
         kind = getattr(source, "walk_kind", job.walk_kind)
         self.walk = getattr(source, "walk", None) or grid.walk(job.backend, kind)
         self.scheme = job.scheme
@@ -41,27 +56,37 @@ class Drawing:
         per_lane = _share_of_steps(source.blocks) * cells_across(grid)
         self.batch = max(1, int(_STEPS_PER_BATCH / per_lane) // BLOCK**2) * BLOCK**2
         self.ending = self._ending(brightest_background)
+        self.vectors = job.frame.traced_vectors(job.backend)
+        self.places = [
+            [wide(step), wide(shift)]
+            for step, shift in zip(job.frame.pixel, job.frame.shift, strict=True)
+        ]
 
     def frame(self) -> Paths:
         """Return the paths of all pixels, in the order of the image's rows."""
-        job, (nx, ny) = self.job, self.job.frame.pixels
-        order, gathered = PixelOrder((nx, ny)), _Gathered(self, nx * ny)
+        return mean(self._frame(offset) for offset in subpixel_offsets(self.job.samples))
+
+    def _frame(self, offset: tuple[float, float]) -> Paths:
+        """Return the paths through one place in every pixel."""
+        (nx, ny), order = self.job.frame.pixels, PixelOrder(self.job.frame.pixels)
+        gathered = Gathered(self, nx * ny)
+        if order.count <= min(self.batch, MOST_KEPT):
+            lanes = whole_picture((nx, ny), self.backend)
+            self._draw(gathered, Batch(lanes, offset, whole=(nx, ny)))
+            self.job.advance(order.count, order.count)
+            return gathered.paths()
         for first in range(0, order.count, self.batch):
             count = min(self.batch, order.count - first)
-            lanes = order.lanes(first, count, self.backend)
-            path, early = self._mean(lanes, order.count)
-            gathered.add(path, early, lanes)
-            if job.samples == 1:
-                job.advance(self.batch, order.count)
+            self._draw(gathered, Batch(order.lanes(first, count, self.backend), offset))
+            self.job.advance(count, order.count)
         return gathered.paths()
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         """Return the mean paths of some pixels, given by their flat numbers."""
         offsets = subpixel_offsets(self.job.samples)
-        found = [
+        return mean(
             self.rays(pixel, np.full(len(pixel), du), np.full(len(pixel), dv)) for du, dv in offsets
-        ]
-        return mean(found)
+        )
 
     def rays(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Paths:
         """Return the paths of single rays.
@@ -73,12 +98,11 @@ class Drawing:
         du, dv : array, shape (n,)
             Where in the pixel they go through, in pixels from its centre.
         """
-        gathered = _Gathered(self, len(pixel))
+        gathered = Gathered(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
             lanes = self._lanes(pixel[part], du[part], dv[part])
-            path, early = self._march(lanes)
-            gathered.add(path, early, lanes, first)
+            self._draw(gathered, Batch(lanes, first=first))
         return gathered.paths()
 
     def ray_through(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Ray:
@@ -88,25 +112,35 @@ class Drawing:
     def _lanes(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Lanes:
         return some_lanes(pixel, du, dv, self.job.frame.pixels, self.backend)
 
-    def _mean(self, lanes: Lanes, total_lanes: int) -> tuple[Path, Any]:
-        """Return the mean paths of some pixels over their sub-pixels."""
-        job = self.job
-        total, early = None, self.backend.Bool(False)
-        for offset in subpixel_offsets(job.samples):
-            path, stopped = self._march(lanes, offset)
-            early |= stopped
-            if job.samples == 1:
-                return path, early
-            total = path if total is None else plus(total, path)
-            dr.eval(total, early)  # one kernel per sub-pixel, the same one each time
-            job.advance(len(lanes.u), total_lanes)
-        assert total is not None
-        return times(total, 1.0 / job.samples**2), early
+    def _draw(self, gathered: Gathered, batch: Batch) -> None:
+        """Gather what the rays of a batch find."""
+        if self.kernels is None or not self.kernels.draw(self, batch, gathered.rows):
+            found = self.found(batch.lanes, self.within(batch))
+            found.write(gathered.rows, batch.first)
 
-    def _march(self, lanes: Lanes, offset: tuple[float, float] = (0.0, 0.0)) -> tuple[Path, Any]:
-        """Return the paths through places in pixels, and the lanes that stopped early."""
-        state = self._followed(self._ray(lanes, offset))
-        return state.path, state.cursor.inside
+    def within(self, batch: Batch) -> list[Any]:
+        """Return where in pixels the rays of a batch go through, as run-time numbers."""
+        return [self.backend.wide(o) for o in batch.offset]
+
+    def found(self, lanes: Lanes, within: list[Any]) -> Found:
+        """Return what rays find: traced, not computed."""
+        state = self._followed(self._ray(lanes, within))
+        return Found(state.path, state.cursor.inside, lanes)
+
+    @property
+    def numbers(self) -> Numbers:
+        """All that a kernel reads besides what belongs to walk, source and scheme."""
+        tolerance = getattr(self.source, "tolerance", ())
+        return Numbers(self.vectors, self.places, self.ending, tolerance)
+
+    def reading(self, numbers: Numbers) -> Drawing:
+        """Return the same rays, but for the arrays that kernels read numbers from."""
+        other = copy.copy(self)
+        other.vectors, other.places, other.ending = numbers.vectors, numbers.places, numbers.ending
+        if numbers.tolerance:
+            other.source = copy.copy(self.source)
+            other.source.tolerance = numbers.tolerance
+        return other
 
     def _followed(self, ray: Ray) -> State:
         """Return what rays have gathered."""
@@ -126,16 +160,14 @@ class Drawing:
         numbers = self.source.numbers
         return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
 
-    def _ray(self, lanes: Lanes, offset: tuple[float, float] = (0.0, 0.0)) -> Ray:
+    def _ray(self, lanes: Lanes, within: Sequence[Any] | None = None) -> Ray:
         """Return the rays through places in pixels; lanes that are no rays have none."""
-        wide, frame = self.backend.wide, self.job.frame
+        within = within or [self.backend.wide(0.0)] * 2
         u, v = (
-            dr.fma(place + wide(o), wide(step), wide(shift))
-            for place, o, step, shift in zip(
-                (lanes.u, lanes.v), offset, frame.pixel, frame.shift, strict=True
-            )
+            dr.fma(place + o, step, shift)
+            for place, o, (step, shift) in zip((lanes.u, lanes.v), within, self.places, strict=True)
         )
-        ray = self.job.camera.rays(frame.traced_vectors(self.backend), u, v)
+        ray = self.job.camera.rays(self.vectors, u, v)
         ray.active = lanes.there
         return reverse(ray) if self.job.backward else ray
 
@@ -167,29 +199,19 @@ def _share_of_steps(blocks: Any) -> float:
     return float(max(blocks.filled ** (1 / 3) * blocks.share, 0.03))
 
 
-class _Gathered:
-    """Numbers of paths, scattered into one device array each."""
+class Gathered:
+    """Numbers of paths, one device array each, and at last where rays stopped early."""
 
     def __init__(self, drawing: Drawing, count: int) -> None:
         self.counts, self.ending = drawing.counts, drawing.ending
         emissions, extinctions, errors = self.counts
-        total = emissions + 2 * extinctions + errors
+        total = emissions + 2 * extinctions + errors + 1
         self.rows = [dr.zeros(drawing.backend.Float, count) for _ in range(total)]
-        self.stopped = False
-
-    def add(self, path: Path, early: Any, lanes: Lanes, first: int = 0) -> None:
-        """Write the paths of a batch to where they belong, counted from the first of its rays."""
-        there = lanes.there
-        target = lanes.target + dr.opaque(type(lanes.target), first)
-        numbers = path.emission + path.transparency + path.depth + path.error
-        for row, number in zip(self.rows, numbers, strict=True):
-            dr.scatter(row, flush_subnormal(number, MARGIN), target, there)
-        dr.eval(self.rows, early)
-        self.stopped |= bool(dr.any(early)) if self.ending is not None else False
 
     def paths(self) -> Paths:
         """Return all of them."""
-        return Paths([np.asarray(row) for row in self.rows], self.counts, self.stopped)
+        *rows, early = (np.asarray(row) for row in self.rows)
+        return Paths(rows, self.counts, self.ending is not None and bool(np.any(early)))
 
 
 def innermost(error: BaseException) -> BaseException:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,11 +69,13 @@ class Paths:
         return _mapped(lambda row: row * factor, [self])
 
 
-def mean(found: Sequence[Paths]) -> Paths:
+def mean(found: Iterable[Paths]) -> Paths:
     """Return the means of several sets of paths."""
-    if len(found) == 1:
-        return found[0]
-    return _mapped(lambda *rows: np.mean(rows, axis=0, dtype=rows[0].dtype), found)
+    total, count = None, 0
+    for one in found:
+        total, count = one if total is None else total.plus(one), count + 1
+    assert total is not None
+    return total if count == 1 else total.times(1.0 / count)
 
 
 def _mapped(function: Callable[..., np.ndarray], paths: Sequence[Paths]) -> Paths:

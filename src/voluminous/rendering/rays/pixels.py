@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,6 +55,17 @@ def some_lanes(
     target = np.arange(lanes, dtype=np.uint32)
     target[len(pixel) :] = _NOBODY
     return Lanes(u, v, from_host(backend.UInt, target))
+
+
+# Lanes of images up to this size are kept: 20 bytes each.
+MOST_KEPT = 1 << 20
+
+
+@functools.lru_cache(maxsize=4)
+def whole_picture(pixels: tuple[int, int], backend: Any) -> Lanes:
+    """Return all lanes of an image of (nx, ny) pixels, kept: nobody may write to them."""
+    order = PixelOrder(pixels)
+    return order.lanes(0, order.count, backend)
 
 
 class PixelOrder:
