@@ -405,7 +405,11 @@ T = functools.partial(Table, "x")
 C = functools.partial(Colormap, "x")
 REFUSED = [
     (lambda: Gaussian("log10(", 0, 1, 1, 1, 1), ExpressionError, "never closed"),
-    (lambda: G("a", 1, 1, 1, 1), InputError, "center must be one number or quantity, got 'a'"),
+    (
+        lambda: G("a", 1, 1, 1, 1),
+        InputError,
+        "center must be a number, a quantity, or a text such as '0.1 pc', got 'a'",
+    ),
     (lambda: G([0, 1], 1, 1, 1, 1), InputError, "center must be one number or quantity"),
     (lambda: G(math.nan, 1, 1, 1, 1), InputError, "center must be finite, got nan"),
     (lambda: G(0, 0, 1, 1, 1), InputError, "sigma must be positive, got 0"),
@@ -441,7 +445,11 @@ REFUSED = [
     (lambda: T([[1, 2]], [1], 1, 1), InputError, "values must be at least two numbers"),
     (lambda: T([1, 3, 2], [1, 1, 1], 1, 1), InputError, "must increase; 3 is followed by 2"),
     (lambda: T([1, math.nan], [1, 1], 1, 1), InputError, "values must be finite"),
-    (lambda: T(["a", "b"], [1, 1], 1, 1), InputError, "values must be a number or a quantity"),
+    (
+        lambda: T(["a", "b"], [1, 1], 1, 1),
+        InputError,
+        "values must be a number, a quantity, or a text",
+    ),
     (lambda: T([1, 2], [1, 2] * u.K, 1, 1), InputError, "colors must be plain numbers, got .* K"),
     (
         lambda: T([1, 2], [1, 2, 3], 1, 1),

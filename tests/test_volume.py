@@ -209,3 +209,8 @@ def test_derived_fields_have_the_unit_of_their_expression():
     volume["far"] = "2 * r"
     volume["exponent"] = "log10(rho)"
     assert volume.units == {"rho": "g / cm3", "half": "g / cm3", "far": "pc", "exponent": ""}
+
+
+def test_a_unit_is_not_a_field():
+    with pytest.raises(vm.InputError, match="the unit of length is the grid's"):
+        vm.Volume(GRID, density=COUNTED, unit="pc")

@@ -7,6 +7,7 @@ its import takes longer than a picture.
 from __future__ import annotations
 
 import functools
+import re
 from typing import Any
 
 import numpy as np
@@ -15,11 +16,44 @@ from .errors import UnitsError
 
 # A value in an error message is written out up to so many characters.
 _LONGEST = 100
+_NUMBER_THEN_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
 def is_quantity(value: Any) -> bool:
     """Return True if `value` carries a unit (astropy or anything that looks like it)."""
     return hasattr(value, "unit") and hasattr(value, "to")
+
+
+def split_text(text: str) -> tuple[float, str] | None:
+    """Return the number and the name of the unit in a text such as "0.1 pc"; None if it is none."""
+    match = _NUMBER_THEN_UNIT.fullmatch(text)
+    if match is None or (match[2] and not any(map(str.isalpha, match[2]))):
+        return None
+    return float(match[1]), match[2]
+
+
+def as_given(value: Any, what: str = "value") -> Any:
+    """Return the quantity in a text such as "0.1 pc", or in each text of a list; else the value.
+
+    Raises
+    ------
+    UnitsError
+        If a text is no number with a unit that astropy knows.
+    """
+    if isinstance(value, (list, tuple)) and any(isinstance(v, str) for v in value):
+        return [as_given(v, what) for v in value]
+    if not isinstance(value, str):
+        return value
+    parts = split_text(value)
+    if parts is None:
+        raise UnitsError(
+            f"{what} must be a number, a quantity, or a text such as '0.1 pc', got {value!r}"
+        )
+    try:
+        unit = parse_unit(parts[1])
+    except UnitsError as error:
+        raise UnitsError(f"{what} is {value!r}: {error}") from None
+    return parts[0] if unit is None else parts[0] * unit
 
 
 def parse_unit(unit: Any) -> Any:
@@ -84,8 +118,11 @@ def unit_of(value: Any) -> Any:
     """Return the unit of `value`, or of what has one in a sequence; None for plain numbers."""
     if is_quantity(value):
         return parse_unit(value.unit)
+    if isinstance(value, str):
+        parts = split_text(value)
+        return None if parts is None else parse_unit(parts[1])
     if isinstance(value, (list, tuple)):
-        return next((parse_unit(v.unit) for v in value if is_quantity(v)), None)
+        return next((unit_of(v) for v in value if is_quantity(v) or isinstance(v, str)), None)
     return None
 
 
@@ -94,8 +131,8 @@ def plain(value: Any, unit: Any, what: str) -> Any:
 
     Parameters
     ----------
-    value : float, array_like or Quantity
-        What the user gave.
+    value : float, array_like, Quantity or str
+        What the user gave; of text see `as_given`.
     unit : unit or None
         The unit to express it in; None means dimensionless.
     what : str
@@ -106,6 +143,7 @@ def plain(value: Any, unit: Any, what: str) -> Any:
     UnitsError
         If the value has a unit that cannot be converted.
     """
+    value = as_given(value, what)
     if isinstance(value, (list, tuple)) and any(is_quantity(v) for v in value):
         return np.array([plain(v, unit, what) for v in value])
     if not is_quantity(value):
@@ -146,9 +184,9 @@ def _shown(value: Any) -> str:
 
 def degrees(value: Any, what: str) -> float:
     """Return an angle in degrees; plain numbers are degrees."""
-    return plain(value, "deg", what) if is_quantity(value) else _as_float(value, what)
+    return plain(value, "deg", what)
 
 
 def radians(value: Any, what: str) -> Any:
     """Return an angle in radians; plain numbers are radians."""
-    return plain(value, "rad", what) if is_quantity(value) else _as_float(value, what)
+    return plain(value, "rad", what)

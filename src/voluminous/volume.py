@@ -12,7 +12,7 @@ import numpy as np
 
 from .deferred import Deferred, Fields
 from .derivatives import Derivatives, Sight, component
-from .errors import unknown_name
+from .errors import InputError, unknown_name
 from .evaluation import Evaluation
 from .expressions import DerivedField, Expression, derived_field, required_names
 from .fields import (
@@ -74,6 +74,12 @@ class Volume(Evaluation, OnOtherCells):
         self.sight = Sight(grid)
         # What was made of this volume for pictures (see `rendering.store`), newest last.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
+        if isinstance(named.get("unit"), str):
+            raise InputError(
+                f"unit={named['unit']!r} would be a field: the unit of length is the grid's, such as "
+                "vm.CartesianGrid.uniform(64, (0, 1), unit='pc'); fields take quantities, or "
+                "volume.set_unit(name, unit)"
+            )
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value
 

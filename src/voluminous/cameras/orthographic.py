@@ -9,7 +9,7 @@ import numpy as np
 
 from ..grids.contract import Ray
 from ..rotation import angles_towards, cosine_sine, image_axes, position_angle
-from ..units import is_quantity, plain, unit_of
+from ..units import as_given, is_quantity, plain, unit_of
 from .contract import Camera, Frame, pixel_counts, plane_size
 from .lengths import as_vector, described, finite_degrees, point, vector_of
 
@@ -63,13 +63,14 @@ class Orthographic(Camera):
         self.phi = finite_degrees(phi, "phi")
         self.posang = finite_degrees(posang, "posang")
         self.resolution = pixel_counts(resolution)
-        self.width, self.center, self.shift = width, center, shift
+        self.width, self.center = as_given(width, "width"), as_given(center, "center")
+        self.shift = as_given(shift, "shift")
         if width is not None:
-            own = unit_of(width)
-            plane_size(plain(width, own, "width"), self.resolution, "width")
-        as_vector(plain(shift, unit_of(shift), "shift"), 2, "shift")
+            own = unit_of(self.width)
+            plane_size(plain(self.width, own, "width"), self.resolution, "width")
+        as_vector(plain(self.shift, unit_of(self.shift), "shift"), 2, "shift")
         if center is not None:
-            point(center, unit_of(center), "center")
+            point(self.center, unit_of(self.center), "center")
 
     @classmethod
     def looking(cls, view_direction: Any, up: Any = None, **options: Any) -> Orthographic:

@@ -11,7 +11,7 @@ from ..backend import dr
 from ..errors import InputError, unknown_name
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
-from ..units import degrees, is_quantity, radians, unit_of
+from ..units import as_given, degrees, radians, unit_of
 from .contract import Camera, Frame, pixel_counts, plane_size
 from .lengths import described, finite_degrees, point, vector_of
 
@@ -79,8 +79,8 @@ class Perspective(Camera):
             raise InputError("give fov (an angle) or width (radians on the screen), not both")
         if up is not None and posang is not None:
             raise InputError("give up (a direction) or posang (an angle), not both")
-        vector_of(position, "position"), vector_of(target, "target")
-        self.position, self.target = position, target
+        self.position, self.target = as_given(position, "position"), as_given(target, "target")
+        vector_of(self.position, "position"), vector_of(self.target, "target")
         self.projection = projection
         self.resolution = pixel_counts(resolution)
         self.zenith = finite_degrees(zenith, "zenith")
@@ -113,11 +113,10 @@ class Perspective(Camera):
     def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
         """Return a camera from where it is and the direction it looks into."""
         direction = vector_of(view_direction, "view_direction")
-        if is_quantity(position):
-            target = position + direction * position.unit
-        else:
-            target = np.asarray(position, dtype=np.float64) + direction
-        return cls(position, target, **options)
+        position = as_given(position, "position")
+        unit = unit_of(position)
+        target = vector_of(position, "position") + direction
+        return cls(position, target if unit is None else target * unit, **options)
 
     def frame(self, grid: Any) -> Frame:
         """Return pixels and vectors for a grid: position, and the camera's three axes."""

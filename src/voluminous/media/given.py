@@ -9,17 +9,20 @@ import numpy as np
 
 from ..colormaps import get_color
 from ..errors import InputError
-from ..units import is_quantity, parse_unit, unit_name
+from ..units import as_given, is_quantity, parse_unit, unit_name
 
 
 def scalar(value: Any, what: str) -> Any:
     """Return a finite float, or a Quantity left as it is until the volume's unit is known.
+
+    Of text such as "0.1 pc" it is the quantity in it.
 
     Raises
     ------
     InputError
         If it is not one finite number.
     """
+    value = as_given(value, what)
     magnitude = value.value if is_quantity(value) else value
     try:
         number = float(magnitude)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..errors import InputError
-from ..units import plain
+from ..units import plain, split_text
 from .given import plain_number, scalar
 
 # As a path length: the median thickness in the volume (`calibration`).
@@ -15,9 +15,11 @@ AUTO = "auto"
 def given_path_length(value: Any) -> Any:
     """Return a positive length, or "auto", which stays until the volume is known."""
     if isinstance(value, str):
-        if value != AUTO:
-            raise InputError(f"path_length must be a number, a quantity or 'auto', got {value!r}")
-        return value
+        if value == AUTO:
+            return value
+        if split_text(value) is None:
+            expected = "a number, a quantity such as '0.1 pc', or 'auto'"
+            raise InputError(f"path_length must be {expected}, got {value!r}")
     length = scalar(value, "path_length")
     check_positive(length, "path_length")
     return length

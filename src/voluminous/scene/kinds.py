@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, UnitsError, unknown_name
-from ..units import parse_unit
-
-_NUMBER_THEN_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+from ..units import parse_unit, split_text
 
 
 class _UnfitError(Exception):
@@ -57,19 +54,19 @@ def _quantity(value: Any) -> Any:
     """Return a number, or the quantity in a text such as "2.5e16 cm"."""
     if not isinstance(value, str):
         return _number(value)
-    match = _NUMBER_THEN_UNIT.fullmatch(value)
-    if match is None:
+    parts = split_text(value)
+    if parts is None:
         raise _UnfitError
-    unit = parse_unit(match[2])
-    return float(match[1]) if unit is None else float(match[1]) * unit
+    unit = parse_unit(parts[1])
+    return parts[0] if unit is None else parts[0] * unit
 
 
 def _plain_quantity(value: Any) -> Any:
     """Return the quantity in a text that cannot be anything else; else the text is a name."""
     if not isinstance(value, str):
         return _number(value)
-    match = _NUMBER_THEN_UNIT.fullmatch(value)
-    if match is None or not match[2][:1].isalpha():  # such as "1.2.840", or "2024-01-01"
+    parts = split_text(value)
+    if parts is None or not parts[1][:1].isalpha():  # such as "1.2.840", or "2024-01-01"
         raise _UnfitError
     try:
         return _quantity(value)
