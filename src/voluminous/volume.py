@@ -76,9 +76,9 @@ class Volume(Evaluation, OnOtherCells):
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         if isinstance(named.get("unit"), str):
             raise InputError(
-                f"unit={named['unit']!r} would be a field: the unit of length is the grid's, such as "
-                "vm.CartesianGrid.uniform(64, (0, 1), unit='pc'); fields take quantities, or "
-                "volume.set_unit(name, unit)"
+                f"unit={named['unit']!r} would be a field: the unit of length is the grid's, as in "
+                "vm.CartesianGrid.uniform(64, (0, 1), unit='pc'); those of fields come with "
+                "quantities, or volume.set_unit(name, unit)"
             )
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value
