@@ -98,6 +98,10 @@ class Direct:
         """Return the intensity (…, channel) from what the loop integrated."""
         return in_units_of(self.unit, channels_last(emission))
 
+    def brightest_channel(self, emission: list[np.ndarray]) -> np.ndarray:
+        """Return the magnitude in the brightest channel, in the kernel's unit."""
+        return functools.reduce(np.maximum, map(np.abs, emission))
+
     def densest(self, largest: list[Any]) -> Any:
         """Return a bound of the extinction, from the largest values; 0 if there is none."""
         most_of_all = functools.reduce(np.maximum, largest[self.emissions :])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -50,16 +51,15 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
     behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
     source.allow(np.inf, np.inf)  # until it is known how bright the picture is
-    brightness = _sampled_brightness(drawing)
-    if brightness > 0.0:
-        scale = brightness + behind
+    scale = _sampled_brightness(drawing, behind)
+    if scale > 0.0:
         source.allow(first * tolerance * scale, first * tolerance)
     else:
         shares = list(_SHARES)
     paths = drawing.frame()
     for share in shares:
-        scale = _brightness(paths) + behind
-        wrong = _too_wrong(paths, tolerance, scale, behind)
+        scale = _brightness(drawing, paths, behind).max()
+        wrong = _too_wrong(drawing, paths, tolerance, scale, behind)
         if not len(wrong):
             break
         source.allow(share * tolerance * scale, share * tolerance)
@@ -74,24 +74,28 @@ def in_kernel_unit(background: float, unit: float) -> Any:
     return found if fits_single(found) else np.float64(found)
 
 
-def _brightness(paths: Paths) -> float:
-    return float(np.max(paths.error[2], initial=0.0))
+def _brightness(drawing: Drawing, paths: Paths, behind: Any) -> Any:
+    """Return how bright pixels are in their brightest channels, in the kernel's unit."""
+    seen = drawing.source.numbers.brightest_channel(paths.emission)
+    through = functools.reduce(np.maximum, paths.transparency)
+    # What emits nothing, or as much as it takes away, is compared with what it is made of.
+    bright = seen + through * behind
+    return bright if np.any(bright) else paths.error[2]
 
 
-def _sampled_brightness(drawing: Drawing) -> float:
+def _sampled_brightness(drawing: Drawing, behind: Any) -> float:
     """Return how bright the brightest of some pixels is, without looking at errors; 0 of few."""
     nx, ny = drawing.job.frame.pixels
     if nx * ny < _WORTHWHILE * _SAMPLES:
         return 0.0
     step = nx * ny // _SAMPLES | 1  # odd: not in few columns
     pixel = np.arange(step // 2, nx * ny, step)
-    found = drawing.pixels(pixel).error[2]
+    found = _brightness(drawing, drawing.pixels(pixel), behind)
     brightest = float(np.max(found))
     if brightest <= _PEAK * float(np.quantile(found, 0.99)):
         return brightest
-    return max(
-        brightest, _brightness(drawing.pixels(_around(pixel[np.argmax(found)], step, nx, ny)))
-    )
+    around = drawing.pixels(_around(pixel[np.argmax(found)], step, nx, ny))
+    return max(brightest, float(_brightness(drawing, around, behind).max()))
 
 
 def _around(pixel: int, step: int, nx: int, ny: int) -> np.ndarray:
@@ -104,19 +108,34 @@ def _around(pixel: int, step: int, nx: int, ny: int) -> np.ndarray:
     return np.asarray((y[:, None] * nx + x).reshape(-1))
 
 
-def _too_wrong(paths: Paths, tolerance: float, scale: float, behind: float) -> np.ndarray:
-    """Return which pixels are off by more than the tolerance."""
+def _too_wrong(
+    drawing: Drawing, paths: Paths, tolerance: float, scale: Any, behind: Any
+) -> np.ndarray:
+    """Return which pixels are off by more than the tolerance, with what `add_floor` will add.
+
+    Up to half of the tolerance: where rounding alone exceeds it nothing is gained by more panels.
+    """
     wrong, dim, _ = paths.error
-    return np.flatnonzero((wrong + dim * behind > tolerance * scale) | (dim > tolerance))
+    floor, dim_floor = _floor(drawing, paths)
+    total = wrong + dim * behind + np.minimum(floor + dim_floor * behind, 0.5 * tolerance * scale)
+    return np.flatnonzero((total > tolerance * scale) | (dim > tolerance))
 
 
 def add_floor(drawing: Drawing, paths: Paths) -> None:
     """Add to the errors what rounding, underflow, faint places and early ends may have lost."""
-    wrong, dim, brightness = paths.error
-    wrong += lost_share(drawing) * brightness + drawing.source.neglected
-    wrong += _UNDERFLOW * _brightness(paths) + _flushed(drawing)
+    wrong, dim, _ = paths.error
+    floor, dim_floor = _floor(drawing, paths)
+    wrong += floor
+    dim += dim_floor
+
+
+def _floor(drawing: Drawing, paths: Paths) -> tuple[np.ndarray, float]:
+    """Return what emission and transparency may be off by besides the errors of segments."""
+    brightness = paths.error[2]
+    lost = _UNDERFLOW * float(np.max(brightness, initial=0.0)) + _flushed(drawing)
+    floor = lost_share(drawing) * brightness + (drawing.source.neglected + lost)
     # Of what is behind, rays that stop early say so by their transparency.
-    dim += _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
+    return floor, _ROUNDING[drawing.backend.precision] + drawing.source.neglected_depth
 
 
 def _flushed(drawing: Drawing) -> float:
