@@ -132,14 +132,14 @@ def test_directions_of_the_fold_change_nothing(scheme, precision, camera):
             order=order,
             cutoff=0,
             background=[0.5, 2.0],
-            tolerance=1e-8,
+            tolerance=1e-5 if precision == "single" else 1e-8,
         )
         for order in ("front-to-back", "back-to-front")
     ]
     # Distances count from the other end: in single precision walls are met 1e-6 elsewhere. Where
     # errors are controlled, panels are halved elsewhere: to the tolerance.
     least = 1e-7 if scheme == "post-classified" else 1e-12
-    assert_same(*images, 1e-5 if precision == "single" else least)
+    assert_same(*images, 2e-5 if precision == "single" else least)
 
 
 @pytest.fixture

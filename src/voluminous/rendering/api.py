@@ -69,7 +69,8 @@ def render(
     precision : {"single", "double"}
         Floating-point precision. Where single cannot tell the grid's cells apart, or cannot hold
         what the medium is a function of (below 1e-30, above 1e30), or what rays gather (optical
-        depths above 1e12, less than 1e-22 of the colours), double is taken.
+        depths above 1e12, less than 1e-22 of the colours), or the tolerance is below 1e-5, double
+        is taken.
     device : {"auto", "cpu", "cuda", "metal"}
         Where to compute.
     order : {"front-to-back", "back-to-front"}

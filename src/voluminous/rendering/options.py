@@ -16,6 +16,8 @@ from ..memory import check_memory
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
 DEFAULT_ERROR = 1e-4
+# The finest tolerance that single precision keeps: rounding is 3e-6 of the sum of all colours.
+FINEST_SINGLE = 1e-5
 _MOST_SAMPLES = 4096
 # Pixels are counted in 32 bits, in blocks that may reach beyond the edge.
 _MOST_PIXELS = 1 << 31

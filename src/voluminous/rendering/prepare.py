@@ -18,6 +18,7 @@ from .coefficients.digits import beyond_single, plain_widths
 from .job import Job
 from .missing import Completed, complete
 from .options import (
+    FINEST_SINGLE,
     check_coordinates,
     check_cutoff,
     check_order,
@@ -57,7 +58,9 @@ def prepare(
     check_walk(solver, volume.grid)
     volume = volume.seen_by(camera)
     medium = calibrate(with_formulas(medium), volume)
-    if precision == "single" and volume.grid.needs_double():
+    if precision == "single" and (
+        volume.grid.needs_double() or _is_fine(solver, tolerance, device)
+    ):
         precision = "double"
     check_fields(volume, medium)
     check_coordinates(solver, volume.grid, medium.names)
@@ -85,6 +88,12 @@ def prepare(
     job.recursive = is_recursive(samples, volume.grid)
     job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
     return job, completed.counts
+
+
+def _is_fine(scheme: Any, tolerance: float | None, device: str) -> bool:
+    """Return whether a tolerance is asked for that rounding in single precision exceeds."""
+    asked = check_tolerance(tolerance) if scheme.controlled else 1.0
+    return asked < FINEST_SINGLE and device != "metal"
 
 
 def _usual_scheme(medium: Medium) -> str:
