@@ -8,7 +8,7 @@ import pytest
 import voluminous as vm
 from toy_grids import ShuffledGrid
 from voluminous.calibration.calibrate import extent_of
-from voluminous.calibration.profile import profile_of
+from voluminous.calibration.profile import Profile
 from voluminous.calibration.thickness import thicknesses
 from voluminous.cli.info_grid import describe_grid
 from voluminous.expressions import Expression
@@ -51,7 +51,7 @@ def test_lines_cross_a_closed_shell_twice(kind):
     volume["f"] = "r**2"
     medium = vm.Gaussian("f", 0.36, 0.05, 1.0, 1.0, path_length=1.0)
     expr = Expression("f")
-    (found,) = thicknesses(volume, expr, [profile_of(medium, None, (0.0, 0.0))])
+    (found,) = thicknesses(volume, expr, [Profile(*medium.profile(None, None))])
     # Oblique crossings are longer: 2 / <cos> of lines that are spread evenly over the disc is 4.
     assert 2.0 < found.crossings < 4.5
 

@@ -17,7 +17,7 @@ from .histogram import histogram, sampled_values
 from .labels import labels_of
 from .levels import levels
 from .noise import noise_of
-from .profile import profile_of
+from .profile import Profile
 from .scalar import is_wide, main_scalar
 from .thickness import Thickness, thicknesses
 
@@ -160,7 +160,7 @@ def _lit(
     """Return the sum of shells, each as opaque as its size and its crossings allow."""
     drafts = [make(1.0, 1.0, "auto") for make in shells]
     unit = volume.expression_unit(drafts[0].expr)
-    profiles = [profile_of(draft, unit, (0.0, 0.0)) for draft in drafts]
+    profiles = [Profile(*draft.profile(unit, None)) for draft in drafts]
     found = thicknesses(volume, drafts[0].expr, profiles)
     depths = opacity * _depths(found)
     parts = tuple(

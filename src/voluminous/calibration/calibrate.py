@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import copy
+import functools
 from typing import Any
 
 import numpy as np
 
 from ..expressions import Expression
-from ..media import Medium, Shaped, Table
+from ..media import Medium
 from ..volume import Volume
 from .gates import with_plain_gates
-from .profile import Profile, profile_of
+from .profile import Profile
 from .samples import pieces
 from .thickness import thicknesses
 
@@ -57,27 +58,31 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     '4.2e+16 cm'
     """
     medium = with_plain_gates(medium, volume)
-    parts: list[Any] = [p for p in medium.components() if _is_open(p)]
+    parts = [p for p in medium.components() if _is_open(p)]
     if not parts:
         return medium
     lengths: dict[int, float] = {}
-    for expr in dict.fromkeys(p.expr for p in parts):
-        same = [p for p in parts if p.expr == expr]
+    for expr in dict.fromkeys(_scalar(p) for p in parts):
+        same = [p for p in parts if _scalar(p) == expr]
         found = thicknesses(volume, expr, _profiles(same, volume, expr))
         lengths.update({id(p): shell.length for p, shell in zip(same, found, strict=True)})
     return medium.with_each(lambda part: _with_length(part, lengths.get(id(part))))
 
 
-def _is_open(medium: Any) -> bool:
-    return isinstance(medium, (Shaped, Table)) and isinstance(medium.path_length, str)
+def _is_open(medium: Medium) -> bool:
+    return isinstance(medium.path_length, str)
+
+
+def _scalar(medium: Medium) -> Expression:
+    (expr,) = medium.scalars()
+    return expr
 
 
 def _profiles(media: list[Any], volume: Volume, expr: Expression) -> list[Profile]:
     volume.check_names(expr)
     unit = volume.expression_unit(expr)
-    has_table = any(isinstance(medium, Table) for medium in media)
-    extent = extent_of(volume, expr) if has_table else (0.0, 0.0)
-    return [profile_of(medium, unit, extent) for medium in media]
+    extent = functools.cache(functools.partial(extent_of, volume, expr))
+    return [Profile(*medium.profile(unit, extent)) for medium in media]
 
 
 def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:

@@ -1,17 +1,9 @@
-"""What a medium shows as a function of its scalar x: a piecewise-linear profile."""
+"""What a medium shows as a function of its scalar x (`Medium.profile`): piecewise linear."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from ..expressions import NumpyOps
-from ..media import Rectangle, Shaped, Table
-from ..units import plain
-
-# A Gaussian beyond six σ is 1e-8; with this many nodes the trapezoidal rule is exact to rounding.
-_SIGMAS, _NODES = 6.0, 481
 # Up to this part of the effective width a cell sees a single value of the profile.
 _NARROW = 1e-3
 
@@ -64,42 +56,3 @@ class Profile:
         k = np.clip(np.searchsorted(self.nodes, x, "right") - 1, 0, len(self.nodes) - 2)
         d = x - self.nodes[k]
         return self._areas[k] + d * (self.heights[k] + 0.5 * self._slopes[k] * d)
-
-
-def profile_of(medium: Shaped | Table, unit: Any, extent: tuple[float, float]) -> Profile:
-    """Return the profile of a medium.
-
-    Parameters
-    ----------
-    medium : Gaussian, Rectangle, Table or Colormap
-        Of a table, its opacity is the profile, or its brightness where it has no opacity.
-    unit : astropy unit or None
-        The unit of the expression x.
-    extent : (float, float)
-        Least and greatest x in the volume. A table goes on for ever, so this is where it ends.
-    """
-    if isinstance(medium, Table):
-        return _of_table(medium, unit, extent)
-    center = plain(medium.center, unit, "center")
-    width = plain(medium.width, unit, medium.width_name)
-    if isinstance(medium, Rectangle):
-        low, high = center - width, center + width
-        return Profile(np.array([low, high]), np.ones(2))
-    offsets = width * np.linspace(-_SIGMAS, _SIGMAS, _NODES)
-    return Profile(center + offsets, np.asarray(medium.shape(NumpyOps(), offsets, width)))
-
-
-def _of_table(medium: Table, unit: Any, extent: tuple[float, float]) -> Profile:
-    values = medium.values
-    if medium.unit is not None:
-        values = np.asarray(plain(values * medium.unit, unit, "values"))
-    heights = medium.opacities.max(axis=1)
-    if not heights.any():
-        heights = np.abs(medium.colors).max(axis=1)
-    low, high = extent
-    if not low < high:  # one value everywhere: its surroundings do no harm
-        low, high = min(low, values[0]), max(high, values[-1])
-    inside = (values > low) & (values < high)
-    ends = np.interp([low, high], values, heights)
-    nodes = np.concatenate([[low], values[inside], [high]])
-    return Profile(nodes, np.concatenate([ends[:1], heights[inside], ends[1:]]))

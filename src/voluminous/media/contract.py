@@ -56,12 +56,16 @@ class Medium:
     discrete : bool
         True if it shows values that name things, such as labels. Between two there are no others:
         it is drawn cell by cell unless a scheme is given.
+    path_length : float, Quantity or "auto", optional
+        The length that its colours and opacities refer to, if there is one; ``"auto"`` until
+        `voluminous.calibrate` measures it, for media that tell their `profile`.
     """
 
     channels: int
     grey: bool
     names: tuple[str, ...]
     discrete: bool = False
+    path_length: Any = None
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
@@ -279,6 +283,22 @@ class Medium:
     def intensity_unit(self, context: Context) -> Any:
         """Return the unit of emissivity times length; None where colours are plain numbers."""
         return None
+
+    def profile(
+        self, unit: Any, extent: Callable[[], tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what shows as a function of the only scalar: values of it, and heights.
+
+        Linear in between, zero outside, in any unit; two equal values make a jump.
+
+        Parameters
+        ----------
+        unit : astropy unit or None
+            The unit of the scalar.
+        extent : callable
+            Returns its least and greatest value in the volume, for what goes on for ever.
+        """
+        raise NotImplementedError
 
     def key(self) -> Any:
         """Return what identifies this medium, hashable; None if nothing does.

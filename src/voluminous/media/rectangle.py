@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..backend import dr
 from ..expressions import Ops
 from .context import Context
@@ -37,6 +39,7 @@ class Rectangle(SampledShaped):
     """
 
     width_name = "half_width"
+    profile_places = np.array([-1.0, 1.0])
 
     def __init__(
         self,

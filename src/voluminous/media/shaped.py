@@ -10,8 +10,10 @@ import functools
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..backend import dr
-from ..expressions import Expression, Ops
+from ..expressions import Expression, NumpyOps, Ops
 from ..expressions.interval import Interval
 from ..units import plain
 from .bends import bend, slope_factor, thinness
@@ -49,9 +51,12 @@ class Shaped(Medium):
     ----------
     width_name : str
         What its width is called.
+    profile_places : array
+        Between which distances from the centre, in widths, the shape is about linear.
     """
 
     width_name = ""
+    profile_places: np.ndarray
 
     def __init__(
         self,
@@ -265,6 +270,13 @@ class Shaped(Medium):
             there = (low < _CORE) & (high > -_CORE)
             counts.append(core(there, high - low > 1.0, not self.steady, stretch.length))
         return counts
+
+    def profile(self, unit: Any, extent: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return the shape at some distances from the centre; see `Medium.profile`."""
+        center = plain(self.center, unit, "center")
+        width = plain(self.width, unit, self.width_name)
+        offsets = width * self.profile_places
+        return center + offsets, np.asarray(self.shape(NumpyOps(), offsets, width))
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where the shape may be noticeable while the fields stay in ranges."""

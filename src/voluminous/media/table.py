@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -282,6 +283,24 @@ class Table(Medium):
             return np.ascontiguousarray(self.values)
         quantity = self.values * self.unit
         return np.ascontiguousarray(plain(quantity, context.unit_of(self.expr), "values"))
+
+    def profile(
+        self, unit: Any, extent: Callable[[], tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return its opacity, or its brightness where it has none; see `Medium.profile`."""
+        values = self.values
+        if self.unit is not None:
+            values = np.asarray(plain(values * self.unit, unit, "values"))
+        heights = self.opacities.max(axis=1)
+        if not heights.any():
+            heights = np.abs(self.colors).max(axis=1)
+        low, high = extent()
+        if not low < high:  # one value everywhere: its surroundings do no harm
+            low, high = min(low, values[0]), max(high, values[-1])
+        inside = (values > low) & (values < high)
+        ends = np.interp([low, high], values, heights)
+        nodes = np.concatenate([[low], values[inside], [high]])
+        return nodes, np.concatenate([ends[:1], heights[inside], ends[1:]])
 
     def key(self) -> Any:
         """Return the expression and all numbers."""
