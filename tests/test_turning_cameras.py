@@ -197,6 +197,16 @@ def test_functions_that_read_what_changes_are_traced_every_time():
     np.testing.assert_allclose(seen(volume, medium)[0], 2 * plain, rtol=1e-5)
 
 
+def test_what_lacks_values_is_traced_once_too(launches):
+    volume = noise(GRIDS["cartesian"]())
+    values = np.array(volume.array("a"))
+    values[3, 4, 5] = np.nan
+    volume["a"] = values
+    for view in VIEWS:
+        seen(volume, MEDIA["shell"], *view, tolerance=None)
+    assert len(launches) == 2
+
+
 def test_two_threads_draw_the_same_volume():
     volume, medium = noise(GRIDS["cartesian"]()), MEDIA["shell"]
     views = [(incl, phi) for incl in (10, 60, 100) for phi in (0, 50, 200, 310)]

@@ -259,8 +259,14 @@ class Volume(Evaluation, OnOtherCells):
         self._derivatives.forget(name)
         self.tables.clear()
 
+    def __copy__(self) -> Volume:
+        """Return another that shares all, what is kept for pictures too."""
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
+        return other
+
     def __getstate__(self) -> dict[str, Any]:
-        """Return what copies and pickles hold: not what was made for pictures, on a device."""
+        """Return what deep copies and pickles hold: not what was made for pictures, on a device."""
         return {**vars(self), "tables": OrderedDict()}
 
     def __contains__(self, name: object) -> bool:
@@ -283,7 +289,7 @@ class Volume(Evaluation, OnOtherCells):
         Fields, and all that is kept of them, are this volume's own. `render` does it.
         """
         seen = copy.copy(self)
-        seen.tables, seen.sight = self.tables, Sight(self.grid, camera)
+        seen.sight = Sight(self.grid, camera)
         return seen
 
     def with_arrays(self, arrays: Mapping[str, np.ndarray]) -> Volume:
