@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import voluminous as vm
+from voluminous.deferred import Deferred
 
 GRID = vm.CartesianGrid([0.0, 1.0, 3.0], [0.0, 1.0, 2.0, 3.0], [-1.0, 0.0, 1.0, 2.0, 4.0])
 SHAPE = (2, 3, 4)
@@ -214,3 +216,50 @@ def test_derived_fields_have_the_unit_of_their_expression():
 def test_a_unit_is_not_a_field():
     with pytest.raises(vm.InputError, match="the unit of length is the grid's"):
         vm.Volume(GRID, density=COUNTED, unit="pc")
+
+
+def test_arrays_that_nobody_else_has_need_not_be_hashed():
+    own = COUNTED.astype(np.float32)
+    volume = vm.Volume(GRID, a=own, b="a", c="2*a")
+    before = {name: volume.digest(name) for name in volume}
+    assert len(set(before.values())) == 3
+    own[0, 0, 0] += 1  # of the user, who may: what was computed of it is as it was
+    assert own.flags.writeable
+    now = {name: volume.digest(name) for name in volume}
+    assert now["a"] != before["a"]
+    assert (now["b"], now["c"]) == (before["b"], before["c"])
+    volume["c"] = "2*a"  # another array, whatever is in it
+    assert volume.digest("c") != before["c"]
+    assert pickle.loads(pickle.dumps(volume)).array("c")[0, 0, 0] == 2 * own[0, 0, 0]
+
+
+def test_nothing_is_taken_of_what_others_hold():
+    base = np.zeros((2, *SHAPE))
+    volume = vm.Volume(GRID)
+    volume["deferred"] = Deferred(lambda: base[0], "f8")
+    volume["given"] = base[1]
+    volume.load()
+    assert base.flags.writeable
+    before = [volume.digest(name) for name in ("deferred", "given")]
+    base += 1
+    assert all(a != volume.digest(n) for a, n in zip(before, ("deferred", "given"), strict=True))
+
+
+def test_files_that_are_mapped_may_change(tmp_path):
+    np.save(tmp_path / "mapped.npy", COUNTED)
+    opened = vm.open(tmp_path / "mapped.npy")
+    mapped = vm.Volume(GRID, a=np.load(tmp_path / "mapped.npy", mmap_mode="r+"))
+    mapped.own()
+    before = mapped.digest("a"), opened.digest("mapped")
+    writer = np.load(tmp_path / "mapped.npy", mmap_mode="r+")
+    writer[0, 0, 0] += 1
+    assert mapped.digest("a") != before[0]
+    del writer
+    assert (opened.digest("mapped") == before[1]) == (not isinstance(_root(opened), np.memmap))
+
+
+def _root(volume):
+    array = volume.array("mapped")
+    while isinstance(array.base, np.ndarray):
+        array = array.base
+    return array

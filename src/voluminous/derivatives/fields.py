@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..digest import digest
 from ..expressions import DerivedField, required_names
 from ..memory import fits
 from ..units import parse_unit
@@ -80,7 +79,7 @@ class Derivatives:
         if self._kept and not fits(_SPARE * volume.grid.size):
             self._kept.clear()
         used = {name for kept in self._kept.values() for name in kept.source}
-        now = {name: digest(volume.array(name)) for name in used}
+        now = {name: volume.digest(name) for name in used}
         for name in [n for n, kept in self._kept.items() if not kept.source.items() <= now.items()]:
             del self._kept[name]
 
@@ -101,4 +100,4 @@ def _sources(volume: Any, derived: DerivedField) -> dict[str, bytes]:
     """Return the fields that something is made of, and a hash of each."""
     names = {n for a in derived.arguments for n in required_names(a)}
     given = volume.given(names)
-    return {name: digest(volume.array(name)) for name in given}
+    return {name: volume.digest(name) for name in given}

@@ -142,6 +142,7 @@ def open_lazily(
     with guard():
         volume = reader.read(path, fields, **options)
     volume.explain_reading(guard)
+    volume.own()
     return volume
 
 

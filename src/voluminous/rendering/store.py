@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..digest import digest
 from ..memory import fits
 from .coefficients.classify import extremes_of
 
@@ -23,7 +22,7 @@ class Store:
     ----------
     volume : Volume
         Its fields' contents are hashed, once per picture, since arrays are not copied
-        and may have been changed in place.
+        and may have been changed in place, if others have them.
     """
 
     def __init__(self, volume: Any) -> None:
@@ -34,7 +33,7 @@ class Store:
     def digest(self, name: str) -> bytes:
         """Return a hash of a field's contents."""
         if name not in self._digests:
-            self._digests[name] = digest(self.volume.array(name))
+            self._digests[name] = self.volume.digest(name)
         return self._digests[name]
 
     def digests(self, names: Any) -> tuple[Any, ...]:
