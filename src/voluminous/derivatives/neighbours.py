@@ -7,8 +7,8 @@ of its distance: among cells in line that is the slope of the parabola through t
 a Cartesian grid, whatever their widths. It is exact for linear fields everywhere, at jumps of level
 and at the surface of the domain too.
 
-On trees of boxes kernels do the same (`cell_slopes`), but second derivatives at jumps of level are
-those of quadratic functions (`quadratic_fit`).
+On trees of boxes, straight or bent, kernels do the same (`cell_slopes`), but at jumps of level
+derivatives are those of quadratic functions (`quadratic_fit`).
 
 The Laplacian is made of parabolas through the cell and, along each axis, the means of what lies
 beyond its two faces, moved onto the axis with the gradient; so it vanishes for linear fields. At
