@@ -185,11 +185,12 @@ class CellSlopes:
         (state,) = dr.while_loop((state,), more, step, label="slopes")
         return solved(state.matrix, state.right), state.alone, state.aside
 
-    def second_derivatives(self, part: Part) -> tuple[list[Any], list[Any], Any]:
+    def second_derivatives(self, part: Part) -> tuple[list[Any], list[Any], Any, Any]:
         """Return those along the axes of some cells, and who may know where they are NaN.
 
-        See `neighbours.filled_up`. And which cells have neighbours on all sides, of which some are
-        aside, being of another size: there `quadratic_fit` tells more.
+        And which cells have neighbours aside, being of another size: those where others know more,
+        and those with neighbours on all sides, where `quadratic_fit` tells more. See
+        `neighbours.filled_up`.
         """
         gradient, UInt, Bool = self.gradient(part), self.backend.UInt, self.backend.Bool
         count = dr.width(part.value)
@@ -205,14 +206,14 @@ class CellSlopes:
             aside, ends = aside | slanted, ends | last
         # At the surface what is further in tells more of all axes.
         unknown = aside & ends
-        bends = [dr.select(unknown, math.nan, bend) for bend in bends]
         inner = [dr.select(unknown, inwards, beside) for beside in inner]
-        return bends, inner, aside & ~ends
+        return bends, inner, unknown, aside & ~ends
 
     def _second(self, axis: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any, Any, Any]:
         """Return the second derivative along an axis, and a neighbour's number.
 
-        NaN where there is none on one side, and zero where there is none on both. And where
+        NaN where there is none on one side; where there is none on both, what follows from the
+        gradient's turning with the axis: on Cartesian grids zero. And where
         neighbours are aside of the axis, and where they are on one side only.
         """
         (before, fell, below, left), (behind, rose, above, right) = (
@@ -223,7 +224,8 @@ class CellSlopes:
         both = (before < 0.0) & (behind > 0.0)
         before, behind = dr.select(both, before, -1.0), dr.select(both, behind, 1.0)
         bend = 2.0 * (rose / behind - fell / before) / (behind - before)
-        found = dr.select(both, bend, dr.select(alone, 0.0, math.nan))
+        turning = self.spacing.turning(axis, part.middle, gradient)
+        found = dr.select(both, bend, dr.select(alone, turning, math.nan))
         return found, beside, left | right, ~(both | alone)
 
     def _onto(self, face: Any, part: Part, gradient: list[Any]) -> tuple[Any, Any, Any, Any]:

@@ -100,13 +100,15 @@ class BoxesOfTree:
         size = self.grid.size
         check_memory(36 * size, f"second differences of {size} cells", "coarsen the volume")
         bends, inner = np.empty((3, size)), np.empty((3, size), np.uint32)
+        unknown = np.empty(size, bool)
         for first, part in self.slopes.parts():
             last = first + dr.width(part.value)
-            bend, beside, at_jump = self.slopes.second_derivatives(part)
-            dr.eval(bend, beside, at_jump)
+            bend, beside, lacking, at_jump = self.slopes.second_derivatives(part)
+            dr.eval(bend, beside, lacking, at_jump)
+            unknown[first:last] = np.array(lacking)
             bends[:, first:last], inner[:, first:last] = _on_host(bend), _on_host(beside)
             self._refit(bends[:, first:last], part, dr.compress(at_jump), 1)
-        return filled_up(bends, inner).sum(axis=0) / self.grid.scale**2
+        return filled_up(bends, inner, unknown).sum(axis=0) / self.grid.scale**2
 
 
 def _on_host(columns: list[Any]) -> np.ndarray:

@@ -126,6 +126,18 @@ class StraightSpacing(ContinuedSpacing):
         size[axis] = wide
         return width[axis]
 
+    def turning(self, axis: Any, middle: list[Any], gradient: list[Any]) -> Any:
+        """Return by how much a gradient that turns with an angle changes along it, per length.
+
+        That is the gradient's part away from the axis (centre), over the distance from there.
+        """
+        r, theta, _ = self._own(middle)
+        away = gradient[0] / r
+        if not self.spherical:
+            return dr.select(axis == 1, away, 0.0)
+        around = dr.fma(gradient[1], dr.cos(theta) / (r * dr.sin(theta)), away)
+        return dr.select(axis == 0, 0.0, dr.select(axis == 1, away, around))
+
     def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
         """Return the ways between places; see the class."""
         own, differences = self._own(start), super().ways(start, end)
