@@ -7,8 +7,8 @@ of its distance: among cells in line that is the slope of the parabola through t
 a Cartesian grid, whatever their widths. It is exact for linear fields everywhere, at jumps of level
 and at the surface of the domain too.
 
-On trees of boxes kernels do the same (`cell_slopes`), but second derivatives at jumps of level are
-those of quadratic functions (`quadratic_fit`).
+On trees of boxes, straight or bent, kernels do the same (`cell_slopes`), but at jumps of level
+derivatives are those of quadratic functions (`quadratic_fit`).
 
 The Laplacian is made of parabolas through the cell and, along each axis, the means of what lies
 beyond its two faces, moved onto the axis with the gradient; so it vanishes for linear fields. At
@@ -148,7 +148,9 @@ def _parts(size: int) -> list[tuple[int, int]]:
     return [(first, min(first + _CHUNK, size)) for first in range(0, size, _CHUNK)]
 
 
-def filled_up(bends: np.ndarray, inner: np.ndarray) -> np.ndarray:
+def filled_up(
+    bends: np.ndarray, inner: np.ndarray, unknown: np.ndarray | bool = False
+) -> np.ndarray:
     """Return second derivatives (3, N), at the surface those of the cells further in.
 
     Parameters
@@ -157,11 +159,15 @@ def filled_up(bends: np.ndarray, inner: np.ndarray) -> np.ndarray:
         NaN where a neighbour is missing.
     inner : int array, shape (3, N)
         The neighbour on the other side there, by its number.
+    unknown : bool array, shape (N,), optional
+        Where others know more, if there are any that know.
     """
     for own, beside in zip(bends, inner, strict=True):
+        waiting = np.isnan(own) | unknown
         for _ in range(_STEPS_INWARDS):
-            lacking = np.flatnonzero(np.isnan(own))
+            lacking = np.flatnonzero(waiting)
             own[lacking] = own[beside[lacking]]
+            waiting[lacking] = waiting[beside[lacking]]
         own[np.isnan(own)] = 0.0  # two cells are all there is
     return bends
 

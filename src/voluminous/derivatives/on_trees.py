@@ -1,4 +1,4 @@
-"""Derivatives on trees of boxes, at the speed of kernels."""
+"""Derivatives on trees of boxes, straight or bent, at the speed of kernels."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..geometry import CARTESIAN
 from ..memory import check_memory
 from .cell_slopes import CellSlopes, Part
 from .neighbours import evaluated, filled_up
-from .quadratic_fit import second_derivatives
+from .quadratic_fit import fitted
 
 
 def is_tree(grid: Any) -> bool:
-    """Return True for grids that kernels find neighbours on, in a straight frame."""
-    return hasattr(grid, "surroundings") and tuple(grid.coordinates) == CARTESIAN
+    """Return True for grids that kernels find neighbours on."""
+    return hasattr(grid, "neighbourhood")
 
 
 class BoxesOfTree:
@@ -25,7 +25,7 @@ class BoxesOfTree:
 
     Parameters
     ----------
-    grid : TreeCells
+    grid : TreeCells or RefinedCells
     evaluate : callable
         Returns what is differentiated, for the cells between two numbers.
 
@@ -39,15 +39,16 @@ class BoxesOfTree:
         check_memory(16 * size, f"differences between {size} cells", "coarsen the volume")
         self.grid, self.values = grid, evaluated(size, evaluate)
         backend = get_backend("cpu", "double")
-        self.slopes = CellSlopes(grid, from_host(backend.Float, self.values), backend)
-        self._per_length = backend.opaque(1.0 / grid.scale)
+        self.slopes = CellSlopes(grid, from_host(backend.Float, self.values), backend, own=False)
 
     def gradient(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradients (3, n) of consecutive cells, and which cells are at the surface (n,)."""
-        slopes, alone = self.slopes.looked_at(self.slopes.part(first, last))
-        found = [slope * self._per_length for slope in slopes]
-        dr.eval(found, alone)
-        return np.array([np.array(slope) for slope in found]), np.array(alone)
+        """Return gradients (3, n) of consecutive cells, and which cells are at the surface (n,).
+
+        Those of linear functions: some cells are looked at without the others' being known.
+        """
+        slopes, alone, _ = self.slopes.looked_at(self.slopes.part(first, last))
+        dr.eval(slopes, alone)
+        return self._turned(_on_host(slopes), first, last), np.array(alone)
 
     def derivative(self, operation: str) -> np.ndarray:
         """Return a derivative in all cells; see `neighbours.Cells.derivative`."""
@@ -55,39 +56,60 @@ class BoxesOfTree:
             return self._laplacian()
         out = np.empty(self.grid.size)
         for first, part in self.slopes.parts():
-            found = np.array(self._of_gradient(part, operation))
-            out[first : first + len(found)] = found
+            last = first + dr.width(part.value)
+            gradient = self._turned(self._slopes(part), first, last)
+            if operation == "gradmag":
+                out[first:last] = np.sqrt(np.sum(gradient * gradient, axis=0))
+            else:
+                out[first:last] = gradient["xyz".index(operation[-1])]
         return out
 
-    def _of_gradient(self, part: Part, operation: str) -> Any:
-        x, y, z = self.slopes.gradient(part)
-        if operation == "gradmag":
-            return dr.sqrt(x * x + y * y + z * z) * self._per_length
-        return (x, y, z)["xyz".index(operation[-1])] * self._per_length
+    def _slopes(self, part: Part) -> np.ndarray:
+        """Return gradients, those of quadratic functions beside cells of other sizes."""
+        slopes, alone, aside = self.slopes.looked_at(part)
+        at_jump = aside & ~alone
+        dr.eval(slopes, at_jump)
+        found = _on_host(slopes)
+        self._refit(found, part, dr.compress(at_jump), 0)
+        return found
 
-    def _refit(self, bends: np.ndarray, first: int, part: Part, which: Any) -> None:
-        """Write what quadratic functions tell of some cells of a part, given by their numbers."""
+    def _turned(self, slopes: np.ndarray, first: int, last: int) -> np.ndarray:
+        """Return gradients per length along x, y and z, of those along the axes of the cells."""
+        slopes /= self.grid.scale
+        if tuple(self.grid.coordinates) == CARTESIAN:
+            return slopes
+        return np.einsum("kan,kn->an", self.grid.basis(first, last), slopes)
+
+    def _refit(self, found: np.ndarray, part: Part, which: Any, order: int) -> None:
+        """Write what quadratic functions tell of some cells of a part, given by their numbers.
+
+        First derivatives (order 0) or second ones (1).
+        """
         if not dr.width(which):
             return
         middle, size = (
             [dr.gather(type(v), v, which) for v in each] for each in (part.middle, part.size)
         )
         value = dr.gather(type(part.value), part.value, which)
-        found = second_derivatives(self.slopes, Part(middle, size, value))
-        dr.eval(found)
-        for row, own in zip(bends, found, strict=True):
-            row[first + np.array(which)] = np.array(own)
+        better = fitted(self.slopes, Part(middle, size, value))[order]
+        dr.eval(better)
+        found[:, np.array(which)] = _on_host(better)
 
     def _laplacian(self) -> np.ndarray:
         """Return the sum of the second derivatives along the axes."""
         size = self.grid.size
         check_memory(36 * size, f"second differences of {size} cells", "coarsen the volume")
         bends, inner = np.empty((3, size)), np.empty((3, size), np.uint32)
+        unknown = np.empty(size, bool)
         for first, part in self.slopes.parts():
-            *found, at_jump = self.slopes.second_derivatives(part)
-            dr.eval(found, at_jump)
-            for whole, own in zip((bends, inner), found, strict=True):
-                for row, values in zip(whole, own, strict=True):
-                    row[first : first + dr.width(values)] = np.array(values)
-            self._refit(bends, first, part, dr.compress(at_jump))
-        return filled_up(bends, inner).sum(axis=0) / self.grid.scale**2
+            last = first + dr.width(part.value)
+            bend, beside, lacking, at_jump = self.slopes.second_derivatives(part)
+            dr.eval(bend, beside, lacking, at_jump)
+            unknown[first:last] = np.array(lacking)
+            bends[:, first:last], inner[:, first:last] = _on_host(bend), _on_host(beside)
+            self._refit(bends[:, first:last], part, dr.compress(at_jump), 1)
+        return filled_up(bends, inner, unknown).sum(axis=0) / self.grid.scale**2
+
+
+def _on_host(columns: list[Any]) -> np.ndarray:
+    return np.array([np.array(column) for column in columns])

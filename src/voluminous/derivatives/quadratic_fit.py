@@ -1,13 +1,15 @@
-"""Second derivatives at jumps of level: quadratic functions that fit all cells around best.
+"""Derivatives at jumps of level: quadratic functions that fit all cells around best.
 
 Beyond a face where cells are of another size their centres lie aside of the axis, and parabolas
 along it are off by as much there as second derivatives are, however small the cells. The quadratic
 function through a cell's own value that fits the others best (least squares, weighted by the
-inverse fourth power of the distance) is exact for quadratic fields, and off by the first order in
-the cells' size for others.
+inverse fourth power of the distance) is exact for quadratic fields. For others second derivatives
+are off by the first order in the cells' size, and slopes by the second, where those of linear
+functions are off by the first.
 
 Looked for are the cells at 56 places: those of a lattice with half the cell's spacing, 4 points
-wide, which lie around it. A cell that is found more than once counts as often.
+wide, which lie around it. A cell that is found more than once counts as often. Where cells are much
+narrower along one axis the lattice is laid a second time, wider along that one.
 """
 
 from __future__ import annotations
@@ -44,8 +46,10 @@ class State:
     right: list[Any]
 
 
-def second_derivatives(slopes: CellSlopes, part: Part) -> list[Any]:
-    """Return those along x, y and z in some cells, per square of the grid's scale (traced).
+def fitted(slopes: CellSlopes, part: Part) -> tuple[list[Any], list[Any]]:
+    """Return first and second derivatives along the axes in some cells (traced).
+
+    They are per length of the grid's scale, and per its square.
 
     Parameters
     ----------
@@ -56,26 +60,31 @@ def second_derivatives(slopes: CellSlopes, part: Part) -> list[Any]:
     """
     real, UInt = slopes.backend.Float, slopes.backend.UInt
     tables = [from_host(real, column) for column in _PLACES.T]
-    width = slopes.spacing.widths(part.middle, part.size)
+    reaches = slopes.spacing.reaches(part.middle, part.size)
+    width = slopes.spacing.widths(part.middle, reaches[-1])
     count = dr.width(part.value)
     active = dr.full(slopes.backend.Bool, True, count)
 
     def more(state: State) -> Any:
-        return state.place < len(_PLACES)
+        return state.place < len(_PLACES) * len(reaches)
 
     def step(state: State) -> tuple[State]:
-        offset = [dr.gather(real, column, state.place) for column in tables]
-        place = [dr.fma(s, o, m) for m, s, o in zip(part.middle, part.size, offset, strict=True)]
-        way, rise, there, _ = slopes.towards(part, place, active)
-        terms = _terms([w / own for w, own in zip(way, width, strict=True)])
+        offset = [dr.gather(real, column, state.place % len(_PLACES)) for column in tables]
+        size = reaches[0]
+        for turn, reach in enumerate(reaches[1:], 1):
+            far = state.place >= turn * len(_PLACES)
+            size = [dr.select(far, r, s) for r, s in zip(reach, size, strict=True)]
+        place = [dr.fma(s, o, m) for m, s, o in zip(part.middle, size, offset, strict=True)]
+        found = slopes.towards(part, place, active)
+        terms = _terms([w / own for w, own in zip(found.way, width, strict=True)])
         square = terms[0] * terms[0] + terms[1] * terms[1] + terms[2] * terms[2]
-        weight = dr.select(there, 1.0 / (square * square), 0.0)  # nowhere the way is zero
+        weight = dr.select(found.there, 1.0 / (square * square), 0.0)  # nowhere the way is zero
         pull = [weight * term for term in terms]
         matrix = [
             dr.fma(pull[row], terms[column], total)
             for (row, column), total in zip(_ENTRIES, state.matrix, strict=True)
         ]
-        right = [dr.fma(p, rise, total) for p, total in zip(pull, state.right, strict=True)]
+        right = [dr.fma(p, found.rise, total) for p, total in zip(pull, state.right, strict=True)]
         return (State(state.place + 1, matrix, right),)
 
     zeros = dr.zeros(real, count)
@@ -86,7 +95,8 @@ def second_derivatives(slopes: CellSlopes, part: Part) -> list[Any]:
     )
     (state,) = dr.while_loop((state,), more, step, label="quadratic fit")
     found = _solved(dict(zip(_ENTRIES, state.matrix, strict=True)), state.right)
-    return [h / (w * w) for h, w in zip(found[3:6], width, strict=True)]
+    first = [g / w for g, w in zip(found[:3], width, strict=True)]
+    return first, [h / (w * w) for h, w in zip(found[3:6], width, strict=True)]
 
 
 def _terms(way: list[Any]) -> list[Any]:

@@ -25,6 +25,7 @@ from ..trees.vertices import cells_around
 from .cylindrical import CylindricalGrid
 from .edges import ANGLE_ROUNDING, FULL_CIRCLE
 from .grid import CurvilinearGrid
+from .refined_straight import StraightSurroundings
 from .refined_surroundings import RefinedSurroundings
 from .spherical import SphericalGrid
 
@@ -160,6 +161,10 @@ class RefinedCells(CurvilinearGrid):
     def surroundings(self, backend: Any) -> RefinedSurroundings:
         """Return what finds the leaves around vertices in kernels, in double precision."""
         return RefinedSurroundings(self, get_backend(backend.device, "double"))
+
+    def neighbourhood(self, backend: Any) -> StraightSurroundings:
+        """Return what finds neighbours of leaves in kernels, and how far they are."""
+        return StraightSurroundings(self, get_backend(backend.device, "double"))
 
     def walk(self, backend: Any, kind: str = "cells") -> Any:
         """Return the walk of rays through this grid, for a backend (made once).

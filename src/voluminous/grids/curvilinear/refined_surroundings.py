@@ -7,6 +7,7 @@ axis included, there is nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,10 +31,10 @@ class RefinedSurroundings(Surroundings):
 
     def __init__(self, grid: Any, backend: Any) -> None:
         super().__init__(grid.tree, backend)
-        self.turning, self.mirrored = _endless(grid)
+        self.turning, self.mirrored = endless(grid)
         self.parts = [float(p) for p in grid.divisions]
 
-    def spacing(self, grid: Any, backend: Any) -> OwnSpacing:
+    def spacing(self, grid: Any, backend: Any) -> ContinuedSpacing:
         """Return what knows lengths on the grid."""
         return OwnSpacing(grid, backend)
 
@@ -76,24 +77,29 @@ def _turns(place: Any, extent: Any) -> Any:
     return dr.select(place < 0.0, -extent, dr.select(place > extent, extent, 0.0))
 
 
-class OwnSpacing(Spacing):
-    """Differences of the grid's own coordinates.
-
-    Radii, which may span many decades, and angles are made comparable: differences are counted in
-    widths of the base cell that they start in.
+class ContinuedSpacing(Spacing):
+    """Differences of the grid's own coordinates, which go on where the grid does.
 
     Parameters
     ----------
     grid : RefinedCells
+    edges : list of three arrays
+        The walls of its base cells, in any unit.
     backend : Backend
         In double precision.
+    straight : list of bool, optional
+        Axes that go on as they are, instead.
     """
 
-    def __init__(self, grid: Any, backend: Any) -> None:
-        turning, mirrored = _endless(grid)
-        edges = [_continued(*each) for each in zip(grid.edges, turning, mirrored, strict=True)]
-        super().__init__(_Frame(edges, grid.divisions), backend)
-        self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
+    def __init__(
+        self, grid: Any, edges: Any, backend: Any, straight: Sequence[bool] = (False,) * 3
+    ) -> None:
+        turning, mirrored = (
+            [own and not on for own, on in zip(each, straight, strict=True)]
+            for each in endless(grid)
+        )
+        continued = [_continued(*each) for each in zip(edges, turning, mirrored, strict=True)]
+        super().__init__(_Frame(continued, grid.divisions), backend)
         # A full turn comes before the first cell.
         before = np.where(turning, grid.base_shape * grid.divisions, 0)
         self.before = [dr.opaque(backend.Float, float(n)) for n in before]
@@ -103,12 +109,34 @@ class OwnSpacing(Spacing):
         return super().widths(self._moved(middle), size)
 
     def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
-        """Return differences between places, in widths of the base cells at the first ones."""
-        ways = super().ways(self._moved(start), self._moved(end))
-        return [w / base for w, base in zip(ways, self.widths(start, self.parts), strict=True)]
+        """Return the differences between places."""
+        return super().ways(self._moved(start), self._moved(end))
 
     def _moved(self, place: list[Any]) -> list[Any]:
         return [p + n for p, n in zip(place, self.before, strict=True)]
+
+
+class OwnSpacing(ContinuedSpacing):
+    """Differences of the grid's own coordinates, made comparable.
+
+    Radii, which may span many decades, and angles are counted in widths of the base cell that a
+    difference starts in.
+
+    Parameters
+    ----------
+    grid : RefinedCells
+    backend : Backend
+        In double precision.
+    """
+
+    def __init__(self, grid: Any, backend: Any) -> None:
+        super().__init__(grid, grid.edges, backend)
+        self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
+
+    def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
+        """Return differences between places, in widths of the base cells at the first ones."""
+        ways, bases = super().ways(start, end), self.widths(start, self.parts)
+        return [w / base for w, base in zip(ways, bases, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -120,7 +148,7 @@ class _Frame:
     scale: float = 1.0
 
 
-def _endless(grid: Any) -> tuple[list[bool], list[bool]]:
+def endless(grid: Any) -> tuple[list[bool], list[bool]]:
     """Return along which axes a grid closes upon itself, and which have a mirror at their end."""
     turning = [name == "phi" and grid.is_periodic for name in grid.coordinates]
     return turning, [name == "theta" and grid.mirror for name in grid.coordinates]

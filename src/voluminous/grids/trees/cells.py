@@ -219,6 +219,10 @@ class TreeCells(OnDevices):
         double = get_backend(backend.device, "double")
         return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
 
+    def neighbourhood(self, backend: Any) -> Any:
+        """Return what finds neighbours of cells in kernels, and how far they are: the same."""
+        return self.surroundings(backend)
+
     def walk(self, backend: Any, kind: str = "cells") -> Any:
         """Return the walk of rays through this grid, for a backend (made once)."""
         return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))

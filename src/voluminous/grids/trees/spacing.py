@@ -31,6 +31,14 @@ class Spacing:
         """Return the widths of boxes, from middles and sizes in finest units."""
         return [s * axis.unit(m) for axis, m, s in zip(self.axes, middle, size, strict=True)]
 
+    def reaches(self, middle: list[Any], size: list[Any]) -> list[list[Any]]:
+        """Return how far to look around boxes for second derivatives: once, by their sizes."""
+        return [size]
+
+    def turning(self, axis: Any, middle: list[Any], gradient: list[Any]) -> Any:
+        """Return by how much a gradient that turns with an axis changes along it: not at all."""
+        return 0.0
+
     def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
         """Return the distances between places, neither of which is on a wall of base cells."""
         return [axis.way(a, b) for axis, a, b in zip(self.axes, start, end, strict=True)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,14 @@ class Surroundings:
     tree : Tree
     backend : Backend
         In double precision, that places of deep trees are whole numbers.
+
+    Attributes
+    ----------
+    alike : sequence of bool
+        Along which axes all is symmetric: beyond a cell there is nothing else.
     """
+
+    alike: Sequence[bool] = (False, False, False)
 
     def __init__(self, tree: Any, backend: Any) -> None:
         self.lookup = TreeLookup(tree, backend)
