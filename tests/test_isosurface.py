@@ -180,6 +180,29 @@ def test_density_by_gradient_is_that_of_a_sheet(angle, width):
     np.testing.assert_allclose(color, 1 - np.exp(-depth), rtol=1e-4)
 
 
+@pytest.mark.parametrize(("precision", "order"), WAYS)
+@pytest.mark.parametrize("angle", [90.0, 89.999])
+def test_a_sheet_of_some_thickness_is_seen_edge_on(angle, precision, order):
+    """A ray along it is in it all the way, though it crosses nothing: 4 long, a slope of 1."""
+    medium = vm.Isosurface("a", 1.93, [1.0], 0.05, 0.3, density="gradient")
+    way = (np.cos(np.radians(angle)), np.sin(np.radians(angle)), 0)
+    color, left = seen(slope(), medium, way, (2.43, 2.0, 2.0), precision=precision, order=order)
+    depth = -np.log(0.95) * 4 / 0.3
+    np.testing.assert_allclose(left, np.exp(-depth), rtol=1e-5)  # rounding of single precision
+    np.testing.assert_allclose(color, 1 - np.exp(-depth), rtol=1e-5)
+
+
+def test_bounds_of_a_sheet_that_is_seen_edge_on():
+    """What is crossed says nothing there, the slope everything; 2 of 3 rays miss the sheet."""
+    medium = vm.Isosurface("a", 1.93, [1.0], 0.05, 0.9, density="gradient")
+    camera = vm.Orthographic(90, 0, width=2.7, resolution=(9, 1), center=(2.43, 2, 2))
+    image = vm.render(slope(), medium, camera, bounds=True)
+    inside = np.abs(image.x) < 0.45
+    truth = np.where(inside, 1 - 0.95 ** (4 / 0.9), 0.0)
+    assert np.all(image.lower[0, :, 0] <= truth) and np.all(image.upper[0, :, 0] >= truth)
+    assert np.max(image.upper - image.lower) < 1e-3  # the tolerance
+
+
 @pytest.mark.parametrize("shading", [0.0, 0.4, 1.0])
 def test_shading_is_by_the_cosine(shading):
     medium = vm.Isosurface("a", 1.93, [1.0], 0.3, shading=shading)
