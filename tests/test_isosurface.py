@@ -199,7 +199,8 @@ def test_bounds_of_a_sheet_that_is_seen_edge_on():
     image = vm.render(slope(), medium, camera, bounds=True)
     inside = np.abs(image.x) < 0.45
     truth = np.where(inside, 1 - 0.95 ** (4 / 0.9), 0.0)
-    assert np.all(image.lower[0, :, 0] <= truth) and np.all(image.upper[0, :, 0] >= truth)
+    assert np.all(image.lower[0, :, 0] <= truth)
+    assert np.all(image.upper[0, :, 0] >= truth)
     assert np.max(image.upper - image.lower) < 1e-3  # the tolerance
 
 
