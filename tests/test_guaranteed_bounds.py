@@ -379,6 +379,20 @@ def test_a_gaussian_on_a_ramp_is_exact_in_one_panel(sigma, tau):
     assert image.upper.item() - image.lower.item() < 1e-9 * truth
 
 
+@pytest.mark.parametrize("budget", [1, True])
+def test_an_angle_that_jumps_by_a_turn_does_not_pass_what_is_between(budget):
+    """Left of the origin atan2 goes from -π to π: a line through its ends is in the shell at 0."""
+    data, view = ramp()
+    center, sigma = -2.5, 0.3
+    medium = vm.Gaussian("atan2(x1 - 0.43, -0.5)", center, sigma, 1.0, 0.0, 1.0)
+    image = vm.render(data, medium, view, bounds=budget)
+    place = (np.arange(100_000) + 0.5) / 100_000
+    angle = np.arctan2(np.clip(place, 1 / 12, 11 / 12) - 0.43, -0.5)
+    truth = gaussian(angle, center, sigma).mean()
+    slack = 1e-5 * truth  # one of the samples is cut by the jump
+    assert image.lower.item() - slack <= truth <= image.upper.item() + slack
+
+
 def test_one_panel_per_cell_is_of_second_order():
     gaps = []
     medium = vm.Gaussian("u", 0.3, 0.5, [1.0, 2.0], 1.0, 1.0) + vm.Coefficients(

@@ -54,3 +54,17 @@ def test_a_kink_beside_an_end(text, place, precision):
     wrong, told = off(medium, KINKED[text](FIELD, place), 0.1, precision)
     assert wrong <= told + 1e-6
     assert told <= 2e-3
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("place", [0.02, 0.1, 0.5, 0.9, 0.98])
+@pytest.mark.parametrize("sigma", [1.0, 4.0, 14.0])
+@pytest.mark.parametrize("kink", ["max", "min"])
+def test_a_kink_in_a_wide_shell(kink, sigma, place, precision):
+    """A parabola through the ends and the middle does not turn where the field does."""
+    shell = vm.Gaussian(f"{kink}(f, {place})", place + sigma, sigma, 1.0, 0.1, 1.0)
+    field = getattr(np, f"{kink}imum")(FIELD, place)
+    j = np.exp(-0.5 * ((field - place) / sigma - 1) ** 2)
+    wrong, told = off(shell, j, 0.1 * j, precision)
+    assert wrong <= told + 1e-6
+    assert told <= 2e-3

@@ -178,9 +178,18 @@ class TracedJetOps(Ops):
         return chain(x, value, slope, -2.0 * (value * slope))
 
     def atan2(self, y: TracedJet, x: TracedJet) -> TracedJet:
+        """Return the angle; it jumps by a turn where y changes its sign left of the origin."""
+        found = self.turning_angle(y, x)
+        if y.fixed and x.fixed:
+            return found
+        cut = (y.value.lo < 0.0) & (y.value.hi >= 0.0) & (x.value.lo <= 0.0)
+        derivatives = (self._interval(d) for d in (found.first, found.second))
+        return TracedJet(found.value, *(d.unknown_where(cut, False) for d in derivatives))
+
+    def turning_angle(self, y: TracedJet, x: TracedJet) -> TracedJet:
         """Return the angle: α' = (y'x - yx')/r², α'' = (y''x - yx'' - α'(r²)')/r².
 
-        Where it jumps by a turn, that is in its values; derivatives are the same on both sides.
+        The derivatives are those of an angle that goes on where this one jumps by a turn.
         """
         value = self._at.atan2(y.value, x.value)
         if y.fixed and x.fixed:

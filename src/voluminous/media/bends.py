@@ -40,7 +40,18 @@ def slope_factor(panel: Panel, expr: Expression, place: Any, narrow: Any) -> Any
     change = 2.0 * width * width * bow * (place - 0.5)
     # An infinite rise is that of log10 from where nothing is.
     near = (dr.abs(change) < _MOST_CHANGE * dr.abs(rise)) & dr.isfinite(rise)
+    if not expr.smooth:
+        near &= ~_kinked(panel.stretch, expr)
     return dr.select(near, rise / dr.select(near, rise + change, 1.0), 1.0)
+
+
+def _kinked(stretch: Stretch, expr: Expression) -> Any:
+    """Return where a scalar may have a kink, which is no parabola.
+
+    A panel and its halves would agree about one beside an end, all of them wrong.
+    """
+    _, _, bow = stretch.spread(expr)
+    return ~(bow < dr.inf)
 
 
 def bend(

@@ -42,11 +42,23 @@ def unseen_change(
     depth : array
         Its optical depth in a half.
     """
-    zero = stretch.length * 0.0
     if modulation.color is None:
-        return zero
+        return stretch.length * 0.0
     nodes = [modulation.at_node(stretch, s, context)[1:] for s in NODES]
-    change, most = zero, zero
+    return change_across(nodes, extent, depth)
+
+
+def change_across(nodes: list[list[Any]], extent: Any, depth: Any) -> Any:
+    """Return the same for a colour, or light, with given values at the three nodes.
+
+    Parameters
+    ----------
+    nodes : three lists of arrays
+        What each channel is multiplied with there.
+    extent, depth : array
+        As for `unseen_change`.
+    """
+    change = most = depth * 0.0
     for a, b, c in zip(*nodes, strict=True):
         change = extremes([change, dr.abs(b - a), dr.abs(c - b)])[1]
         most = extremes([most, dr.abs(a), dr.abs(b), dr.abs(c)])[1]

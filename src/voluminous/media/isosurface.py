@@ -32,7 +32,7 @@ from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors, Middle
-from .shape_middles import box_middle, crossing_middle
+from .shape_middles import box_extent, box_middle, crossing_middle
 from .shell import Shell
 from .surface_given import (
     depth_of,
@@ -193,7 +193,7 @@ class Isosurface(Medium):
             middle = self._middle(context, *ends, own.width)
             crossed = per_length * self._crossed(context, *ends, own.width)
             if self.density == "gradient":
-                crossed = crossed * self._obliquity(panel, context, last - first, middle.place)
+                crossed = self._in_sheet(panel, context, ends, crossed, middle.place)
             found = self._modulated(color, crossed, middle, panel, context)
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
             shade = self.lamp.shade(panel, context, middle)
@@ -355,7 +355,11 @@ class Isosurface(Medium):
         """Return where a panel passes a level, or is within a thick surface."""
         if not self.thick:
             return crossing_middle(context.narrow(first), context.narrow(last))
-        return box_middle(*(context.narrow(2.0 * x / width) for x in (first, last)))
+        return box_middle(*self._in_half_widths(context, first, last, width))
+
+    def _in_half_widths(self, context: Context, first: Any, last: Any, width: Any) -> list[Any]:
+        """Return values of x, counted from a level, in halves of the surface's width."""
+        return [context.narrow(2.0 * x / width) for x in (first, last)]
 
     def _crossed(self, context: Context, first: Any, last: Any, width: Any) -> Any:
         """Return how much of the surface lies between two values of x, counted from its level."""
@@ -364,10 +368,21 @@ class Isosurface(Medium):
         ends = [unit_interval(x / width + 0.5) for x in (first, last)]
         return context.narrow(dr.abs(ends[1] - ends[0]))
 
-    def _obliquity(self, panel: Panel, context: Context, rise: Any, place: Any) -> Any:
-        """Return |∇x| over |∂x/∂s| where a level is passed, at least one."""
+    def _in_sheet(
+        self, panel: Panel, context: Context, ends: tuple[Any, Any], crossed: Any, place: Any
+    ) -> Any:
+        """Return how much of a sheet of the same thickness everywhere a panel has, per length.
+
+        Of one with some thickness by the part of the panel that is in it: along it nothing is
+        crossed.
+        """
         scale = context.keep((id(self), "scale"), lambda: context.number(context.scale))
         slope = scale * context.evaluate(self.slope, panel.fields(place))
         # Not over the mean slope of the panel, but over that at the place.
         turned = slope_factor(panel, self.expr, place, context.narrow)
-        return obliquity(slope, rise, turned, panel, context)
+        if not self.thick:
+            return crossed * obliquity(slope, ends[1] - ends[0], turned, panel, context)
+        width = self.numbers(context).width
+        inside = box_extent(*self._in_half_widths(context, *ends, width))
+        dense = inside * turned * context.narrow(slope / width)
+        return dr.select(dense > crossed, dense, crossed)

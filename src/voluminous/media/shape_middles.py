@@ -35,10 +35,7 @@ def gaussian_middle(first: Any, last: Any, mean: Any) -> Middle:
 
 def box_middle(first: Any, last: Any) -> Middle:
     """Return where the part of the panel is in which z is from -1 to 1; exact."""
-    low, high = (
-        _within(dr.select(first < last, first, last)),
-        _within(dr.select(first < last, last, first)),
-    )
+    low, high = _part_within(first, last)
     half = 0.5 * (last - first)
     per_half = dr.select(half == 0.0, 0.0, 1.0 / half)
     extent = dr.select(half == 0.0, 1.0, 0.5 * (high - low) * per_half)
@@ -46,11 +43,25 @@ def box_middle(first: Any, last: Any) -> Middle:
     return _middle(center * per_half, extent * extent / 3.0)
 
 
+def box_extent(first: Any, last: Any) -> Any:
+    """Return what part of the panel it is in which z is from -1 to 1."""
+    low, high = _part_within(first, last)
+    way = dr.abs(last - first)
+    inside = dr.select((first >= -1.0) & (first <= 1.0), type(way)(1), 0.0)
+    return dr.select(way == 0.0, inside, (high - low) / dr.select(way == 0.0, 1.0, way))
+
+
 def crossing_middle(first: Any, last: Any) -> Middle:
     """Return where a shell of no thickness is: where a linear function passes zero."""
     way = first - last
     f = first / dr.select(way == 0.0, 1.0, way)
     return Middle(dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0), 0.0)
+
+
+def _part_within(first: Any, last: Any) -> tuple[Any, Any]:
+    """Return the least and the largest z of those from -1 to 1."""
+    low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
+    return _within(low), _within(high)
 
 
 def _within(z: Any) -> Any:

@@ -32,8 +32,10 @@ def surface_parts(medium: Isosurface, courses: Courses, context: CourseContext) 
         else:
             crossed, densest = _crossings(course, value)
         if medium.density == "gradient":
-            limit = context.plain(width) if width > 0 else None
-            crossed, densest = _oblique(medium, courses, crossed, densest, limit)
+            steep = courses.course(medium.slope).values * courses.length
+            crossed = _oblique(course, steep, crossed)
+            if width > 0:
+                crossed, densest = _sheet(course, value, context.plain(width), steep, crossed)
         if medium.modulation.where is not None:
             gate = medium.modulation.gate(courses.fields, context)
             crossed, densest = _gated(gate, crossed, densest)
@@ -109,22 +111,33 @@ def _monotonic(course: Course) -> Any:
     return (course.slope.lo >= 0.0) | (course.slope.hi <= 0.0)
 
 
-def _oblique(
-    medium: Isosurface, courses: Courses, crossed: TracedInterval, densest: Any, width: Any
-) -> tuple[TracedInterval, Any]:
+def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> TracedInterval:
     """Return the same for a sheet of equal thickness everywhere, by the whole gradient of x."""
-    along = courses.course(medium.expr).slope
-    steep = courses.course(medium.slope).values * courses.length
-    ratio = steep / abs(along)
-    one = type(densest)(1)
+    ratio = steep / abs(course.slope)
+    one = type(course.bow)(1)
     found = crossed * TracedInterval(larger(ratio.lo, one), larger(ratio.hi, one))
     # Where nothing is crossed, a ratio without limit does not matter.
     none = crossed.hi <= 0.0
-    low, high = dr.select(none, 0.0, positive(found.lo)), dr.select(none, 0.0, found.hi)
-    if width is not None:
-        densest = dr.select(densest > 0.0, raised(larger(steep.hi, along.size) / width), 0.0)
-        high = smaller(high, densest)
-    return TracedInterval(low, high), densest
+    return TracedInterval(dr.select(none, 0.0, positive(found.lo)), dr.select(none, 0.0, found.hi))
+
+
+def _sheet(
+    course: Course, level: Any, width: Any, steep: TracedInterval, oblique: TracedInterval
+) -> tuple[TracedInterval, Any]:
+    """Return how much there is of a sheet of some thickness, and how dense it is at most.
+
+    A panel along it crosses nothing, and is in it all the same.
+    """
+    first, x = (_place(v, level, width) for v in (course.first, course.values))
+    never = (x.hi <= 0.0) | (x.lo >= 1.0)
+    dense = steep / TracedInterval.constant(width)
+    densest = dr.select(never, 0.0, raised(larger(dense.hi, course.slope.size / width)))
+    always = (x.lo > 0.0) & (x.hi < 1.0)
+    least = dr.select(always, larger(oblique.lo, positive(dense.lo)), oblique.lo)
+    # Nothing is crossed outside, or along it.
+    along = (oblique.hi <= 0.0) & (first.hi > 0.0) & (first.lo < 1.0)
+    most = dr.select(along, densest, smaller(oblique.hi, densest))
+    return TracedInterval(dr.select(never, 0.0, least), most), densest
 
 
 def _lit(medium: Isosurface, courses: Courses, context: CourseContext) -> list[TracedInterval]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..expressions import Expression
+from .front_light import change_across
 from .modulation import Middle, kept
 from .stretch import NODES, extremes
 
@@ -60,6 +61,18 @@ class Lamp:
             return stretch.length * 0.0
         first, middle, last = self._lit(stretch, context)
         return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
+
+    def across(self, stretch: Stretch, context: Context, extent: Any, depth: Any) -> Any:
+        """Return what light may be off by in a surface that absorbs: its front is seen most.
+
+        Parameters
+        ----------
+        extent, depth : array
+            What part of a half of the stretch the surface takes, and its optical depth there.
+        """
+        share = self._share(context)
+        nodes = [[1.0 - share + share * lit] for lit in self._lit(stretch, context)]
+        return change_across(nodes, extent, depth)
 
     def turns(self, stretch: Stretch, context: Context) -> Any:
         """Return where the normal turns by so much that a few places do not show its way."""

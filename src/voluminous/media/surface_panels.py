@@ -55,9 +55,12 @@ def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[
     off = surface.lamp.off(stretch, context)
     if surface.density == "gradient":
         off = extremes([off, *_bends(surface, stretch, context)])[1]
-    if not surface.modulation.fixed:
+    lit = surface.thick and surface.shading > 0
+    if lit or not surface.modulation.fixed:
         found = _looked_up(surface, stretch, context)
         off = off + found.error(surface.modulation, stretch, context)
+        if lit:
+            off = off + surface.lamp.across(stretch, context, found.extent, found.depth)
     return stretch.length * 0.0 + 1.0, off
 
 

@@ -50,8 +50,8 @@ class JetArithmetic:
         return self.ops.add(first, second)
 
     def angle(self, y: TracedJet, x: TracedJet, length: TracedJet | None = None) -> TracedJet:
-        """Return the angle of a vector."""
-        return self.ops.atan2(y, x)
+        """Return the angle of a vector; `upward` takes care of where it jumps by a turn."""
+        return self.ops.turning_angle(y, x)
 
     def magnitude(self, a: TracedJet) -> TracedJet:
         """Return a coordinate that keeps its sign, but for rounding, without it."""
