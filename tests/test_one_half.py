@@ -68,3 +68,23 @@ def test_a_kink_in_a_wide_shell(kink, sigma, place, precision):
     wrong, told = off(shell, j, 0.1 * j, precision)
     assert wrong <= told + 1e-6
     assert told <= 2e-3
+
+
+ROOTS = {
+    "log10(f + 0.05)": (lambda f: np.log10(f + 0.05), lambda f: 1 / np.log(10) / (f + 0.05)),
+    "sqrt(f + 0.01)": (lambda f: np.sqrt(f + 0.01), lambda f: 0.5 / np.sqrt(f + 0.01)),
+}
+
+
+@pytest.mark.parametrize("place", [0.2, 0.35, 0.5, 0.65, 0.8, 0.95])
+@pytest.mark.parametrize("text", ROOTS)
+def test_a_sheet_of_what_bends_along_the_ray(text, place):
+    """Its slope is that of the parabola between the ends, and off by what is cubic."""
+    x, slope = ROOTS[text]
+    sheet = vm.Isosurface(text, x(place), [1.0], 0.1, density="gradient")
+    image = vm.render(VOLUME, sheet, ALONG, precision="double")
+    # By differences between two centres the gradient is the same everywhere.
+    exact = 1 - 0.9 ** max((x(1.0) - x(0.0)) / slope(place), 1.0)
+    wrong = abs(image.intensity.item() / exact - 1)
+    assert wrong <= image.error.item() / exact
+    assert wrong <= 1e-5  # with the cubic part of a sum of fields in its place up to 4e-5

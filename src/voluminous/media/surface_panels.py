@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import precision_of
+from ..expressions.monotone import Kind
 from .bends import bend
 from .cores import core
 from .crossings import NOISE, passes, way_within
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 # Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
 _FOLD = 1e-4
+# How many times the third difference of a function of the fields at their control points its cubic
+# part is: on a line these are evenly spaced, and it is 27/6 of that; 1 for sums of fields.
+_OF_FUNCTIONS = 4.5
 # One over the width of what is thinner than all panels.
 _THIN = 1e18
 
@@ -97,8 +101,11 @@ def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]
     """Return how far off each surface may be for the bends of the scalar."""
     own = surface.numbers(context)
     near = context.narrow(0.5 * own.width)
+    names = ("r", *context.coordinates)
+    more = _OF_FUNCTIONS if surface.expr.kind(names) > Kind.SUM else 1.0
     return [
-        bend(
+        more
+        * bend(
             stretch,
             surface.expr,
             _THIN,
