@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
 
 import pytest
 from hypothesis import settings
@@ -30,3 +31,11 @@ def kernels() -> Callable:
         return {entry["hash"] for entry in history if entry["type"] == dr.KernelType.JIT}
 
     return launched
+
+
+@pytest.fixture
+def no_collector() -> Iterator[None]:
+    """Keep Python's garbage collector away: what goes, goes because nothing refers to it."""
+    gc.disable()
+    yield
+    gc.enable()

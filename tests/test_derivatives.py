@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import pickle
 import weakref
 
@@ -433,16 +432,12 @@ def test_refresh_finds_arrays_changed_in_place():
     np.testing.assert_allclose(volume.array("gradmag(f)"), 2 * kept)
 
 
-def test_a_volume_with_derivatives_is_freed_at_once():
+def test_a_volume_with_derivatives_is_freed_at_once(no_collector):
     volume = vm.Volume(GRID, f=X)
     volume.evaluate("gradmag(f)")
     seen = weakref.ref(volume)
-    gc.disable()
-    try:
-        del volume
-        assert seen() is None
-    finally:
-        gc.enable()
+    del volume
+    assert seen() is None
 
 
 # --- in pictures ---------------------------------------------------------------------------------

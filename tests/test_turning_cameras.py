@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import threading
 import weakref
 
@@ -226,17 +225,13 @@ def test_two_threads_draw_the_same_volume():
         same(found[view], expected[view])
 
 
-def test_what_is_kept_does_not_keep_the_volume():
+def test_what_is_kept_does_not_keep_the_volume(no_collector):
     volume = noise(GRIDS["cartesian"]())
     for view in VIEWS:
         seen(volume, MEDIA["coloured"], *view, tolerance=None)
     gone = weakref.ref(volume)
-    gc.disable()
-    try:
-        del volume
-        assert gone() is None
-    finally:
-        gc.enable()
+    del volume
+    assert gone() is None
 
 
 def test_of_many_batches_the_latest_are_kept(monkeypatch, launches):

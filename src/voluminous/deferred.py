@@ -104,9 +104,8 @@ class Fields(MutableMapping[str, np.ndarray]):
         if callable(held):
             with self._reading():
                 held = held()
-            own = name in self._own
-            self[name] = held
-            if own:
+            self._known[name], self._types[name] = held, held.dtype
+            if name in self._own:
                 self.own(name)
         return held
 

@@ -32,6 +32,21 @@ def split_text(text: str) -> tuple[float, str] | None:
     return float(match[1]), match[2]
 
 
+def quantity_in(text: str) -> Any:
+    """Return the quantity in a text such as "0.1 pc", a number if there is no unit; None if none.
+
+    Raises
+    ------
+    UnitsError
+        If astropy does not know the unit.
+    """
+    parts = split_text(text)
+    if parts is None:
+        return None
+    number, unit = parts[0], parse_unit(parts[1])
+    return number if unit is None else number * unit
+
+
 def as_given(value: Any, what: str = "value") -> Any:
     """Return the quantity in a text such as "0.1 pc", or in each text of a list; else the value.
 
@@ -44,16 +59,15 @@ def as_given(value: Any, what: str = "value") -> Any:
         return [as_given(v, what) for v in value]
     if not isinstance(value, str):
         return value
-    parts = split_text(value)
-    if parts is None:
+    try:
+        found = quantity_in(value)
+    except UnitsError as error:
+        raise UnitsError(f"{what} is {value!r}: {error}") from None
+    if found is None:
         raise UnitsError(
             f"{what} must be a number, a quantity, or a text such as '0.1 pc', got {value!r}"
         )
-    try:
-        unit = parse_unit(parts[1])
-    except UnitsError as error:
-        raise UnitsError(f"{what} is {value!r}: {error}") from None
-    return parts[0] if unit is None else parts[0] * unit
+    return found
 
 
 def parse_unit(unit: Any) -> Any:
@@ -119,8 +133,7 @@ def unit_of(value: Any) -> Any:
     if is_quantity(value):
         return parse_unit(value.unit)
     if isinstance(value, str):
-        parts = split_text(value)
-        return None if parts is None else parse_unit(parts[1])
+        return unit_of(quantity_in(value))
     if isinstance(value, (list, tuple)):
         return next((unit_of(v) for v in value if is_quantity(v) or isinstance(v, str)), None)
     return None

@@ -113,7 +113,6 @@ class Perspective(Camera):
     def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
         """Return a camera from where it is and the direction it looks into."""
         direction = vector_of(view_direction, "view_direction")
-        position = as_given(position, "position")
         unit = unit_of(position)
         target = vector_of(position, "position") + direction
         return cls(position, target if unit is None else target * unit, **options)

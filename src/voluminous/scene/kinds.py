@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, UnitsError, unknown_name
-from ..units import parse_unit, split_text
+from ..units import quantity_in, split_text
 
 
 class _UnfitError(Exception):
@@ -54,11 +54,10 @@ def _quantity(value: Any) -> Any:
     """Return a number, or the quantity in a text such as "2.5e16 cm"."""
     if not isinstance(value, str):
         return _number(value)
-    parts = split_text(value)
-    if parts is None:
+    found = quantity_in(value)
+    if found is None:
         raise _UnfitError
-    unit = parse_unit(parts[1])
-    return parts[0] if unit is None else parts[0] * unit
+    return found
 
 
 def _plain_quantity(value: Any) -> Any:

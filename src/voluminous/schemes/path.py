@@ -71,26 +71,6 @@ def _error_over(front: Path, back: Path) -> list[Any]:
     ]
 
 
-def plus(a: Path, b: Path) -> Path:
-    """Return the sums of all numbers: for means over rays."""
-    return Path(
-        *(
-            [p + q for p, q in zip(getattr(a, part), getattr(b, part), strict=True)]
-            for part in ("emission", "transparency", "depth", "error")
-        )
-    )
-
-
-def times(path: Path, factor: float) -> Path:
-    """Return all numbers times a factor."""
-    return Path(
-        *(
-            [v * factor for v in getattr(path, part)]
-            for part in ("emission", "transparency", "depth", "error")
-        )
-    )
-
-
 def most(values: list[Any]) -> Any:
     """Return the largest of some arrays."""
     return functools.reduce(lambda a, b: dr.select(a > b, a, b), values)

@@ -34,7 +34,7 @@ class Opposite:
         self.azimuth = names.index("phi")
         self.polar = names.index("theta") if "theta" in names else None
         self.alike, self.half, self.mirrored = alike, half, grid.mirror
-        extent = np.array(grid.base_shape) * grid.divisions
+        extent = grid.tree.extent
         self.extent = [dr.opaque(backend.Float, float(n)) for n in extent]
         self.centre = edges[0][0] == 0.0
         self.poles = self.polar is not None and not alike[self.polar]

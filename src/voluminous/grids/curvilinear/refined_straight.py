@@ -84,7 +84,7 @@ class StraightSpacing(ContinuedSpacing):
         self.starts = [dr.opaque(backend.Float, float(e[0])) for e in edges]
         self.spherical = tuple(grid.coordinates) == SPHERICAL
         self.alike, self.centre = alike, grid.edges[0][0] == 0.0
-        extent = np.array(grid.base_shape) * grid.divisions
+        extent = grid.tree.extent
         self.extent = [dr.opaque(backend.Float, float(n)) for n in extent]
         self.open = _open(grid, alike)
 
@@ -151,7 +151,7 @@ class StraightSpacing(ContinuedSpacing):
 
 def _alike(grid: Any) -> list[bool]:
     """Return which axes are angles that are not divided."""
-    counts = np.array(grid.base_shape) * grid.divisions
+    counts = grid.tree.extent
     return [
         bool(count == 1) and name in ("theta", "phi")
         for name, count in zip(grid.coordinates, counts, strict=True)

@@ -101,7 +101,7 @@ class ContinuedSpacing(Spacing):
         continued = [_continued(*each) for each in zip(edges, turning, mirrored, strict=True)]
         super().__init__(_Frame(continued, grid.divisions), backend)
         # A full turn comes before the first cell.
-        before = np.where(turning, grid.base_shape * grid.divisions, 0)
+        before = np.where(turning, grid.tree.extent, 0)
         self.before = [dr.opaque(backend.Float, float(n)) for n in before]
 
     def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:

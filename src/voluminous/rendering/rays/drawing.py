@@ -70,14 +70,14 @@ class Drawing:
         """Return the paths through one place in every pixel."""
         (nx, ny), order = self.job.frame.pixels, PixelOrder(self.job.frame.pixels)
         gathered = Gathered(self, nx * ny)
-        if order.count <= min(self.batch, MOST_KEPT):
-            lanes = whole_picture((nx, ny), self.backend)
-            self._draw(gathered, Batch(lanes, offset, whole=(nx, ny)))
-            self.job.advance(order.count, order.count)
-            return gathered.paths()
+        kept = order.count <= min(self.batch, MOST_KEPT)
         for first in range(0, order.count, self.batch):
             count = min(self.batch, order.count - first)
-            self._draw(gathered, Batch(order.lanes(first, count, self.backend), offset))
+            if kept:
+                batch = Batch(whole_picture((nx, ny), self.backend), offset, whole=(nx, ny))
+            else:
+                batch = Batch(order.lanes(first, count, self.backend), offset)
+            self._draw(gathered, batch)
             self.job.advance(count, order.count)
         return gathered.paths()
 
