@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from voluminous.backend.device import get_backend
 from voluminous.media.shape_means import gaussian_mean
-from voluminous.media.shape_middles import box_middle, crossing_middle, gaussian_middle
+from voluminous.media.shape_middles import box_middle, gaussian_middle
 from voluminous.media.table_means import PiecewiseLinear
 from voluminous.media.table_middles import TableMiddles
 
@@ -46,12 +46,6 @@ def test_the_middle_of_a_gaussian_is_its_centre_of_mass(first, last):
     center, _ = moments(lambda z: np.exp(-z * z / 2), first, last)
     assert float(np.asarray(found.place).item()) == pytest.approx(center, abs=1e-3)
     assert 0 <= float(np.asarray(found.spread).item()) <= 1 / 3
-
-
-def test_the_middle_of_a_crossing():
-    real = get_backend("cpu", "double").Float
-    found = crossing_middle(real([-1.0, 3, 2, 0]), real([3.0, -1, 5, 0]))
-    np.testing.assert_allclose(np.asarray(found.place), [0.25, 0.75, 0, 0])
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -59,6 +59,9 @@ class Medium:
     path_length : float, Quantity or "auto", optional
         The length that its colours and opacities refer to, if there is one; ``"auto"`` until
         `voluminous.calibrate` measures it, for media that tell their `profile`.
+    sensitivity : float
+        How many times more a picture may be off than fields are where structures are without width:
+        where these lie, and what is looked up there, follow from the fields' slopes.
     """
 
     channels: int
@@ -66,6 +69,7 @@ class Medium:
     names: tuple[str, ...]
     discrete: bool = False
     path_length: Any = None
+    sensitivity: float = 1.0
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""

@@ -18,21 +18,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr
-from ..backend.functions import unit_interval
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
-from . import surface_panels
-from .bends import slope_factor
+from . import surface_crossing, surface_panels, surface_sheet
 from .context import Context
 from .contract import Coefficients, Medium
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
-from .modulation import Factors, Middle
-from .shape_middles import box_extent, box_middle, crossing_middle
 from .shell import Shell
 from .surface_given import (
     depth_of,
@@ -42,16 +37,17 @@ from .surface_given import (
     modulated_colors,
     plain_opacities,
 )
-from .surface_light import Lamp, obliquity
+from .surface_light import Lamp
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
     from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
 
-# Segments are counted as at least this long, in cells: a surface between two of them is not lost.
-_SHORTEST = 1e-20
 DENSITIES = ("crossing", "gradient")
+# Of white noise on curvilinear grids up to 7 % of the pixels were beyond their error with 1, where
+# densities go with the slope, and 2 % of lit ones; with 10 0.4 %.
+_SENSITIVITY = 10.0
 
 
 @dataclass
@@ -135,6 +131,7 @@ class Isosurface(Medium):
         self.slope = Expression(f"gradmag({self.expr.text})")
         self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
         self.names = self._names()
+        self.sensitivity = _SENSITIVITY if self._directions() else 1.0
 
     @property
     def color(self) -> tuple[float, ...]:
@@ -183,33 +180,15 @@ class Isosurface(Medium):
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""
         own = self.numbers(context)
-        first, last = panel.ends(self.expr)
-        length = panel.length
-        per_length = 1.0 / dr.select(length > _SHORTEST, length, _SHORTEST)
-        emission: list[Any] = [type(length)(0)] * self.channels
-        extinction: list[Any] = [type(length)(0)] * len(own.depths[0])
+        part = surface_sheet.part if self.thick else surface_crossing.part
+        zero = type(panel.length)(0)
+        emission, extinction = [zero] * self.channels, [zero] * len(own.depths[0])
         for level, color, depths in zip(own.levels, own.colors, own.depths, strict=True):
-            ends = first - level, last - level
-            middle = self._middle(context, *ends, own.width)
-            crossed = per_length * self._crossed(context, *ends, own.width)
-            if self.density == "gradient":
-                crossed = self._in_sheet(panel, context, ends, crossed, middle.place)
-            found = self._modulated(color, crossed, middle, panel, context)
+            found = part(self, panel, context, level)
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
-            shade = self.lamp.shade(panel, context, middle)
-            for c, lit in enumerate(found.emission):
-                emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * lit * shade
+            for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
+                emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
         return Coefficients(emission, extinction)
-
-    def _modulated(
-        self, color: list[Any], crossed: Any, middle: Middle, panel: Panel, context: Context
-    ) -> Factors:
-        """Return what is crossed, in the surface's colours, seen through its gate."""
-        if self.modulation.fixed:
-            return Factors([h * crossed for h in color], crossed)
-        factors = self.modulation.factors(panel, context, middle)
-        lit = [h * f * crossed for h, f in zip(color, factors.emission, strict=True)]
-        return Factors(lit, factors.gate * crossed)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where a level may be crossed, and where more often than a panel's ends show."""
@@ -308,7 +287,7 @@ class Isosurface(Medium):
     @property
     def lamp(self) -> Lamp:
         """The light that surfaces are seen in."""
-        return Lamp(self.normal, self.shading, self.thick)
+        return Lamp(self.normal, self.shading)
 
     @property
     def thick(self) -> bool:
@@ -350,39 +329,3 @@ class Isosurface(Medium):
             )
 
         return context.keep(id(self), make)
-
-    def _middle(self, context: Context, first: Any, last: Any, width: Any) -> Middle:
-        """Return where a panel passes a level, or is within a thick surface."""
-        if not self.thick:
-            return crossing_middle(context.narrow(first), context.narrow(last))
-        return box_middle(*self._in_half_widths(context, first, last, width))
-
-    def _in_half_widths(self, context: Context, first: Any, last: Any, width: Any) -> list[Any]:
-        """Return values of x, counted from a level, in halves of the surface's width."""
-        return [context.narrow(2.0 * x / width) for x in (first, last)]
-
-    def _crossed(self, context: Context, first: Any, last: Any, width: Any) -> Any:
-        """Return how much of the surface lies between two values of x, counted from its level."""
-        if not self.thick:
-            return dr.select((first < 0.0) ^ (last < 0.0), context.narrow(first * 0 + 1), 0.0)
-        ends = [unit_interval(x / width + 0.5) for x in (first, last)]
-        return context.narrow(dr.abs(ends[1] - ends[0]))
-
-    def _in_sheet(
-        self, panel: Panel, context: Context, ends: tuple[Any, Any], crossed: Any, place: Any
-    ) -> Any:
-        """Return how much of a sheet of the same thickness everywhere a panel has, per length.
-
-        Of one with some thickness by the part of the panel that is in it: along it nothing is
-        crossed.
-        """
-        scale = context.keep((id(self), "scale"), lambda: context.number(context.scale))
-        slope = scale * context.evaluate(self.slope, panel.fields(place))
-        # Not over the mean slope of the panel, but over that at the place.
-        turned = slope_factor(panel, self.expr, place, context.narrow)
-        if not self.thick:
-            return crossed * obliquity(slope, ends[1] - ends[0], turned, panel, context)
-        width = self.numbers(context).width
-        inside = box_extent(*self._in_half_widths(context, *ends, width))
-        dense = inside * turned * context.narrow(slope / width)
-        return dr.select(dense > crossed, dense, crossed)

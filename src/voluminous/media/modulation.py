@@ -158,13 +158,17 @@ class Modulation:
             hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
         if self.where is None:
             return seen, hidden
-        possible = _defined_unit(within(stretch, self.where))
+        possible = _possible(self.where, stretch)
         # Also where ends show the change: two panels may agree on the wrong side of an edge.
         doubtful = possible.hi - possible.lo > _DOUBT
         if self.where.partial:
             doubtful &= ~self._undecided(stretch)
         seen = seen & (possible.hi > 0.0)
         return seen, seen & (hidden | doubtful)
+
+    def open(self, stretch: Stretch, seen: Any) -> Any:
+        """Return where something is seen for which the gate may be open."""
+        return seen if self.where is None else seen & (_possible(self.where, stretch).hi > 0.0)
 
     def _undecided(self, stretch: Stretch) -> Any:
         """Return where single places are as doubtful, as of ``1/density > 3`` in a vacuum.
@@ -206,6 +210,13 @@ class Modulation:
             return [type(paint[0])(1.0), *paint]
         return [gate, *(gate * c for c in paint)]
 
+    def at_place(self, fields: dict[str, Any], context: Context) -> list[Any]:
+        """Return the gate, then what multiplies each channel, at a place with these fields."""
+        if self.fixed:
+            return [context.narrow(context.real(1.0))] * (self.channels + 1)
+        gate, *paint = self._factors(fields, context)
+        return [gate, *(paint or [gate] * self.channels)]
+
     def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
         """Return the factors, the gate first, at a place of a stretch; computed once."""
         return kept(stretch, (id(self), s), lambda: self._factors(stretch.fields(s), context))
@@ -217,6 +228,11 @@ def kept(stretch: Stretch, key: Any, make: Any) -> Any:
     if key not in store:
         store[key] = make()
     return store[key]
+
+
+def _possible(where: Expression, stretch: Stretch) -> Any:
+    """Return what a gate may be anywhere on a stretch."""
+    return _defined_unit(within(stretch, where))
 
 
 def _product(factor: Any, value: Any) -> Any:

@@ -51,13 +51,6 @@ def box_extent(first: Any, last: Any) -> Any:
     return dr.select(way == 0.0, inside, (high - low) / dr.select(way == 0.0, 1.0, way))
 
 
-def crossing_middle(first: Any, last: Any) -> Middle:
-    """Return where a shell of no thickness is: where a linear function passes zero."""
-    way = first - last
-    f = first / dr.select(way == 0.0, 1.0, way)
-    return Middle(dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0), 0.0)
-
-
 def _part_within(first: Any, last: Any) -> tuple[Any, Any]:
     """Return the least and the largest z of those from -1 to 1."""
     low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)

@@ -15,10 +15,13 @@ from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
 from .context import Context
+from .passing import Passing, on_chord, on_fields
 from .turning import Turning, enclosed, spread
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
 NODES = (0.0, 0.5, 1.0)
+# What is without width counts on panels of at least this length, in cells.
+_SHORTEST = 1e-20
 Cubic = Sequence[Any]  # coefficients of 1, s, s², s³; or fewer
 
 
@@ -45,6 +48,7 @@ class Stretch:
         self._controls: dict[str, list[Any]] = {}
         self._turnings: dict[str, Turning] = {}
         self._spreads: dict[str, tuple[Any, Any, Any]] = {}
+        self._passings: dict[tuple[str, int], Passing] = {}
 
     def fields(self, s: Any) -> dict[str, Any]:
         """Return all fields at a place, and what follows from x, y and z."""
@@ -122,6 +126,19 @@ class Stretch:
             self._spreads[expr.text] = spread(self, expr)
         return self._spreads[expr.text]
 
+    def passing(self, expr: Expression, level: Any) -> Passing:
+        """Return where an expression passes a level, if it does once; computed once.
+
+        `level` is the same object whenever it is the same level.
+        """
+        key = (expr.text, id(level))
+        if key not in self._passings:
+            self._passings[key] = self._passes(expr, level)
+        return self._passings[key]
+
+    def _passes(self, expr: Expression, level: Any) -> Passing:
+        return on_fields(self, expr, level)
+
     def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at the four Bézier control points of the fields."""
         if expr.text not in self._controls:
@@ -187,6 +204,9 @@ class Straight(Stretch):
         first, _, last = self.places()
         return {name: extremes([first[name], last[name]]) for name in first}
 
+    def _passes(self, expr: Expression, level: Any) -> Passing:
+        return on_chord(self, expr, level)
+
     def turning(self, expr: Expression | Margin) -> Turning:
         """Return that an expression stays between its ends: nothing else is looked at."""
         first, last = self.controls(expr)
@@ -212,6 +232,11 @@ class Panel:
     def length(self) -> Any:
         """Its length, in units of the grid's scale."""
         return self.stretch.length * (self.last - self.first)
+
+    @property
+    def per_length(self) -> Any:
+        """One over its length, for surfaces: one between two segments is not lost."""
+        return 1.0 / dr.select(self.length > _SHORTEST, self.length, _SHORTEST)
 
     def ends(self, expr: Expression) -> tuple[Any, Any]:
         """Return an expression at both ends."""

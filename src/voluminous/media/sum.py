@@ -41,6 +41,7 @@ class Sum(Medium):
         self.grey = all(part.grey for part in parts)
         self.discrete = all(part.discrete for part in parts)
         self.names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+        self.sensitivity = max(part.sensitivity for part in parts)
 
     def components(self) -> tuple[Medium, ...]:
         """Return the media this one is the sum of."""

@@ -31,33 +31,40 @@ class Lamp:
         The components of the gradient.
     shading : float
         Which part of the light is the lamp's; at 0 there is none.
-    thick : bool
-        Whether surfaces have some width.
     """
 
     normal: list[Expression]
     shading: float
-    thick: bool
 
     def shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
-        """Return how bright the surface looks.
+        """Return how bright a surface of some width looks on a panel.
 
-        The mean of two places (Gauss-Legendre) in what the panel has of a surface of some width:
-        the normal turns in it, whether that is a small part of the panel or all of it.
+        The mean of two places (Gauss-Legendre) in what the panel has of it: the normal turns in it,
+        whether that is a small part of the panel or all of it.
         """
         if self.shading == 0:
             return 1.0
         share = self._share(context)
-        places = [panel.place(f) for f in self._places(middle)]
-        lit = [lambert(self.normal, panel.stretch, place, context) for place in places]
-        return 1.0 - share + share / len(lit) * sum(lit[1:], lit[0])
+        way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
+        first, last = (
+            lambert(self.normal, panel.fields(f), panel.stretch, context)
+            for f in (middle.place - way, middle.place + way)
+        )
+        return 1.0 - share + 0.5 * share * (first + last)
+
+    def light(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+        """Return how bright the surface looks at a place of a stretch, with these fields."""
+        if self.shading == 0:
+            return 1.0
+        share = self._share(context)
+        return 1.0 - share + share * lambert(self.normal, fields, stretch, context)
 
     def off(self, stretch: Stretch, context: Context) -> Any:
         """Return what light may be off by in a surface of some width, as a part of its emission.
 
         A panel and its halves look at the same places where the surface is all in one of them.
         """
-        if not self.thick or self.shading == 0:
+        if self.shading == 0:
             return stretch.length * 0.0
         first, middle, last = self._lit(stretch, context)
         return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
@@ -87,48 +94,25 @@ class Lamp:
             ("shading", self.shading), lambda: context.narrow(context.number(self.shading))
         )
 
-    def _places(self, middle: Middle) -> list[Any]:
-        """Return the places in a panel at which light is looked at."""
-        if not self.thick:
-            return [middle.place]
-        way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
-        return [middle.place - way, middle.place + way]
-
     def _lit(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return the cosine of ray and normal at both ends and in the middle; computed once."""
         return kept(
             stretch,
             ("lit", self.normal[0].text),
-            lambda: [lambert(self.normal, stretch, s, context) for s in NODES],
+            lambda: [lambert(self.normal, stretch.fields(s), stretch, context) for s in NODES],
         )
 
 
-def obliquity(slope: Any, rise: Any, turned: Any, panel: Panel, context: Context) -> Any:
-    """Return |∇x| over |∂x/∂s|, at least one.
-
-    Parameters
-    ----------
-    slope : array
-        |∇x| per length of the grid's scale.
-    rise : array
-        What x changes by over the panel.
-    turned : array
-        Its mean slope over the slope at the place.
-    """
-    way = dr.abs(rise)
-    ratio = panel.length * turned * context.narrow(slope / dr.select(way > 0.0, way, 1.0))
-    return dr.select(ratio > 1.0, ratio, 1.0)
-
-
-def lambert(normal: list[Any], stretch: Stretch, place: Any, context: Context) -> Any:
+def lambert(normal: list[Any], fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
     """Return the cosine of ray and normal at a place in a stretch; one if there is no normal.
 
     Parameters
     ----------
     normal : list of three Expression
         The components of the gradient.
+    fields : dict of str to array
+        All fields at the place.
     """
-    fields = stretch.fields(place)
     across = _scaled([context.evaluate(e, fields) for e in normal], context)
     way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
     size = dr.sqrt(_dot(across, across) * _dot(way, way))

@@ -44,6 +44,8 @@ def visible(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[An
         for level in own.levels:
             seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
             hidden |= _folded(surface, stretch, level, own.width)
+    if not surface.thick:  # looked at where it is crossed, whatever is beside it
+        return surface.modulation.open(stretch, seen), hidden
     hidden |= seen & surface.lamp.turns(stretch, context)
     if not surface.modulation.fixed:
         hidden |= _looked_up(surface, stretch, context).lost(surface.modulation, stretch, context)
@@ -53,19 +55,22 @@ def visible(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[An
 def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[Any, Any]:
     """Return one: surfaces are thinner than all panels; crossings are counted exactly.
 
-    Of a density that goes with the gradient little is known where the slope bends, and of light
-    where the normal turns.
+    In a surface of some width little is known of a density that goes with the gradient where the
+    slope bends, and of light where the normal turns.
     """
+    zero = stretch.length * 0.0
+    if not surface.thick:
+        return zero + 1.0, zero
     off = surface.lamp.off(stretch, context)
     if surface.density == "gradient":
         off = extremes([off, *_bends(surface, stretch, context)])[1]
-    lit = surface.thick and surface.shading > 0
+    lit = surface.shading > 0
     if lit or not surface.modulation.fixed:
         found = _looked_up(surface, stretch, context)
         off = off + found.error(surface.modulation, stretch, context)
         if lit:
             off = off + surface.lamp.across(stretch, context, found.extent, found.depth)
-    return stretch.length * 0.0 + 1.0, off
+    return zero + 1.0, off
 
 
 def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
@@ -118,12 +123,12 @@ def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]
 
 
 def _looked_up(surface: Isosurface, stretch: Stretch, context: Context) -> LookedUp:
-    """Return the surfaces as shells: a colour varies within one of some width, where it ends."""
+    """Return surfaces of some width as shells: a colour varies within one, where it ends."""
     own = surface.numbers(context)
     nodes = [context.narrow(x) for x in stretch.nodes(surface.expr)]
     low, high = stretch.hull(surface.expr)
     ends = stretch.length < 0.0
-    for edge in (edge for pair in own.ranges for edge in pair) if surface.thick else ():
+    for edge in (edge for pair in own.ranges for edge in pair):
         ends |= (low <= edge) & (high >= edge)
     depth = extremes([d for row in own.depths for d in row])[1]
     return LookedUp(

@@ -66,7 +66,7 @@ def exactness(classifier: Classifier) -> Exactness:
             single = single and _same(exact[defined], rounded[defined], least)
             if least > 0.0:
                 contrast = max(contrast, _span(exact[defined]) / least)
-    return Exactness(single, contrast)
+    return Exactness(single, contrast * classifier.medium.sensitivity)
 
 
 def plain_widths(volume: Any, expressions: Any) -> tuple[tuple[Expression, float], ...]:
