@@ -80,7 +80,7 @@ class Coefficients(Medium):
         """Whether no expression has jumps, kinks or waves."""
         return all(e.smooth for e in (*self.emissivity, *self.extinction))
 
-    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α from five samples; see `Medium.sampled`."""
         values = [self.in_units(stretch.fields(s), context) for s in FIVE]
         found = [compared(list(own)) for own in zip(*values, strict=True)]

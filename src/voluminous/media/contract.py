@@ -146,10 +146,20 @@ class Medium:
         """Whether `sampled` knows of some stretches how far means of samples are off."""
         return False
 
-    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+    @property
+    def finer(self) -> bool:
+        """Whether `sampled` knows of all stretches that are narrow enough."""
+        return False
+
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α over a stretch from samples, and how far they may be off.
 
         In the units of `means`. By default nothing is known where it may be noticeable.
+
+        Parameters
+        ----------
+        fine : bool
+            With more samples: a few have not been good enough.
         """
         from .sampled import Sampled
 

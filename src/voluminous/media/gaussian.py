@@ -10,7 +10,7 @@ import numpy as np
 from ..backend.functions import decay
 from ..expressions import Ops
 from .modulation import Middle
-from .sampled import Sampled, sampled_gaussian
+from .sampled import Sampled, finely_sampled_gaussian, sampled_gaussian
 from .sampled_shapes import SampledShaped
 from .shape_means import gaussian_mean
 from .shape_middles import gaussian_middle
@@ -90,9 +90,17 @@ class Gaussian(SampledShaped):
         """Return where it changes by less than one and a half σ."""
         return rate <= _WIDE
 
-    def sampled_shape(self, nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
+    @property
+    def finer(self) -> bool:
+        """Whether samples tell of all narrow stretches: nothing else varies."""
+        return self.smooth and self.modulation.fixed
+
+    def sampled_shape(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
+    ) -> Sampled:
         """Return the mean of a Gaussian over a stretch from samples."""
-        return sampled_gaussian(nodes, derivatives)
+        own = finely_sampled_gaussian if fine else sampled_gaussian
+        return own(nodes, derivatives)
 
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval

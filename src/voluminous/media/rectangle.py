@@ -72,7 +72,9 @@ class Rectangle(SampledShaped):
         low, high = ends
         return (low >= -1.0) & (high <= 1.0)
 
-    def sampled_shape(self, nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
+    def sampled_shape(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
+    ) -> Sampled:
         """Return one: known where the whole stretch is within the half width."""
         one = type(ends[0])(1.0)
         inside = self.is_wide(ends, derivatives[0])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from ..backend import dr
 from .context import Context
 from .contract import Coefficients
-from .sampled import FIVE, PLACES, Sampled, compared
+from .sampled import EIGHT, FIVE, PLACES, Sampled, compared
 from .shaped import Shaped
 from .stretch import Stretch
 
@@ -20,13 +21,13 @@ class SampledShaped(Shaped):
         """Whether the scalar has neither jumps nor kinks."""
         return self.expr.smooth
 
-    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
         if not self.smooth:
             return super().sampled(stretch, context)
         if not self.modulation.fixed:
             return self._sampled_modulated(stretch, context)
-        shape = self.sampled_per_length(stretch, context)
+        shape = self.sampled_per_length(stretch, context, fine=fine)
         ones = [1.0] * (self.channels + 1)
         found = Sampled(*(self._painted(v, ones, context) for v in shape))
         found.off.emissivity = [dr.abs(off) for off in found.off.emissivity]
@@ -60,7 +61,9 @@ class SampledShaped(Shaped):
         off = [dr.select(seen & unsure, dr.inf, o) for o in off]
         return Sampled(*map(self.split, (mean, first, last, off)))
 
-    def sampled_per_length(self, stretch: Stretch, context: Context) -> Sampled:
+    def sampled_per_length(
+        self, stretch: Stretch, context: Context, *, fine: bool = False
+    ) -> Sampled:
         """Return the mean of the shape per path length from samples; zero where neglected.
 
         Of several shells a ray is mostly in one: a branch for each.
@@ -71,12 +74,13 @@ class SampledShaped(Shaped):
         if not self.smooth:
             zero = type(low)(0.0)
             return Sampled(zero, zero, zero, dr.select(seen, dr.inf, zero))
-        nodes = self._offsets([stretch.scalar(self.expr, s) for s in PLACES], context)
+        places = EIGHT if fine else PLACES
+        nodes = self._offsets([stretch.scalar(self.expr, s) for s in places], context)
         slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
         found = dr.if_stmt(
             args=(nodes, ends, slopes),
             cond=seen,
-            true_fn=self.sampled_shape,
+            true_fn=functools.partial(self.sampled_shape, fine=fine),
             false_fn=_nothing_sampled,
         )
         return Sampled(*(per_length * value for value in found))
@@ -97,13 +101,15 @@ class SampledShaped(Shaped):
         """
         raise NotImplementedError
 
-    def sampled_shape(self, nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
+    def sampled_shape(
+        self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
+    ) -> Sampled:
         """Return the mean of the shape over a stretch from samples.
 
         Parameters
         ----------
-        nodes : four arrays
-            Distances from the centre at `sampled.PLACES`, in widths.
+        nodes : four or eight arrays
+            Distances from the centre at `sampled.PLACES` or, if `fine`, `EIGHT`, in widths.
         ends : two arrays
             The least and the greatest distance on the stretch.
         derivatives : three arrays

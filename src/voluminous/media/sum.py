@@ -84,9 +84,14 @@ class Sum(Medium):
         """Whether one of the parts is."""
         return any(part.smooth for part in self.parts)
 
-    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+    @property
+    def finer(self) -> bool:
+        """Whether all parts are known from samples on all narrow stretches."""
+        return all(part.finer for part in self.parts)
+
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the sums of the parts' means, and of what they may be off by."""
-        found = [part.sampled(stretch, context) for part in self.parts]
+        found = [part.sampled(stretch, context, fine=fine) for part in self.parts]
         return Sampled(*(self._total(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:

@@ -153,7 +153,12 @@ class Table(Medium):
         jumps = np.any(np.diff(self.values) == 0)
         return self.modulation.fixed and self.expr.smooth and not jumps
 
-    def sampled(self, stretch: Stretch, context: Context) -> Sampled:
+    @property
+    def finer(self) -> bool:
+        """Whether samples tell of all narrow stretches: there are no jumps."""
+        return self.smooth
+
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α over a stretch from samples; see `Medium.sampled`.
 
         Two of them are exact for the lines between nodes (x is a cubic), and off by as much as the

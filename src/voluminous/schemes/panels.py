@@ -16,3 +16,11 @@ def next_panel(good: Any, begin: Any, width: Any) -> tuple[Any, Any]:
     begin = dr.select(good, begin + width, begin)
     width = dr.select(good, 2.0 * width, 0.5 * width)
     return begin, dr.select(width < 1.0 - begin, width, 1.0 - begin)
+
+
+def known_stretch(source: Any, cubics: Any, known: Any, length: Any, *, rough: bool = False) -> Any:
+    """Return a segment's stretch with what was computed of it outside of a branch."""
+    whole = source.stretch(cubics, length, rough=rough)
+    for expr, values in zip(source.scalars, known, strict=True):
+        whole.set_known(expr, values)
+    return whole

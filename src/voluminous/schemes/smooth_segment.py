@@ -13,7 +13,9 @@ from ..backend.functions import THIN, thin_attenuation
 from .path import Path, most
 
 
-def smooth_segment(source: Any, whole: Any, seen_through: Any, backward: bool) -> tuple[Path, Any]:
+def smooth_segment(
+    source: Any, whole: Any, seen_through: Any, backward: bool, *, fine: bool = False
+) -> tuple[Path, Any]:
     """Return a segment solved with means of samples, and where that is good enough.
 
     Parameters
@@ -24,8 +26,10 @@ def smooth_segment(source: Any, whole: Any, seen_through: Any, backward: bool) -
         Transparency of what is in front.
     backward : bool
         The walk goes towards the observer.
+    fine : bool
+        With more samples than a few.
     """
-    (emissivity, extinction), first, last, (off, off_depth) = source.sampled(whole)
+    (emissivity, extinction), first, last, (off, off_depth) = source.sampled(whole, fine=fine)
     length, brightness = whole.length, source.numbers.brightness
     depth = [a * length for a in extinction]
     found = [thin_attenuation(tau) for tau in depth]

@@ -62,9 +62,9 @@ class Direct:
         """Return the means of the values over a panel of a ray."""
         return self.medium.means(panel, context).listed()
 
-    def sampled(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool) -> list[list[Any]]:
         """Return mean, first and last values of a stretch, and how far the means may be off."""
-        return [own.listed() for own in self.medium.sampled(stretch, context)]
+        return [own.listed() for own in self.medium.sampled(stretch, context, fine=fine)]
 
     def brightness(self, emission: list[Any]) -> Any:
         """Return the magnitude of the brightest channel."""

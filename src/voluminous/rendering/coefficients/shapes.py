@@ -63,9 +63,9 @@ class Shapes:
         """Return the means of the shapes over a panel of a ray."""
         return [part.mean_per_length(panel, context) for part in self.parts]
 
-    def sampled(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool) -> list[list[Any]]:
         """Return mean, first and last shapes of a stretch, and how far the means may be off."""
-        found = [part.sampled_per_length(stretch, context) for part in self.parts]
+        found = [part.sampled_per_length(stretch, context, fine=fine) for part in self.parts]
         return [list(own) for own in zip(*found, strict=True)]
 
     def brightness(self, emission: list[Any]) -> Any:

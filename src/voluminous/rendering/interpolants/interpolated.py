@@ -129,9 +129,15 @@ class Interpolated:
         """
         return self.backend.precision == "single" and self.classifier.medium.smooth
 
-    def sampled(self, stretch: Stretch) -> list[tuple[list[Any], list[Any]]]:
+    @property
+    def finer(self) -> bool:
+        """Whether samples will do for parts of the others."""
+        return self.smooth and self.classifier.medium.finer
+
+    def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
         """Return mean, first and last j and α of a stretch, and how far the means may be off."""
-        return [self.numbers.split(own) for own in self.numbers.sampled(stretch, self.context)]
+        found = self.numbers.sampled(stretch, self.context, fine=fine)
+        return [self.numbers.split(own) for own in found]
 
     def cores(self, stretch: Stretch) -> list[list[Any]]:
         """Return how many structures are in each half of a stretch, for each part of a sum."""
