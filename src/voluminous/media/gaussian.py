@@ -92,8 +92,8 @@ class Gaussian(SampledShaped):
 
     @property
     def finer(self) -> bool:
-        """Whether samples tell of all narrow stretches: nothing else varies."""
-        return self.smooth and self.modulation.fixed
+        """Whether samples tell of all narrow stretches."""
+        return self.smooth
 
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool

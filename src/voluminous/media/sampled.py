@@ -23,7 +23,7 @@ from ..backend.functions import decay, horner
 from .stretch import extremes
 
 # Gauss and Legendre's places and weights on [0, 1].
-EIGHT, _WEIGHTS_OF_EIGHT = (
+EIGHT, WEIGHTS_OF_EIGHT = (
     tuple(float(v) for v in values)
     for values in (
         0.5 + 0.5 * np.polynomial.legendre.leggauss(8)[0],
@@ -140,7 +140,7 @@ def finely_sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled
     values = [decay(0.5 * (z * z)) for z in nodes]
     y = sum(part * d for part, d in zip(_ASIDE, derivatives, strict=True))
     mean, lean = values[0] * 0.0, values[0] * 0.0
-    for place, weight, value in zip(EIGHT, _WEIGHTS_OF_EIGHT, values, strict=True):
+    for place, weight, value in zip(EIGHT, WEIGHTS_OF_EIGHT, values, strict=True):
         mean = dr.fma(weight, value, mean)
         lean = dr.fma(6.0 * (place - 0.5) * weight, value, lean)
     off = dr.select(y < _MOST_ASIDE, _OFF_OF_EIGHT / decay(0.5 * (y * y)), dr.inf)

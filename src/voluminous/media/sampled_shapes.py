@@ -9,6 +9,7 @@ from ..backend import dr
 from .context import Context
 from .contract import Coefficients
 from .sampled import EIGHT, FIVE, PLACES, Sampled, compared
+from .sampled_products import products
 from .shaped import Shaped
 from .stretch import Stretch
 
@@ -26,7 +27,8 @@ class SampledShaped(Shaped):
         if not self.smooth:
             return super().sampled(stretch, context)
         if not self.modulation.fixed:
-            return self._sampled_modulated(stretch, context)
+            own = self._finely_modulated if fine else self._sampled_modulated
+            return own(stretch, context)
         shape = self.sampled_per_length(stretch, context, fine=fine)
         ones = [1.0] * (self.channels + 1)
         found = Sampled(*(self._painted(v, ones, context) for v in shape))
@@ -60,6 +62,27 @@ class SampledShaped(Shaped):
         mean, first, last, off = (list(own) for own in zip(*means, strict=True))
         off = [dr.select(seen & unsure, dr.inf, o) for o in off]
         return Sampled(*map(self.split, (mean, first, last, off)))
+
+    def _finely_modulated(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the same with eight samples of the shape, and five of what multiplies it."""
+        _, narrowness, per_length = self._kept(context)
+        ends = self._offsets(stretch.hull(self.expr), context)
+        seen, unsure = self.modulation.visible(
+            stretch, context, self._seen(ends[0], ends[1], context), stretch.length < 0.0
+        )
+        nodes = self._offsets([stretch.scalar(self.expr, s) for s in EIGHT], context)
+        slopes = [narrowness * context.narrow(d) for d in stretch.derivatives(self.expr)]
+        off = per_length * self.sampled_shape(nodes, ends, slopes, fine=True).off
+        rows = [self.modulation.at_node(stretch, s, context) for s in FIVE]
+        gate, *paint = (list(column) for column in zip(*rows, strict=True))
+        factors = [*(paint or [gate] * self.channels), gate]
+        shape = [dr.select(seen, per_length * self.sample(z), 0.0) for z in nodes]
+        found = products(shape, dr.select(unsure, dr.inf, dr.select(seen, off, 0.0)), factors)
+        one = type(off)(1.0)
+        own = (self._painted(one, list(column), context) for column in zip(*found, strict=True))
+        sampled = Sampled(*own)
+        sampled.off.emissivity = [dr.abs(e) for e in sampled.off.emissivity]
+        return sampled
 
     def sampled_per_length(
         self, stretch: Stretch, context: Context, *, fine: bool = False

@@ -1,0 +1,79 @@
+"""Means of a shape times factors that vary along a stretch: gates, and colours of another field.
+
+The shape is known at the eight places of Gauss and Legendre, the factors at five: what multiplies
+the samples is the polynomial through these. How far that is from the factors is not known; their
+inner values are off by some part from a parabola through the others, and they are taken to be off
+by a part of that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from .sampled import EIGHT, FIVE, WEIGHTS_OF_EIGHT, Sampled
+from .stretch import extremes
+
+# What the polynomial through five values may be off by, of what the inner ones are off a parabola
+# through the others: a kink in the middle is off by a fifth of it in the mean.
+_UNKNOWN = 0.5
+
+
+def _lagrange(nodes: Sequence[float], places: Sequence[float]) -> np.ndarray:
+    """Return by what values at nodes are multiplied to have their polynomial at places."""
+    return np.array(
+        [[np.prod([(s - b) / (a - b) for b in nodes if b != a]) for a in nodes] for s in places]
+    )
+
+
+# Weights of Gauss and Legendre for the mean, and for half of what a line through it rises by.
+_MEAN = np.array(WEIGHTS_OF_EIGHT)
+_LEAN = 6.0 * (np.array(EIGHT) - 0.5) * _MEAN
+_AT_EIGHT = _lagrange(FIVE, EIGHT)
+_BY_PARABOLA = _lagrange(FIVE[::2], FIVE[1::2])
+
+
+def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampled]:
+    """Return the means of a shape times each of some factors.
+
+    Parameters
+    ----------
+    shape : eight arrays
+        The shape at `sampled.EIGHT`.
+    off : array
+        How far its mean may be off.
+    factors : list of five arrays each
+        The factors at `sampled.FIVE`.
+    """
+    whole = _dot(_MEAN, shape)
+    mean, lean = (
+        [_dot(weights * column, shape) for column in _AT_EIGHT.T] for weights in (_MEAN, _LEAN)
+    )
+    found = []
+    for values in factors:
+        center, rise = _dot(mean, values), _dot(lean, values)
+        largest = extremes([dr.abs(v) for v in values])[1]
+        error = dr.fma(_UNKNOWN * _bent(values), whole, off * largest)
+        found.append(Sampled(center, center - rise, center + rise, error))
+    return found
+
+
+def _bent(values: list[Any]) -> Any:
+    """Return how far the inner of five values are from a parabola through the others."""
+    outer, inner = values[::2], values[1::2]
+    return extremes(
+        [dr.abs(v - _dot(row, outer)) for v, row in zip(inner, _BY_PARABOLA, strict=True)]
+    )[1]
+
+
+def _dot(weights: Any, values: list[Any]) -> Any:
+    """Return the sum of values times numbers, or arrays."""
+    total = 0.0 * values[0]
+    # NumPy's own numbers would look into arrays of Dr.Jit's.
+    own = weights.tolist() if isinstance(weights, np.ndarray) else weights
+    for weight, value in zip(own, values, strict=True):
+        total = dr.fma(weight, value, total)
+    return total
