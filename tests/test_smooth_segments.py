@@ -12,13 +12,17 @@ from voluminous.expressions import Expression
 from voluminous.media.context import Context
 from voluminous.media.sampled import (
     BEND,
+    EIGHT,
     FIVE,
     PAIR,
     PLACES,
     WEIGHTS,
+    WEIGHTS_OF_EIGHT,
     compared,
+    finely_sampled_gaussian,
     sampled_gaussian,
 )
+from voluminous.media.sampled_products import products
 from voluminous.media.stretch import Stretch
 from voluminous.media.table_means import PiecewiseLinear
 
@@ -78,10 +82,10 @@ def stretches(points, backend):
     return Stretch({"a": cubic}, context, backend.Float(1.0))
 
 
-def solved(points, backend):
-    """Return the mean of the Gaussian of every cubic by four nodes, and the bound of its error."""
+def solved(points, backend, rule=sampled_gaussian, places=PLACES):
+    """Return the mean of the Gaussian of every cubic by a few nodes, and the bound of its error."""
     stretch, expr = stretches(points, backend), Expression("a")
-    found = sampled_gaussian([stretch.scalar(expr, s) for s in PLACES], stretch.derivatives(expr))
+    found = rule([stretch.scalar(expr, s) for s in places], stretch.derivatives(expr))
     return found.mean.numpy(), found.off.numpy()
 
 
@@ -108,6 +112,64 @@ def test_errors_are_within_their_bound():
     assert 0.3 < known.mean() < 0.95
     wrong = np.abs(found - exact(points))
     assert np.all(wrong[known] <= off[known] + 1e-15)
+
+
+def test_errors_of_eight_samples_are_within_their_bound():
+    points = cubics(100_000, 2)
+    known = []
+    for rule, places in ((sampled_gaussian, PLACES), (finely_sampled_gaussian, EIGHT)):
+        found, off = solved(points, backend_of("double"), rule, places)
+        assert np.all(np.abs(found - exact(points)) <= off + 1e-15)
+        known.append(np.mean(off < 1e-3))
+    assert 1 - known[1] < 0.5 * (1 - known[0])
+
+
+def test_eight_samples_do_for_lines_of_five_sigma():
+    points = np.linspace(-0.3, 0.7, 4)[:, None] * np.array([1.0, 3.0, 5.0, 7.6])
+    found, off = solved(points, backend_of("double"), finely_sampled_gaussian, EIGHT)
+    assert np.all(off[:3] < 1e-4)
+    assert np.abs(found - exact(points))[2] < 1e-6
+    assert off[3] == np.inf
+
+
+def test_eight_samples_tell_the_line_through_them():
+    """Mean and ends of a cubic are those of the straight line nearest to it."""
+    for degree in range(16):
+        found = sum(w * s**degree for s, w in zip(EIGHT, WEIGHTS_OF_EIGHT, strict=True))
+        assert found == pytest.approx(1 / (degree + 1), rel=1e-14)
+    real = backend_of("double").Float
+    values = [real(2.0 - s + 3.0 * s**2) for s in EIGHT]
+    (found,) = products(values, real(0.0), [[real(1.0)] * 5])
+    ends = [float(v.numpy().item()) for v in (found.first, found.last, found.mean, found.off)]
+    # Legendre: s² is 1/3 + (2s - 1)/2 + (what has neither mean nor slope).
+    assert ends == pytest.approx([1.5, 3.5, 2.5, 0.0], abs=1e-14)
+
+
+FACTORS = {
+    "quartic": lambda s: 1 - 2 * s + s**2 - 3 * s**3 + 2 * s**4,
+    "wave": lambda s: 0.6 + 0.4 * np.sin(4 * s),
+    "kink": lambda s: np.abs(s - 0.37),
+    "soft step": lambda s: 1 / (1 + np.exp((0.6 - s) / 0.08)),
+}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_products_of_shapes_and_factors(name):
+    factor, backend = FACTORS[name], backend_of("double")
+    points = cubics(3000, 5)
+    stretch, expr = stretches(points, backend), Expression("a")
+    nodes = [stretch.scalar(expr, s) for s in EIGHT]
+    off = finely_sampled_gaussian(nodes, stretch.derivatives(expr)).off
+    real = backend.Float
+    values = [real(float(factor(s))) for s in FIVE]
+    (found,) = products([decay(0.5 * z * z) for z in nodes], off, [values])
+    s = (np.arange(4000) + 0.5) / 4000  # the middles of as many parts: off by 1e-7
+    exact = sum(factor(p) * np.exp(-0.5 * bezier(points, p) ** 2) for p in s) / len(s)
+    known = off.numpy() < 1e-2
+    wrong = np.abs(found.mean.numpy() - exact)[known]
+    assert np.mean(wrong <= found.off.numpy()[known] + 1e-6) > 0.99
+    if name == "quartic":  # but for what the shape is off by
+        assert np.median(wrong) < 1e-6
 
 
 def test_bounds_are_not_far_too_large():
