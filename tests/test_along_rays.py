@@ -98,6 +98,16 @@ def test_moments_of_columns_of_cells(method, precision):
     assert [len(list(vm.moments(VOLUME, "rho", DOWN, "v", n))) for n in (0, 1)] == [1, 2]
 
 
+def test_weights_of_both_signs_may_add_up_to_next_to_nothing():
+    charge = np.random.default_rng(4).normal(size=GRID.shape)
+    velocity = np.random.default_rng(5).normal(size=GRID.shape) + 5.0
+    volume = vm.Volume(GRID, charge=charge - charge.mean(), v=velocity)
+    charge = volume.array("charge")
+    found = vm.moments(volume, "charge", DOWN, "v").mean.intensity[..., 0]
+    expected = ((charge * velocity).sum(axis=2) / charge.sum(axis=2)).T
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
 @pytest.mark.parametrize("precision", EXACT)
 def test_an_even_medium_is_seen_into_as_deep_as_its_extinction_says(scheme, precision):

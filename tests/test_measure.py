@@ -165,6 +165,32 @@ def test_regions_thinner_than_a_cell_are_found(kind):
     np.testing.assert_allclose(found, expected, rtol=0.1)
 
 
+AROUND = {
+    "radial": vm.SphericalGrid(np.linspace(0, 1.5, 20)),
+    "axisymmetric": vm.SphericalGrid(np.linspace(0, 1.5, 20), np.linspace(0, np.pi, 12)),
+    "mirrored": vm.SphericalGrid(
+        np.linspace(0, 1.5, 20), np.linspace(0, np.pi / 2, 6), mirror=True
+    ),
+    "cylindrical": vm.CylindricalGrid(np.linspace(0, 1.5, 20), [0, 2 * np.pi], EDGES * 1.2),
+    "coarse": vm.SphericalGrid([0, 0.8, 1.5], np.linspace(0, np.pi, 4), np.linspace(0, 6, 4)),
+}
+
+
+@pytest.mark.parametrize("kind", AROUND)
+def test_regions_beside_corners_of_cells_that_go_around(kind):
+    """Half the space, and a ball: corners and middles of rings are where φ is 0 and π."""
+    volume = vm.Volume(AROUND[kind])
+    half = vm.regions.Box((-2, 0.02, -2), (2, 2, 2))
+    ball = vm.regions.Sphere((-0.1, 0.6, -0.4), 0.2)
+    found = [
+        vm.measure(volume, {"one": "1"}, region=region, samples=8).volume for region in (half, ball)
+    ]
+    points = np.random.default_rng(3).uniform(-1.5, 1.5, (3, 400_000))
+    inside = volume.grid.locate(points.T) >= 0
+    expected = [27 * np.mean(inside & region.inside(points, None)) for region in (half, ball)]
+    np.testing.assert_allclose(found, expected, rtol=0.08)
+
+
 def test_more_samples_measure_regions_better():
     region, expected = REGIONS["sphere"]
     volume = vm.Volume(GRIDS["cartesian"])

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
+from ..regrid.samples import points_along
 from .conditions import condition, holds
 
 # Cells looked at at once.
@@ -28,8 +29,8 @@ class Parts:
     where : str, optional
         A condition on the fields: it holds in a cell or not.
     region : Region, optional
-        Cells on its surface are divided into ``samples**3`` parts, of which those count that have
-        their centre inside.
+        Cells on its surface are divided into ``samples**3`` parts, or more where they go far around
+        the axis, of which those count that have their centre inside.
 
     Raises
     ------
@@ -66,33 +67,35 @@ class Parts:
     def _inside(self, first: int, last: int) -> np.ndarray:
         """Return the parts of cells that are in the region."""
         assert self.region is not None
-        corners = self._tally(first, last, np.arange(last - first), (0.0, 0.5, 1.0))
+        corners = self._tally(first, last, np.arange(last - first), [np.linspace(0, 1, 3)] * 3)
         part = np.round(corners)  # all points inside, or none
         divided = np.flatnonzero(((corners > 0) & (corners < 1)) | self._cut(first, last))
         if divided.size:
-            steps = (np.arange(self.samples) + 0.5) / self.samples
-            part[divided] = self._tally(first, last, divided, tuple(steps))
+            counts = points_along(self.volume.grid, self.samples)
+            steps = [(np.arange(n) + 0.5) / n for n in counts]
+            part[divided] = self._tally(first, last, divided, steps)
         return part
 
     def _cut(self, first: int, last: int) -> np.ndarray:
-        """Return which boxes the region's surface may pass through, between their corners."""
+        """Return which cells the region's surface may pass through, between their corners."""
         assert self.region is not None
         grid = self.volume.grid
-        if tuple(grid.coordinates) != CARTESIAN:
-            return np.zeros(last - first, dtype=bool)
-        reach = 0.5 * np.linalg.norm(np.asarray(grid.cell_sizes(first, last)), axis=0)
-        away = self.region.beyond(np.asarray(grid.cell_centers(first, last)), grid.unit)
-        return np.asarray(np.abs(away) < reach)
+        centers, reach = np.asarray(grid.cell_centers(first, last)), _reach(grid, first, last)
+        found = np.zeros(last - first, dtype=bool)
+        for image in mirror_images(grid):
+            away = self.region.beyond(centers * image[:, None], grid.unit)
+            found |= np.asarray(np.abs(away) < reach)
+        return found
 
     def _tally(
-        self, first: int, last: int, cells: np.ndarray, steps: tuple[float, ...]
+        self, first: int, last: int, cells: np.ndarray, steps: list[np.ndarray]
     ) -> np.ndarray:
         """Return the part that is inside, of points at fractions of cells along each axis."""
         assert self.region is not None
         grid, system = self.volume.grid, tuple(self.volume.grid.coordinates)
         inside, total, images = np.zeros(len(cells)), np.zeros(len(cells)), mirror_images(grid)
         low, size = (a[:, cells] for a in _native_boxes(grid, first, last))
-        for place in np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T:
+        for place in np.array(np.meshgrid(*steps)).reshape(3, -1).T:
             native = low + place[:, None] * size
             points = position(system, native)
             weight = np.abs(np.prod(metric(system, native), axis=0)) + 1e-300
@@ -101,6 +104,15 @@ class Parts:
                 found = self.region.inside(points * image[:, None], grid.unit)
                 inside += weight * found / len(images)
         return np.where(inside > (1 - _ROUNDING) * total, 1.0, inside / total)
+
+
+def _reach(grid: Any, first: int, last: int) -> np.ndarray:
+    """Return how far from their middles cells reach at most."""
+    half = 0.5 * np.asarray(grid.cell_sizes(first, last))
+    if tuple(grid.coordinates) == CARTESIAN:
+        return np.asarray(np.linalg.norm(half, axis=0))
+    # To any point there is a way along the coordinates one after another, the angles first.
+    return np.asarray(half.sum(axis=0))
 
 
 def _native_boxes(grid: Any, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:

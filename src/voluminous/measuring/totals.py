@@ -100,7 +100,8 @@ def measure(
         A part of space, see `voluminous.regions`; or a text such as ``"sphere((0, 0, 0), 100 AU)"``
         with ``box(low, high)``, ``cylinder(start, end, radius)``, ``cone`` and ``doublecone(apex,
         axis, opening, height)``, combined by ``&``, ``|`` and ``~``. Of a cell on its surface that
-        part counts which has the centres of ``samples**3`` parts of the cell inside.
+        part counts which has the centres of ``samples**3`` parts of the cell inside, or of more
+        where it goes far around the axis.
     aperture : array_like or str, optional
         A part of the image: a polygon, shape (n, 2), in the image plane's coordinates (numbers in
         the volume's unit, or a Quantity), or a text: ``"circle(center, radius)"``,

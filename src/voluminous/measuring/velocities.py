@@ -145,10 +145,12 @@ def _along(volume: Any, velocity: Any) -> Quantity:
 def _typical(volume: Any, weight: Quantity, speed: Quantity) -> float:
     """Return a velocity that is subtracted from all, so that squares of small ones differ.
 
-    The mean of some cells will do: it is added again.
+    The mean of some cells will do: it is added again. Weights of both signs count alike, or their
+    sum might be next to nothing, and the quotient beyond all velocities.
     """
     last = min(volume.grid.size, 1 << 16)
     w, v = (volume.evaluate_cells(q.expression, 0, last) for q in (weight, speed))
+    w = np.abs(w)
     total = float(np.nansum(w))
     with np.errstate(all="ignore"):  # a quotient by a density that is zero, say
         mean = float(np.nansum(w * v)) / total if total else 0.0

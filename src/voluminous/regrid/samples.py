@@ -62,7 +62,7 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
         What each stands for; a cell's add up to its volume.
     """
     volumes, images = grid.cell_volumes.reshape(-1), mirror_images(grid)
-    counts = _counts(grid, count)
+    counts = points_along(grid, count)
     steps = [(np.arange(n) + 0.5) / n - 0.5 for n in counts]
     offsets = np.array(np.meshgrid(*steps, indexing="ij")).reshape(3, 1, -1)
     step = max(1, _CHUNK // (offsets.shape[2] * len(images)))
@@ -76,7 +76,7 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
             yield cell, np.ascontiguousarray(points * image), share.ravel() / len(images)
 
 
-def _counts(grid: Any, count: int) -> list[int]:
+def points_along(grid: Any, count: int) -> list[int]:
     """Return how many points are taken along each axis of a cell: more along wide angles."""
     widths = [
         np.diff(edges).max() if name in ("theta", "phi") else 0.0
