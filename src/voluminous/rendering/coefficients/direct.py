@@ -120,7 +120,7 @@ class Direct:
 
     def paths(self, largest: list[float]) -> float:
         """Return how many path lengths go into a length of one; zero if that cannot be told."""
-        one, most = self.one_path(), self.brightest(largest)
+        one, most = self._brightest_color(), self.brightest(largest)
         return most / one if one > 0.0 and most < np.inf else 0.0
 
     def shares(self, path: Path, panel: Panel, context: Context) -> list[tuple[Any, Any]]:
