@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
-from ..backend.functions import horner
+from ..backend.functions import horner, precision_of
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_jet import TracedJet
 from ..expressions.traced_jet_ops import TracedJetOps
@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from ..expressions import Expression
     from .stretch import Cubic, Stretch
 
-# Steps of the search: a parabola takes five, and a tenth root that starts at its pole ten.
+# Steps of the search at most: cubics take three or four, a tenth root that begins at its pole six.
 _STEPS = 12
-# Where it ends, as a part of the stretch: what is left Newton's step takes away.
-_NEAR = 1e-4
+# It ends where the scalar is so near, as a part of what it changes by: Newton's step leaves about
+# the square of that.
+_NEAR = {"single": 2e-5, "double": 1e-7}
 
 
 @dataclass
@@ -44,13 +45,20 @@ class Passing:
 
 
 @dataclass
-class _Bracket:
-    """Two places between which a level is passed, and how far the scalar is from it there."""
+class _Search:
+    """Two places between which a level is passed, and how far the scalar is from it there.
+
+    `here` is the latest of them, and `value` what there is; `side` tells whether that has become
+    the lower (1) or the upper end (-1).
+    """
 
     low: Any
     high: Any
     below: Any
     above: Any
+    here: Any
+    value: Any
+    side: Any
     count: Any
 
 
@@ -65,55 +73,65 @@ def on_fields(stretch: Stretch, expr: Expression, level: Any) -> Passing:
 
     Anywhere in it where neither half does.
     """
-    place = _found(stretch, expr, level)
-    value, slope = _with_slope(stretch, expr, place)
-    # Kinks and jumps have no slope: a line through what is near is all there is.
+    end = _searched(stretch, expr, level)
+    value, slope = _with_slope(stretch, expr, end.here)
+    # Kinks and jumps have no slope: a line through both ends is all there is.
     known = dr.isfinite(slope) & (slope != 0.0)
     chord = stretch.scalar(expr, 1.0) - stretch.scalar(expr, 0.0)
-    onward = (level - value) / dr.select(known, slope, 1.0)
-    place = dr.select(known & (dr.abs(onward) < _NEAR), place + onward, place)
-    return Passing(place, dr.select(known, slope, chord))
+    onward = end.here + (level - value) / dr.select(known, slope, 1.0)
+    inside = known & (onward >= end.low) & (onward <= end.high)
+    return Passing(dr.select(inside, onward, end.here), dr.select(known, slope, chord))
 
 
-def _found(stretch: Stretch, expr: Expression, level: Any) -> Any:
-    """Return a place near that at which a level is passed.
+def _searched(stretch: Stretch, expr: Expression, level: Any) -> _Search:
+    """Return the search for a place near that at which a level is passed, at its end.
 
-    By the Illinois method (Dowell & Jarratt 1971): secants, the end that stays counting half.
+    Secants; an end that stays while the other comes nearer counts the less, the nearer that comes
+    (Anderson & Björck 1973, *BIT* 13, 253).
     """
     first, middle, last = (x - level for x in stretch.nodes(expr))
     early = (first < 0.0) ^ (middle < 0.0)
+    passes = early | ((first < 0.0) ^ (last < 0.0))
+    below, above = dr.select(early, first, middle), dr.select(early, middle, last)
     real = type(first)
-    start = _Bracket(
+    close = _NEAR[precision_of(real)] * dr.abs(above - below)
+    start = _Search(
         low=dr.select(early, real(0.0), 0.5),
         high=dr.select(early, real(0.5), 1.0),
-        below=dr.select(early, first, middle),
-        above=dr.select(early, middle, last),
-        count=dr.select((first < 0.0) ^ (last < 0.0) | early, real(0.0), _STEPS),
+        below=below,
+        above=above,
+        here=dr.select(early, real(0.0), 0.5),
+        value=below,
+        side=real(0.0),
+        count=dr.select(passes, real(0.0), _STEPS),
     )
 
-    def going_on(state: _Bracket) -> Any:
-        return (state.count < _STEPS) & (state.high - state.low > _NEAR)
+    def going_on(state: _Search) -> Any:
+        return (state.count < _STEPS) & ~(dr.abs(state.value) <= close)
 
-    def step(state: _Bracket) -> tuple[_Bracket]:
+    def step(state: _Search) -> tuple[_Search]:
         part = _root(state.below, state.above)
-        # Not at an end: what is nearly passed there would be passed nowhere else.
-        part = dr.clip(part, 0.5 * _NEAR, 1.0 - 0.5 * _NEAR)
         here = dr.fma(part, state.high - state.low, state.low)
         value = stretch.context.evaluate(expr, stretch.fields(here)) - level
         onward = (value < 0.0) == (state.below < 0.0)
-        stayed = dr.select(onward, state.above, state.below)
+        side = dr.select(onward, real(1.0), -1.0)
+        less = 1.0 - value / dr.select(onward, state.below, state.above)
+        less = dr.select(side == state.side, dr.select(less > 0.0, less, 0.5), 1.0)
         return (
-            _Bracket(
+            _Search(
                 low=dr.select(onward, here, state.low),
                 high=dr.select(onward, state.high, here),
-                below=dr.select(onward, value, 0.5 * stayed),
-                above=dr.select(onward, 0.5 * stayed, value),
+                below=dr.select(onward, value, state.below * less),
+                above=dr.select(onward, state.above * less, value),
+                here=here,
+                value=value,
+                side=side,
                 count=state.count + 1.0,
             ),
         )
 
     (end,) = dr.while_loop((start,), going_on, step, label="passage")
-    return dr.fma(_root(end.below, end.above), end.high - end.low, end.low)
+    return end
 
 
 def _root(first: Any, last: Any) -> Any:
