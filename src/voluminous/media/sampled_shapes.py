@@ -31,7 +31,11 @@ class SampledShaped(Shaped):
             return own(stretch, context)
         shape = self.sampled_per_length(stretch, context, fine=fine)
         ones = [1.0] * (self.channels + 1)
-        found = Sampled(*(self._painted(v, ones, context) for v in shape))
+        return self._in_colors([(value, ones) for value in shape], context)
+
+    def _in_colors(self, rows: list[tuple[Any, list[Any]]], context: Context) -> Sampled:
+        """Return coefficients for shapes and factors: of mean, ends, and what may be off."""
+        found = Sampled(*(self._painted(shape, factors, context) for shape, factors in rows))
         found.off.emissivity = [dr.abs(off) for off in found.off.emissivity]
         return found
 
@@ -79,10 +83,7 @@ class SampledShaped(Shaped):
         shape = [dr.select(seen, per_length * self.sample(z), 0.0) for z in nodes]
         found = products(shape, dr.select(unsure, dr.inf, dr.select(seen, off, 0.0)), factors)
         one = type(off)(1.0)
-        own = (self._painted(one, list(column), context) for column in zip(*found, strict=True))
-        sampled = Sampled(*own)
-        sampled.off.emissivity = [dr.abs(e) for e in sampled.off.emissivity]
-        return sampled
+        return self._in_colors([(one, list(own)) for own in zip(*found, strict=True)], context)
 
     def sampled_per_length(
         self, stretch: Stretch, context: Context, *, fine: bool = False
