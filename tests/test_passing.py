@@ -10,6 +10,7 @@ from random_trees import random_flags
 from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
+from voluminous.media.passing import passing, slope_at
 from voluminous.media.stretch import Stretch
 
 # How far values are from the level: rounding.
@@ -47,9 +48,9 @@ def test_places_and_slopes_are_those_of_the_fields(text, precision):
     once = np.sum(np.diff(values < level, axis=0), axis=0) == 1
     assert once.sum() > 100
     stretch, expr = stretch_of(backend, **rows), Expression(text)
-    found = stretch.passing(expr, backend.opaque(level))
-    assert stretch.passing(expr, stretch.length) is not found
-    place, slope = (v.numpy().astype(float) for v in (found.place, found.slope))
+    found = passing(stretch, expr, backend.opaque(level))
+    slope = slope_at(stretch, expr, found).numpy().astype(float)
+    place = found.numpy().astype(float)
     here = [sum(c.astype(float) * place**k for k, c in enumerate(own)) for own in rows.values()]
     off = np.abs(function(*here) - level)[once]
     steep = np.abs(np.gradient(values, 1 / 4000, axis=0))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
-from .jumps import Margin, is_partial, is_smooth, margins, may_peak
+from .jumps import Margin, is_partial, is_smooth, is_stepped, margins, may_peak
 from .monotone import Kind, kind_of
 from .ops import Ops
 from .parser import parse
@@ -106,6 +106,11 @@ class Expression:
     def margins(self) -> tuple[Margin, ...]:
         """Return the differences of what it compares: where one changes its sign, it may jump."""
         return margins(self.tree, self.text)
+
+    @property
+    def stepped(self) -> bool:
+        """Whether it is a condition that changes at its `margins`, and nowhere else."""
+        return is_stepped(self.tree)
 
     @property
     def smooth(self) -> bool:

@@ -18,6 +18,7 @@ from .tree import (
     Field,
     IntegerPower,
     Interpolation,
+    Logic,
     Node,
     Steps,
     Where,
@@ -31,6 +32,7 @@ _PEAKED = frozenset(
 _PARTIAL = frozenset(
     ("divide", "power", "log", "log10", "sqrt", "tan", "remainder", "floor_divide")
 )
+_ORDER = frozenset(("less", "less_equal", "greater", "greater_equal"))
 _SMOOTH = frozenset((*_ARITHMETIC, "log10", "log", "exp", "sqrt", "power", "tanh"))
 
 
@@ -84,6 +86,19 @@ def is_smooth(tree: Node) -> bool:
         isinstance(node, (Constant, Field, Earlier, Steps, IntegerPower))
         or (isinstance(node, Call) and node.operation in _SMOOTH)
         for node in nodes(tree)
+    )
+
+
+def is_stepped(tree: Node) -> bool:
+    """Return whether a tree is true or false by what is larger than what, and nothing else."""
+    if isinstance(tree, Logic):
+        return all(map(is_stepped, tree.arguments))
+    return (
+        isinstance(tree, Comparison)
+        and _ORDER.issuperset(tree.operations)
+        and not any(
+            isinstance(node, (Comparison, Where)) for side in tree.operands for node in nodes(side)
+        )
     )
 
 

@@ -17,6 +17,7 @@ from .context import Context, no_unit
 if TYPE_CHECKING:
     from .bounds import Bounds
     from .course import CourseContext, Courses
+    from .edges import Edge
     from .part_bounds import PartBounds
     from .sampled import Sampled
     from .shell import Shell
@@ -140,6 +141,27 @@ class Medium:
         usable = [dr.select(a >= 0.0, a, math.nan) for a in found.extinction]
         values = [bright * j for j in found.emissivity] + [dense * a for a in usable]
         return [context.narrow(v) for v in values]
+
+    def edges(self, context: Context) -> list[Edge]:
+        """Return where the medium jumps, or has a `layer`: panels end there, if a ray passes.
+
+        Of media that tell their edges `means` and `sampled` are asked about stretches without one
+        inside (`Stretch.edgeless`).
+        """
+        return []
+
+    def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
+        """Return what has no width and is passed on a stretch: emission if thin, optical depth.
+
+        In the units of `means` times length; as it is at a place, from 0 to 1. None if there never
+        is any.
+        """
+        return None
+
+    @property
+    def hollow(self) -> bool:
+        """Whether there is nothing of it between its edges."""
+        return False
 
     @property
     def smooth(self) -> bool:

@@ -10,14 +10,14 @@ from ..backend.functions import precision_of, unit_interval
 from .turning import may_turn
 
 if TYPE_CHECKING:
-    from ..expressions import Expression
+    from ..expressions import Expression, Margin
     from .stretch import Stretch
 
 # What rounding may do to a value near a level, as a fraction of it.
 NOISE = {"single": 2e-6, "double": 1e-14}
 
 
-def passes(stretch: Stretch, expr: Expression, level: Any) -> tuple[Any, Any]:
+def passes(stretch: Stretch, expr: Expression | Margin, level: Any) -> tuple[Any, Any]:
     """Return how often an expression may pass a level on a stretch, and how often nodes show it.
 
     Once more than that where it may turn: smaller panels tell.

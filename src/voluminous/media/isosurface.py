@@ -25,9 +25,11 @@ from ..units import plain
 from . import surface_crossing, surface_panels, surface_sheet
 from .context import Context
 from .contract import Coefficients, Medium
+from .edges import Edge
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
+from .modulation import Factors
 from .shell import Shell
 from .surface_given import (
     depth_of,
@@ -158,6 +160,22 @@ class Isosurface(Medium):
         """Return the largest colour and the largest opacity."""
         return max(map(abs, self.color)), max(self.opacity)
 
+    def edges(self, context: Context) -> list[Edge]:
+        """Return the surfaces, if they have no width; else those of the gate."""
+        if self.thick:
+            return self.modulation.edges(context)
+        return [Edge(self.expr, level) for level in self.numbers(context).levels]
+
+    @property
+    def hollow(self) -> bool:
+        """Whether there is no width."""
+        return not self.thick
+
+    @property
+    def finer(self) -> bool:
+        """Whether there is nothing between edges."""
+        return self.hollow
+
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression whose levels are shown."""
         return (self.expr,)
@@ -179,12 +197,26 @@ class Isosurface(Medium):
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""
-        own = self.numbers(context)
-        part = surface_sheet.part if self.thick else surface_crossing.part
+        levels = self.numbers(context).levels
         zero = type(panel.length)(0)
+        if self.hollow and panel.stretch.edgeless:
+            return self._in_colors([], zero, context)
+        part = surface_sheet.part if self.thick else surface_crossing.part
+        found = [part(self, panel, context, level) for level in levels]
+        return self._in_colors(found, zero, context)
+
+    def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
+        """Return what is crossed on a stretch, if there is no width."""
+        if self.thick:
+            return None
+        found = surface_crossing.layers(self, stretch, context, place)
+        return self._in_colors(found, stretch.length * 0.0, context)
+
+    def _in_colors(self, shown: list[Factors], zero: Any, context: Context) -> Coefficients:
+        """Return emission and extinction of surfaces, of each of which so much is shown."""
+        own = self.numbers(context)
         emission, extinction = [zero] * self.channels, [zero] * len(own.depths[0])
-        for level, color, depths in zip(own.levels, own.colors, own.depths, strict=True):
-            found = part(self, panel, context, level)
+        for found, color, depths in zip(shown, own.colors, own.depths, strict=False):
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
             for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown

@@ -22,6 +22,7 @@ from ..expressions.traced_interval import TracedInterval
 from .color_by import ColorBy
 from .context import Context
 from .contract import Coefficients
+from .edges import Edge
 from .given import color_values
 from .turning import at_places, within
 
@@ -107,6 +108,30 @@ class Modulation:
         used = [*(self.where.names if self.where else ()), *(color.names if color else ())]
         self.names = tuple(dict.fromkeys(used))
 
+    @property
+    def stepped(self) -> bool:
+        """Whether the gate is open or closed, and nothing between."""
+        return self.where is not None and self.where.stepped
+
+    @property
+    def switches(self) -> bool:
+        """Whether there is nothing but a gate that is open or closed."""
+        return self.stepped and self.color is None
+
+    @property
+    def soft(self) -> bool:
+        """Whether the gate has no kinks but where it is open or closed."""
+        return self.where is not None and self.where.smooth and not self.where.partial
+
+    def edges(self, context: Context) -> list[Edge]:
+        """Return where the gate opens and closes; of a soft one where it begins and ends to."""
+        if self.where is None:
+            return []
+        zero, one = (context.kept_number(v) for v in (0.0, 1.0))
+        if self.stepped:
+            return [Edge(margin, zero) for margin in self.where.margins()]
+        return [Edge(self.where, level) for level in (zero, one)] if self.soft else []
+
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of gate and colour; no difference of values is too small."""
         found = (self.where, self.color.expr if self.color else None)
@@ -140,7 +165,7 @@ class Modulation:
     def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
         """Return the mean factors over a panel for a shape with its mass at a place."""
         first, last = (self.at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
-        here = self._factors(panel.fields(middle.place), context)
+        here = self._there(panel.stretch, panel.fields(middle.place), context)
         spread, place = middle.spread, middle.place
         weights = ((1.0 - place) * spread, 1.0 - spread, place * spread)
         mean = [
@@ -158,6 +183,11 @@ class Modulation:
             hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
         if self.where is None:
             return seen, hidden
+        if self._decided(stretch):
+            seen = seen & (self._decision(stretch, context) > 0.0)
+            return seen, seen & hidden
+        if self.soft and stretch.edgeless:
+            return seen & (self.gate(stretch.fields(0.5), context) > 0.0), seen & hidden
         possible = _possible(self.where, stretch)
         # Also where ends show the change: two panels may agree on the wrong side of an edge.
         doubtful = possible.hi - possible.lo > _DOUBT
@@ -205,6 +235,9 @@ class Modulation:
     def _factors(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return the gate, then the gated colours, in the type of integrals."""
         gate: Any = context.narrow(self.gate(fields, context)) if self.where else None
+        return self._painted(gate, fields, context)
+
+    def _painted(self, gate: Any, fields: dict[str, Any], context: Context) -> list[Any]:
         paint = self.color.seen(fields, context) if self.color else []
         if gate is None:
             return [type(paint[0])(1.0), *paint]
@@ -219,7 +252,36 @@ class Modulation:
 
     def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
         """Return the factors, the gate first, at a place of a stretch; computed once."""
-        return kept(stretch, (id(self), s), lambda: self._factors(stretch.fields(s), context))
+        return kept(
+            stretch, (id(self), s), lambda: self._there(stretch, stretch.fields(s), context)
+        )
+
+    def switched(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return one where the gate is open on a stretch, else zero; and where it may be both."""
+        if self.where is None:
+            return type(stretch.length)(1.0), stretch.length < 0.0
+        if self._decided(stretch):
+            return self._decision(stretch, context), stretch.length < 0.0
+        possible = _possible(self.where, stretch)
+        return context.narrow(possible.hi), possible.lo < possible.hi
+
+    def _decided(self, stretch: Stretch) -> bool:
+        """Return whether the gate is everywhere on a stretch what it is in the middle."""
+        return self.stepped and stretch.edgeless
+
+    def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Any]:
+        """Return the factors at a place of a stretch with these fields."""
+        if not self._decided(stretch):
+            return self._factors(fields, context)
+        return self._painted(self._decision(stretch, context), fields, context)
+
+    def _decision(self, stretch: Stretch, context: Context) -> Any:
+        """Return whether the gate is open on a stretch without edges: one or zero."""
+
+        def make() -> Any:
+            return context.narrow(self.gate(stretch.fields(0.5), context))
+
+        return kept(stretch, (id(self), "gate"), make)
 
 
 def kept(stretch: Stretch, key: Any, make: Any) -> Any:

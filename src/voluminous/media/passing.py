@@ -18,30 +18,17 @@ from ..expressions.traced_jet_ops import TracedJetOps
 from .course import completed
 
 if TYPE_CHECKING:
-    from ..expressions import Expression
+    from ..expressions import Expression, Margin
     from .stretch import Cubic, Stretch
 
 # Steps of the search at most: cubics take three or four, a tenth root that begins at its pole six.
-_STEPS = 12
+_STEPS = 24
+# After so many steps that moved the same end the next one halves: behind one edge, where a scalar
+# hardly rises before it falls, twelve steps missed the next by a hundredth of the way.
+_ONE_SIDED = 2.0
 # It ends where the scalar is so near, as a part of what it changes by: Newton's step leaves about
 # the square of that.
 _NEAR = {"single": 2e-5, "double": 1e-7}
-
-
-@dataclass
-class Passing:
-    """Where a scalar passes a level.
-
-    Attributes
-    ----------
-    place : array
-        Where in the stretch, from 0 to 1.
-    slope : array
-        Its derivative there, by the place.
-    """
-
-    place: Any
-    slope: Any
 
 
 @dataclass
@@ -49,7 +36,8 @@ class _Search:
     """Two places between which a level is passed, and how far the scalar is from it there.
 
     `here` is the latest of them, and `value` what there is; `side` tells whether that has become
-    the lower (1) or the upper end (-1).
+    the lower (> 0) or the upper end (< 0), and for how many steps that has been so. `leaving` is
+    where the lower end is on the level, as behind another passage: what is near it is not the next.
     """
 
     low: Any
@@ -59,31 +47,39 @@ class _Search:
     here: Any
     value: Any
     side: Any
+    leaving: Any
     count: Any
 
 
-def on_chord(stretch: Stretch, expr: Expression, level: Any) -> Passing:
-    """Return where a line through both ends passes a level."""
-    first, last = (stretch.scalar(expr, s) - level for s in (0.0, 1.0))
-    return Passing(_root(first, last), last - first)
+def on_chord(stretch: Stretch, expr: Expression, level: Any) -> Any:
+    """Return where a line through both ends passes a level, from 0 to 1."""
+    return _root(*(stretch.scalar(expr, s) - level for s in (0.0, 1.0)))
 
 
-def on_fields(stretch: Stretch, expr: Expression, level: Any) -> Passing:
-    """Return where the first half of a stretch that shows it passes a level.
+def passing(stretch: Stretch, expr: Expression | Margin, level: Any) -> Any:
+    """Return where the first half of a stretch that shows it passes a level, from 0 to 1.
 
     Anywhere in it where neither half does.
     """
     end = _searched(stretch, expr, level)
     value, slope = _with_slope(stretch, expr, end.here)
-    # Kinks and jumps have no slope: a line through both ends is all there is.
     known = dr.isfinite(slope) & (slope != 0.0)
-    chord = stretch.scalar(expr, 1.0) - stretch.scalar(expr, 0.0)
     onward = end.here + (level - value) / dr.select(known, slope, 1.0)
     inside = known & (onward >= end.low) & (onward <= end.high)
-    return Passing(dr.select(inside, onward, end.here), dr.select(known, slope, chord))
+    return dr.select(inside, onward, end.here)
 
 
-def _searched(stretch: Stretch, expr: Expression, level: Any) -> _Search:
+def slope_at(stretch: Stretch, expr: Expression | Margin, place: Any) -> Any:
+    """Return the derivative of an expression by the place, at one.
+
+    Kinks and jumps have none: there it is that of a line through both ends.
+    """
+    _, slope = _with_slope(stretch, expr, stretch.context.real(place))
+    chord = stretch.scalar(expr, 1.0) - stretch.scalar(expr, 0.0)
+    return dr.select(dr.isfinite(slope) & (slope != 0.0), slope, chord)
+
+
+def _searched(stretch: Stretch, expr: Expression | Margin, level: Any) -> _Search:
     """Return the search for a place near that at which a level is passed, at its end.
 
     Secants; an end that stays while the other comes nearer counts the less, the nearer that comes
@@ -103,20 +99,25 @@ def _searched(stretch: Stretch, expr: Expression, level: Any) -> _Search:
         here=dr.select(early, real(0.0), 0.5),
         value=below,
         side=real(0.0),
+        leaving=dr.abs(below) <= close,
         count=dr.select(passes, real(0.0), _STEPS),
     )
 
     def going_on(state: _Search) -> Any:
-        return (state.count < _STEPS) & ~(dr.abs(state.value) <= close)
+        found = (dr.abs(state.value) <= close) & ~state.leaving
+        return (state.count < _STEPS) & ~found
 
     def step(state: _Search) -> tuple[_Search]:
-        part = _root(state.below, state.above)
+        even = state.leaving | (dr.abs(state.side) >= _ONE_SIDED)
+        part = dr.select(even, 0.5, _root(state.below, state.above))
         here = dr.fma(part, state.high - state.low, state.low)
         value = stretch.context.evaluate(expr, stretch.fields(here)) - level
         onward = (value < 0.0) == (state.below < 0.0)
-        side = dr.select(onward, real(1.0), -1.0)
+        way = dr.select(onward, real(1.0), -1.0)
+        again = way * state.side > 0.0
+        side = dr.select(again & ~even, state.side + way, way)
         less = 1.0 - value / dr.select(onward, state.below, state.above)
-        less = dr.select(side == state.side, dr.select(less > 0.0, less, 0.5), 1.0)
+        less = dr.select(again, dr.select(less > 0.0, less, 0.5), 1.0)
         return (
             _Search(
                 low=dr.select(onward, here, state.low),
@@ -126,6 +127,7 @@ def _searched(stretch: Stretch, expr: Expression, level: Any) -> _Search:
                 here=here,
                 value=value,
                 side=side,
+                leaving=state.leaving & ~(onward & (dr.abs(value) > close)),
                 count=state.count + 1.0,
             ),
         )
@@ -142,7 +144,7 @@ def _root(first: Any, last: Any) -> Any:
     return dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0)
 
 
-def _with_slope(stretch: Stretch, expr: Expression, place: Any) -> tuple[Any, Any]:
+def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Any) -> tuple[Any, Any]:
     """Return an expression and its derivative by the place, where there is one."""
     context = stretch.context
     ops = TracedJetOps(context.real, context.kept_number)

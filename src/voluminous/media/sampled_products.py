@@ -33,7 +33,8 @@ def _lagrange(nodes: Sequence[float], places: Sequence[float]) -> np.ndarray:
 _MEAN = np.array(WEIGHTS_OF_EIGHT)
 _LEAN = 6.0 * (np.array(EIGHT) - 0.5) * _MEAN
 _AT_EIGHT = _lagrange(FIVE, EIGHT)
-_BY_PARABOLA = _lagrange(FIVE[::2], FIVE[1::2])
+# Values at the five places to the coefficients of Legendre's second to fourth polynomials.
+_LEGENDRE = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * np.array(FIVE) - 1.0, 4))[2:]
 
 
 def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampled]:
@@ -56,17 +57,19 @@ def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampl
     for values in factors:
         center, rise = _dot(mean, values), _dot(lean, values)
         largest = extremes([dr.abs(v) for v in values])[1]
-        error = dr.fma(_UNKNOWN * _bent(values), whole, off * largest)
+        error = dr.fma(_UNKNOWN * _unseen(values), whole, off * largest)
         found.append(Sampled(center, center - rise, center + rise, error))
     return found
 
 
-def _bent(values: list[Any]) -> Any:
-    """Return how far the inner of five values are from a parabola through the others."""
-    outer, inner = values[::2], values[1::2]
-    return extremes(
-        [dr.abs(v - _dot(row, outer)) for v, row in zip(inner, _BY_PARABOLA, strict=True)]
-    )[1]
+def _unseen(values: list[Any]) -> Any:
+    """Return how far a function with these values may be from their polynomial, by its decay.
+
+    Coefficients of smooth functions fall by about the same factor from one to the next.
+    """
+    second, third, fourth = (dr.abs(_dot(row, values)) for row in _LEGENDRE)
+    other = second + third
+    return dr.fma(third, third / dr.select(other > 0.0, other, 1.0), fourth)
 
 
 def _dot(weights: Any, values: list[Any]) -> Any:

@@ -26,12 +26,14 @@ class SampledShaped(Shaped):
         """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
         if not self.smooth:
             return super().sampled(stretch, context)
-        if not self.modulation.fixed:
+        if not (self.modulation.fixed or self.modulation.switches):
             own = self._finely_modulated if fine else self._sampled_modulated
             return own(stretch, context)
         shape = self.sampled_per_length(stretch, context, fine=fine)
-        ones = [1.0] * (self.channels + 1)
-        return self._in_colors([(value, ones) for value in shape], context)
+        gate, unsure = self.modulation.switched(stretch, context)
+        shape.off = dr.select(unsure & (shape.off + shape.mean > 0.0), dr.inf, shape.off)
+        factors = [gate] * (self.channels + 1)
+        return self._in_colors([(value, factors) for value in shape], context)
 
     def _in_colors(self, rows: list[tuple[Any, list[Any]]], context: Context) -> Sampled:
         """Return coefficients for shapes and factors: of mean, ends, and what may be off."""

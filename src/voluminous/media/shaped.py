@@ -33,6 +33,7 @@ from .stretch import Straight, extremes
 if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
     from .course import CourseContext, Courses
+    from .edges import Edge
     from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
 
@@ -119,6 +120,10 @@ class Shaped(Medium):
     def strongest(self) -> tuple[float, float]:
         """Return the largest colour and the largest opacity."""
         return max(map(abs, self.color)), max(self.opacity)
+
+    def edges(self, context: Context) -> list[Edge]:
+        """Return those of the gate."""
+        return self.modulation.edges(context)
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the shape is a function of."""

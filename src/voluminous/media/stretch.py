@@ -15,7 +15,6 @@ from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
 from .context import Context
-from .passing import Passing, on_chord, on_fields
 from .turning import Turning, enclosed, spread
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
@@ -38,17 +37,22 @@ class Stretch:
         Its length, in units of the grid's scale.
     rough : bool
         It need not be known closely where expressions are: it is asked where something may show.
+
+    Attributes
+    ----------
+    edgeless : bool
+        No edge of the medium is inside of it: what is in its middle is everywhere.
     """
 
     def __init__(
         self, cubics: Mapping[str, Cubic], context: Context, length: Any, *, rough: bool = False
     ) -> None:
         self.cubics, self.context, self.length, self.rough = cubics, context, length, rough
+        self.edgeless = False
         self._scalars: dict[tuple[str, float], Any] = {}
         self._controls: dict[str, list[Any]] = {}
         self._turnings: dict[str, Turning] = {}
         self._spreads: dict[str, tuple[Any, Any, Any]] = {}
-        self._passings: dict[tuple[str, int], Passing] = {}
 
     def fields(self, s: Any) -> dict[str, Any]:
         """Return all fields at a place, and what follows from x, y and z."""
@@ -126,19 +130,6 @@ class Stretch:
             self._spreads[expr.text] = spread(self, expr)
         return self._spreads[expr.text]
 
-    def passing(self, expr: Expression, level: Any) -> Passing:
-        """Return where an expression passes a level, if it does once; computed once.
-
-        `level` is the same object whenever it is the same level.
-        """
-        key = (expr.text, id(level))
-        if key not in self._passings:
-            self._passings[key] = self._passes(expr, level)
-        return self._passings[key]
-
-    def _passes(self, expr: Expression, level: Any) -> Passing:
-        return on_fields(self, expr, level)
-
     def controls(self, expr: Expression | Margin) -> list[Any]:
         """Return an expression at the four Bézier control points of the fields."""
         if expr.text not in self._controls:
@@ -203,9 +194,6 @@ class Straight(Stretch):
         """Return that each field stays between its ends."""
         first, _, last = self.places()
         return {name: extremes([first[name], last[name]]) for name in first}
-
-    def _passes(self, expr: Expression, level: Any) -> Passing:
-        return on_chord(self, expr, level)
 
     def turning(self, expr: Expression | Margin) -> Turning:
         """Return that an expression stays between its ends: nothing else is looked at."""

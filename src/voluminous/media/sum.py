@@ -15,6 +15,7 @@ from .stretch import extremes
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
+    from .edges import Edge
     from .part_bounds import PartBounds
     from .shell import Shell
     from .stretch import Panel, Stretch
@@ -78,6 +79,22 @@ class Sum(Medium):
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the sums of the parts' means."""
         return self._total([part.means(panel, context) for part in self.parts])
+
+    def edges(self, context: Context) -> list[Edge]:
+        """Return the edges of all parts, those that they share once."""
+        every = (edge for part in self.parts for edge in part.edges(context))
+        return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
+
+    def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
+        """Return the sum of the parts' layers."""
+        found = [part.layer(stretch, context, place) for part in self.parts]
+        some = [one for one in found if one is not None]
+        return self._total(some) if some else None
+
+    @property
+    def hollow(self) -> bool:
+        """Whether all parts are."""
+        return all(part.hollow for part in self.parts)
 
     @property
     def smooth(self) -> bool:

@@ -31,6 +31,9 @@ _THIN = 1e18
 
 def visible(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[Any, Any]:
     """Return where a level may be crossed, and where more often than a panel's ends show."""
+    if _beyond(surface, stretch):
+        nowhere = stretch.length < 0.0
+        return nowhere, nowhere
     own = surface.numbers(context)
     nodes = stretch.nodes(surface.expr)
     seen = dr.isnan(nodes[1])  # where there is NaN, it must show
@@ -59,6 +62,8 @@ def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[
     slope bends, and of light where the normal turns.
     """
     zero = stretch.length * 0.0
+    if _beyond(surface, stretch):
+        return zero, zero
     if not surface.thick:
         return zero + 1.0, zero
     off = surface.lamp.off(stretch, context)
@@ -75,6 +80,8 @@ def sharpness(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[
 
 def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
     """Return how many surfaces are crossed in each half."""
+    if _beyond(surface, stretch):
+        return [stretch.length * 0.0] * 2
     own = surface.numbers(context)
     nodes = stretch.nodes(surface.expr)
     varies = surface.thick and surface.modulation.color is not None
@@ -87,6 +94,11 @@ def cores(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
             total += core(there, high - low > own.width, varies, total)
         counts.append(total)
     return counts
+
+
+def _beyond(surface: Isosurface, stretch: Stretch) -> bool:
+    """Return whether surfaces without width are at the ends of a stretch, and none is in it."""
+    return surface.hollow and stretch.edgeless
 
 
 def _folded(surface: Isosurface, stretch: Stretch, level: Any, width: Any) -> Any:

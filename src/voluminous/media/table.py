@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -26,6 +27,7 @@ from .table_middles import TableMiddles
 
 if TYPE_CHECKING:
     from .course import CourseContext, Courses
+    from .edges import Edge
     from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
 
@@ -126,6 +128,10 @@ class Table(Medium):
         """Return the largest emission and the largest extinction."""
         return max(self.color), max(self.opacity)
 
+    def edges(self, context: Context) -> list[Edge]:
+        """Return those of the gate."""
+        return self.modulation.edges(context)
+
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression that the table is a function of."""
         return (self.expr,)
@@ -149,9 +155,10 @@ class Table(Medium):
 
     @property
     def smooth(self) -> bool:
-        """Whether there are neither jumps in the table nor kinks in x, and nothing else varies."""
+        """Whether there are neither jumps in the table nor kinks in x, and no colours vary."""
         jumps = np.any(np.diff(self.values) == 0)
-        return self.modulation.fixed and self.expr.smooth and not jumps
+        plain = self.modulation.fixed or self.modulation.switches
+        return plain and self.expr.smooth and not jumps
 
     @property
     def finer(self) -> bool:
@@ -173,8 +180,11 @@ class Table(Medium):
         table = self._table(context, type(low))
         first, second, _ = (context.narrow(d) for d in stretch.derivatives(self.expr))
         off = BEND * table.bends(low, high, first + second)
-        heights = self.heights(context)
-        a, b = ([h * v for h, v in zip(heights, table.values(x), strict=True)] for x in samples)
+        gate, unsure = self.modulation.switched(stretch, context)
+        off = dr.select(unsure, dr.inf, off)
+        heights = [h * gate for h in self.heights(context)]
+        columns = (table.values(x)[: len(heights)] for x in samples)
+        a, b = ([h * v for h, v in zip(heights, own, strict=True)] for own in columns)
         # The line through both samples: √3 of their difference is that of its ends.
         middle = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
         lean = [_TO_ENDS * (q - p) for p, q in zip(a, b, strict=True)]

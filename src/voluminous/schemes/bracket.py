@@ -95,7 +95,9 @@ class Bracket:
             good |= tried >= budget * (_SHARE + (1.0 - _SHARE) * end)
             good |= (state.width <= _NARROWEST) | (state.begin < 0.0)
             path = dr.select(good, over(state.path, found), state.path)
-            return (Progress(*next_panel(good, state.begin, state.width), tried, path),)
+            return (
+                Progress(*next_panel(good, state.begin, state.width, state.width), tried, path),
+            )
 
         count = source.numbers.emissions
         nothing = empty_path(real, count, count)

@@ -14,9 +14,8 @@ import math
 from typing import Any
 
 from ..backend import dr
-from ..backend.functions import any_attenuation
 from .contract import Keyed, Solution
-from .path import Path, empty_path
+from .path import Path, empty_path, layer
 
 # The core of the note: 1.7e-3 of the maximum rms, and 0.87 of the time that 0.1 takes (1.4e-3).
 _COARSENESS = 0.2
@@ -114,7 +113,4 @@ def solved(source: Any, panel: Any) -> Path:
     """Return a panel solved with its mean coefficients."""
     j, alpha = source.means(panel)
     length = panel.length
-    depth = [a * length for a in alpha]
-    found = [any_attenuation(tau) for tau in depth]
-    emission = [jc * length * found[c if len(found) > 1 else 0][1] for c, jc in enumerate(j)]
-    return Path(emission, [theta for theta, _ in found], depth)
+    return layer([jc * length for jc in j], [a * length for a in alpha])

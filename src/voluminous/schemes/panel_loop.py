@@ -1,9 +1,10 @@
 """A segment in panels that are as wide as the medium lets them be, from its beginning to its end.
 
-Where the medium is smooth a panel is solved with samples, the error of which is bounded
-(`smooth_segment`). In closed form, and compared with its two halves (`halving`), it is solved where
-the medium is not smooth; where it is so dense that only the front of a panel shows; where its
-scalars are linear, since there closed forms are exact; and where there were too many panels.
+Panels end where the medium has an edge (`panel_edges`). Where it is smooth one is solved with
+samples, the error of which is bounded (`smooth_segment`). In closed form, and compared with its two
+halves (`halving`), it is solved where the medium is not smooth; where it is so dense that only the
+front of a panel shows; where its scalars are linear, since there closed forms are exact; and where
+there were too many panels.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from typing import Any
 
 from ..backend import dr
 from .halving import attempt
-from .panels import known_stretch, next_panel
-from .path import Path, most, over
+from .panel_edges import up_to_edge, with_layer
+from .panels import Piece, known_stretch, next_panel
+from .path import Path, empty_path, most, over
 from .smooth_segment import smooth_segment
 
 # Panels are not made narrower than this fraction of a segment. With 2^-8 in single precision, three
@@ -33,37 +35,6 @@ _STRAIGHT = 0.01
 _SAMPLED = 2.0**-6
 # Optical depths of segments that are not sampled: attenuation by samples is that of thin panels.
 _DENSE = 2.0
-
-
-@dataclass
-class Piece:
-    """A segment's fields as polynomials, its length, and a panel of it.
-
-    Attributes
-    ----------
-    cubics : dict of str to list of arrays
-        The fields along the segment.
-    length : array
-        Length of the segment.
-    begin, width : array
-        Where the panel begins and how wide it is, as parts of the segment.
-    scalars : list of pairs of arrays
-        The medium's scalars at both ends of the panel.
-    """
-
-    cubics: Any
-    length: Any
-    begin: Any
-    width: Any
-    scalars: list[Any]
-
-    def stretch(self, source: Any) -> Any:
-        """Return the panel as a stretch of its own."""
-        part = source.stretch(self.cubics, self.length).part(self.begin, self.width)
-        for expr, (first, last) in zip(source.scalars, self.scalars, strict=True):
-            part.set_scalar(expr, 0.0, first)
-            part.set_scalar(expr, 1.0, last)
-        return part
 
 
 @dataclass
@@ -92,29 +63,22 @@ def in_panels(
     The first of them is as wide as `widest` of the segment, if it can be.
     """
     real = type(length)
-    whole = source.stretch(cubics, length)
     closed = (most(found.depth) > _DENSE) | _straight(source, cubics, known, length)
 
     def going_on(state: Progress) -> Any:
         return state.begin < 1.0
 
     def step(state: Progress) -> tuple[Progress]:
-        part = whole.part(state.begin, state.width)
-        last = state.begin + state.width >= 1.0
-        # To the last bit where the next segment begins, lest a crossing be counted twice.
-        ends = [
-            dr.select(last, values[-1], part.scalar(expr, 1.0))
-            for expr, values in zip(source.scalars, known, strict=True)
-        ]
-        pairs = [list(pair) for pair in zip(state.scalars, ends, strict=True)]
-        piece = Piece(cubics, length, state.begin, state.width, pairs)
+        pairs = [[value, value] for value in state.scalars]
+        piece = Piece(cubics, length, state.begin, state.width, pairs).ending(source, known)
+        piece, passed, hidden = up_to_edge(source, piece, known)
         seen = seen_through if backward else seen_through * most(state.path.transparency)
         found, good = _solved(source, backward, piece, seen, closed)
+        good &= ~hidden | (piece.width <= _NARROWEST)
+        found = with_layer(source, backward, piece, good & passed, found)
         front, back = (found, state.path) if backward else (state.path, found)
-        panel = next_panel(good, state.begin, state.width)
-        scalars = [
-            dr.select(good, end, start) for start, end in zip(state.scalars, ends, strict=True)
-        ]
+        panel = next_panel(good, state.begin, piece.width, state.width)
+        scalars = [dr.select(good, end, start) for start, end in piece.scalars]
         return (Progress(*panel, scalars, dr.select(good, over(front, back), state.path)),)
 
     starts = [values[0] for values in known]
@@ -135,6 +99,8 @@ def _straight(source: Any, cubics: Any, known: Any, length: Any) -> Any:
 
 def _solved(source: Any, backward: bool, piece: Piece, seen: Any, closed: Any) -> tuple[Path, Any]:
     """Return a panel solved, and where that is good enough."""
+    if source.hollow:
+        return _nothing(source, piece), piece.width > 0.0
     if not source.finer:
         return _compared(source, backward, piece, seen)
     return dr.if_stmt(
@@ -143,6 +109,11 @@ def _solved(source: Any, backward: bool, piece: Piece, seen: Any, closed: Any) -
         true_fn=functools.partial(_compared, source, backward),
         false_fn=functools.partial(_sampled, source, backward),
     )
+
+
+def _nothing(source: Any, piece: Piece) -> Path:
+    numbers = source.numbers
+    return empty_path(type(piece.length), numbers.emissions, numbers.extinctions, 3)
 
 
 def _sampled(source: Any, backward: bool, piece: Piece, seen: Any) -> tuple[Path, Any]:

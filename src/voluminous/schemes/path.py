@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..backend import dr
+from ..backend.functions import any_attenuation
 
 
 @dataclass
@@ -37,6 +38,14 @@ def empty_path(real: Any, channels: int, extinctions: int, errors: int = 0) -> P
         [real(0) for _ in range(extinctions)],
         [real(0) for _ in range(errors)],
     )
+
+
+def layer(emission: list[Any], depth: list[Any]) -> Path:
+    """Return a layer without width: what it emits if it is thin, and its optical depth."""
+    found = [any_attenuation(tau) for tau in depth]
+    grey = len(found) == 1
+    seen = [b * found[0 if grey else c][1] for c, b in enumerate(emission)]
+    return Path(seen, [theta for theta, _ in found], depth)
 
 
 def over(front: Path, back: Path) -> Path:

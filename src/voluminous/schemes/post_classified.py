@@ -17,6 +17,7 @@ from typing import Any
 from ..backend import dr
 from .contract import Keyed, Solution
 from .halving import attempt
+from .panel_edges import surface_alone
 from .panel_loop import in_panels
 from .panels import known_stretch
 from .path import Path, empty_path, most
@@ -99,6 +100,13 @@ def _visible(
     if source.smooth:
         found, good = smooth_segment(source, whole, seen_through, backward)
         widest = 1.0
+    elif source.hollow:
+        found, good = surface_alone(source, whole, cubics, known, length, nothing)
+        widest = 1.0
+    elif source.edges:
+        found, good, widest = nothing, length < 0.0, 1.0
+        if source.finer:  # how dense it is
+            found, _ = smooth_segment(source, whole, seen_through, backward)
     else:
         found, good = attempt(source, whole, seen_through, backward, seen_through < 0.0)
         _, hidden = source.visible(whole)

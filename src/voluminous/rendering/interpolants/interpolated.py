@@ -12,8 +12,9 @@ from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.trilinear import trilinear
 from ...media.context import Context
+from ...media.edges import Edge
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
-from ...schemes.path import Path
+from ...schemes.path import Path, layer
 from ..coefficients.classify import Classifier
 from .lattice import Corners
 
@@ -130,9 +131,31 @@ class Interpolated:
         return self.backend.precision == "single" and self.classifier.medium.smooth
 
     @property
+    def edges(self) -> list[Edge]:
+        """Where the medium jumps."""
+        return self.classifier.medium.edges(self.context)
+
+    @property
+    def hollow(self) -> bool:
+        """Whether there is nothing between edges."""
+        return self.classifier.medium.hollow
+
+    @property
+    def layered(self) -> bool:
+        """Whether something is without width."""
+        return any(part.hollow for part in self.classifier.medium.components())
+
+    def layer(self, stretch: Stretch, place: Any) -> Path:
+        """Return what has no width and is passed on a stretch, as it is at a place."""
+        found = self.classifier.medium.layer(stretch, self.context, place)
+        assert found is not None  # `layered`
+        return layer(*self.numbers.split(found.listed()))
+
+    @property
     def finer(self) -> bool:
         """Whether samples will do for parts of the others."""
-        return self.smooth and self.classifier.medium.finer
+        medium = self.classifier.medium
+        return medium.smooth and medium.finer
 
     def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
         """Return mean, first and last j and α of a stretch, and how far the means may be off."""
