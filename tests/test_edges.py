@@ -9,7 +9,8 @@ import pytest
 
 import voluminous as vm
 from voluminous.backend import from_host, get_backend
-from voluminous.expressions import Expression
+from voluminous.expressions import Expression, NumpyOps
+from voluminous.expressions.sides import on_one_side
 from voluminous.media.context import Context
 from voluminous.media.edges import Edge, edges_ahead, first_edge
 from voluminous.media.passing import passing
@@ -219,3 +220,38 @@ def test_errors_are_honest_behind_gates(kind):
     off = np.abs(image.intensity - truth.intensity).max(axis=-1)
     assert np.mean(off > image.error + truth.error) <= 0.005
     assert off.max() <= 5e-3 * truth.intensity.max()
+
+
+def test_expressions_on_one_side_of_what_they_compare():
+    first, second = Expression("where(a > 1, b, 0) * c"), Expression("(a > 1) + (b < 2)")
+    pieces, sides = on_one_side([first, second])
+    assert [side.name for side in sides] == ["%side 0", "%side 1"]  # what they share once
+    assert pieces[0].names == ("%side 0", "b", "c")
+    values = {"a": np.array(3.0), "b": np.array(5.0), "c": np.array(7.0)}
+    values |= {s.name: s.condition.evaluate(NumpyOps(), values) for s in sides}
+    assert [float(v.evaluate(NumpyOps(), values)) for v in pieces] == [35.0, 1.0]
+    values["%side 0"] = np.array(0.0)
+    assert float(pieces[0].evaluate(NumpyOps(), values)) == 0.0
+
+
+def test_functions_that_jump_are_cut_where_they_do():
+    volume, view = noise((10, 10, 10), 6), vm.Orthographic(37, 23, width=2.4, resolution=32)
+
+    def hot(a, b, c):
+        hot = a > 0.3
+        return np.where(hot & (c < 1), b * b, 0.0), np.where(hot, 1.0, 0.1)
+
+    medium = vm.Medium.from_function(hot, ["a", "b", "c"], channels=1)
+    image = vm.render(volume, medium, view)
+    truth = vm.render(volume, medium, view, tolerance=1e-6, precision="double")
+    assert truth.error.max() <= 2e-5 * truth.intensity.max()
+    off = np.abs(image.intensity - truth.intensity).max(axis=-1)
+    assert np.mean(off > image.error + truth.error) <= 0.005
+
+    def coefficients(fields):
+        j, alpha = hot(*(fields[n] for n in "abc"))
+        return j, alpha
+
+    for pixel in ((16, 16), (9, 20)):
+        exact = summed(volume, pixel, view, coefficients)
+        assert truth.intensity[pixel[1], pixel[0], 0] == pytest.approx(exact, rel=1e-3)

@@ -365,7 +365,7 @@ def test_what_is_behind_opaque_panels_is_no_better_known(seed):
 
 
 def test_double_precision_has_the_digits_of_linear_fields():
-    """Closed forms are exact there, however coarse the tolerance; beyond 6 σ a shell is left out."""
+    """Closed forms are exact there, however coarse the tolerance, but for what is beyond 6 σ."""
     data = vm.Volume(vm.CartesianGrid.uniform(9, (-1, 1)))
     data["a"] = "x + 0.3*y - 0.2*z"
     medium = vm.Gaussian("a", 0.1, 0.02, (3.0,), 0.4, 0.1)

@@ -10,11 +10,14 @@ from ..backend import dr
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..expressions.sides import on_one_side
 from ..expressions.traced_rounding import larger
 from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
+from .edges import Edge
+from .modulation import kept
 from .peaks import may_peak, sharpness, unseen_kink
 from .sampled import FIVE, Sampled, compared
 
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 
 # Of a coefficient that is one over the scale of length; peaks below that are left alone.
 _FAINT = 1e-4
+# So many comparisons are searched for on rays: each takes its part of every kernel.
+_MOST_EDGES = 8
 
 
 class Coefficients(Medium):
@@ -58,6 +63,9 @@ class Coefficients(Medium):
         self.grey = len(self.extinction) == 1
         every = (*self.emissivity, *self.extinction)
         self._margins = tuple(margin for e in every for margin in e.margins())
+        pieces, sides = on_one_side(every)
+        edges = [margin for side in sides for margin in side.condition.margins()]
+        self._pieces, self._sides = (pieces, sides) if len(edges) <= _MOST_EDGES else (every, ())
         used = (name for e in self.emissivity + self.extinction for name in e.names)
         self.names = tuple(dict.fromkeys(used))
 
@@ -74,6 +82,11 @@ class Coefficients(Medium):
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of all coefficients; no difference of values is too small."""
         return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
+
+    def edges(self, context: Context) -> list[Edge]:
+        """Return where comparisons change, unless there are too many."""
+        zero = context.kept_number(0.0)
+        return [Edge(m, zero) for side in self._sides for m in side.condition.margins()]
 
     @property
     def smooth(self) -> bool:
@@ -95,7 +108,7 @@ class Coefficients(Medium):
         Samples on either side of a jump tell nothing of where it is.
         """
         seen, hidden = super().visible(stretch, context)
-        for margin in self._margins:
+        for margin in () if self._decided(stretch) else self._margins:
             low, high = stretch.hull(margin)
             # Where it is zero throughout, as of ``density > 0`` in a vacuum, nothing changes.
             hidden = hidden | ((low <= 0.0) & (high >= 0.0) & (low < high))
@@ -107,7 +120,8 @@ class Coefficients(Medium):
         Halves of panels have no order where there is a kink.
         """
         sharp = off = stretch.length * 0.0
-        for expr in filter(_restless, (*self.emissivity, *self.extinction)):
+        stretch, (emissivity, extinction) = self._on_one_side(stretch, context)
+        for expr in filter(_restless, (*emissivity, *extinction)):
             sharp = larger(sharp, context.narrow(sharpness(stretch, expr)))
             off = larger(off, context.narrow(unseen_kink(stretch, expr)))
         return sharp, off
@@ -116,10 +130,32 @@ class Coefficients(Medium):
         """Return where a coefficient may have peaks or steps that places do not show."""
         units = (context.radiance / context.scale, 1.0 / context.scale)
         found = stretch.length < 0.0
-        for every, unit in zip((self.emissivity, self.extinction), units, strict=True):
+        stretch, coefficients = self._on_one_side(stretch, context)
+        for every, unit in zip(coefficients, units, strict=True):
             for expr in filter(_restless, every):
                 found = found | may_peak(stretch, expr, context.number(_FAINT * unit))
         return found
+
+    def _decided(self, stretch: Stretch) -> bool:
+        """Return whether all comparisons are on a stretch what they are in the middle."""
+        return stretch.edgeless and bool(self._sides)
+
+    def _on_one_side(self, stretch: Stretch, context: Context) -> tuple[Stretch, tuple[Any, Any]]:
+        """Return a stretch, and emissivity and extinction there: no comparison changes on it.
+
+        Where any may, as they are.
+        """
+        if not self._decided(stretch):
+            return stretch, (self.emissivity, self.extinction)
+        k = self.channels
+
+        def make() -> Stretch:
+            middle = stretch.fields(0.5)
+            return stretch.with_constants(
+                {side.name: context.evaluate(side.condition, middle) for side in self._sides}
+            )
+
+        return kept(stretch, (id(self), "side"), make), (self._pieces[:k], self._pieces[k:])
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
         """Return intervals that hold j and α: the formulas are the same."""

@@ -44,7 +44,7 @@ def unseen_kink(stretch: Stretch, expr: Expression) -> Any:
     """
     _, slope, bow = stretch.spread(expr)
     size = _size(stretch, expr)
-    kinked = ~(bow < dr.inf) & (slope <= _STEEP * size) & (size > 0.0)
+    kinked = ~(bow < dr.inf) & (slope <= _STEEP * size) & (size > 0.0) & (size < dr.inf)
     return dr.select(kinked, _BLIND * slope / dr.select(kinked, size, 1.0), 0.0)
 
 

@@ -158,6 +158,13 @@ class Stretch:
         cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
         return Stretch(cubics, self.context, self.length * width)
 
+    def with_constants(self, values: Mapping[str, Any]) -> Stretch:
+        """Return it with more fields, each the same all along."""
+        cubics = {**self.cubics, **{name: [value] for name, value in values.items()}}
+        found = Stretch(cubics, self.context, self.length, rough=self.rough)
+        found.edgeless = self.edgeless
+        return found
+
     def panel(self, first: float, last: float) -> Panel:
         """Return the panel between two of the places 0, ½ and 1."""
         return Panel(self, first, last)

@@ -103,14 +103,14 @@ def _visible(
     elif source.hollow:
         found, good = surface_alone(source, whole, cubics, known, length, nothing)
         widest = 1.0
-    elif source.edges:
-        found, good, widest = nothing, length < 0.0, 1.0
-        if source.finer:  # how dense it is
-            found, _ = smooth_segment(source, whole, seen_through, backward)
+    elif source.edges and source.finer:  # how dense it is
+        found, _ = smooth_segment(source, whole, seen_through, backward)
+        good, widest = length < 0.0, 1.0
     else:
         found, good = attempt(source, whole, seen_through, backward, seen_through < 0.0)
         _, hidden = source.visible(whole)
-        good, widest = good & ~hidden, 0.5
+        good &= ~hidden & (length < 0.0 if source.layered else length >= 0.0)
+        widest = 1.0 if source.edges else 0.5
     return dr.if_stmt(
         args=(cubics, known, length, seen_through, nothing, found),
         cond=good,
