@@ -220,7 +220,11 @@ def lit_by_sums(volume, camera, width, opacity, shading, steps=10_000):
     origin, direction = (part[:, None] for part in rays(camera, volume.grid))
     sides = (volume.grid.bounds.T - origin) / direction
     first, last = sides.min(axis=1).max(axis=1), sides.max(axis=1).min(axis=1)
-    ends = np.linspace(first, np.maximum(first, last), steps + 1, axis=1)[..., None]
+    even = np.linspace(first, np.maximum(first, last), steps + 1, axis=1)
+    # And where fields have kinks: a step across one misses how far a surface is entered there.
+    kinks = [(c - origin[..., k]) / direction[..., k] for k, c in enumerate(volume.grid.centers)]
+    kinks = np.clip(np.concatenate(kinks, axis=1), even[:, :1], even[:, -1:])
+    ends = np.sort(np.concatenate([even, kinks], axis=1), axis=1)[..., None]
 
     def along(name, t):
         place = np.moveaxis(origin + t * direction, -1, 0)

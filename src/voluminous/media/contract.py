@@ -169,6 +169,11 @@ class Medium:
         return False
 
     @property
+    def linear(self) -> bool:
+        """Whether `means` is exact where scalars are linear, and better than `sampled`."""
+        return True
+
+    @property
     def finer(self) -> bool:
         """Whether `sampled` knows of all stretches that are narrow enough."""
         return False

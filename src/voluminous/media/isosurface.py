@@ -22,7 +22,7 @@ from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
-from . import surface_crossing, surface_panels, surface_sheet
+from . import surface_crossing, surface_panels, surface_sampled, surface_sheet
 from .context import Context
 from .contract import Coefficients, Medium
 from .edges import Edge
@@ -30,6 +30,7 @@ from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors
+from .sampled import Sampled
 from .shell import Shell
 from .surface_given import (
     depth_of,
@@ -161,10 +162,23 @@ class Isosurface(Medium):
         return max(map(abs, self.color)), max(self.opacity)
 
     def edges(self, context: Context) -> list[Edge]:
-        """Return the surfaces, if they have no width; else those of the gate."""
-        if self.thick:
+        """Return the surfaces, if they have no width; else what the gate has.
+
+        And the sides of those in which something varies: how much there is of others is known.
+        """
+        own = self.numbers(context)
+        if not self.thick:
+            return [Edge(self.expr, level) for level in own.levels]
+        if not self._varies:
             return self.modulation.edges(context)
-        return [Edge(self.expr, level) for level in self.numbers(context).levels]
+        sides = context.keep((id(self), "sides"), lambda: [x for pair in own.ranges for x in pair])
+        return [*(Edge(self.expr, x) for x in sides), *self.modulation.edges(context)]
+
+    @property
+    def _varies(self) -> bool:
+        """Whether a crossing may look different from one place to the next."""
+        plain = self.density == "crossing" and self.shading == 0
+        return not (plain and (self.modulation.fixed or self.modulation.switches))
 
     @property
     def hollow(self) -> bool:
@@ -173,8 +187,20 @@ class Isosurface(Medium):
 
     @property
     def finer(self) -> bool:
-        """Whether there is nothing between edges."""
-        return self.hollow
+        """Whether samples tell of all narrow stretches without edges."""
+        return self.hollow or (self._varies and self.expr.smooth)
+
+    @property
+    def linear(self) -> bool:
+        """Whether closed forms are exact where the scalar is linear."""
+        return not self._varies
+
+    def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
+        """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
+        if self.hollow or not self.finer:
+            return super().sampled(stretch, context, fine=fine)
+        own = surface_sampled.sampled if fine else surface_sampled.roughly
+        return own(self, stretch, context)
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expression whose levels are shown."""

@@ -43,7 +43,7 @@ WEIGHTS = (1 / 12, 5 / 12, 5 / 12, 1 / 12)
 _OFF = 1_512_000.0
 # The same with five nodes, and the weights of Simpson's rule with the first, third and fifth.
 FIVE = (0.0, 0.5 - math.sqrt(3 / 28), 0.5, 0.5 + math.sqrt(3 / 28), 1.0)
-_WEIGHTS_OF_FIVE = (1 / 20, 49 / 180, 16 / 45)
+WEIGHTS_OF_FIVE = (1 / 20, 49 / 180, 16 / 45, 49 / 180, 1 / 20)
 _SIMPSON = (1 / 6, 2 / 3)
 # What two rules may agree about by accident, of how sharply the function turns at inner nodes.
 _BY_ACCIDENT = 0.06
@@ -89,7 +89,7 @@ def compared(values: list[Any]) -> Sampled:
     """
     first, second, middle, fourth, last = values
     ends, inner = first + last, second + fourth
-    outer, between, central = _WEIGHTS_OF_FIVE
+    outer, between, central = WEIGHTS_OF_FIVE[:3]
     mean = dr.fma(outer, ends, dr.fma(between, inner, central * middle))
     simpson = dr.fma(_SIMPSON[0], ends, _SIMPSON[1] * middle)
     wide, narrow = FIVE[2] - FIVE[1], FIVE[1]

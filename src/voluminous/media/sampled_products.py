@@ -19,7 +19,7 @@ from .stretch import extremes
 
 # What the polynomial through five values may be off by, of what the inner ones are off a parabola
 # through the others: a kink in the middle is off by a fifth of it in the mean.
-_UNKNOWN = 0.5
+UNKNOWN = 2.0
 
 
 def _lagrange(nodes: Sequence[float], places: Sequence[float]) -> np.ndarray:
@@ -49,30 +49,30 @@ def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampl
     factors : list of five arrays each
         The factors at `sampled.FIVE`.
     """
-    whole = _dot(_MEAN, shape)
+    whole = dot(_MEAN, shape)
     mean, lean = (
-        [_dot(weights * column, shape) for column in _AT_EIGHT.T] for weights in (_MEAN, _LEAN)
+        [dot(weights * column, shape) for column in _AT_EIGHT.T] for weights in (_MEAN, _LEAN)
     )
     found = []
     for values in factors:
-        center, rise = _dot(mean, values), _dot(lean, values)
+        center, rise = dot(mean, values), dot(lean, values)
         largest = extremes([dr.abs(v) for v in values])[1]
-        error = dr.fma(_UNKNOWN * _unseen(values), whole, off * largest)
+        error = dr.fma(UNKNOWN * unseen(values), whole, off * largest)
         found.append(Sampled(center, center - rise, center + rise, error))
     return found
 
 
-def _unseen(values: list[Any]) -> Any:
+def unseen(values: list[Any]) -> Any:
     """Return how far a function with these values may be from their polynomial, by its decay.
 
     Coefficients of smooth functions fall by about the same factor from one to the next.
     """
-    second, third, fourth = (dr.abs(_dot(row, values)) for row in _LEGENDRE)
+    second, third, fourth = (dr.abs(dot(row, values)) for row in _LEGENDRE)
     other = second + third
     return dr.fma(third, third / dr.select(other > 0.0, other, 1.0), fourth)
 
 
-def _dot(weights: Any, values: list[Any]) -> Any:
+def dot(weights: Any, values: list[Any]) -> Any:
     """Return the sum of values times numbers, or arrays."""
     total = 0.0 * values[0]
     # NumPy's own numbers would look into arrays of Dr.Jit's.

@@ -102,6 +102,11 @@ class Sum(Medium):
         return any(part.smooth for part in self.parts)
 
     @property
+    def linear(self) -> bool:
+        """Whether one of the parts is."""
+        return any(part.linear for part in self.parts)
+
+    @property
     def finer(self) -> bool:
         """Whether all parts are known from samples on all narrow stretches."""
         return all(part.finer for part in self.parts)

@@ -63,7 +63,9 @@ def in_panels(
     The first of them is as wide as `widest` of the segment, if it can be.
     """
     real = type(length)
-    closed = (most(found.depth) > _DENSE) | _straight(source, cubics, known, length)
+    closed = most(found.depth) > _DENSE
+    if source.linear:
+        closed |= _straight(source, cubics, known, length)
 
     def going_on(state: Progress) -> Any:
         return state.begin < 1.0

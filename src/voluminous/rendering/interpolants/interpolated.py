@@ -136,6 +136,11 @@ class Interpolated:
         return self.classifier.medium.edges(self.context)
 
     @property
+    def linear(self) -> bool:
+        """Whether closed forms are best where scalars are linear."""
+        return self.classifier.medium.linear
+
+    @property
     def hollow(self) -> bool:
         """Whether there is nothing between edges."""
         return self.classifier.medium.hollow
@@ -154,8 +159,7 @@ class Interpolated:
     @property
     def finer(self) -> bool:
         """Whether samples will do for parts of the others."""
-        medium = self.classifier.medium
-        return medium.smooth and medium.finer
+        return self.classifier.medium.finer
 
     def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
         """Return mean, first and last j and α of a stretch, and how far the means may be off."""
