@@ -55,6 +55,11 @@ MEDIA = {
     "coloured shell, 0.1": shell(0.1, COLORS),
     "soft gate, 0.1": shell(0.1, where="b"),
     "hard gate, 0.1": shell(0.1, where="b > 0"),
+    "hard gate, colormap": vm.Colormap(DENSE, "viridis", -1, 1, 0.3, 0.3, where="b > 0"),
+    "shell and surface": shell(0.1) + surface(),
+    "coloured sheet, 0.1": surface(COLORS, width=0.1),
+    "lit sheet, 0.1": surface(width=0.1, shading=1.0),
+    "conditions": vm.Coefficients("where(log10(a) > 0.3, b*b, 0)", "where(b > 0.2, 1, 0)"),
     "slab, 0.1": vm.Rectangle(DENSE, 0.3, 0.1, (1.0,), 0.3, 0.1),
     "colormap": vm.Colormap(DENSE, "viridis", -1, 1, 0.3, 0.3),
 }
