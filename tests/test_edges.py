@@ -145,6 +145,51 @@ def test_what_is_just_behind_one_passage_is_not_the_next(begin, precision):
     assert found.numpy().item() == pytest.approx(0.48, abs=EXACT[precision])
 
 
+@pytest.mark.parametrize("precision", EXACT)
+@pytest.mark.parametrize("end", [0.0, 1e-7, 1e-4])
+def test_what_is_just_before_one_passage_is_not_it(end, precision):
+    """(s - 0.7) (1 + end - s): above the level from 0.7 on, and nearly on it where it ends."""
+    rows = {"a": [[-0.7 * (1 + end)], [1.7 + end], [-1.0]]}
+    stretch, number = stretch_of(precision, **rows)
+    found = passing(stretch, Expression("a"), number(0.0 if end else -1e-12))
+    assert found.numpy().item() == pytest.approx(0.7, abs=EXACT[precision])
+
+
+@pytest.mark.parametrize("precision", EXACT)
+def test_edges_are_counted_where_a_logarithm_begins_at_nothing(precision):
+    """s (1 - s) is above 0.1 in the middle; its logarithm is infinite at both ends."""
+    stretch, number = stretch_of(precision, a=[[0.0], [1.0], [-1.0]])
+    (margin,) = Expression("log10(a) > -1").margins()
+    for part, expected in ((stretch, 2), (stretch.part(0.5, 0.5), 1), (stretch.part(0.0, 0.5), 1)):
+        count, hidden = edges_ahead(part, [Edge(margin, number(0.0))])
+        assert hidden.numpy().item() or count.numpy().item() == expected
+
+
+def test_masks_and_labels_as_gates():
+    """Edges through corners of cells: what is shown is what small steps find (tangents, too)."""
+    k = np.arange(12)
+    smooth = (np.sin(k)[:, None, None] + np.cos(1.7 * k)[:, None] + 0.2) * np.cos(0.9 * k + 0.3)
+    volume = noise((12, 12, 12), 4)
+    volume["b"], volume["c"] = (smooth > 0).astype(float), np.digitize(smooth, [-0.7, 0, 0.7])
+    view = vm.Orthographic(37, 23, width=2.0, resolution=24)
+    cases = {
+        "b > 0.5": lambda f: f["b"] > 0.5,
+        "c >= 2": lambda f: f["c"] >= 2 - 1e-9,
+        "log10(b) > -1": lambda f: f["b"] > 0.1,
+    }
+    for gate, is_open in cases.items():
+        medium = vm.Gaussian("a", 0.3, 0.7, (1.0,), 0.5, 0.3, where=gate)
+        image = vm.render(volume, medium, view)
+
+        def coefficients(fields, is_open=is_open):
+            shape = np.exp(-0.5 * ((fields["a"] - 0.3) / 0.7) ** 2) / 0.3 * is_open(fields)
+            return shape, 0.5 * shape
+
+        for i in range(0, 24, 3):
+            exact = summed(volume, (i, 13), view, coefficients, count=1000)
+            assert image.intensity[13, i, 0] == pytest.approx(exact, abs=2e-3)
+
+
 def noise(shape, seed):
     rng = np.random.default_rng(seed)
     grid = vm.CartesianGrid.uniform(shape, (-1, 1))

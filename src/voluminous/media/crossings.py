@@ -43,7 +43,8 @@ def _sign_changes(values: list[Any], level: Any) -> Any:
     2002, section 5.3). Those between the ends count only if rounding cannot have put them there.
     """
     first, *inner, last = values
-    noise = NOISE[precision_of(type(first))] * (dr.abs(level) + dr.abs(last))
+    size = dr.select(dr.isfinite(last), dr.abs(last), dr.select(dr.isfinite(first), first, 0.0))
+    noise = NOISE[precision_of(type(first))] * (dr.abs(level) + dr.abs(size))
     below, count = first < level, dr.int32_array_t(type(first))(0)
     for value in inner:
         now = (value < level - noise) | ((value < level + noise) & below)

@@ -36,8 +36,9 @@ class _Search:
     """Two places between which a level is passed, and how far the scalar is from it there.
 
     `here` is the latest of them, and `value` what there is; `side` tells whether that has become
-    the lower (> 0) or the upper end (< 0), and for how many steps that has been so. `leaving` is
-    where the lower end is on the level, as behind another passage: what is near it is not the next.
+    the lower (> 0) or the upper end (< 0), and for how many steps that has been so. `leaving` and
+    `arriving` are where the lower or the upper end is on the level itself, as behind one passage or
+    before the next: what is near that is not the one between.
     """
 
     low: Any
@@ -48,6 +49,7 @@ class _Search:
     value: Any
     side: Any
     leaving: Any
+    arriving: Any
     count: Any
 
 
@@ -100,19 +102,21 @@ def _searched(stretch: Stretch, expr: Expression | Margin, level: Any) -> _Searc
         value=below,
         side=real(0.0),
         leaving=dr.abs(below) <= close,
+        arriving=dr.abs(above) <= close,
         count=dr.select(passes, real(0.0), _STEPS),
     )
 
     def going_on(state: _Search) -> Any:
-        found = (dr.abs(state.value) <= close) & ~state.leaving
+        found = (dr.abs(state.value) <= close) & ~(state.leaving | state.arriving)
         return (state.count < _STEPS) & ~found
 
     def step(state: _Search) -> tuple[_Search]:
-        even = state.leaving | (dr.abs(state.side) >= _ONE_SIDED)
+        even = state.leaving | state.arriving | (dr.abs(state.side) >= _ONE_SIDED)
         part = dr.select(even, 0.5, _root(state.below, state.above))
         here = dr.fma(part, state.high - state.low, state.low)
         value = stretch.context.evaluate(expr, stretch.fields(here)) - level
         onward = (value < 0.0) == (state.below < 0.0)
+        off = dr.abs(value) > close
         way = dr.select(onward, real(1.0), -1.0)
         again = way * state.side > 0.0
         side = dr.select(again & ~even, state.side + way, way)
@@ -127,7 +131,8 @@ def _searched(stretch: Stretch, expr: Expression | Margin, level: Any) -> _Searc
                 here=here,
                 value=value,
                 side=side,
-                leaving=state.leaving & ~(onward & (dr.abs(value) > close)),
+                leaving=state.leaving & ~(onward & off),
+                arriving=state.arriving & (onward | ~off),
                 count=state.count + 1.0,
             ),
         )
