@@ -892,3 +892,11 @@ def test_a_casa_image_says_what_it_needs(tmp_path, monkeypatch):
     assert find_reader(tmp_path).name == "casa"
     with pytest.raises(vm.errors.MissingPackageError, match=r"exportfits(.|\n)*voluminous\[casa\]"):
         vm.open(tmp_path)
+
+
+def test_a_name_that_no_card_can_hold_is_refused(tmp_path):
+    volume = vm.models.sphere(4)
+    volume["ρ"] = "inside"
+    with pytest.raises(vm.InputError, match=r"a\.fits: .* up to 68 ASCII characters, not .* 'ρ'"):
+        vm.io.save(volume, tmp_path / "a.fits")
+    assert not list(tmp_path.iterdir())

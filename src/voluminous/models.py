@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .errors import InputError
 from .grids import CartesianGrid
 from .volume import Volume
 
@@ -22,7 +23,7 @@ def prestellar_core(resolution: int = 100, width: float = 0.25, *, peak: float =
     Parameters
     ----------
     resolution : int
-        Cells per side; even, or the central cell's density is infinite.
+        Cells per side; even, since the density of a central cell would be infinite.
     width : float
         Side of the cube in parsec (3.08572e18 cm).
     peak : float
@@ -32,10 +33,18 @@ def prestellar_core(resolution: int = 100, width: float = 0.25, *, peak: float =
     -------
     Volume
         Lengths in cm; field ``density`` (float32, cm^-3).
+
+    Raises
+    ------
+    InputError
+        If `resolution` is no even positive whole number.
     """
     half = 0.5 * width * PARSEC
-    edges = np.linspace(-half, half, resolution + 1)
-    grid = CartesianGrid(edges, edges, edges, unit="cm")
+    grid = CartesianGrid.uniform(resolution, (-half, half), unit="cm")
+    if resolution % 2:
+        raise InputError(
+            f"resolution must be even, got {resolution}: a cell at the centre has infinite density"
+        )
     square = [(c / PARSEC) ** 2 for c in grid.centers]
     r2 = square[0][:, None, None] + square[1][None, :, None] + square[2][None, None, :]
     volume = Volume(grid, density=(peak / r2).astype(np.float32))
