@@ -80,6 +80,7 @@ MEDIA = [
     vm.Gaussian("density", 1.0, 2.0, 0.5, (0.1,), 3.0),
     vm.Rectangle("density", 1.0 / u.cm**3, 2.0, (0.5, 1), (0.1, 0.2), 3 * u.km),
     vm.Table("x + 1", [0, 1, 1, 2], [[0, 1], [1, 0], [1, 1], [0, 0]], [0, 0, 1, 1], 2.0),
+    vm.Table("density", [1.0, 2.5] / u.cm**3, ["red", "blue"], [0.1, 0.2], 3 * u.km),
     vm.Colormap("density", "inferno", 1.0, 10.0, 0.3, 1 * u.pc, norm="log"),
     vm.Coefficients(["density", "2 * density"], "1e-3 * density"),
 ]
@@ -177,6 +178,48 @@ def test_an_image_carries_its_scene(tmp_path):
     vm.Image(np.ones((1, 1, 1))).save(tmp_path / "other.png")
     with pytest.raises(vm.InputError, match=r"other\.png: this image carries no scene"):
         vm.Scene.load(tmp_path / "other.png")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"tolerance": None},
+        {"tolerance": np.float64(0.1), "cutoff": np.float32(0.1)},
+        {"samples": np.int64(2)},
+        {"background": np.array([0.1, 0.2, 0.3])},
+        {"background": (0.1, 0.2, 0.3)},
+    ],
+)
+def test_values_of_python_survive_pictures_and_files(tmp_path, options):
+    image = vm.Scene(CORE).render(**options)
+    image.save(tmp_path / "core.npz")
+    given = vm.Scene({**CORE, "render": {"precision": "double", **options}})
+    given.save(tmp_path / "core.toml")
+    for name in ("core.npz", "core.toml"):
+        again = vm.Scene.load(tmp_path / name).render()
+        np.testing.assert_array_equal(again.intensity, image.intensity)
+
+
+def test_what_a_scene_cannot_hold_is_told(tmp_path):
+    scene = vm.Scene({**CORE, "render": {"tolerance": 0.1, "background": 0.5}})
+    behind = vm.Image(np.ones((8, 8, 3)))
+    with pytest.warns(UserWarning, match="scene is without background, which a file cannot hold"):
+        image = scene.render(background=behind, tolerance=1e-3, cutoff=None)
+    assert image.provenance["scene"]["render"] == {"tolerance": 1e-3}
+    with pytest.warns(UserWarning, match="scene is without background"):
+        scene.render(background=behind.intensity)
+
+
+def test_paths_and_quantities_in_place_of_texts(tmp_path):
+    vm.io.save(vm.models.prestellar_core(4), tmp_path / "core.h5")
+    camera = {"incl": np.float64(60), "width": (0.1, 0.2) * u.pc, "resolution": (4, 8)}
+    scene = vm.Scene({**CORE, "volume": {"path": tmp_path / "core.h5"}, "camera": camera})
+    scene.save(tmp_path / "core.toml")
+    assert vm.Scene.load(tmp_path / "core.toml").to_dict()["camera"] == {
+        "incl": 60.0,
+        "width": ["0.1 pc", "0.2 pc"],
+        "resolution": [4, 8],
+    }
 
 
 def test_saved_scenes_load_again(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Iterable
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def check_cutoff(cutoff: Any) -> float | None:
     """
     if cutoff is None:
         return None
-    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff < 1:
+    if not isinstance(cutoff, Real) or not 0 <= float(cutoff) < 1:
         raise InputError(
             f"cutoff is the transparency at which a ray stops: at least 0 (never) and below 1, "
             f"got {cutoff!r}"

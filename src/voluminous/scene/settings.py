@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import copy
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unknown_name
+from ..objects.values import described
 
 SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
 # Sections of which there may be several.
@@ -38,7 +38,7 @@ def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
     for name, section in sections.items():
         if name not in _LISTS and not isinstance(section, Mapping):
             raise InputError(f"expected a table [{name}], got {name} = {section!r}")
-    return copy.deepcopy(sections)
+    return {name: plain_value(section) for name, section in sections.items()}
 
 
 def _tables(name: str, given: Any) -> list[dict[str, Any]]:
@@ -60,10 +60,22 @@ def _described(thing: Any) -> Any:
     return {key: value for key, value in thing.describe().items() if value is not None}
 
 
-def plain_values(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options that a scene file can hold."""
-    listed = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
-    return {k: v for k, v in listed.items() if isinstance(v, (str, bool, int, float, list))}
+def plain_value(value: Any) -> Any:
+    """Return a value of Python as a scene file holds it; what it cannot hold stays as it is.
+
+    Arrays and tuples become lists, numbers of NumPy those of Python, paths texts, and quantities
+    texts such as "1.0 pc".
+
+    Examples
+    --------
+    >>> plain_value({"shift": (np.float64(0.5), 1), "path": Path("a.h5")})
+    {'shift': [0.5, 1], 'path': 'a.h5'}
+    """
+    if isinstance(value, Mapping):
+        return {key: plain_value(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_value(one) for one in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else described(value)
 
 
 def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
