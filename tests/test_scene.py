@@ -317,6 +317,8 @@ def test_places_that_do_not_exist(place, expected):
         (changed(SPHERE, "render", scheme="second"), r"\[render\]: unknown scheme 'second'"),
         (changed(SPHERE, "render", precision="half"), r"\[render\]: unknown precision 'half'"),
         (changed(SPHERE, "render", cutoff=2), r"\[render\]: cutoff is the transparency"),
+        (changed(SPHERE, "render", tolerance=2), r"\[render\]: tolerance is the error allowed"),
+        (changed(SPHERE, "volume", width="3 kg"), r"\[volume\]: width: expected a number"),
         (changed(SPHERE, "render", progress="yes"), r"\[render\]: unknown key 'progress'"),
         (changed(SPHERE, "image", strech="log"), r"\[image\]: unknown key 'strech'.*'stretch'"),
         (changed(SPHERE, "image", stretch="lgo"), r"\[image\]: unknown stretch 'lgo'.*'log'"),
@@ -375,6 +377,11 @@ def test_errors_of_a_file_name_it(tmp_path):
     scene = vm.Scene({**SPHERE, "volume": {"path": "none.h5"}}, tmp_path)
     with pytest.raises(MissingPathError, match=r"\[volume\]: there is no file .*none\.h5"):
         scene.volume()
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    scene = vm.Scene.load(written(tmp_path, "\ufeff" + vm.Scene(SPHERE).dumps()))
+    assert scene.to_dict() == vm.Scene(SPHERE).to_dict()
 
 
 def test_models_are_those_of_the_module():

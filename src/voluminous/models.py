@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from .errors import InputError
@@ -61,7 +59,7 @@ def uniform_slab(emissivity: float, extinction: float, thickness: float = 1.0) -
     return Volume(grid, j=np.full((1, 1, 1), emissivity), a=np.full((1, 1, 1), extinction))
 
 
-def sphere(resolution: int = 64, radius: float = 1.0, *, width: Any = None) -> Volume:
+def sphere(resolution: int = 64, radius: float = 1.0, *, width: float | None = None) -> Volume:
     """Return a sphere: field ``inside`` is one where a cell's centre is within `radius`, else zero.
 
     Seen at an impact parameter b its path is 2 sqrt(radius² - b²), to the size of a cell.

@@ -112,7 +112,7 @@ def check_tolerance(tolerance: Any) -> float:
     """
     if tolerance is None:
         return _CARELESS
-    if not isinstance(tolerance, (int, float)) or not 1e-9 <= tolerance <= 1:
+    if not isinstance(tolerance, Real) or not 1e-9 <= float(tolerance) <= 1:
         raise InputError(
             "tolerance is the error allowed in a pixel, as a fraction of the brightest: from 1e-9 "
             f"to 1, or None (do not look), got {tolerance!r}"

@@ -147,7 +147,7 @@ TEXT_TABLE = Kind("a table name = text", _table(_text))
 # Of a key nobody described: quantities become quantities, all else stays what it is.
 ANYTHING = Kind("a value", _either(_listed(_plain_quantity), lambda value: value))
 
-_ANNOTATED = {"int": WHOLE, "float": NUMBER, "bool": BOOLEAN, "str": TEXT}
+_ANNOTATED = {"int": WHOLE, "float": NUMBER, "float | None": NUMBER, "bool": BOOLEAN, "str": TEXT}
 
 
 def or_table(kind: Kind, make: Callable[[dict[str, Any]], Any]) -> Kind:

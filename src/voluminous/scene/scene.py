@@ -246,7 +246,7 @@ def _is_short(value: Any) -> bool:
 
 def _text_of(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
     except FileNotFoundError:
         raise MissingPathError(f"there is no file {path}") from None
     except UnicodeDecodeError as error:

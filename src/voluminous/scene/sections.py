@@ -152,7 +152,7 @@ def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments of `render` in ``[render]``."""
     from ..backend.device import DEVICES, PRECISIONS
-    from ..rendering.options import ORDERS, check_cutoff
+    from ..rendering.options import ORDERS, check_cutoff, check_tolerance
     from ..schemes import SCHEMES
 
     choices = {
@@ -168,6 +168,7 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
             if key in options and options[key] not in names:
                 raise unknown_name(key, options[key], names)
         check_cutoff(options.get("cutoff"))
+        check_tolerance(options.get("tolerance"))
     return options
 
 
