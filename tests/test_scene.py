@@ -261,6 +261,7 @@ def test_replaced_changes_a_copy():
         ("medium.3.opacity", "expected a number from 1 to 2, got '3'"),
         ("medium.0.opacity", "expected a number from 1 to 2, got '0'"),
         ("medium.opacity", "say which of the 2"),
+        ("object.1.width", "'object.1.width': there is none to change, got '1'"),
         ("camera.incl.x", "camera.incl is a value, not a table"),
     ],
 )
@@ -432,6 +433,8 @@ def test_toml_keeps_the_order_of_derived_fields(table):
 def test_toml_cannot_hold_everything():
     with pytest.raises(vm.InputError, match="cannot hold"):
         toml.dumps({"a": math})
+    with pytest.raises(vm.InputError, match=r"cannot hold 'a\\udcff\.h5', which is no UTF-8"):
+        toml.dumps({"path": "a\udcff.h5"})
 
 
 def test_scenes_show_what_they_are():

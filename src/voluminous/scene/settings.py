@@ -97,7 +97,7 @@ def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
         if isinstance(table, list):
             table = _item(table, key, place)
         else:
-            table = table.setdefault(key, {})
+            table = table.setdefault(key, [] if key in _LISTS and not step else {})
         if not isinstance(table, (dict, list)):
             raise InputError(f"{'.'.join(path[: step + 1])} is a value, not a table: {table!r}")
     if isinstance(table, list):
@@ -107,7 +107,8 @@ def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
 
 def _item(items: list[Any], key: str, place: str) -> Any:
     if not key.isdigit() or not 1 <= int(key) <= len(items):
-        raise InputError(f"{place!r}: expected a number from 1 to {len(items)}, got {key!r}")
+        there = f"expected a number from 1 to {len(items)}" if items else "there is none to change"
+        raise InputError(f"{place!r}: {there}, got {key!r}")
     return items[int(key) - 1]
 
 
