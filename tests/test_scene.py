@@ -157,6 +157,10 @@ def test_paths_are_relative_to_the_scene_file(tmp_path, monkeypatch):
     again = vm.Scene.load(tmp_path / "scene.toml")
     np.testing.assert_array_equal(again.render().intensity, scene.render().intensity)
     assert again.render().intensity[0, 0, 0] == 7.0  # the corner shows the background
+    (tmp_path / "pictures").mkdir()
+    again.render().save(tmp_path / "pictures" / "a.npz")
+    carried = vm.Scene.load(tmp_path / "pictures" / "a.npz")
+    np.testing.assert_array_equal(carried.render().intensity, scene.render().intensity)
 
 
 def test_file_options_reach_the_reader(tmp_path):

@@ -21,7 +21,7 @@ from .sections import (
     plain_render,
     render_options,
 )
-from .settings import plain_sections, relative_path, set_value
+from .settings import plain_sections, relative_path, set_value, with_paths
 from .source import read_source
 
 if TYPE_CHECKING:
@@ -144,7 +144,8 @@ class Scene:
         Returns
         -------
         Image
-            Its provenance holds the scene: ``Scene.load`` of the saved image gives it back.
+            Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
+            gives it back, wherever it is saved.
         """
         from ..rendering import render
 
@@ -158,6 +159,8 @@ class Scene:
         if objects is not self.objects:
             told["object"] = [one.describe() for one in objects]
         told["render"] = _held({**self._settings["render"], **overrides})
+        there = self.directory.absolute()
+        told = with_paths(told, lambda path: str(there / os.path.expanduser(path)))
         image.provenance = {**(image.provenance or {}), "scene": told}
         return image
 
@@ -192,12 +195,11 @@ class Scene:
     def to_dict(self, directory: str | Path | None = None) -> dict[str, Any]:
         """Return all sections as plain values; paths relative to `directory` if it is given."""
         settings = copy.deepcopy({k: v for k, v in self._settings.items() if v})
-        if directory is not None:
-            for section, key in (("volume", "path"), ("render", "background")):
-                value = settings.get(section, {}).get(key)
-                if isinstance(value, str):
-                    settings[section][key] = relative_path(self.directory, value, Path(directory))
-        return settings
+        if directory is None:
+            return settings
+        return with_paths(
+            settings, lambda path: relative_path(self.directory, path, Path(directory))
+        )
 
     def dumps(self) -> str:
         """Return the scene as TOML."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from ..errors import InputError, unknown_name
 from ..objects.values import described
 
 SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
+_PATHS = (("volume", "path"), ("render", "background"))
 # Sections of which there may be several.
 _LISTS = ("medium", "object")
 
@@ -110,6 +111,15 @@ def _item(items: list[Any], key: str, place: str) -> Any:
         there = f"expected a number from 1 to {len(items)}" if items else "there is none to change"
         raise InputError(f"{place!r}: {there}, got {key!r}")
     return items[int(key) - 1]
+
+
+def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+    """Return settings in which the paths of files are changed."""
+    told = dict(settings)
+    for section, key in _PATHS:
+        if isinstance(path := told.get(section, {}).get(key), str):
+            told[section] = {**told[section], key: change(path)}
+    return told
 
 
 def relative_path(old: Path, path: str, new: Path) -> str:
