@@ -82,6 +82,7 @@ MEDIA = [
     vm.Table("x + 1", [0, 1, 1, 2], [[0, 1], [1, 0], [1, 1], [0, 0]], [0, 0, 1, 1], 2.0),
     vm.Table("density", [1.0, 2.5] / u.cm**3, ["red", "blue"], [0.1, 0.2], 3 * u.km),
     vm.Colormap("density", "inferno", 1.0, 10.0, 0.3, 1 * u.pc, norm="log"),
+    vm.Colormap("density", "inferno", 1.0, 10.0, np.sqrt, 1 * u.pc, samples=16),
     vm.Coefficients(["density", "2 * density"], "1e-3 * density"),
 ]
 

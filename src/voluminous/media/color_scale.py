@@ -12,6 +12,9 @@ from ..units import plain, unit_of
 from .given import named, scalar
 from .norms import values_at
 
+# Entries that are taken from a map unless told otherwise.
+SAMPLES = 256
+
 
 class ColorScale:
     """Colours of a matplotlib colormap at increasing values; those of the ends go on beyond.
@@ -62,6 +65,8 @@ class ColorScale:
             "vmax": named(vmax),
             "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
         }
+        if samples != SAMPLES:
+            self._described["samples"] = int(samples)
 
     def describe(self) -> dict[str, Any]:
         """Return colormap, range and norm as plain values."""
