@@ -4,6 +4,7 @@ import math
 import re
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from astropy import units as u
@@ -92,6 +93,13 @@ def test_every_medium_survives_the_file(medium):
     scene = vm.Scene({"volume": CORE["volume"], "medium": [medium]})
     again = vm.Scene(toml.loads(scene.dumps()))
     assert again.medium.key() == medium.key()
+
+
+def test_a_changed_colormap_is_not_taken_for_that_of_its_name():
+    few = matplotlib.colormaps["viridis"].resampled(3)
+    medium = vm.Colormap("density", few, 1.0, 10.0, 0.3)
+    with pytest.raises(vm.UnknownNameError, match=r"unknown colormap 'viridis \(changed\)'"):
+        vm.Scene({"volume": CORE["volume"], "medium": medium})
 
 
 def test_a_camera_by_its_view_direction():

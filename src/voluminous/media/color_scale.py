@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_colormap
+from ..colormaps import colormap_name, get_colormap
 from ..errors import InputError
 from ..units import plain, unit_of
 from .given import named, scalar
@@ -60,7 +60,7 @@ class ColorScale:
         self.values = values_at(self.position, norm, low, high)
         self.rgb = np.asarray(colormap(self.position), dtype=np.float64)[:, :3]
         self._described = {
-            "cmap": colormap.name,
+            "cmap": colormap_name(colormap),
             "vmin": named(vmin),
             "vmax": named(vmax),
             "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
