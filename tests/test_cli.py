@@ -106,6 +106,20 @@ def test_a_reader_that_goes_away_is_no_error(scene, tmp_path):
     assert "Exception" not in done.stderr
 
 
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_stream_may_be_closed(scene, tmp_path, stream):
+    command = f'"$0" -m voluminous render scene.toml {stream}>&-'
+    done = subprocess.run(
+        ["sh", "-c", command, sys.executable],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "scene.png").exists()
+
+
 # render
 
 

@@ -681,3 +681,9 @@ def test_the_frame_is_drawn_around_what_shows(tmp_path, capsys):
     assert 2 < camera["width"] < 12
     across = vm.Orthographic(60, 30).frame(grid).vectors[1] @ [5, 0, 0]
     assert camera["shift"][0] == pytest.approx(across, abs=0.5)
+
+
+def test_fields_can_be_derived_where_a_picture_is_made_of_data(snapshot):
+    derived = ["--set", "volume.derived.twice=2 * rho", "--set", "medium.1.expr=log10(twice)"]
+    assert run("render", "snapshot.h5", "-q", "-o", "a.npz", *FAST, *derived) == 0
+    assert vm.Scene.load("a.npz").volume()["twice"].unit == u.g / u.cm**3

@@ -2,6 +2,7 @@
 
 import contextlib
 import importlib.metadata
+import os
 import pickle
 import zipfile
 from pathlib import Path
@@ -519,3 +520,13 @@ def test_what_cannot_be_written_is_named_as_the_user_did(tmp_path, monkeypatch):
     for save in (image.save, lambda path: vm.io.save(vm.models.sphere(4), path)):
         with pytest.raises(OSError, match=r"cannot save .*/a.npz: Permission denied; give"):
             save(tmp_path / "a.npz")
+
+
+def test_a_pipe_or_a_device_is_not_replaced_by_a_file(tmp_path):
+    pipe = tmp_path / "a.npz"
+    os.mkfifo(pipe)
+    volume = vm.models.sphere(4)
+    for save in (vm.Image(np.ones((2, 2, 3))).save, lambda path: vm.io.save(volume, path)):
+        with pytest.raises(OSError, match=r"cannot save .*a.npz: it is a device, a pipe or a soc"):
+            save(pipe)
+    assert pipe.is_fifo()

@@ -892,3 +892,21 @@ def test_a_casa_image_says_what_it_needs(tmp_path, monkeypatch):
     assert find_reader(tmp_path).name == "casa"
     with pytest.raises(vm.errors.MissingPackageError, match=r"exportfits(.|\n)*voluminous\[casa\]"):
         vm.open(tmp_path)
+
+
+def test_a_name_that_no_card_can_hold_is_refused(tmp_path):
+    volume = vm.models.sphere(4)
+    volume["ρ"] = "inside"
+    with pytest.raises(vm.InputError, match=r"a\.fits: .* up to 68 ASCII characters, not .* 'ρ'"):
+        vm.io.save(volume, tmp_path / "a.fits")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("shape", [(3, 2, 1), (1, 4, 1), (1, 1, 1)])
+def test_thin_slabs_come_back(tmp_path, shape):
+    grid = vm.CartesianGrid.uniform(shape, [(1, 2), (3, 5), (-1, 0)], unit="pc")
+    volume = vm.Volume(grid, density=np.arange(np.prod(shape), dtype=float).reshape(shape))
+    vm.io.save(volume, tmp_path / "a.fits")
+    again = vm.open(tmp_path / "a.fits")
+    np.testing.assert_allclose(again.grid.bounds, grid.bounds, rtol=1e-12)
+    np.testing.assert_array_equal(again.array("density"), volume.array("density"))

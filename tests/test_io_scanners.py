@@ -247,3 +247,9 @@ def test_itk_in_hdf5(tmp_path, steps):
     several.CopyInformation(image)
     itk.WriteImage(several, str(tmp_path / "v.hdf5"))
     check_places(vm.open(tmp_path / "v.hdf5"), parts[..., 1], ORIGIN, steps, "v_y")
+
+
+def test_nrrd_keeps_angles(tmp_path):
+    grid = vm.CartesianGrid.uniform((2, 3, 4), (-1, 1), unit="arcsec")
+    vm.io.save(vm.Volume(grid, density=np.ones(grid.shape)), tmp_path / "a.nrrd")
+    assert vm.open(tmp_path / "a.nrrd").unit == grid.unit

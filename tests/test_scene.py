@@ -4,6 +4,7 @@ import math
 import re
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pytest
 from astropy import units as u
@@ -80,7 +81,9 @@ MEDIA = [
     vm.Gaussian("density", 1.0, 2.0, 0.5, (0.1,), 3.0),
     vm.Rectangle("density", 1.0 / u.cm**3, 2.0, (0.5, 1), (0.1, 0.2), 3 * u.km),
     vm.Table("x + 1", [0, 1, 1, 2], [[0, 1], [1, 0], [1, 1], [0, 0]], [0, 0, 1, 1], 2.0),
+    vm.Table("density", [1.0, 2.5] / u.cm**3, ["red", "blue"], [0.1, 0.2], 3 * u.km),
     vm.Colormap("density", "inferno", 1.0, 10.0, 0.3, 1 * u.pc, norm="log"),
+    vm.Colormap("density", "inferno", 1.0, 10.0, np.sqrt, 1 * u.pc, samples=16),
     vm.Coefficients(["density", "2 * density"], "1e-3 * density"),
 ]
 
@@ -90,6 +93,13 @@ def test_every_medium_survives_the_file(medium):
     scene = vm.Scene({"volume": CORE["volume"], "medium": [medium]})
     again = vm.Scene(toml.loads(scene.dumps()))
     assert again.medium.key() == medium.key()
+
+
+def test_a_changed_colormap_is_not_taken_for_that_of_its_name():
+    few = matplotlib.colormaps["viridis"].resampled(3)
+    medium = vm.Colormap("density", few, 1.0, 10.0, 0.3)
+    with pytest.raises(vm.UnknownNameError, match=r"unknown colormap 'viridis \(changed\)'"):
+        vm.Scene({"volume": CORE["volume"], "medium": medium})
 
 
 def test_a_camera_by_its_view_direction():
@@ -156,6 +166,10 @@ def test_paths_are_relative_to_the_scene_file(tmp_path, monkeypatch):
     again = vm.Scene.load(tmp_path / "scene.toml")
     np.testing.assert_array_equal(again.render().intensity, scene.render().intensity)
     assert again.render().intensity[0, 0, 0] == 7.0  # the corner shows the background
+    (tmp_path / "pictures").mkdir()
+    again.render().save(tmp_path / "pictures" / "a.npz")
+    carried = vm.Scene.load(tmp_path / "pictures" / "a.npz")
+    np.testing.assert_array_equal(carried.render().intensity, scene.render().intensity)
 
 
 def test_file_options_reach_the_reader(tmp_path):
@@ -177,6 +191,48 @@ def test_an_image_carries_its_scene(tmp_path):
     vm.Image(np.ones((1, 1, 1))).save(tmp_path / "other.png")
     with pytest.raises(vm.InputError, match=r"other\.png: this image carries no scene"):
         vm.Scene.load(tmp_path / "other.png")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"tolerance": None},
+        {"tolerance": np.float64(0.1), "cutoff": np.float32(0.1)},
+        {"samples": np.int64(2)},
+        {"background": np.array([0.1, 0.2, 0.3])},
+        {"background": (0.1, 0.2, 0.3)},
+    ],
+)
+def test_values_of_python_survive_pictures_and_files(tmp_path, options):
+    image = vm.Scene(CORE).render(**options)
+    image.save(tmp_path / "core.npz")
+    given = vm.Scene({**CORE, "render": {"precision": "double", **options}})
+    given.save(tmp_path / "core.toml")
+    for name in ("core.npz", "core.toml"):
+        again = vm.Scene.load(tmp_path / name).render()
+        np.testing.assert_array_equal(again.intensity, image.intensity)
+
+
+def test_what_a_scene_cannot_hold_is_told(tmp_path):
+    scene = vm.Scene({**CORE, "render": {"tolerance": 0.1, "background": 0.5}})
+    behind = vm.Image(np.ones((8, 8, 3)))
+    with pytest.warns(UserWarning, match="scene is without background, which a file cannot hold"):
+        image = scene.render(background=behind, tolerance=1e-3, cutoff=None)
+    assert image.provenance["scene"]["render"] == {"tolerance": 1e-3}
+    with pytest.warns(UserWarning, match="scene is without background"):
+        scene.render(background=behind.intensity)
+
+
+def test_paths_and_quantities_in_place_of_texts(tmp_path):
+    vm.io.save(vm.models.prestellar_core(4), tmp_path / "core.h5")
+    camera = {"incl": np.float64(60), "width": (0.1, 0.2) * u.pc, "resolution": (4, 8)}
+    scene = vm.Scene({**CORE, "volume": {"path": tmp_path / "core.h5"}, "camera": camera})
+    scene.save(tmp_path / "core.toml")
+    assert vm.Scene.load(tmp_path / "core.toml").to_dict()["camera"] == {
+        "incl": 60.0,
+        "width": ["0.1 pc", "0.2 pc"],
+        "resolution": [4, 8],
+    }
 
 
 def test_saved_scenes_load_again(tmp_path):
@@ -218,6 +274,7 @@ def test_replaced_changes_a_copy():
         ("medium.3.opacity", "expected a number from 1 to 2, got '3'"),
         ("medium.0.opacity", "expected a number from 1 to 2, got '0'"),
         ("medium.opacity", "say which of the 2"),
+        ("object.1.width", "'object.1.width': there is none to change, got '1'"),
         ("camera.incl.x", "camera.incl is a value, not a table"),
     ],
 )
@@ -274,6 +331,8 @@ def test_places_that_do_not_exist(place, expected):
         (changed(SPHERE, "render", scheme="second"), r"\[render\]: unknown scheme 'second'"),
         (changed(SPHERE, "render", precision="half"), r"\[render\]: unknown precision 'half'"),
         (changed(SPHERE, "render", cutoff=2), r"\[render\]: cutoff is the transparency"),
+        (changed(SPHERE, "render", tolerance=2), r"\[render\]: tolerance is the error allowed"),
+        (changed(SPHERE, "volume", width="3 kg"), r"\[volume\]: width: expected a number"),
         (changed(SPHERE, "render", progress="yes"), r"\[render\]: unknown key 'progress'"),
         (changed(SPHERE, "image", strech="log"), r"\[image\]: unknown key 'strech'.*'stretch'"),
         (changed(SPHERE, "image", stretch="lgo"), r"\[image\]: unknown stretch 'lgo'.*'log'"),
@@ -334,6 +393,11 @@ def test_errors_of_a_file_name_it(tmp_path):
         scene.volume()
 
 
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    scene = vm.Scene.load(written(tmp_path, "\ufeff" + vm.Scene(SPHERE).dumps()))
+    assert scene.to_dict() == vm.Scene(SPHERE).to_dict()
+
+
 def test_models_are_those_of_the_module():
     assert "prestellar_core" in models()
     assert all(callable(getattr(vm.models, name)) for name in models())
@@ -382,6 +446,8 @@ def test_toml_keeps_the_order_of_derived_fields(table):
 def test_toml_cannot_hold_everything():
     with pytest.raises(vm.InputError, match="cannot hold"):
         toml.dumps({"a": math})
+    with pytest.raises(vm.InputError, match=r"cannot hold 'a\\udcff\.h5', which is no UTF-8"):
+        toml.dumps({"path": "a\udcff.h5"})
 
 
 def test_scenes_show_what_they_are():

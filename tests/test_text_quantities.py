@@ -24,6 +24,11 @@ THINGS = {
     "spherical": lambda q: vm.SphericalGrid(
         [q(0.1, "pc"), q(1, "pc")], [q(0, "deg"), q(90, "deg")], [0, 1]
     ),
+    "point": lambda q: vm.Star((0, 0, 0), luminosity=1, psf=q(0.1, "pc")),
+    "line": lambda q: vm.Lines([[0, 0, 0], [1, 1, 1]], "red", width=q(0.1, "pc")),
+    "boxes": lambda q: vm.boxes(colors="red", width=q(0.1, "pc")),
+    "axes": lambda q: vm.axes(length=q(1, "pc"), origin=(q(0, "pc"), q(1, "pc"), q(2, "pc"))),
+    "stars": lambda q: vm.Stars([(q(0, "pc"), q(1, "pc"), q(2, "pc"))], radii=q(0.1, "pc")),
 }
 
 

@@ -263,3 +263,14 @@ def _root(volume):
     while isinstance(array.base, np.ndarray):
         array = array.base
     return array
+
+
+@pytest.mark.parametrize("resolution", [-4, 0, 1, 7, 2.5])
+def test_a_core_of_cells_that_cannot_be_is_refused(resolution):
+    with pytest.raises(vm.InputError, match=r"positive whole numbers|must be even, got [17]"):
+        vm.models.prestellar_core(resolution)
+
+
+def test_more_cells_than_fit_into_memory_are_refused():
+    with pytest.raises(vm.errors.MemoryNeededError, match=r"a grid of 1\d+ x 1 x 1 cells needs"):
+        vm.CartesianGrid.uniform((10**21, 1, 1), (0, 1))

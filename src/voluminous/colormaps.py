@@ -29,6 +29,19 @@ def get_colormap(colormap: Any) -> Any:
     return matplotlib.colormaps[colormap]
 
 
+def colormap_name(colormap: Any) -> str:
+    """Return the name of a colormap, marked if that of another one is registered under it.
+
+    ``matplotlib.colormaps["viridis"].resampled(8)`` is called viridis, and is another map: nothing
+    shall be drawn with the one where the other was meant.
+    """
+    import matplotlib
+
+    name = str(colormap.name)
+    known = matplotlib.colormaps.get(name)
+    return name if known is None or known == colormap else f"{name} (changed)"
+
+
 def get_color(name: str) -> tuple[float, float, float]:
     """Return red, green and blue of a colour: ``"orange"``, ``"#ffa500"``, ``"C1"``.
 

@@ -58,6 +58,7 @@ def replacing(path: Path) -> Iterator[Path]:
         If the directory does not exist.
     UnwritablePathError
         If nothing can be written there: found out before the work is done. Or if there is no space.
+        Or if `path` is a device, a pipe or a socket, in whose place a rename would put a file.
     InputError
         If `path` is a directory.
     """
@@ -125,6 +126,10 @@ def _naming(path: Path) -> Iterator[None]:
 def _check_place(path: Path, target: Path) -> None:
     if target.is_dir():
         raise InputError(f"{path} is a directory; give the name of a file in it")
+    if target.exists() and not target.is_file():
+        raise UnwritablePathError(
+            f"cannot save {path}: it is a device, a pipe or a socket; give the name of a file"
+        )
     if not target.parent.is_dir():
         raise MissingPathError(
             f"cannot save {path}: the directory {target.parent} does not exist; create it first"

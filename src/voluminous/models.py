@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from .errors import InputError
 from .grids import CartesianGrid
 from .volume import Volume
 
@@ -22,7 +21,7 @@ def prestellar_core(resolution: int = 100, width: float = 0.25, *, peak: float =
     Parameters
     ----------
     resolution : int
-        Cells per side; even, or the central cell's density is infinite.
+        Cells per side; even, since the density of a central cell would be infinite.
     width : float
         Side of the cube in parsec (3.08572e18 cm).
     peak : float
@@ -32,10 +31,18 @@ def prestellar_core(resolution: int = 100, width: float = 0.25, *, peak: float =
     -------
     Volume
         Lengths in cm; field ``density`` (float32, cm^-3).
+
+    Raises
+    ------
+    InputError
+        If `resolution` is no even positive whole number.
     """
     half = 0.5 * width * PARSEC
-    edges = np.linspace(-half, half, resolution + 1)
-    grid = CartesianGrid(edges, edges, edges, unit="cm")
+    grid = CartesianGrid.uniform(resolution, (-half, half), unit="cm")
+    if resolution % 2:
+        raise InputError(
+            f"resolution must be even, got {resolution}: a cell at the centre has infinite density"
+        )
     square = [(c / PARSEC) ** 2 for c in grid.centers]
     r2 = square[0][:, None, None] + square[1][None, :, None] + square[2][None, None, :]
     volume = Volume(grid, density=(peak / r2).astype(np.float32))
@@ -52,7 +59,7 @@ def uniform_slab(emissivity: float, extinction: float, thickness: float = 1.0) -
     return Volume(grid, j=np.full((1, 1, 1), emissivity), a=np.full((1, 1, 1), extinction))
 
 
-def sphere(resolution: int = 64, radius: float = 1.0, *, width: Any = None) -> Volume:
+def sphere(resolution: int = 64, radius: float = 1.0, *, width: float | None = None) -> Volume:
     """Return a sphere: field ``inside`` is one where a cell's centre is within `radius`, else zero.
 
     Seen at an impact parameter b its path is 2 sqrt(radius² - b²), to the size of a cell.

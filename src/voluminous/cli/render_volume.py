@@ -59,7 +59,8 @@ def reader_option(place: str) -> str | None:
     section, dot, key = place.partition(".")
     if not dot:
         return None if place in SECTIONS else place
-    return key if section == "volume" and key not in _NO_OPTIONS else None
+    own = key.partition(".")[0] in _NO_OPTIONS  # also volume.derived.name
+    return key if section == "volume" and not own else None
 
 
 def scene_of(

@@ -12,7 +12,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..units import plain
-from .color_scale import ColorScale
+from .color_scale import SAMPLES, ColorScale
 from .context import Context
 from .given import channel_values
 from .table_means import PiecewiseLinear
@@ -67,7 +67,7 @@ class ColorBy:
         *,
         norm: Any = None,
         brightness: float = 1.0,
-        samples: int = 256,
+        samples: int = SAMPLES,
     ) -> None:
         self.expr = Expression(expr)
         self.scale = ColorScale(cmap, vmin, vmax, norm, samples)
@@ -110,8 +110,6 @@ class ColorBy:
         told = {"expr": self.expr.text, **self.scale.describe()}
         if self.brightness != 1.0:
             told["brightness"] = self.brightness
-        if len(self.scale.position) != 256:
-            told["samples"] = len(self.scale.position)
         return {key: value for key, value in told.items() if value is not None}
 
     def nodes(self, context: Context) -> np.ndarray:

@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_colormap
+from ..colormaps import colormap_name, get_colormap
 from ..errors import InputError
 from ..units import plain, unit_of
 from .given import named, scalar
 from .norms import values_at
+
+# Entries that are taken from a map unless told otherwise.
+SAMPLES = 256
 
 
 class ColorScale:
@@ -57,11 +60,13 @@ class ColorScale:
         self.values = values_at(self.position, norm, low, high)
         self.rgb = np.asarray(colormap(self.position), dtype=np.float64)[:, :3]
         self._described = {
-            "cmap": colormap.name,
+            "cmap": colormap_name(colormap),
             "vmin": named(vmin),
             "vmax": named(vmax),
             "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
         }
+        if samples != SAMPLES:
+            self._described["samples"] = int(samples)
 
     def describe(self) -> dict[str, Any]:
         """Return colormap, range and norm as plain values."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .color_scale import ColorScale
+from .color_scale import SAMPLES, ColorScale
 from .given import named
 from .shell import Shell
 from .table import Table
@@ -25,8 +25,9 @@ class Colormap(Table):
         Name or object; its RGB become three channels.
     vmin, vmax : float or Quantity
         Range of x; beyond it the colours of the ends go on.
-    opacity : float or callable
-        Extinction h_α, or a function of the position 0 … 1 in the colormap.
+    opacity : float, callable or array_like, shape (samples,)
+        Extinction h_α, or a function of the position 0 … 1 in the colormap, or what it gives for
+        each of the entries.
     path_length : float, Quantity or "auto", default "auto"
         Length to which colour and opacity refer: seen through one path length, a value shows the
         colour of the map times `opacity` (emission weighted by opacity, as in a picture).
@@ -56,7 +57,7 @@ class Colormap(Table):
         path_length: Any = "auto",
         *,
         norm: Any = None,
-        samples: int = 256,
+        samples: int = SAMPLES,
         where: Any = None,
     ) -> None:
         scale = ColorScale(cmap, vmin, vmax, norm, samples)
@@ -64,7 +65,7 @@ class Colormap(Table):
         self._described = {
             "type": "colormap",
             **scale.describe(),
-            "opacity": alpha.tolist() if callable(opacity) else float(opacity),
+            "opacity": alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(opacity),
         }
         nodes = scale.values * scale.unit if scale.unit is not None else scale.values
         super().__init__(expr, nodes, scale.rgb * alpha[:, None], alpha, path_length, where=where)
@@ -79,15 +80,21 @@ class Colormap(Table):
         return {**self._described, **own, **self.modulated()}
 
 
+# More numbers are not shown in an error.
+_FEW = 8
+
+
 def _opacities(opacity: Any, position: np.ndarray) -> np.ndarray:
-    """Return the opacity at positions in a colormap, from a number or a function of them."""
+    """Return the opacity at positions in a colormap: from a number, a function, or one for each."""
     given = [opacity(float(p)) for p in position] if callable(opacity) else opacity
     try:
         alpha = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"opacity must be a number or a function, got {opacity!r}") from error
-    if alpha.shape not in ((), position.shape) or (alpha.ndim == 1 and not callable(opacity)):
+    if alpha.shape not in ((), position.shape):
         raise InputError(
-            f"opacity must be one number, or a function that gives one, got {opacity!r}"
+            "opacity must be one number, or a function that gives one, or a list of "
+            f"{len(position)}, one for each sample; got "
+            + (repr(opacity) if alpha.size < _FEW else f"an array of shape {alpha.shape}")
         )
     return np.broadcast_to(alpha, position.shape)

@@ -331,12 +331,17 @@ class Table(Medium):
         return {
             "type": "table",
             "expr": self.expr.text,
-            "values": self.values.tolist(),
+            "values": self._described_values(),
             "colors": self.colors.tolist(),
             "opacities": self.opacities.tolist(),
             "path_length": named(self.path_length),
             **self.modulated(),
         }
+
+    def _described_values(self) -> list[Any]:
+        """Return the values of x as plain ones: with a unit, if they have one, as texts."""
+        numbers: list[float] = self.values.tolist()
+        return numbers if self.unit is None else [named(n * self.unit) for n in numbers]
 
     def modulated(self) -> dict[str, Any]:
         """Return gate and colours as plain values."""

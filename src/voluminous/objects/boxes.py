@@ -13,8 +13,7 @@ from .contract import Layers, SceneObject
 from .lattices import level_count
 from .lines import Lines
 from .outlines import outline
-from .values import merged as joined_values
-from .values import options_of
+from .values import joined, options_of
 from .view import View
 
 
@@ -103,7 +102,7 @@ def boxes(
             f"boxes: expected a vm.Volume, or colors=…, got {type(volume).__name__} first"
         )
     grid = None if volume is None else volume.grid
-    style: dict[str, Any] = {"colors": joined_values(colors), "width": width, "opacity": opacity}
+    style: dict[str, Any] = {"colors": joined(colors), "width": width, "opacity": opacity}
     style |= {"depth": depth, "channel": channel, "relative": relative}
     return Boxes(grid, levels, merged, **style)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import is_quantity, plain, unit_of
+from ..units import as_given, is_quantity, plain, unit_of
 from .colors import check_colors, intensities
 from .contract import Layers, SceneObject
 from .pieces import Pieces, between, image_of, short_pieces, straight_parts
@@ -68,6 +68,7 @@ class Lines(SceneObject):
         check_colors(colors, len(self.counts), "colors")
         if not 0.0 <= opacity <= 1.0:
             raise InputError(f"opacity must be from 0 to 1, got {opacity!r}")
+        width = as_given(width, "width")
         thick = plain(width, unit_of(width), "width")
         if not isinstance(thick, float) or not 0.0 < thick < np.inf:
             raise InputError(f"width must be a positive number or a length, got {width!r}")

@@ -10,21 +10,32 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import is_quantity, parse_unit, plain, unit_name, unit_of
+from ..units import as_given, is_quantity, parse_unit, plain, unit_name, unit_of
 
 # More numbers are only counted where a picture tells what it shows.
 MANY = 64
 
 
-def merged(value: Any) -> Any:
+def joined(value: Any) -> Any:
     """Return one quantity in place of lists of quantities; everything else as it is."""
     if not isinstance(value, (list, tuple)):
         return value
-    parts = [merged(v) for v in value]
+    parts = [joined(v) for v in value]
     if not parts or not is_quantity(parts[0]):
         return value
     unit = parts[0].unit
     return np.array([plain(part, unit, "value") for part in parts]) * unit
+
+
+def merged(value: Any) -> Any:
+    """Return what `joined` does, once texts such as "0.1 pc" are the quantities that they name."""
+    return joined(_without_texts(value))
+
+
+def _without_texts(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return type(value)(_without_texts(v) for v in value)
+    return as_given(value) if isinstance(value, str) else value
 
 
 def positions_of(value: Any, what: str, shape: tuple[Any, ...]) -> Any:

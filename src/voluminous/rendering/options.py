@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Iterable
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def check_cutoff(cutoff: Any) -> float | None:
     """
     if cutoff is None:
         return None
-    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff < 1:
+    if not isinstance(cutoff, Real) or not 0 <= float(cutoff) < 1:
         raise InputError(
             f"cutoff is the transparency at which a ray stops: at least 0 (never) and below 1, "
             f"got {cutoff!r}"
@@ -111,7 +112,7 @@ def check_tolerance(tolerance: Any) -> float:
     """
     if tolerance is None:
         return _CARELESS
-    if not isinstance(tolerance, (int, float)) or not 1e-9 <= tolerance <= 1:
+    if not isinstance(tolerance, Real) or not 1e-9 <= float(tolerance) <= 1:
         raise InputError(
             "tolerance is the error allowed in a pixel, as a fraction of the brightest: from 1e-9 "
             f"to 1, or None (do not look), got {tolerance!r}"

@@ -112,6 +112,13 @@ def _table(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return take_table
 
 
+def _nothing(value: Any) -> None:
+    """Return None for what stands for it in a file: TOML has no word for nothing."""
+    if value != NONE:
+        raise _UnfitError
+
+
+NONE = "none"
 _number, _text, _whole = _of(int, float), _of(str), _of(int)
 
 TEXT = Kind("a text", _text)
@@ -120,6 +127,7 @@ WHOLE = Kind("a whole number", _whole)
 WHOLE_OR_BOOLEAN = Kind("true, false or a whole number", _either(_of(bool), _whole))
 WHOLES = Kind("a whole number or a list of them", _listed(_whole))
 NUMBER = Kind("a number", _number)
+NUMBER_OR_NONE = Kind(f"a number, or {NONE!r}", _either(_nothing, _number))
 NUMBERS = Kind("a number or a list of them", _listed(_number))
 QUANTITY = Kind("a number, or a text such as '0.1 pc'", _quantity)
 QUANTITY_OR_AUTO = Kind(
@@ -139,7 +147,7 @@ TEXT_TABLE = Kind("a table name = text", _table(_text))
 # Of a key nobody described: quantities become quantities, all else stays what it is.
 ANYTHING = Kind("a value", _either(_listed(_plain_quantity), lambda value: value))
 
-_ANNOTATED = {"int": WHOLE, "float": NUMBER, "bool": BOOLEAN, "str": TEXT}
+_ANNOTATED = {"int": WHOLE, "float": NUMBER, "float | None": NUMBER, "bool": BOOLEAN, "str": TEXT}
 
 
 def or_table(kind: Kind, make: Callable[[dict[str, Any]], Any]) -> Kind:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +18,10 @@ from .sections import (
     build_medium,
     build_objects,
     image_options,
+    plain_render,
     render_options,
 )
-from .settings import plain_sections, plain_values, relative_path, set_value
+from .settings import plain_sections, relative_path, set_value, with_paths
 from .source import read_source
 
 if TYPE_CHECKING:
@@ -78,6 +80,7 @@ class Scene:
     ) -> None:
         self.directory = Path(directory)
         self._settings = plain_sections(settings)
+        self._settings["render"] = plain_render(self._settings["render"])
         self._source = read_source(self._settings["volume"])
         self.medium = build_medium(self._settings["medium"])
         self.objects = build_objects(self._settings["object"])
@@ -141,7 +144,8 @@ class Scene:
         Returns
         -------
         Image
-            Its provenance holds the scene: ``Scene.load`` of the saved image gives it back.
+            Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
+            gives it back, wherever it is saved.
         """
         from ..rendering import render
 
@@ -154,7 +158,9 @@ class Scene:
         told = self.to_dict()
         if objects is not self.objects:
             told["object"] = [one.describe() for one in objects]
-        told["render"] = {**self._settings["render"], **plain_values(overrides)}
+        told["render"] = _held({**self._settings["render"], **overrides})
+        there = self.directory.absolute()
+        told = with_paths(told, lambda path: str(there / os.path.expanduser(path)))
         image.provenance = {**(image.provenance or {}), "scene": told}
         return image
 
@@ -189,12 +195,11 @@ class Scene:
     def to_dict(self, directory: str | Path | None = None) -> dict[str, Any]:
         """Return all sections as plain values; paths relative to `directory` if it is given."""
         settings = copy.deepcopy({k: v for k, v in self._settings.items() if v})
-        if directory is not None:
-            for section, key in (("volume", "path"), ("render", "background")):
-                value = settings.get(section, {}).get(key)
-                if isinstance(value, str):
-                    settings[section][key] = relative_path(self.directory, value, Path(directory))
-        return settings
+        if directory is None:
+            return settings
+        return with_paths(
+            settings, lambda path: relative_path(self.directory, path, Path(directory))
+        )
 
     def dumps(self) -> str:
         """Return the scene as TOML."""
@@ -220,9 +225,30 @@ class Scene:
         return f"<Scene of {source}: {self.medium!r}, {self.camera!r}>"
 
 
+def _held(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of `render` that a scene can hold; warn of others."""
+    plain = plain_render({k: value for k, value in options.items() if k != "progress"})
+    others = [key for key, value in plain.items() if not _is_short(value)]
+    if others:
+        warnings.warn(
+            f"the picture's scene is without {', '.join(others)}, which a file cannot hold: "
+            "rendered from it the picture will be another",
+            stacklevel=3,
+        )
+    return {k: value for k, value in plain.items() if k not in others}
+
+
+def _is_short(value: Any) -> bool:
+    """Return whether a value is one, or a list of them: not a picture full of numbers."""
+    single = (str, bool, int, float)
+    return isinstance(value, single) or (
+        isinstance(value, list) and all(isinstance(one, single) for one in value)
+    )
+
+
 def _text_of(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
     except FileNotFoundError:
         raise MissingPathError(f"there is no file {path}") from None
     except UnicodeDecodeError as error:

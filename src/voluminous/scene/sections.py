@@ -10,6 +10,7 @@ from ..errors import InputError, unknown_name
 from ..io.guard import placed
 from . import kinds
 from .kinds import Kind, arguments, check_keys
+from .settings import plain_value
 
 _MEDIUM: dict[str, Kind] = {
     **dict.fromkeys(("expr", "emissivity", "extinction"), kinds.EXPRESSIONS),
@@ -44,7 +45,8 @@ _OBJECT: dict[str, Kind] = {
 _RENDER: dict[str, Kind] = {
     **dict.fromkeys(("scheme", "precision", "device", "order"), kinds.TEXT),
     "background": kinds.NUMBERS_OR_TEXT,
-    **dict.fromkeys(("cutoff", "tolerance"), kinds.NUMBER),
+    "cutoff": kinds.NUMBER,
+    "tolerance": kinds.NUMBER_OR_NONE,
     "samples": kinds.NUMBER_OR_TEXT,
     "bounds": kinds.WHOLE_OR_BOOLEAN,
 }
@@ -132,18 +134,27 @@ def build_camera(section: Mapping[str, Any]) -> Any:
             ) from error
 
 
+def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return keyword arguments of `render` as ``[render]`` holds them.
+
+    None is left out where it is the default, and a word elsewhere.
+    """
+    known = _render_parameters()
+    told = {}
+    for key, value in options.items():
+        if value is not None:
+            told[key] = plain_value(value)
+        elif key not in known or known[key].default is not None:
+            told[key] = kinds.NONE
+    return told
+
+
 def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments of `render` in ``[render]``."""
     from ..backend.device import DEVICES, PRECISIONS
-    from ..rendering import render
-    from ..rendering.options import ORDERS, check_cutoff
+    from ..rendering.options import ORDERS, check_cutoff, check_tolerance
     from ..schemes import SCHEMES
 
-    known = {
-        name: parameter
-        for name, parameter in inspect.signature(render).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name not in ("objects", "progress")
-    }
     choices = {
         "scheme": SCHEMES,
         "precision": PRECISIONS,
@@ -151,13 +162,25 @@ def render_options(section: Mapping[str, Any]) -> dict[str, Any]:
         "order": ORDERS,
     }
     with placed("[render]"):
-        check_keys(section, known)
+        check_keys(section, _render_parameters())
         options = {key: _RENDER.get(key, kinds.ANYTHING)(key, v) for key, v in section.items()}
         for key, names in choices.items():
             if key in options and options[key] not in names:
                 raise unknown_name(key, options[key], names)
         check_cutoff(options.get("cutoff"))
+        check_tolerance(options.get("tolerance"))
     return options
+
+
+def _render_parameters() -> dict[str, inspect.Parameter]:
+    """Return the parameters of `render` that may stand in ``[render]``."""
+    from ..rendering import render
+
+    return {
+        name: parameter
+        for name, parameter in inspect.signature(render).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in ("objects", "progress")
+    }
 
 
 def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:

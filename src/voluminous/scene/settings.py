@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import copy
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, unknown_name
+from ..objects.values import described
 
 SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
+_PATHS = (("volume", "path"), ("render", "background"))
 # Sections of which there may be several.
 _LISTS = ("medium", "object")
 
@@ -38,7 +39,7 @@ def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
     for name, section in sections.items():
         if name not in _LISTS and not isinstance(section, Mapping):
             raise InputError(f"expected a table [{name}], got {name} = {section!r}")
-    return copy.deepcopy(sections)
+    return {name: plain_value(section) for name, section in sections.items()}
 
 
 def _tables(name: str, given: Any) -> list[dict[str, Any]]:
@@ -60,10 +61,22 @@ def _described(thing: Any) -> Any:
     return {key: value for key, value in thing.describe().items() if value is not None}
 
 
-def plain_values(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options that a scene file can hold."""
-    listed = {k: list(v) if isinstance(v, tuple) else v for k, v in options.items()}
-    return {k: v for k, v in listed.items() if isinstance(v, (str, bool, int, float, list))}
+def plain_value(value: Any) -> Any:
+    """Return a value of Python as a scene file holds it; what it cannot hold stays as it is.
+
+    Arrays and tuples become lists, numbers of NumPy those of Python, paths texts, and quantities
+    texts such as "1.0 pc".
+
+    Examples
+    --------
+    >>> plain_value({"shift": (np.float64(0.5), 1), "path": Path("a.h5")})
+    {'shift': [0.5, 1], 'path': 'a.h5'}
+    """
+    if isinstance(value, Mapping):
+        return {key: plain_value(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_value(one) for one in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else described(value)
 
 
 def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
@@ -85,7 +98,7 @@ def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
         if isinstance(table, list):
             table = _item(table, key, place)
         else:
-            table = table.setdefault(key, {})
+            table = table.setdefault(key, [] if key in _LISTS and not step else {})
         if not isinstance(table, (dict, list)):
             raise InputError(f"{'.'.join(path[: step + 1])} is a value, not a table: {table!r}")
     if isinstance(table, list):
@@ -95,8 +108,18 @@ def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
 
 def _item(items: list[Any], key: str, place: str) -> Any:
     if not key.isdigit() or not 1 <= int(key) <= len(items):
-        raise InputError(f"{place!r}: expected a number from 1 to {len(items)}, got {key!r}")
+        there = f"expected a number from 1 to {len(items)}" if items else "there is none to change"
+        raise InputError(f"{place!r}: {there}, got {key!r}")
     return items[int(key) - 1]
+
+
+def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
+    """Return settings in which the paths of files are changed."""
+    told = dict(settings)
+    for section, key in _PATHS:
+        if isinstance(path := told.get(section, {}).get(key), str):
+            told[section] = {**told[section], key: change(path)}
+    return told
 
 
 def relative_path(old: Path, path: str, new: Path) -> str:

@@ -96,5 +96,9 @@ def inline(content: Any) -> str:
 
 
 def _text(text: str) -> str:
+    try:
+        text.encode("utf-8")
+    except UnicodeEncodeError:  # a name of a file that is no UTF-8
+        raise InputError(f"a scene file cannot hold {text!r}, which is no UTF-8") from None
     # JSON's escapes are TOML's, but for the one control character that JSON leaves as it is.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...geometry import is_uniform, span
+from ...memory import check_memory
 from ...units import is_quantity, plain, space_unit, unit_name, unit_of
 from ..devices import OnDevices
 from ..extent import check_extent
@@ -91,6 +92,9 @@ class CartesianGrid(OnDevices, CartesianCells):
                 "bounds must be (low, high) or ((x0, x1), (y0, y1), (z0, z1)), "
                 f"got an array of shape {limits.shape}"
             )
+        check_memory(
+            8 * (sum(counts) + 3), f"a grid of {' x '.join(map(str, counts))} cells", "take fewer"
+        )
         edges = [np.linspace(a, b, n + 1) for (a, b), n in zip(limits, counts, strict=True)]
         return cls(*edges, unit=own if own is not None else unit)
 

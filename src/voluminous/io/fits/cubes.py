@@ -20,6 +20,7 @@ from .values import Scaling, check_tiles, image_shape, is_compressed, is_image, 
 _NAMELESS = {"", "COMPRESSED_IMAGE", "PRIMARY"}
 _SKY = ("RA", "DEC", "GLON", "GLAT", "ELON", "ELAT", "SLON", "SLAT", "HLON", "HLAT")
 _SPECTRUM = ("VEL", "VRAD", "VOPT", "FELO", "FREQ", "WAV", "AWAV", "ZOPT", "BETA", "ENER", "LAMBDA")
+_PLACE = ("X", "Y", "Z")
 _STOKES = "STOKES"
 
 
@@ -72,12 +73,20 @@ class Cube:
 
 
 def images(found: Iterable[Part]) -> list[tuple[Part, list[int]]]:
-    """Return all images with values in them, each with its axes of more than one pixel."""
+    """Return all images with values in them, each with its axes that count.
+
+    These are the axes of more than one pixel, and those along x, y and z: of a thin slab, or of a
+    single cell, they are axes of space nevertheless.
+    """
     listed = []
     for part in found:
         if is_image(part) and (sides := image_shape(part)) and min(sides) > 0:
-            listed.append((part, [k for k, n in enumerate(sides) if n > 1]))
+            listed.append((part, [k for k, n in enumerate(sides) if n > 1 or _in_space(part, k)]))
     return listed
+
+
+def _in_space(part: Part, axis: int) -> bool:
+    return str(card(part.header, f"CTYPE{axis + 1}", "")).strip().upper() in _PLACE
 
 
 def cubes(found: Sequence[Part], hdu: Any = None, plane: Any = None) -> list[Cube]:

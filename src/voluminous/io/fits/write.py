@@ -29,7 +29,7 @@ def write(volume: Volume, path: Path) -> None:
     Raises
     ------
     InputError
-        If cells are not equally wide, or there is no field.
+        If cells are not equally wide, there is no field, or a name that no card can hold.
     """
     from astropy.io import fits
 
@@ -53,6 +53,12 @@ def _written(volume: Volume) -> list[str]:
     names = [name for name in volume.fields if name != told] or list(volume.fields)
     if not names:
         raise InputError("the volume has no fields to be written")
+    for name in names:
+        if not _fits_card(name):
+            raise InputError(
+                f"a FITS header holds names of up to {_LONGEST} ASCII characters, not the field's "
+                f"{name!r}; rename it, or write .h5"
+            )
     return names
 
 

@@ -1,4 +1,4 @@
-"""Units of length as the makers of scanners and microscopes spell them."""
+"""Units of length and angle as the makers of scanners and microscopes spell them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from ...units import parse_unit
 from ..unit_texts import known_unit
 
 _INCH = "25.4 mm"
+# What the cells of a grid may be measured in.
+_EXTENTS = ("length", "angle")
 
 
 def length_unit(text: str) -> str:
-    """Return astropy's name of a unit of length; the empty string for anything else.
+    """Return astropy's name of a unit of length or angle; the empty string for anything else.
 
     Examples
     --------
@@ -20,11 +22,11 @@ def length_unit(text: str) -> str:
     word = text.strip().strip('"').replace("\\u00B5", "u").replace("µ", "u").replace("μ", "u")
     name = known_unit(_INCH if word.lower() in ("in", "inch") else word)
     unit = parse_unit(name)
-    return name if unit is not None and unit.physical_type == "length" else ""
+    return name if unit is not None and unit.physical_type in _EXTENTS else ""
 
 
 def conversion(unit: str, to: str) -> float:
-    """Return the factor between two units of length; one where either is not known."""
+    """Return the factor between two of these units; one where either is not known."""
     if not unit or not to or unit == to:
         return 1.0
     return float(parse_unit(unit).to(parse_unit(to)))
