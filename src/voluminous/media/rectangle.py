@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import precision_of
 from ..expressions import Ops
 from .context import Context
 from .crossings import passes
+from .edges import Edge
 from .modulation import Middle
 from .sampled import Sampled
 from .sampled_shapes import SampledShaped
@@ -62,6 +64,19 @@ class Rectangle(SampledShaped):
     def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
         """Return which part of the way is within the half width."""
         return box_mean(first, last)
+
+    def edges(self, context: Context) -> list[Edge]:
+        """Return both sides in double precision, and what the gate has.
+
+        With their places panels have all digits: compared with halves 3 % of the pixels of noise
+        were beyond their error at a tolerance of 1e-4, 16 % at 1e-8. In single precision places are
+        rounded more than thin slabs allow, and pictures take 1.2 to 1.6 times as long.
+        """
+        center, width, _ = self.plain_numbers(context)
+        sides = [context.kept_number(center + way * width) for way in (-1.0, 1.0)]
+        single = precision_of(type(context.narrow(sides[0]))) == "single"
+        own = [] if single else [Edge(self.expr, side) for side in sides]
+        return [*own, *super().edges(context)]
 
     def sample(self, offset: Any) -> Any:
         """Return one: samples are taken within the half width."""

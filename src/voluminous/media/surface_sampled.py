@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import unit_interval
+from ..backend.functions import precision_of, unit_interval
 from .contract import Coefficients
 from .sampled import FIVE, WEIGHTS_OF_FIVE, Sampled
 from .sampled_products import UNKNOWN, dot, unseen
@@ -38,7 +38,7 @@ _SLOPES = np.array(
 )
 _WEIGHTS = np.array(WEIGHTS_OF_FIVE)
 # A panel in which a scalar goes back by more than this part of a surface must be narrower.
-_BACK = 1e-4
+_BACK = {"single": 1e-4, "double": 1e-9}
 # With a change of less than this, in widths, a panel is in a surface if its middle is.
 _LEVEL = 1e-5
 _SHORTEST = 1e-20
@@ -110,7 +110,9 @@ def _density(
     up, down = (
         dot(_WEIGHTS, [dr.select(way * r > 0.0, way * r, 0.0) for r in rises]) for way in (1, -1)
     )
-    unsure = (dr.select(up < down, up, down) > _BACK) | ~dr.isfinite(ways[-1])
+    unsure = (dr.select(up < down, up, down) > _BACK[precision_of(type(up))]) | ~dr.isfinite(
+        ways[-1]
+    )
     per_length = _per_length(stretch)
     dense = [per_length * dr.abs(r) for r in rises]
     if surface.density == "gradient":

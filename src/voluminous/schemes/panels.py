@@ -31,9 +31,12 @@ class Piece:
     scalars: list[Any]
 
     def stretch(self, source: Any, *, edgeless: bool = True) -> Any:
-        """Return the panel as a stretch of its own; with edges inside, or none."""
+        """Return the panel as a stretch of its own; with edges inside, or none.
+
+        Media that tell no edges may have some.
+        """
         part = self._part(source)
-        part.edgeless = edgeless
+        part.edgeless = edgeless and bool(source.edges)
         for expr, (first, last) in zip(source.scalars, self.scalars, strict=True):
             part.set_scalar(expr, 0.0, first)
             part.set_scalar(expr, 1.0, last)

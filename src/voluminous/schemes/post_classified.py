@@ -15,6 +15,7 @@ import math
 from typing import Any
 
 from ..backend import dr
+from ..media.edges import edges_ahead
 from .contract import Keyed, Solution
 from .halving import attempt
 from .panel_edges import surface_alone
@@ -109,8 +110,11 @@ def _visible(
     else:
         found, good = attempt(source, whole, seen_through, backward, seen_through < 0.0)
         _, hidden = source.visible(whole)
-        good &= ~hidden & (length < 0.0 if source.layered else length >= 0.0)
-        widest = 1.0 if source.edges else 0.5
+        good &= ~hidden
+        widest = 0.5
+        if source.edges:
+            count, _ = edges_ahead(whole, source.edges)
+            good, widest = good & (count == 0), 1.0
     return dr.if_stmt(
         args=(cubics, known, length, seen_through, nothing, found),
         cond=good,
