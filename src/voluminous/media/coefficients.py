@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from ..backend import dr
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..expressions.sides import on_one_side
+from ..expressions.sides import Side, on_one_side
 from ..expressions.traced_rounding import larger
 from ..units import parse_unit, unit_name
 from .context import Context
@@ -63,9 +64,6 @@ class Coefficients(Medium):
         self.grey = len(self.extinction) == 1
         every = (*self.emissivity, *self.extinction)
         self._margins = tuple(margin for e in every for margin in e.margins())
-        pieces, sides = on_one_side(every)
-        edges = [margin for side in sides for margin in side.condition.margins()]
-        self._pieces, self._sides = (pieces, sides) if len(edges) <= _MOST_EDGES else (every, ())
         used = (name for e in self.emissivity + self.extinction for name in e.names)
         self.names = tuple(dict.fromkeys(used))
 
@@ -82,6 +80,11 @@ class Coefficients(Medium):
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of all coefficients; no difference of values is too small."""
         return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
+
+    @property
+    def _sides(self) -> tuple[Side, ...]:
+        """The comparisons in all expressions; none if there are too many."""
+        return _on_one_side((*self.emissivity, *self.extinction))[1]
 
     def edges(self, context: Context) -> list[Edge]:
         """Return where comparisons change, unless there are too many."""
@@ -155,7 +158,8 @@ class Coefficients(Medium):
                 {side.name: context.evaluate(side.condition, middle) for side in self._sides}
             )
 
-        return kept(stretch, (id(self), "side"), make), (self._pieces[:k], self._pieces[k:])
+        pieces, _ = _on_one_side((*self.emissivity, *self.extinction))
+        return kept(stretch, (id(self), "side"), make), (pieces[:k], pieces[k:])
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
         """Return intervals that hold j and α: the formulas are the same."""
@@ -197,6 +201,19 @@ def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
     if not parts:
         raise InputError(f"{what} must be an expression or a list of them, got {value!r}")
     return tuple(Expression(part) for part in parts)
+
+
+@functools.lru_cache(maxsize=64)
+def _on_one_side(
+    expressions: tuple[Expression, ...],
+) -> tuple[tuple[Expression, ...], tuple[Side, ...]]:
+    """Return expressions on one side of what they compare, and that, unless it is too much.
+
+    Not kept with a medium: what has no text cannot be pickled.
+    """
+    pieces, sides = on_one_side(expressions)
+    count = sum(len(side.condition.margins()) for side in sides)
+    return (pieces, sides) if count <= _MOST_EDGES else (expressions, ())
 
 
 def _restless(expr: Expression) -> bool:
