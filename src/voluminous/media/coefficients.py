@@ -17,7 +17,7 @@ from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Coefficients as Values
 from .contract import Medium
-from .edges import Edge
+from .edges import SENSITIVITY, Edge
 from .modulation import kept
 from .peaks import may_peak, sharpness, unseen_kink
 from .sampled import FIVE, Sampled, compared
@@ -64,6 +64,7 @@ class Coefficients(Medium):
         self.grey = len(self.extinction) == 1
         every = (*self.emissivity, *self.extinction)
         self._margins = tuple(margin for e in every for margin in e.margins())
+        self.sensitivity = SENSITIVITY if self._margins else 1.0
         used = (name for e in self.emissivity + self.extinction for name in e.names)
         self.names = tuple(dict.fromkeys(used))
 

@@ -61,8 +61,8 @@ class Medium:
         The length that its colours and opacities refer to, if there is one; ``"auto"`` until
         `voluminous.calibrate` measures it, for media that tell their `profile`.
     sensitivity : float
-        How many times more a picture may be off than fields are where structures are without width:
-        where these lie, and what is looked up there, follow from the fields' slopes.
+        How many times more a picture may be off than fields are where structures have no width, or
+        jump: where these lie, and what is looked up there, follow from the fields' slopes.
     """
 
     channels: int

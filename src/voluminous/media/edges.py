@@ -20,6 +20,13 @@ if TYPE_CHECKING:
     from .stretch import Stretch
 
 
+# By how much more closely fields are to be known where media jump, or look something up where they
+# cross a level (`Medium.sensitivity`). On curvilinear grids 2.5 to 7 % of the pixels of white noise
+# were beyond their error behind conditions and for densities that go with the slope; with 10 0.5 %,
+# in 1 to 1.2 of the time.
+SENSITIVITY = 10.0
+
+
 @dataclass
 class Edge:
     """Where an expression passes a level, and the medium jumps or has a surface.

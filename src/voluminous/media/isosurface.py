@@ -25,7 +25,7 @@ from ..units import plain
 from . import surface_crossing, surface_panels, surface_sampled, surface_sheet
 from .context import Context
 from .contract import Coefficients, Medium
-from .edges import Edge
+from .edges import SENSITIVITY, Edge
 from .given import named as _named
 from .given import plain_number
 from .given import scalar as _scalar
@@ -48,9 +48,6 @@ if TYPE_CHECKING:
     from .stretch import Panel, Stretch
 
 DENSITIES = ("crossing", "gradient")
-# Of white noise on curvilinear grids up to 7 % of the pixels were beyond their error with 1, where
-# densities go with the slope, and 2 % of lit ones; with 10 0.4 %.
-_SENSITIVITY = 10.0
 
 
 @dataclass
@@ -134,7 +131,7 @@ class Isosurface(Medium):
         self.slope = Expression(f"gradmag({self.expr.text})")
         self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
         self.names = self._names()
-        self.sensitivity = _SENSITIVITY if self._directions() else 1.0
+        self.sensitivity = SENSITIVITY if self._directions() else self.modulation.sensitivity
 
     @property
     def color(self) -> tuple[float, ...]:

@@ -22,7 +22,7 @@ from ..expressions.traced_interval import TracedInterval
 from .color_by import ColorBy
 from .context import Context
 from .contract import Coefficients
-from .edges import Edge
+from .edges import SENSITIVITY, Edge
 from .given import color_values
 from .turning import at_places, within
 
@@ -112,6 +112,11 @@ class Modulation:
     def stepped(self) -> bool:
         """Whether the gate is open or closed, and nothing between."""
         return self.where is not None and self.where.stepped
+
+    @property
+    def sensitivity(self) -> float:
+        """How much more closely fields are to be known than without it; see `Medium`."""
+        return SENSITIVITY if self.stepped else 1.0
 
     @property
     def switches(self) -> bool:

@@ -81,6 +81,7 @@ class Shaped(Medium):
             self.opacity = self.opacity[:1]
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
+        self.sensitivity = self.modulation.sensitivity
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @property

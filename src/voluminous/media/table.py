@@ -92,6 +92,7 @@ class Table(Medium):
             raise InputError(f"opacities must not be negative, got {self.opacities.min():g}")
         self.grey = self.opacities.shape[1] == 1
         self.modulation = Modulation(where, by, self.channels)
+        self.sensitivity = self.modulation.sensitivity
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @property
