@@ -151,8 +151,7 @@ class Isosurface(Medium):
     @property
     def looks_inside(self) -> bool:
         """Whether anything is looked up where a panel crosses a surface."""
-        plain = self.density == "crossing" and self.shading == 0
-        return not (plain and self.modulation.fixed)
+        return not (self._flat and self.modulation.fixed)
 
     def strongest(self) -> tuple[float, float]:
         """Return the largest colour and the largest opacity."""
@@ -174,8 +173,16 @@ class Isosurface(Medium):
     @property
     def _varies(self) -> bool:
         """Whether a crossing may look different from one place to the next."""
-        plain = self.density == "crossing" and self.shading == 0
-        return not (plain and (self.modulation.fixed or self.modulation.switches))
+        return not (self._flat and self.modulation.even)
+
+    @property
+    def _flat(self) -> bool:
+        """Whether how it lies makes no difference."""
+        return not self._directions()
+
+    def steepness(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return |∇x| at a place with these fields, per unit of length in kernels."""
+        return context.kept_number(context.scale) * context.evaluate(self.slope, fields)
 
     @property
     def hollow(self) -> bool:
@@ -223,19 +230,19 @@ class Isosurface(Medium):
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
         if self.hollow and panel.stretch.edgeless:
-            return self._in_colors([], zero, context)
+            return self.in_colors([], zero, context)
         part = surface_sheet.part if self.thick else surface_crossing.part
         found = [part(self, panel, context, level) for level in levels]
-        return self._in_colors(found, zero, context)
+        return self.in_colors(found, zero, context)
 
     def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
         """Return what is crossed on a stretch, if there is no width."""
         if self.thick:
             return None
         found = surface_crossing.layers(self, stretch, context, place)
-        return self._in_colors(found, stretch.length * 0.0, context)
+        return self.in_colors(found, stretch.length * 0.0, context)
 
-    def _in_colors(self, shown: list[Factors], zero: Any, context: Context) -> Coefficients:
+    def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> Coefficients:
         """Return emission and extinction of surfaces, of each of which so much is shown."""
         own = self.numbers(context)
         emission, extinction = [zero] * self.channels, [zero] * len(own.depths[0])

@@ -119,9 +119,9 @@ class Modulation:
         return SENSITIVITY if self.stepped else 1.0
 
     @property
-    def switches(self) -> bool:
-        """Whether there is nothing but a gate that is open or closed."""
-        return self.stepped and self.color is None
+    def even(self) -> bool:
+        """Whether there is nothing but a gate that is open or closed, if that."""
+        return self.color is None and (self.where is None or self.stepped)
 
     @property
     def soft(self) -> bool:
@@ -188,11 +188,9 @@ class Modulation:
             hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
         if self.where is None:
             return seen, hidden
-        if self._decided(stretch):
-            seen = seen & (self._decision(stretch, context) > 0.0)
+        if stretch.edgeless and (self.stepped or self.soft):
+            seen = seen & (self._middle(stretch, context) > 0.0)
             return seen, seen & hidden
-        if self.soft and stretch.edgeless:
-            return seen & (self.gate(stretch.fields(0.5), context) > 0.0), seen & hidden
         possible = _possible(self.where, stretch)
         # Also where ends show the change: two panels may agree on the wrong side of an edge.
         doubtful = possible.hi - possible.lo > _DOUBT
@@ -266,7 +264,7 @@ class Modulation:
         if self.where is None:
             return type(stretch.length)(1.0), stretch.length < 0.0
         if self._decided(stretch):
-            return self._decision(stretch, context), stretch.length < 0.0
+            return self._middle(stretch, context), stretch.length < 0.0
         possible = _possible(self.where, stretch)
         return context.narrow(possible.hi), possible.lo < possible.hi
 
@@ -278,10 +276,10 @@ class Modulation:
         """Return the factors at a place of a stretch with these fields."""
         if not self._decided(stretch):
             return self._factors(fields, context)
-        return self._painted(self._decision(stretch, context), fields, context)
+        return self._painted(self._middle(stretch, context), fields, context)
 
-    def _decision(self, stretch: Stretch, context: Context) -> Any:
-        """Return whether the gate is open on a stretch without edges: one or zero."""
+    def _middle(self, stretch: Stretch, context: Context) -> Any:
+        """Return the gate in the middle of a stretch; computed once."""
 
         def make() -> Any:
             return context.narrow(self.gate(stretch.fields(0.5), context))

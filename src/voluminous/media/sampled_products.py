@@ -1,9 +1,8 @@
 """Means of a shape times factors that vary along a stretch: gates, and colours of another field.
 
 The shape is known at the eight places of Gauss and Legendre, the factors at five: what multiplies
-the samples is the polynomial through these. How far that is from the factors is not known; their
-inner values are off by some part from a parabola through the others, and they are taken to be off
-by a part of that.
+the samples is the polynomial through these. How far that is from the factors is not known: they are
+taken to be off by about as much as the next of its coefficients would be.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from ..backend import dr
 from .sampled import EIGHT, FIVE, WEIGHTS_OF_EIGHT, Sampled
 from .stretch import extremes
 
-# What the polynomial through five values may be off by, of what the inner ones are off a parabola
-# through the others: a kink in the middle is off by a fifth of it in the mean.
+# What the polynomial through five values may be off by, in what `unseen` tells. With 0.5 0.8 % of
+# the pixels of coloured sheets in noise were beyond their error, with 2 0.3 %, in 1.05 of the time.
 UNKNOWN = 2.0
 
 

@@ -26,7 +26,7 @@ class SampledShaped(Shaped):
         """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
         if not self.smooth:
             return super().sampled(stretch, context)
-        if not (self.modulation.fixed or self.modulation.switches):
+        if not self.modulation.even:
             own = self._finely_modulated if fine else self._sampled_modulated
             return own(stretch, context)
         shape = self.sampled_per_length(stretch, context, fine=fine)

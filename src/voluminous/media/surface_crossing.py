@@ -76,8 +76,7 @@ def _obliquity(
     surface: Isosurface, fields: dict[str, Any], length: Any, slope: Any, context: Context
 ) -> Any:
     """Return |∇x| over |∂x/∂s|, at least one; `slope` is what x grows by per `length`."""
-    scale = context.keep((id(surface), "scale"), lambda: context.number(context.scale))
-    steepest = scale * length * context.evaluate(surface.slope, fields)
+    steepest = length * surface.steepness(fields, context)
     along = dr.abs(slope)
     ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
     return dr.select(ratio > 1.0, ratio, 1.0)

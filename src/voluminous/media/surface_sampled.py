@@ -15,6 +15,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import precision_of, unit_interval
 from .contract import Coefficients
+from .modulation import Factors
 from .sampled import FIVE, WEIGHTS_OF_FIVE, Sampled
 from .sampled_products import UNKNOWN, dot, unseen
 from .stretch import extremes
@@ -25,23 +26,13 @@ if TYPE_CHECKING:
     from .stretch import Stretch
 
 # Values at the five places to the slopes of their polynomial there.
-_PLACES = np.array(FIVE)
-_SLOPES = np.array(
-    [
-        [
-            np.polyval(np.polyder(np.poly(np.delete(_PLACES, k))), s)
-            / np.prod(_PLACES[k] - np.delete(_PLACES, k))
-            for k in range(len(FIVE))
-        ]
-        for s in FIVE
-    ]
-)
+_POWERS = np.vander(FIVE, increasing=True)
+_SLOPES = (np.arange(len(FIVE)) * np.roll(_POWERS, 1, axis=1)) @ np.linalg.inv(_POWERS)
 _WEIGHTS = np.array(WEIGHTS_OF_FIVE)
 # A panel in which a scalar goes back by more than this part of a surface must be narrower.
 _BACK = {"single": 1e-4, "double": 1e-9}
 # With a change of less than this, in widths, a panel is in a surface if its middle is.
 _LEVEL = 1e-5
-_SHORTEST = 1e-20
 
 
 def sampled(surface: Isosurface, stretch: Stretch, context: Context) -> Sampled:
@@ -49,6 +40,8 @@ def sampled(surface: Isosurface, stretch: Stretch, context: Context) -> Sampled:
     x = [stretch.scalar(surface.expr, s) for s in FIVE]
     ways = [context.narrow((v - x[0]) / surface.numbers(context).width) for v in x]
     dense, unsure = _density(surface, stretch, ways, context)
+    shares = _shares(surface, x, ways, context)
+    unsure &= extremes(shares)[1] > 0.0  # outside of all it may turn as it likes
     total, doubt = dot(_WEIGHTS, dense), unseen(dense)
     columns = []
     for values in _factors(surface, stretch, context):
@@ -61,9 +54,12 @@ def sampled(surface: Isosurface, stretch: Stretch, context: Context) -> Sampled:
         wrong = UNKNOWN * dr.fma(unseen(values), total, doubt * share)
         off = dr.select(unsure, dr.inf, wrong)
         columns.append([dot(_WEIGHTS, found), found[0], found[-1], off])
-    shares = _shares(surface, x, ways, context)
-    rows = (list(row) for row in zip(*columns, strict=True))
-    result = Sampled(*(_of_levels(surface, row, shares, context) for row in rows))
+    rows = (
+        [Factors([s * v for v in paint], s * gate) for s in shares]
+        for *paint, gate in zip(*columns, strict=True)
+    )
+    zero = stretch.length * 0.0
+    result = Sampled(*(surface.in_colors(row, zero, context) for row in rows))
     result.off.emissivity = [dr.abs(j) for j in result.off.emissivity]
     return result
 
@@ -91,14 +87,16 @@ def roughly(surface: Isosurface, stretch: Stretch, context: Context) -> Sampled:
     """Return about how dense surfaces are on any stretch; what that is off by is not known."""
     own = surface.numbers(context)
     ends = [stretch.scalar(surface.expr, s) for s in (0.0, 1.0)]
-    zero, per_length = stretch.length * 0.0, _per_length(stretch)
+    zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
     extinction = [zero] * len(own.depths[0])
     for level, depths in zip(own.levels, own.depths, strict=True):
         first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
         way = per_length * context.narrow(dr.abs(last - first))
         extinction = [t + d * way for t, d in zip(extinction, depths, strict=True)]
-    nothing = Coefficients([zero] * surface.channels, [zero] * len(extinction))
-    unknown = Coefficients([zero + dr.inf] * surface.channels, [zero + dr.inf] * len(extinction))
+    nothing, unknown = (
+        Coefficients([zero + v] * surface.channels, [zero + v] * len(extinction))
+        for v in (0.0, dr.inf)
+    )
     return Sampled(Coefficients(nothing.emissivity, extinction), nothing, nothing, unknown)
 
 
@@ -110,16 +108,14 @@ def _density(
     up, down = (
         dot(_WEIGHTS, [dr.select(way * r > 0.0, way * r, 0.0) for r in rises]) for way in (1, -1)
     )
-    unsure = (dr.select(up < down, up, down) > _BACK[precision_of(type(up))]) | ~dr.isfinite(
-        ways[-1]
-    )
-    per_length = _per_length(stretch)
+    back = dr.select(up < down, up, down)
+    unsure = (back > _BACK[precision_of(type(back))]) | ~dr.isfinite(ways[-1])
+    per_length = stretch.panel(0.0, 1.0).per_length
     dense = [per_length * dr.abs(r) for r in rises]
     if surface.density == "gradient":
-        scale = context.keep((id(surface), "scale"), lambda: context.number(context.scale))
+        width = surface.numbers(context).width
         for k, s in enumerate(FIVE):
-            slope = context.evaluate(surface.slope, stretch.fields(s))
-            steep = context.narrow(scale * slope / surface.numbers(context).width)
+            steep = context.narrow(surface.steepness(stretch.fields(s), context) / width)
             dense[k] = dr.select(steep > dense[k], steep, dense[k])
     return dense, unsure
 
@@ -136,23 +132,3 @@ def _factors(surface: Isosurface, stretch: Stretch, context: Context) -> list[li
         own = paint or [gate] * surface.channels
         rows.append([*(light * p for p in own), gate])
     return [list(column) for column in zip(*rows, strict=True)]
-
-
-def _of_levels(
-    surface: Isosurface, values: list[Any], shares: list[Any], context: Context
-) -> Coefficients:
-    """Return coefficients of all surfaces, from those of one of depth one all along a stretch."""
-    own = surface.numbers(context)
-    zero = values[-1] * 0.0
-    emission, extinction = [zero] * surface.channels, [zero] * len(own.depths[0])
-    *paint, gate = values
-    for share, color, depths in zip(shares, own.colors, own.depths, strict=True):
-        own_depths = [share * d for d in depths]
-        extinction = [t + d * gate for t, d in zip(extinction, own_depths, strict=True)]
-        for c, (h, shown) in enumerate(zip(color, paint, strict=True)):
-            emission[c] = emission[c] + own_depths[c if len(depths) > 1 else 0] * h * shown
-    return Coefficients(emission, extinction)
-
-
-def _per_length(stretch: Stretch) -> Any:
-    return 1.0 / dr.select(stretch.length > _SHORTEST, stretch.length, _SHORTEST)

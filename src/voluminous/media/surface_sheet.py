@@ -40,8 +40,7 @@ def _in_sheet(
 
     By the part of the panel that is `inside`: along the sheet nothing is crossed.
     """
-    scale = context.keep((id(surface), "scale"), lambda: context.number(context.scale))
-    slope = scale * context.evaluate(surface.slope, panel.fields(middle.place))
+    slope = surface.steepness(panel.fields(middle.place), context)
     # Not over the mean slope of the panel, but over that at the place.
     turned = slope_factor(panel, surface.expr, middle.place, context.narrow)
     found = inside * turned * context.narrow(slope / surface.numbers(context).width)

@@ -158,8 +158,7 @@ class Table(Medium):
     def smooth(self) -> bool:
         """Whether there are neither jumps in the table nor kinks in x, and no colours vary."""
         jumps = np.any(np.diff(self.values) == 0)
-        plain = self.modulation.fixed or self.modulation.switches
-        return plain and self.expr.smooth and not jumps
+        return self.modulation.even and self.expr.smooth and not jumps
 
     @property
     def finer(self) -> bool:
