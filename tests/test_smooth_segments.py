@@ -11,7 +11,6 @@ from voluminous.backend.functions import decay
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
 from voluminous.media.sampled import (
-    BEND,
     EIGHT,
     FIVE,
     PAIR,
@@ -24,6 +23,7 @@ from voluminous.media.sampled import (
 )
 from voluminous.media.sampled_products import products
 from voluminous.media.stretch import Stretch
+from voluminous.media.table_bends import BEND
 from voluminous.media.table_means import PiecewiseLinear
 
 BOTH = pytest.mark.parametrize("precision", ["single", "double"])

@@ -178,6 +178,11 @@ class Medium:
         """Whether `sampled` knows of all stretches that are narrow enough."""
         return False
 
+    @property
+    def quick(self) -> bool:
+        """Whether `sampled` takes fewer samples unless it is to be fine."""
+        return False
+
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α over a stretch from samples, and how far they may be off.
 

@@ -19,10 +19,6 @@ if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
 
 
-# Five samples show what a Gaussian times other functions is where it changes by less, in σ.
-_WIDE = 1.5
-
-
 class Gaussian(SampledShaped):
     """A Gaussian shell: T = h/path_length · exp(-((x - center)/sigma)²/2).
 
@@ -85,10 +81,6 @@ class Gaussian(SampledShaped):
     def sample(self, offset: Any) -> Any:
         """Return exp(-offset²/2)."""
         return decay(0.5 * (offset * offset))
-
-    def is_wide(self, ends: list[Any], rate: Any) -> Any:
-        """Return where it changes by less than one and a half σ."""
-        return rate <= _WIDE
 
     @property
     def finer(self) -> bool:

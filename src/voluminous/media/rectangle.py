@@ -82,17 +82,12 @@ class Rectangle(SampledShaped):
         """Return one: samples are taken within the half width."""
         return type(offset)(1.0)
 
-    def is_wide(self, ends: list[Any], rate: Any) -> Any:
-        """Return where the whole stretch is within the half width."""
-        low, high = ends
-        return (low >= -1.0) & (high <= 1.0)
-
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
     ) -> Sampled:
         """Return one: known where the whole stretch is within the half width."""
         one = type(ends[0])(1.0)
-        inside = self.is_wide(ends, derivatives[0])
+        inside = _within(*ends)
         return Sampled(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
 
     def mean_bounds(
@@ -118,9 +113,9 @@ class Rectangle(SampledShaped):
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return one where an edge may be: nothing is thinner, however wide the shell is."""
-        low, high = ends = self._offsets(stretch.hull(self.expr), context)
+        low, high = self._offsets(stretch.hull(self.expr), context)
         thin, off = super().sharpness(stretch, context)
-        edge = (low <= 1.0) & (high >= -1.0) & ~self.is_wide(ends, None)
+        edge = (low <= 1.0) & (high >= -1.0) & ~_within(low, high)
         return dr.select(edge, type(thin)(1.0), 0.0), dr.select(edge, off, 0.0)
 
     def is_thin(self, extent: Any) -> Any:
@@ -130,3 +125,8 @@ class Rectangle(SampledShaped):
     def reach(self, faint: float) -> float:
         """Return one: beyond the half width there is nothing."""
         return 1.0
+
+
+def _within(low: Any, high: Any) -> Any:
+    """Return where a whole stretch is within the half width."""
+    return (low >= -1.0) & (high <= 1.0)

@@ -3,8 +3,8 @@
 Shapes whose sixth derivative is known take four nodes, both ends among them, which are exact for
 polynomials of degree five (Lobatto's rule; Abramowitz & Stegun 1964, 25.4.32); where that is not
 enough, eight of Gauss and Legendre, the error of which follows from how large the shape is in the
-complex plane around the stretch (Trefethen 2008, SIAM Review 50, 67). Of piecewise-linear
-tables it is known where they bend: two nodes of Gauss and Legendre. Of other smooth functions
+complex plane around the stretch (Trefethen 2008, SIAM Review 50, 67). Piecewise-linear tables take
+two nodes of Gauss and Legendre (`table_bends`). Of other smooth functions
 nothing is known: five nodes of Lobatto's rule (degree seven) are compared with the three of
 Simpson's (degree three) among them.
 """
@@ -48,10 +48,8 @@ WEIGHTS_OF_FIVE = (1 / 20, 49 / 180, 16 / 45, 49 / 180, 1 / 20)
 _SIMPSON = (1 / 6, 2 / 3)
 # What two rules may agree about by accident, of how sharply the function turns at inner nodes.
 _BY_ACCIDENT = 0.06
-# Those of Gauss and Legendre, equal weights, and what is off for a bend of one: half the square of
-# the first place (Peano's kernel).
+# Those of Gauss and Legendre, equal weights.
 PAIR = (0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12))
-BEND = 0.5 * PAIR[0] ** 2
 # The second to sixth derivative of exp(-z²/2) are below these times its square root.
 _DERIVATIVES = (1.15, 1.95, 3.75, 8.3, 20.0)
 # A Gaussian is smooth where its argument changes by less than this along a stretch, in σ.

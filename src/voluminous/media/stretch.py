@@ -15,7 +15,7 @@ from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
 from .context import Context
-from .turning import Turning, enclosed, spread
+from .turning import Turning, enclosed, is_cubic, spread
 
 # Where the scalars of a stretch are known: its panels lie between two of these.
 NODES = (0.0, 0.5, 1.0)
@@ -117,6 +117,10 @@ class Stretch:
     def turns(self, expr: Expression | Margin, least: Any) -> Any:
         """Return where an expression may go back and forth by more than a number."""
         return self.turning(expr).apart > least
+
+    def is_cubic(self, expr: Expression) -> bool:
+        """Return whether an expression is a cubic of s, as fields are."""
+        return is_cubic(expr, self.context)
 
     def turning(self, expr: Expression | Margin) -> Turning:
         """Return between which values an expression stays; computed once."""

@@ -111,6 +111,11 @@ class Sum(Medium):
         """Whether all parts are known from samples on all narrow stretches."""
         return all(part.finer for part in self.parts)
 
+    @property
+    def quick(self) -> bool:
+        """Whether one of the parts is."""
+        return any(part.quick for part in self.parts)
+
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the sums of the parts' means, and of what they may be off by."""
         found = [part.sampled(stretch, context, fine=fine) for part in self.parts]

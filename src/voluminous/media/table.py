@@ -19,8 +19,9 @@ from .contract import Coefficients, Medium
 from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
-from .sampled import BEND, PAIR, Sampled
+from .sampled import PAIR, Sampled
 from .shell import Shell
+from .table_bends import TableBends
 from .table_given import given_colors, given_columns, given_values, shared_colors
 from .table_means import PiecewiseLinear, Place
 from .table_middles import TableMiddles
@@ -168,8 +169,7 @@ class Table(Medium):
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α over a stretch from samples; see `Medium.sampled`.
 
-        Two of them are exact for the lines between nodes (x is a cubic), and off by as much as the
-        table bends at nodes on the way.
+        Two of them are exact for the lines between nodes; see `table_bends`.
         """
         if not self.smooth:
             return super().sampled(stretch, context)
@@ -178,8 +178,8 @@ class Table(Medium):
             for x in (*stretch.hull(self.expr), *(stretch.scalar(self.expr, s) for s in PAIR))
         )
         table = self._table(context, type(low))
-        first, second, _ = (context.narrow(d) for d in stretch.derivatives(self.expr))
-        off = BEND * table.bends(low, high, first + second)
+        slopes = [context.narrow(d) for d in stretch.derivatives(self.expr)]
+        off = self._bends(context, table).off(low, high, slopes, stretch.is_cubic(self.expr))
         gate, unsure = self.modulation.switched(stretch, context)
         off = dr.select(unsure, dr.inf, off)
         heights = [h * gate for h in self.heights(context)]
@@ -265,6 +265,11 @@ class Table(Medium):
             return PiecewiseLinear(real, self.nodes(context), columns)
 
         return context.keep((id(self), "table"), make)
+
+    def _bends(self, context: Context, table: PiecewiseLinear) -> TableBends:
+        return context.keep(
+            (id(self), "bends"), lambda: TableBends(table, self.nodes(context), self.shape)
+        )
 
     def _middles(self, context: Context, real: Any) -> TableMiddles:
         return TableMiddles(real, self.nodes(context), self._weight)

@@ -67,9 +67,9 @@ class PiecewiseLinear:
         self.real, self.UInt = real, dr.uint32_array_t(real)
         precision = precision_of(real)
         dtype = np.float32 if precision == "single" else np.float64
-        exponent = unit_exponent(nodes)
-        self.unit = dr.opaque(real, 2.0**exponent)
-        nodes = np.ldexp(nodes, exponent)
+        self.exponent = unit_exponent(nodes)
+        self.unit = dr.opaque(real, 2.0**self.exponent)
+        nodes = self.scaled(nodes)
         self.far = _FAR[precision]
         self.last = dr.opaque(self.UInt, len(nodes))
         rounded = nodes.astype(dtype)
@@ -85,7 +85,10 @@ class PiecewiseLinear:
         self.even = (dr.opaque(real, start), dr.opaque(real, 1.0 / spacing)) if even else None
         # Where nodes are off by no more than rounding, nothing need be corrected.
         self.regular = off <= 4.0 * len(nodes) * float(np.finfo(dtype).eps)
-        self.bent = from_host(real, _bends(nodes, columns).astype(dtype))
+
+    def scaled(self, nodes: np.ndarray) -> np.ndarray:
+        """Return values of x in the unit that kernels look them up in."""
+        return np.asarray(np.ldexp(nodes, self.exponent))
 
     def at(self, x: Any) -> Place:
         """Return where x lies, and the columns there; NaN where x is."""
@@ -110,21 +113,6 @@ class PiecewiseLinear:
         f = _fraction(place - k)
         before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
-
-    def bends(self, low: Any, high: Any, rate: Any) -> Any:
-        """Return by how much the steepest column's derivative along a way may change, in all.
-
-        Parameters
-        ----------
-        low, high : arrays
-            Between which x stays.
-        rate : array
-            A bound of the change of x per way, which is once at each node.
-        """
-        first, last = (
-            dr.gather(self.real, self.bent, self._below(self._near(x))) for x in (low, high)
-        )
-        return (last - first) * (rate * self.unit)
 
     def means(self, first: Place, last: Place) -> list[Any]:
         """Return the means of the columns between two places, in either order."""
@@ -154,8 +142,9 @@ class PiecewiseLinear:
         start, per_node = self.even
         return (x - start) * per_node
 
-    def _below(self, x: Any) -> Any:
+    def below(self, x: Any) -> Any:
         """Return the number of nodes that are not above x; rounded where they are regular."""
+        x = self._near(x)
         if not self.regular:
             return self._interval(x)
         place, most = self._position(x) + 1.0, self.real(self.last)
@@ -249,15 +238,6 @@ def _pieces(nodes: np.ndarray, rounded: np.ndarray) -> np.ndarray:
     narrowness = np.divide(1.0, width, out=np.zeros(len(width)), where=some)
     ratio = np.divide(true, width, out=np.ones(len(width)), where=some)
     return np.stack([low, high, narrowness, ratio], axis=1)
-
-
-def _bends(nodes: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return per interval how much the slope of the steepest column changes at all nodes before."""
-    steps = np.diff(nodes)[:, None]
-    slopes = np.divide(np.diff(columns, axis=0), steps, where=steps > 0, out=0.0 * columns[1:])
-    flat = np.zeros((1, columns.shape[1]))
-    changes = np.abs(np.diff(np.concatenate([flat, slopes, flat]), axis=0)).max(axis=1)
-    return np.concatenate([[0.0], np.cumsum(changes)])
 
 
 def unit_exponent(nodes: np.ndarray) -> int:

@@ -66,6 +66,11 @@ def enclosed(stretch: Stretch, expr: Expression | Margin) -> Turning:
     return _by_ranges(stretch, expr) if stretch.rough else _by_derivatives(stretch, expr)
 
 
+def is_cubic(expr: Expression | Margin, context: Context) -> bool:
+    """Return whether an expression is a cubic along a stretch, as fields are."""
+    return _kind(expr, context) <= Kind.SUM
+
+
 def _kind(expr: Expression | Margin, context: Context) -> Kind:
     return expr.kind(("r", *context.coordinates))
 

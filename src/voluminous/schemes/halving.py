@@ -10,6 +10,7 @@ from typing import Any
 from ..backend import dr
 from ..backend.functions import any_attenuation, precision_of
 from ..media.stretch import NODES
+from .in_front import InFront
 from .one_panel import solved
 from .path import Path, most, over
 
@@ -33,7 +34,7 @@ class Share:
 
 
 def attempt(
-    source: Any, part: Any, seen_through: Any, backward: bool, least: Any
+    source: Any, part: Any, in_front: InFront, backward: bool, least: Any
 ) -> tuple[Path, Any]:
     """Return a part solved, and where that is good enough; `least` cannot be halved again.
 
@@ -67,12 +68,10 @@ def attempt(
     # What was extrapolated may be a little more than everything.
     transparency = [dr.select(lost > 1.0, 0.0, 1.0 - lost) for lost in through]
     path = Path(emission, transparency, depth, error)
-    allowed, allowed_dim = source.tolerance
     # Of what is nothing but rounding smaller panels only make more.
     least = _ROUNDING[precision_of(type(unsure))]
-    good = (seen_through * error[0] <= allowed) | (error[0] <= least * error[2])
-    good_dim = (seen_through * error[1] <= allowed_dim) | (error[1] <= least)
-    return path, good & good_dim
+    good, good_dim = in_front.allows(source, *error[:2])
+    return path, (good | (error[0] <= least * error[2])) & (good_dim | (error[1] <= least))
 
 
 def _unsure(

@@ -15,6 +15,7 @@ from typing import Any
 
 from ..backend import dr
 from .halving import attempt
+from .in_front import InFront
 from .panel_edges import up_to_edge, with_layer
 from .panels import Piece, known_stretch, next_panel
 from .path import Path, empty_path, most, over
@@ -54,7 +55,7 @@ def in_panels(
     cubics: Any,
     known: Any,
     length: Any,
-    seen_through: Any,
+    in_front: InFront,
     nothing: Path,
     found: Path,
 ) -> Path:
@@ -74,7 +75,7 @@ def in_panels(
         pairs = [[value, value] for value in state.scalars]
         piece = Piece(cubics, length, state.begin, state.width, pairs).ending(source, known)
         piece, passed, hidden = up_to_edge(source, piece, known)
-        seen = seen_through if backward else seen_through * most(state.path.transparency)
+        seen = in_front.with_stretch(source, state.path, backward)
         found, good = _solved(source, backward, piece, seen, closed)
         good &= ~hidden | (piece.width <= _NARROWEST)
         found = with_layer(source, backward, piece, good & passed, found)
@@ -99,7 +100,9 @@ def _straight(source: Any, cubics: Any, known: Any, length: Any) -> Any:
     return found
 
 
-def _solved(source: Any, backward: bool, piece: Piece, seen: Any, closed: Any) -> tuple[Path, Any]:
+def _solved(
+    source: Any, backward: bool, piece: Piece, seen: InFront, closed: Any
+) -> tuple[Path, Any]:
     """Return a panel solved, and where that is good enough."""
     if source.hollow:
         return _nothing(source, piece), piece.width > 0.0
@@ -118,13 +121,13 @@ def _nothing(source: Any, piece: Piece) -> Path:
     return empty_path(type(piece.length), numbers.emissions, numbers.extinctions, 3)
 
 
-def _sampled(source: Any, backward: bool, piece: Piece, seen: Any) -> tuple[Path, Any]:
+def _sampled(source: Any, backward: bool, piece: Piece, seen: InFront) -> tuple[Path, Any]:
     """Return a panel solved with samples."""
     found, good = smooth_segment(source, piece.stretch(source), seen, backward, fine=True)
     return found, good
 
 
-def _compared(source: Any, backward: bool, piece: Piece, seen: Any) -> tuple[Path, Any]:
+def _compared(source: Any, backward: bool, piece: Piece, seen: InFront) -> tuple[Path, Any]:
     """Return a panel solved as one and as two, which are compared."""
     part = piece.stretch(source)
     least = piece.width <= _NARROWEST

@@ -18,10 +18,11 @@ from ..backend import dr
 from ..media.edges import edges_ahead
 from .contract import Keyed, Solution
 from .halving import attempt
+from .in_front import InFront
 from .panel_edges import surface_alone
 from .panel_loop import in_panels
 from .panels import known_stretch
-from .path import Path, empty_path, most
+from .path import Path, empty_path
 from .smooth_segment import smooth_segment
 
 
@@ -37,26 +38,28 @@ class PostClassified(Keyed):
     coarseness = 0.0
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry the scalars where the ray is (not known yet: NaN), and its transparency."""
+        """Carry the scalars where the ray is (not known yet: NaN), and what is in front."""
         unknown = source.context.real(math.nan)
-        return [*(unknown for _ in source.scalars), source.backend.Float(1)]
+        real = source.backend.Float
+        return [*(unknown for _ in source.scalars), real(1), real(0)]
 
     def leapt(
         self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
         """Forget the scalars of rays that crossed empty space."""
-        *scalars, seen_through = carried
-        return [*(dr.select(moved, math.nan, x) for x in scalars), seen_through]
+        *scalars, through, spent = carried
+        return [*(dr.select(moved, math.nan, x) for x in scalars), through, spent]
 
     def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
         """Go on with the scalars as they are there; what is not seen dims nothing."""
-        return [*onward[:-1], carried[-1]]
+        return [*onward[:-2], *carried[-2:]]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Solution, list[Any]]:
         """Return the solution of one segment; see `schemes.contract.Scheme`."""
-        *scalars, seen_through = carried
+        *scalars, through, spent = carried
+        in_front = InFront(through, spent)
         chord = walk.chord(track, segment)
         cubics = source.cubics(chord, source.corners(chord, segment.active))
         # Closely only where something may show: a shell in the radius takes a sixth of the time so.
@@ -69,21 +72,20 @@ class PostClassified(Keyed):
         numbers = source.numbers
         nothing = empty_path(source.backend.Float, numbers.emissions, numbers.extinctions, 3)
         path = dr.if_stmt(
-            args=(cubics, known, segment.length, seen_through, nothing),
+            args=(cubics, known, segment.length, in_front, nothing),
             cond=visible & segment.active,
             true_fn=functools.partial(_visible, source, backward),
             false_fn=_invisible,
         )
-        if not backward:
-            seen_through = seen_through * most(path.transparency)
+        in_front = in_front.with_stretch(source, path, backward)
         after = [
             dr.select(segment.active, values[-1], before)
             for values, before in zip(known, scalars, strict=True)
         ]
-        return path, [*after, seen_through]
+        return path, [*after, in_front.transparency, in_front.spent]
 
 
-def _invisible(cubics: Any, known: Any, length: Any, seen_through: Any, nothing: Path) -> Path:
+def _invisible(cubics: Any, known: Any, length: Any, in_front: InFront, nothing: Path) -> Path:
     return nothing
 
 
@@ -93,22 +95,22 @@ def _visible(
     cubics: Any,
     known: Any,
     length: Any,
-    seen_through: Any,
+    in_front: InFront,
     nothing: Path,
 ) -> Path:
     """Return a segment solved at once, or in panels where that is not good enough."""
     whole = known_stretch(source, cubics, known, length, rough=source.smooth)
     if source.smooth:
-        found, good = smooth_segment(source, whole, seen_through, backward)
-        widest = 1.0
+        found, good = smooth_segment(source, whole, in_front, backward)
+        widest = 1.0 if source.quick else 0.5
     elif source.hollow:
         found, good = surface_alone(source, whole, cubics, known, length, nothing)
         widest = 1.0
     elif source.edges and source.finer:  # how dense it is
-        found, _ = smooth_segment(source, whole, seen_through, backward)
+        found, _ = smooth_segment(source, whole, in_front, backward)
         good, widest = length < 0.0, 1.0
     else:
-        found, good = attempt(source, whole, seen_through, backward, seen_through < 0.0)
+        found, good = attempt(source, whole, in_front, backward, length < 0.0)
         _, hidden = source.visible(whole)
         good &= ~hidden
         widest = 0.5
@@ -116,7 +118,7 @@ def _visible(
             count, _ = edges_ahead(whole, source.edges)
             good, widest = good & (count == 0), 1.0
     return dr.if_stmt(
-        args=(cubics, known, length, seen_through, nothing, found),
+        args=(cubics, known, length, in_front, nothing, found),
         cond=good,
         true_fn=_good_enough,
         false_fn=functools.partial(in_panels, source, backward, widest),
@@ -124,6 +126,6 @@ def _visible(
 
 
 def _good_enough(
-    cubics: Any, known: Any, length: Any, seen_through: Any, nothing: Path, fine: Path
+    cubics: Any, known: Any, length: Any, in_front: InFront, nothing: Path, fine: Path
 ) -> Path:
     return fine

@@ -10,11 +10,12 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import THIN, thin_attenuation
+from .in_front import InFront
 from .path import Path, most
 
 
 def smooth_segment(
-    source: Any, whole: Any, seen_through: Any, backward: bool, *, fine: bool = False
+    source: Any, whole: Any, in_front: InFront, backward: bool, *, fine: bool = False
 ) -> tuple[Path, Any]:
     """Return a segment solved with means of samples, and where that is good enough.
 
@@ -22,8 +23,8 @@ def smooth_segment(
     ----------
     source, whole
         Where coefficients are from, and the segment's stretch.
-    seen_through : array
-        Transparency of what is in front.
+    in_front : InFront
+        What is in front of it.
     backward : bool
         The walk goes towards the observer.
     fine : bool
@@ -42,10 +43,9 @@ def smooth_segment(
         wrong = dr.fma(0.5, brightness(turns), wrong)
     bright = brightness(emission)
     wrong = dr.fma(0.5 * dim, bright, wrong)
-    allowed, allowed_dim = source.tolerance
-    good = (seen_through * wrong <= allowed) & (seen_through * dim <= allowed_dim)
+    good, good_dim = in_front.allows(source, wrong, dim)
     path = Path(emission, [theta for theta, _ in found], depth, [wrong, dim, bright])
-    return path, good & (most(depth) <= THIN)
+    return path, good & good_dim & (most(depth) <= THIN)
 
 
 def _turns(first: Any, last: Any, ahead: Any, length: Any) -> list[Any]:

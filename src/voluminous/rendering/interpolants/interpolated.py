@@ -29,7 +29,8 @@ class Interpolated:
     scalars : tuple of Expression
         What is carried from one stretch to the next.
     tolerance : tuple of arrays
-        The errors of emission and transparency allowed per stretch.
+        The errors of emission and transparency allowed in the first stretch of a ray, and what part
+        of a pixel's those are (`schemes.in_front`).
     neglected, neglected_depth : float
         What faint places that are left out may emit and absorb along a ray, in all.
     lost : float
@@ -49,7 +50,7 @@ class Interpolated:
         self.blocks = blocks
         self.walk: Any = None  # through less than the whole grid, or in other steps
         self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
-        self.tolerance: tuple[Any, Any] = ()  # type: ignore[assignment]
+        self.tolerance: tuple[Any, ...] = ()
         self.lost = 0.0
         # A ray that never comes nearer to a shell than where it is neglected may pass along it
         # all the way.
@@ -68,11 +69,12 @@ class Interpolated:
         every = "r" in names or bool(context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
 
-    def allow(self, emission: float, transparency: float) -> None:
-        """Set the errors allowed per segment; an infinite one never is."""
+    def allow(self, emission: float, transparency: float, share: float) -> None:
+        """Set the errors allowed in a pixel, and a segment's share; infinite ones never are."""
         o = self.backend.opaque
         most = 0.5 * float(np.finfo(self.backend.dtype).max)
-        self.tolerance = (o(min(emission, most)), o(min(transparency, most)))
+        allowed = (min(share * error, most) for error in (emission, transparency))
+        self.tolerance = (*map(o, allowed), o(share))
 
     def corners(self, chord: Chord, active: Any) -> dict[str, Corners]:
         """Return the values of every field around the dual cell of a segment."""
@@ -155,6 +157,11 @@ class Interpolated:
         found = self.classifier.medium.layer(stretch, self.context, place)
         assert found is not None  # `layered`
         return layer(*self.numbers.split(found.listed()))
+
+    @property
+    def quick(self) -> bool:
+        """Whether there is a rule of fewer samples."""
+        return self.classifier.medium.quick
 
     @property
     def finer(self) -> bool:

@@ -50,10 +50,10 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
     source = drawing.source
     behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
-    source.allow(np.inf, np.inf)  # until it is known how bright the picture is
+    source.allow(np.inf, np.inf, 1.0)  # until it is known how bright the picture is
     scale = _sampled_brightness(drawing, behind)
     if scale > 0.0:
-        source.allow(first * tolerance * scale, first * tolerance)
+        source.allow(tolerance * scale, tolerance, first)
     else:
         shares = list(_SHARES)
     paths = drawing.frame()
@@ -62,9 +62,9 @@ def controlled(drawing: Drawing, tolerance: float, background: float) -> tuple[P
         wrong = _too_wrong(drawing, paths, tolerance, scale, behind)
         if not len(wrong):
             break
-        source.allow(share * tolerance * scale, share * tolerance)
+        source.allow(tolerance * scale, tolerance, share)
         paths.put(wrong, drawing.pixels(wrong))
-    source.allow(first * tolerance * scale, first * tolerance)  # for rays still to come
+    source.allow(tolerance * scale, tolerance, first)  # for rays still to come
     return paths, source.neglected <= tolerance * scale
 
 
