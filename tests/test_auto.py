@@ -246,8 +246,9 @@ def test_an_expression_may_be_given():
     [
         ({"expr": "densty"}, vm.UnknownNameError, "density"),
         ({"cmap": "turbot"}, vm.UnknownNameError, "turbo"),
-        ({"n": 0}, vm.InputError, "positive whole number"),
-        ({"n": 2.5}, vm.InputError, "positive whole number"),
+        ({"n": 0}, vm.InputError, "whole number of shells from 1 to 100"),
+        ({"n": 1000}, vm.InputError, "whole number of shells from 1 to 100"),
+        ({"n": 2.5}, vm.InputError, "whole number of shells"),
         ({"opacity": -1}, vm.InputError, "positive"),
         ({"expr": "log10(-density)"}, vm.InputError, "no finite value"),
     ],

@@ -312,6 +312,26 @@ def test_what_demo_tells_to_type_works(tmp_path, monkeypatch, capsys):
     assert vm.Image.load("oblique.png").camera["incl"] == 60
 
 
+def test_demo_refuses_what_a_panel_cannot_be_drawn_with(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("demo", "--all", "--scheme", "first-order") == 2
+    assert "which first-order cannot draw" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scheme_is_looked_up_before_a_file_is_read(tmp_path, capsys):
+    damaged = tmp_path / "damaged.npy"
+    np.save(damaged, np.zeros((8, 8, 8)))
+    damaged.write_bytes(damaged.read_bytes()[:1000])
+    for option, wrong, right in (
+        ("--scheme", "first-odrer", "first-order"),
+        ("--precision", "duoble", "double"),
+        ("--device", "cdua", "cuda"),
+    ):
+        assert run("render", damaged, option, wrong) == 2
+        assert f"unknown {option[2:]} '{wrong}'; did you mean '{right}'" in capsys.readouterr().err
+
+
 def test_demo_refuses_other_formats(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert run("demo", "-o", "core.fits") == 2

@@ -219,6 +219,14 @@ def test_a_channel_of_its_own(depth):
     assert image.to_rgb().shape == (21, 21, 3)
 
 
+def test_no_channel_is_left_empty_below_that_of_an_object():
+    medium = vm.Gaussian("a", 0.5, 0.1, (1.0,), 1.0, 1.0)
+    for channel in (2, 10**20):
+        star = vm.Star((0, 0, 0), 5.0, radius=0.05, channel=channel)
+        with pytest.raises(vm.InputError, match=r"nothing would be in channel 1"):
+            vm.render(SLAB, medium, CAMERA, objects=[star])
+
+
 def test_channels_with_their_own_extinction():
     medium = vm.Coefficients(["j", "j"], ["a", "3 * a"])
     star = vm.Star((0, 0, 0.5), (4.0, 5.0), radius=0.05)

@@ -29,10 +29,12 @@ def require(module: str, extra: str, purpose: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
+        # What is merely not there needs no traceback; what is broken does.
+        absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
         raise MissingPackageError(
             f"{purpose} needs the package {module.partition('.')[0]!r} ({error}); install it with\n"
             f'  pip install "voluminous[{extra}]"'
-        ) from error
+        ) from (None if absent else error)
 
 
 def is_installed(module: str) -> bool:

@@ -21,6 +21,8 @@ from .profile import Profile
 from .scalar import is_wide, main_scalar
 from .thickness import Thickness, thicknesses
 
+# Shells that nobody tells apart take minutes to compile.
+_MOST = 100
 # σ of a shell as a part of the distance of levels: thin enough to look between them.
 _SIGMA = 0.12
 # The part of a colormap that is bright enough on black.
@@ -53,7 +55,7 @@ def auto(
         Field or expression to look at. By default the field called density, rho, …; else the one
         with the most structure.
     n : int
-        Number of shells.
+        Number of shells, at most 100.
     opacity : float
         Optical depth of one crossing of the smallest shell; larger ones are more transparent, so
         that the inside is seen.
@@ -73,7 +75,7 @@ def auto(
     ------
     InputError
         If there is no field, or no finite value, or `expr` is neither text nor an expression, or
-        `n` or `opacity` is not positive.
+        `n` or `opacity` is not positive, or `n` above 100.
     UnknownNameError
         If there is no such field or colormap; names the nearest.
 
@@ -92,8 +94,8 @@ def auto(
     >>> [shell.expr.text for shell in vm.auto(core, n=2).components()]
     ['log10(density)', 'log10(density)']
     """
-    if int(n) != n or n < 1:
-        raise InputError(f"n must be a positive whole number of shells, got {n!r}")
+    if int(n) != n or not 1 <= n <= _MOST:
+        raise InputError(f"n must be a whole number of shells from 1 to {_MOST}, got {n!r}")
     if not 0 < opacity < np.inf:
         raise InputError(f"opacity must be positive and finite, got {opacity!r}")
     scalar = main_scalar(volume) if expr is None else _expression(expr)

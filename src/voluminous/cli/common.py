@@ -30,9 +30,18 @@ def add_render_options(parser: argparse.ArgumentParser) -> None:
 
 
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the changes to a scene that the options ask for."""
+    """Return the changes to a scene that the options ask for.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such scheme, precision or device: before a large file is read.
+    """
+    from ..scene.sections import render_options
+
     names = ("scheme", "precision", "device")
-    return {f"render.{n}": getattr(args, n) for n in names if getattr(args, n) is not None}
+    given = {n: getattr(args, n) for n in names if getattr(args, n) is not None}
+    return {f"render.{name}": value for name, value in render_options(given).items()}
 
 
 def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:

@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     output = check_output(args.output)
     if output.suffix.lower() != ".png":
         raise InputError(f"the labelled picture is a PNG; give a name like core.png, got {output}")
-    scene = Scene(_settings(args)).replaced(given_options(args))
+    scene = Scene(_settings(args)).replaced(_options(args))
     say(
         args.quiet, f"A prestellar core of {args.cells}^3 cells, density ~ 1/r^2, seen face-on:", ""
     )
@@ -114,6 +114,25 @@ def run(args: argparse.Namespace) -> int:
     say(args.quiet, f"  {output}: all of them side by side", "")
     say(args.quiet, *_outlook(paths[0], time.perf_counter() - start))
     return 0
+
+
+def _options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the changes that options ask for.
+
+    Raises
+    ------
+    InputError
+        If a panel cannot be drawn so: before any is.
+    """
+    from ..schemes import SCHEMES
+
+    options = given_options(args)
+    if args.all and args.scheme is not None and SCHEMES[args.scheme].place != "field":
+        raise InputError(
+            f"--all shows surfaces without thickness, which {args.scheme} cannot draw; leave out "
+            "--scheme or --all"
+        )
+    return options
 
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:

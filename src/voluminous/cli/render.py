@@ -97,6 +97,7 @@ def scene_from(args: argparse.Namespace, given: dict[str, Any], of_data: bool) -
     """
     from ..scene import Scene
 
+    options = given_options(args)
     if of_data:
         scene, choice = render_volume.scene_of(args, _taken_options(given), given)
         say(args.quiet, choice)
@@ -105,7 +106,7 @@ def scene_from(args: argparse.Namespace, given: dict[str, Any], of_data: bool) -
         render_volume.refuse_options(args)
         scene, changes = Scene.load(args.scene), {}
     changes |= {place: changed_value(place, value, scene) for place, value in given.items()}
-    changes |= given_options(args)
+    changes |= options
     return scene.replaced(changes) if changes else scene
 
 

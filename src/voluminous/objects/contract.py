@@ -99,8 +99,8 @@ class SceneObject:
     depth : {"true", "foreground"}
         Where it is: what is in front dims it and it hides what is behind; or in front of all.
     channel : int, optional
-        The only channel in which it shines. It may be one more than the medium has: the picture
-        then gets it. Default: all of the medium's.
+        The only channel in which it shines. It may be the one behind the medium's last, and so on:
+        the picture then gets it. Default: all of the medium's.
     relative : bool
         Colours count in units of the brightest pixel of the picture without objects.
 

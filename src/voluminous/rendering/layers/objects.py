@@ -62,12 +62,19 @@ def channel_count(objects: list[SceneObject], job: Job) -> int:
     Raises
     ------
     InputError
-        If nothing is known of the extinction in an object's channel.
+        If nothing is known of the extinction in an object's channel, or channels without anything
+        would be left between the medium's and an object's.
     """
     own = int(job.medium.channels)
+    beyond = {one.channel for one in objects if one.channel is not None and one.channel >= own}
+    if beyond and max(beyond) >= own + len(beyond):
+        raise InputError(
+            f"channel {max(beyond)}: the medium has {own}, and nothing would be in channel "
+            f"{min(set(range(own, own + len(beyond))) - beyond)}; number those of objects from "
+            f"{own} on"
+        )
     for one in objects:
-        beyond = one.channel is not None and one.channel >= own
-        if beyond and not job.medium.grey and one.depth == "true":
+        if one.channel in beyond and not job.medium.grey and one.depth == "true":
             raise InputError(
                 f"channel {one.channel} is beyond the medium's {own}, whose extinction differs "
                 "from channel to channel: nothing dims it there; give depth='foreground'"
