@@ -13,7 +13,8 @@ from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
 from ..media.shaped import Shaped
 from ..volume import Volume
-from .histogram import histogram, sampled_values
+from .checks import check_volume, positive_opacity, shell_count
+from .histogram import histogram, is_constant, sampled_values
 from .labels import labels_of
 from .levels import levels
 from .noise import noise_of
@@ -53,7 +54,7 @@ def auto(
         Field or expression to look at. By default the field called density, rho, …; else the one
         with the most structure.
     n : int
-        Number of shells.
+        Number of shells, 1024 at most.
     opacity : float
         Optical depth of one crossing of the smallest shell; larger ones are more transparent, so
         that the inside is seen.
@@ -73,7 +74,7 @@ def auto(
     ------
     InputError
         If there is no field, or no finite value, or `expr` is neither text nor an expression, or
-        `n` or `opacity` is not positive.
+        `n` or `opacity` is not positive, or `volume` is no volume.
     UnknownNameError
         If there is no such field or colormap; names the nearest.
 
@@ -92,18 +93,16 @@ def auto(
     >>> [shell.expr.text for shell in vm.auto(core, n=2).components()]
     ['log10(density)', 'log10(density)']
     """
-    if int(n) != n or n < 1:
-        raise InputError(f"n must be a positive whole number of shells, got {n!r}")
-    if not 0 < opacity < np.inf:
-        raise InputError(f"opacity must be positive and finite, got {opacity!r}")
+    check_volume("auto", "first", volume)
+    count, depth = shell_count(n), positive_opacity(opacity)
     scalar = main_scalar(volume) if expr is None else _expression(expr)
     values = sampled_values(volume, scalar)
     if not len(values):
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
     color = get_colormap(cmap)
-    shells, positions = _shells(volume, scalar, values, int(n))
+    shells, positions = _shells(volume, scalar, values, count)
     colors = np.asarray(color(positions))[:, :3]
-    return _lit(volume, shells, colors, float(opacity))
+    return _lit(volume, shells, colors, depth)
 
 
 def _expression(expr: Any) -> Expression:
@@ -131,7 +130,7 @@ def _shells(
     signed = bool(values[0] < 0) and not wide and not floor
     if wide:
         expr, values = Expression(f"log10({expr.text})"), np.log10(values[values > 0])
-    if values[0] == values[-1]:
+    if is_constant(values[0], values[-1]):
         value = float(values[0])
         return [_shell(Rectangle, expr, value, 0.5 * abs(value) or 1.0)], np.array([_WARM])
     centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)
