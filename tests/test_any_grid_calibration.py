@@ -45,6 +45,27 @@ def test_a_shell_is_as_thick_as_it_is(kind):
     assert vm.calibrate(medium, volume).path_length == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.parametrize("kind", ["cartesian", *GRIDS])
+@pytest.mark.parametrize(
+    ("dtype", "unit"),
+    [("f4", 1e-24), ("f4", 1e-30), ("f4", 1e30), ("f8", 1e-200), ("f8", 1e200)],
+)
+def test_the_unit_of_a_field_does_not_matter(kind, dtype, unit):
+    grid = vm.CartesianGrid.uniform(24, (-1, 1)) if kind == "cartesian" else GRIDS[kind]()
+    plain = vm.Volume(grid)
+    plain["f"] = "0.2 + r**2"
+    scaled = vm.Volume(grid, f=(unit * plain.array("f").astype("f8")).astype(dtype))
+    shell = vm.Gaussian("f", 0.56, 0.05, 1.0, 1.0, path_length="auto")
+    other = vm.Gaussian("f", 0.56 * unit, 0.05 * unit, 1.0, 1.0, path_length="auto")
+    expected = vm.calibrate(shell, plain).path_length
+    # Differences of numbers in single precision: 1e-7 over a difference of a hundredth.
+    assert vm.calibrate(other, scaled).path_length == pytest.approx(expected, rel=1e-4)
+    for one, two in zip(vm.auto(plain).components(), vm.auto(scaled).components(), strict=True):
+        # Rounding may push a cell into the next of 1024 bins, of a range of two.
+        assert two.center / unit == pytest.approx(one.center, abs=0.01)
+        assert two.path_length == pytest.approx(one.path_length, rel=0.02)
+
+
 @pytest.mark.parametrize("kind", GRIDS)
 def test_lines_cross_a_closed_shell_twice(kind):
     volume = vm.Volume(GRIDS[kind]())

@@ -213,6 +213,37 @@ def test_a_constant_is_seen(value):
     assert (image.intensity.max(axis=-1) > 0).mean() > 0.3
 
 
+@pytest.mark.parametrize("value", [1e-24, 300.0, -7.0])
+def test_rounding_is_no_structure(value):
+    # What is left of a constant after some arithmetic: a few units in the last place.
+    noise = 1 + 1e-15 * np.random.default_rng(1).normal(size=(12, 12, 12))
+    volume = vm.Volume(vm.CartesianGrid.uniform(12, (-1, 1)), temperature=value * noise)
+    medium = vm.auto(volume)
+    assert isinstance(medium, vm.Rectangle)
+    assert medium.center == pytest.approx(value, rel=1e-12)
+    # Beside a field with structure it is not looked at.
+    volume["heat"] = "exp(-3 * r)"
+    assert shells(vm.auto(volume))[0].expr.text == "heat"
+    # One odd cell, and the range of all others is no wider than rounding.
+    odd = volume.array("temperature").copy()
+    odd[5, 6, 7] *= 2
+    del volume["temperature"], volume["heat"]
+    volume["temperature"] = odd
+    assert len(shells(vm.auto(volume))) == 4
+
+
+@pytest.mark.parametrize("odd", [-1e20, 1e20])
+def test_one_odd_cell_does_not_matter_whatever_its_sign(odd):
+    volume = cube(lambda r: 2 + np.exp(-3 * r), 20)
+    a = volume.array("a").copy()
+    a[3, 4, 5] = odd
+    volume["a"] = a
+    found = [shell.center for shell in shells(vm.auto(volume))]
+    # Its neighbours are steep, so a level may move within its quarter of the range, 2 to 3.
+    assert (np.diff([2, *found, 3]) > 0).all()
+    assert np.ptp(found) > 0.4
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
 def test_cells_without_a_value_do_not_matter(bad):
     volume = cube(lambda r: np.where(r > 0.9, bad, 10 ** (4 - 4 * r)))
@@ -246,16 +277,29 @@ def test_an_expression_may_be_given():
     [
         ({"expr": "densty"}, vm.UnknownNameError, "density"),
         ({"cmap": "turbot"}, vm.UnknownNameError, "turbo"),
-        ({"n": 0}, vm.InputError, "whole number of shells from 1 to 100"),
-        ({"n": 1000}, vm.InputError, "whole number of shells from 1 to 100"),
-        ({"n": 2.5}, vm.InputError, "whole number of shells"),
+        ({"n": 0}, vm.InputError, "positive whole number"),
+        ({"n": 2.5}, vm.InputError, "positive whole number"),
+        ({"n": np.nan}, vm.InputError, "positive whole number"),
+        ({"n": np.inf}, vm.InputError, "positive whole number"),
+        ({"n": None}, vm.InputError, "positive whole number"),
+        ({"n": 101}, vm.InputError, "100 at most"),
         ({"opacity": -1}, vm.InputError, "positive"),
+        ({"opacity": "1"}, vm.InputError, "positive"),
         ({"expr": "log10(-density)"}, vm.InputError, "no finite value"),
     ],
 )
 def test_errors_say_what_to_do(options, error, told):
     with pytest.raises(error, match=told):
         vm.auto(vm.models.prestellar_core(8), **options)
+
+
+@pytest.mark.parametrize(
+    ("what", "told"),
+    [(np.ones((2, 2, 2)), "holds an array"), ("data.npz", "vm.open"), (None, "NoneType")],
+)
+def test_what_is_no_volume_is_refused(what, told):
+    with pytest.raises(vm.InputError, match=rf"auto needs a vm.Volume first.*{told}"):
+        vm.auto(what)
 
 
 def test_a_volume_without_fields_says_so():

@@ -239,6 +239,14 @@ def test_other_texts_are_refused(bad):
         vm.Gaussian("a", 40, 1, 1, 1, bad)
 
 
+def test_what_is_no_medium_or_no_volume_is_refused():
+    shell = vm.Gaussian("a", 40, 1, 1, 1, "auto")
+    with pytest.raises(vm.InputError, match=r"calibrate needs a medium .* first, got Volume"):
+        vm.calibrate(ramp(), shell)
+    with pytest.raises(vm.InputError, match=r"a vm\.Volume second, got str; vm\.open"):
+        vm.calibrate(shell, "data.npz")
+
+
 def test_an_unknown_field_is_named():
     with pytest.raises(vm.UnknownNameError, match="'b'"):
         vm.calibrate(vm.Gaussian("b", 40, 1, 1, 1, "auto"), ramp())

@@ -138,6 +138,19 @@ def test_lengths_and_masses_scale(case):
     np.testing.assert_allclose(other.array("density"), expected, rtol=2e-6)
 
 
+@pytest.mark.parametrize("case", ["smoothed", "mesh", "neither"])
+@pytest.mark.parametrize("power", [-250, 250])
+def test_units_of_length_do_not_matter(case, power):
+    positions, masses, h, _ = cloud(60)
+    one = vm.from_particles(positions, masses, **CASES[case](h))
+    scale = 2.0**power  # 1e-75 and 1e75
+    other = vm.from_particles(scale * positions, masses, **CASES[case](scale * h))
+    np.testing.assert_array_equal(other.grid.levels, one.grid.levels)
+    # Weights are kept in single precision.
+    expected = one.array("density")
+    np.testing.assert_allclose(other.array("density") * scale**3, expected, rtol=2e-6)
+
+
 @pytest.mark.parametrize("case", ["smoothed", "mesh"])
 def test_axes_are_alike(case):
     positions, masses, h, _ = cloud(300)
@@ -301,8 +314,46 @@ def test_a_uniform_lattice_in_a_periodic_box_has_the_same_density_everywhere():
     np.testing.assert_allclose(volume.array("density"), 1, atol=0.02)
 
 
+@pytest.mark.parametrize(
+    ("h", "bounds", "level"),
+    [(0.25, BOX, 3), (0.6, BOX, 2), (2.0, BOX, 2), (0.5, ((0, 0.5), (0, 1), (0, 4)), 1)],
+)
+def test_kernels_broader_than_a_periodic_box_come_back_into_it(h, bounds, level):
+    point, size = np.array([0.2, 0.3, 0.6]), np.ptp(bounds, axis=1)
+    box = {"bounds": bounds, "periodic": True, "min_level": level, "max_level": level}
+    volume = vm.from_particles([point], 1.0, smoothing_length=h, **box)
+    most = np.ceil(2 * h / size).astype(int)
+    steps = np.meshgrid(*[np.arange(-n, n + 1) for n in most], indexing="ij")
+    shifts = np.stack(steps, axis=-1).reshape(-1, 3) * size
+    # The mean over each cell, by 4³ midpoints.
+    offsets = (lattice(4) - 0.5)[:, None] * volume.grid.cell_sizes().T
+    places = volume.grid.cell_centers().T + offsets - point
+    expected = np.zeros(places.shape[1])
+    for shift in shifts:
+        r = np.linalg.norm(places - shift, axis=-1)
+        expected += kernel_value("cubic", r, 2 * h).mean(axis=0)
+    # Midpoints are about a quarter of the radius apart: some percent, of each image's peak too.
+    atol = 0.05 * kernel_value("cubic", 0.0, 2 * h)
+    np.testing.assert_allclose(volume.array("density"), expected, rtol=0.05, atol=atol)
+
+
+def test_a_kernel_of_many_periodic_boxes_is_the_same_everywhere():
+    box = {"bounds": (0, 1), "periodic": True, "min_level": 3}
+    volume = vm.from_particles([[0.2, 0.3, 0.6]], 1.0, smoothing_length=100.0, **box)
+    # Three boxes on either side, of which the kernel's sum is even to 0.4 %.
+    np.testing.assert_allclose(volume.array("density"), 1, atol=0.004)
+
+
+def test_far_too_many_images_are_refused():
+    positions = np.random.default_rng(1).random((1000, 3)) * (1e-3, 1e-3, 1)
+    bounds = ((0, 1e-3), (0, 1e-3), (0, 1))
+    with pytest.raises(vm.MemoryNeededError, match=r"images of particles .*check their unit"):
+        vm.from_particles(positions, 1.0, smoothing_length=10.0, bounds=bounds, periodic=True)
+
+
 def test_a_periodic_box_has_no_walls():
     positions, masses, h, _ = cloud(200)
+    h = np.minimum(h, 1.0)  # nodes of broader kernels are wider than the step is long
     box, step = {"bounds": (-1, 1), "periodic": True}, np.array([0.5, 1.0, -2.5])
     one = vm.from_particles(positions, masses, smoothing_length=h, **box)
     moved = vm.from_particles(positions + step, masses, smoothing_length=h, **box)
@@ -509,6 +560,25 @@ GOOD = np.array([[0.0, 0, 0], [1, 1, 1]])
         ((GOOD, 1.0), {"periodic": True}, vm.InputError, "bounds"),
         ((GOOD, 1.0), {"bounds": (5, 6)}, vm.InputError, "no particle"),
         ((GOOD, 1.0), {"max_particles": 0}, vm.InputError, "max_particles"),
+        ((GOOD, 1.0), {"max_particles": None}, vm.InputError, "max_particles must be a whole"),
+        ((GOOD, 1.0), {"max_level": 3.5}, vm.InputError, "whole numbers"),
+        ((GOOD, 1.0), {"cell_width": "1"}, vm.InputError, "cell_width"),
+        ((GOOD, 1.0), {"cell_width": np.inf}, vm.InputError, "cell_width"),
+        ((GOOD, 1.0), {"kernel": ["cubic"]}, vm.UnknownNameError, "cubic"),
+        ((GOOD, 1.0), {"empty": None, "fields": {"a": [1.0, 2]}}, vm.InputError, "empty must be"),
+        ((GOOD, 1.0), {"bounds": "all"}, vm.UnitsError, "bounds must be"),
+        ((GOOD, 1.0), {"bounds": (0, 1), "periodic": (1, 0, 1)}, vm.InputError, "some axes"),
+        ((GOOD, 1.0), {"unit": "kg"}, vm.UnitsError, "unit of mass"),
+        ((GOOD * 1j, 1.0), {}, vm.InputError, "positions must be real"),
+        ((GOOD, np.array([1j, 2])), {}, vm.InputError, "masses must be real"),
+        ((GOOD, 1.0), {"fields": [1.0, 2]}, vm.InputError, "mapping of names to arrays"),
+        ((GOOD, 1.0), {"fields": {"a": [[1.0], [1, 2]]}}, vm.InputError, "array of numbers"),
+        (
+            (GOOD, 1.0),
+            {"fields": {"v": np.ones((2, 3)), "v_x": [1.0, 2]}},
+            vm.InputError,
+            "two fields are called 'v_x'",
+        ),
         ((GOOD, 1.0), {"cell_width": -1}, vm.InputError, "cell_width"),
         ((GOOD, 1.0), {"max_level": 21}, vm.InputError, "max_level"),
         ((GOOD, 1.0), {"min_level": 19}, vm.MemoryNeededError, "max_level"),
@@ -533,3 +603,21 @@ def test_masked_values_that_particles_carry_are_missing():
     there = (volume.array("density") > 0) & ~np.isnan(found)
     assert np.isnan(found).any()
     assert set(found[there]) == {1.0}
+
+
+@pytest.mark.parametrize("case", ["smoothed", "mesh"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_missing_value_counts_only_where_its_particle_is(case, bad):
+    positions, masses, h, _ = cloud(100)
+    carried, there = np.ones(100), np.zeros(100)
+    carried[7], there[7] = bad, 1.0
+    volume = vm.from_particles(
+        positions, masses, fields={"a": carried, "there": there}, **CASES[case](h)
+    )
+    found, share = volume.array("a"), volume.array("there")
+    massive = volume.array("density") > 0
+    np.testing.assert_array_equal(np.isfinite(found[massive]), share[massive] == 0)
+    # A particle without mass is nowhere.
+    masses[7] = 0.0 if case == "smoothed" else masses[7]
+    nowhere = vm.from_particles(positions, masses, fields={"a": carried}, **CASES[case](h))
+    assert np.isfinite(nowhere.array("a")).all() == (case == "smoothed")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
+from os import PathLike
 from typing import Any
 
 # A noun, and what says which: "format", " that can be written".
@@ -118,7 +119,7 @@ _TAKEN = {
 
 
 def how_to_take(value: Any) -> str:
-    """Return what makes a volume of the data of another package, to end an error message with.
+    """Return what makes a volume of a file or of another package's data, to end a message with.
 
     Examples
     --------
@@ -126,5 +127,7 @@ def how_to_take(value: Any) -> str:
     >>> how_to_take(np.zeros(3))[:20], how_to_take(3.0)
     ('; vm.Volume(vm.Carte', '')
     """
+    if isinstance(value, (str, PathLike)):
+        return "; vm.open(path) makes one of a file"
     advice = _TAKEN.get(type(value).__module__.partition(".")[0])
     return f"; {advice}" if advice else ""

@@ -13,7 +13,8 @@ from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
 from ..media.shaped import Shaped
 from ..volume import Volume
-from .histogram import histogram, sampled_values
+from .checks import check_volume, positive_opacity, shell_count
+from .histogram import histogram, is_constant, sampled_values
 from .labels import labels_of
 from .levels import levels
 from .noise import noise_of
@@ -21,8 +22,6 @@ from .profile import Profile
 from .scalar import is_wide, main_scalar
 from .thickness import Thickness, thicknesses
 
-# Shells that nobody tells apart take minutes to compile.
-_MOST = 100
 # σ of a shell as a part of the distance of levels: thin enough to look between them.
 _SIGMA = 0.12
 # The part of a colormap that is bright enough on black.
@@ -75,7 +74,7 @@ def auto(
     ------
     InputError
         If there is no field, or no finite value, or `expr` is neither text nor an expression, or
-        `n` or `opacity` is not positive, or `n` above 100.
+        `n` or `opacity` is not positive, or `volume` is no volume.
     UnknownNameError
         If there is no such field or colormap; names the nearest.
 
@@ -94,18 +93,16 @@ def auto(
     >>> [shell.expr.text for shell in vm.auto(core, n=2).components()]
     ['log10(density)', 'log10(density)']
     """
-    if int(n) != n or not 1 <= n <= _MOST:
-        raise InputError(f"n must be a whole number of shells from 1 to {_MOST}, got {n!r}")
-    if not 0 < opacity < np.inf:
-        raise InputError(f"opacity must be positive and finite, got {opacity!r}")
+    check_volume("auto", "first", volume)
+    count, depth = shell_count(n), positive_opacity(opacity)
     scalar = main_scalar(volume) if expr is None else _expression(expr)
     values = sampled_values(volume, scalar)
     if not len(values):
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
     color = get_colormap(cmap)
-    shells, positions = _shells(volume, scalar, values, int(n))
+    shells, positions = _shells(volume, scalar, values, count)
     colors = np.asarray(color(positions))[:, :3]
-    return _lit(volume, shells, colors, float(opacity))
+    return _lit(volume, shells, colors, depth)
 
 
 def _expression(expr: Any) -> Expression:
@@ -133,7 +130,7 @@ def _shells(
     signed = bool(values[0] < 0) and not wide and not floor
     if wide:
         expr, values = Expression(f"log10({expr.text})"), np.log10(values[values > 0])
-    if values[0] == values[-1]:
+    if is_constant(values[0], values[-1]):
         value = float(values[0])
         return [_shell(Rectangle, expr, value, 0.5 * abs(value) or 1.0)], np.array([_WARM])
     centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)

@@ -11,6 +11,7 @@ import numpy as np
 from ..expressions import Expression
 from ..media import Medium
 from ..volume import Volume
+from .checks import check_medium, check_volume
 from .gates import with_plain_gates
 from .profile import Profile
 from .samples import pieces
@@ -39,6 +40,8 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
 
     Raises
     ------
+    InputError
+        If the one is no medium or the other no volume.
     UnknownNameError
         If a medium looks at a field that does not exist.
     UnitsError
@@ -57,6 +60,8 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     >>> f"{vm.calibrate(shell, core).path_length:.2g} cm"
     '4.2e+16 cm'
     """
+    check_medium("calibrate", medium)
+    check_volume("calibrate", "second", volume)
     medium = with_plain_gates(medium, volume)
     parts = [p for p in medium.components() if _is_open(p)]
     if not parts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,8 @@ from .samples import BUDGET, pieces
 _BINS = 1024
 # What the histogram spans of the values: all but a few, so that one odd cell does not coarsen it.
 _LEAST, _GREATEST = 1e-4, 1 - 1e-5
+# Bins are told apart in double precision if they are this much of the values, or wider.
+_DIGITS = 2.0**-50
 # Enough values for such quantiles.
 _VALUES = 1 << 20
 
@@ -70,11 +73,21 @@ def sampled_values(volume: Volume, expr: Expression) -> np.ndarray:
     return np.sort(values[~np.isnan(values)])
 
 
+def is_constant(low: float, high: float) -> bool:
+    """Return True if what lies between two values is rounding: bins cannot tell them apart."""
+    return not high - low > _BINS * _DIGITS * max(abs(low), abs(high))
+
+
+def _range(values: np.ndarray) -> tuple[float, float]:
+    """Return what a histogram spans of sorted values: without odd ones, if others differ."""
+    last = len(values) - 1
+    low, high = (float(values[k]) for k in (math.ceil(_LEAST * last), int(_GREATEST * last)))
+    return (float(values[0]), float(values[-1])) if is_constant(low, high) else (low, high)
+
+
 def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram:
-    """Return the histogram of an expression over the range of `values` (sorted, not all equal)."""
-    low, high = (float(values[int(q * (len(values) - 1))]) for q in (_LEAST, _GREATEST))
-    if not low < high:
-        low, high = float(values[0]), float(values[-1])
+    """Return the histogram of an expression over the range of `values` (sorted, not constant)."""
+    low, high = _range(values)
     cells, steep, total = np.zeros(_BINS), np.zeros(_BINS), 0.0
     for piece in pieces(volume, expr):
         inside = (piece.x >= low) & (piece.x <= high)
@@ -87,7 +100,7 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
     # What was left out counts like what was looked at.
     per_area = _domain(volume.grid) / total / float(np.sum(sides**2))
     edges = np.linspace(low, high, _BINS + 1)
-    return Histogram(edges, cells / total, steep * per_area * _BINS / (high - low))
+    return Histogram(edges, cells / total, steep / (high - low) * (per_area * _BINS))
 
 
 def _domain(grid: Any) -> float:

@@ -25,9 +25,10 @@ def noise_of(values: np.ndarray) -> float:
     zero = int(np.searchsorted(values, 0.0, "left"))
     if zero < _ENOUGH:
         return 0.0
-    below = -values[:zero]
-    sigma = float(np.sqrt(np.mean(below.astype(np.float64) ** 2)))
+    below = -values[:zero].astype(np.float64)
     farthest, median = float(below[0]), float(np.median(below))
+    # Squares of parts of the farthest are numbers, whatever the unit.
+    sigma = farthest * float(np.sqrt(np.mean((below / farthest) ** 2)))
     beside = np.searchsorted(values, [-sigma, sigma])
     looks_like_noise = (
         _MEDIAN[0] * sigma < median < _MEDIAN[1] * sigma

@@ -104,21 +104,23 @@ def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> Piece:
     edges = [e / volume.grid.scale for e in volume.grid.edges]
     edges[0] = edges[0][low : high + 1]
     widths = [_along(np.diff(e), axis) for axis, e in enumerate(edges)]
-    square: Any = np.zeros((), x.dtype)
-    reach: Any = np.zeros((), x.dtype)
+    steepest: Any = 0.0
+    reach: Any = 0.0
     for axis in range(3):
         slope = _derivative(x, edges[axis], axis, volume.grid.is_uniform)
-        square = square + slope * slope
-        reach = reach + 0.5 * np.abs(slope) * widths[axis].astype(x.dtype)
+        # Squares of gradients would leave the range of numbers where x is very large or small.
+        steepest = np.hypot(steepest, slope)
+        reach = reach + 0.5 * np.abs(slope) * widths[axis]
     x[~np.isfinite(x)] = np.nan
     widths[0] = widths[0][own]
-    return Piece(x[own], np.sqrt(square)[own], reach[own], widths, first == 0)
+    return Piece(x[own], steepest[own], reach[own], widths, first == 0)
 
 
 def _evaluate(volume: Volume, expr: Expression, low: int, high: int) -> np.ndarray:
     _, ny, nz = volume.grid.shape
     x = volume.evaluate_cells(expr, low * ny * nz, high * ny * nz).reshape(-1, ny, nz)
-    return np.array(x, dtype=np.float32 if x.dtype == np.float32 else np.float64)
+    # In cgs units differences in single precision would have few digits, or none.
+    return np.array(x, dtype=np.float64)
 
 
 def _derivative(x: np.ndarray, edges: np.ndarray, axis: int, uniform: bool) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..volume import Volume
-from .histogram import sampled_values
+from .histogram import is_constant, sampled_values
 
 # What simulations call the first thing one looks at, in order of preference.
 _FIRST = ("density", "gas_density", "rho", "dens", "number_density", "n", "nh", "n_h")
@@ -65,6 +65,8 @@ def _structure(volume: Volume, expr: Expression) -> float:
         values = np.log10(values[values > 0])
     if not len(values):
         return -1.0
+    if is_constant(values[0], values[-1]):
+        return 0.0
     counts = np.histogram(values, _BINS, (float(values[0]), float(values[-1])))[0]
     part = counts[counts > 0] / counts.sum()
     return float(-(part * np.log2(part)).sum())

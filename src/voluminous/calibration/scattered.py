@@ -51,7 +51,8 @@ class ScatteredPiece:
     def slope(self) -> np.ndarray:
         """|∇x|."""
         gradient, _ = self._looked_at
-        return np.asarray(np.sqrt(np.sum(gradient**2, axis=0)) * self._cells.grid.scale)
+        # Not by squares, which leave the range of numbers where x is very large or small.
+        return np.asarray(np.hypot.reduce(gradient, axis=0) * self._cells.grid.scale)
 
     @functools.cached_property
     def reach(self) -> np.ndarray:

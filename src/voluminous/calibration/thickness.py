@@ -67,7 +67,7 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     Raises
     ------
     InputError
-        If gradients are too large for their squares.
+        If gradients are too large for double precision.
 
     Notes
     -----
@@ -83,9 +83,9 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     measured = [shell.measured(longest, scale) for shell in found]
     if not all(0.0 < shell.length < np.inf for shell in measured):
         raise InputError(
-            f"how thick a shell of {expr.text} is cannot be measured in this volume: squares of "
-            "its gradient are too large for double precision. Take another unit for the field, or "
-            "give path_length"
+            f"how thick a shell of {expr.text} is cannot be measured in this volume: its gradient "
+            "is too large for double precision. Take another unit for the field, or give "
+            "path_length"
         )
     return measured
 

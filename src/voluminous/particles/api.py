@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 from ..errors import InputError
@@ -57,7 +58,8 @@ def from_particles(
         ``(low, high)`` or ``((x0, x1), (y0, y1), (z0, z1))`` of the volume; by default all that
         particles reach.
     periodic : bool
-        The bounds are a periodic box.
+        The bounds are a periodic box. Kernels broader than six of its longest sides are cut to
+        these: they are the same everywhere.
     max_particles : int
         A cell with more is split, unless it is narrower than a smoothing length, or than the cell
         of the mesh.
@@ -84,7 +86,8 @@ def from_particles(
     Raises
     ------
     InputError
-        If arrays do not fit together, are not finite, or no particle is inside of `bounds`.
+        If arrays do not fit together, are not finite, two fields have the same name, an option is
+        not what is asked for, or no particle is inside of `bounds`.
     UnitsError
         If a unit cannot be converted.
     UnknownNameError
@@ -129,6 +132,8 @@ def from_particles(
         min_level=min_level,
         max_level=max_level,
     )
+    if not isinstance(empty, Real):
+        raise InputError(f"empty must be a number, NaN for missing values, got {empty!r}")
     means = on_grid.means(*(v for v, _ in values.values()), empty=empty)
     made = Volume(on_grid.grid, {_DENSITY: on_grid.density()})
     made.set_unit(_DENSITY, given.density_unit)

@@ -11,8 +11,8 @@ _BASE_CELLS = 8
 # The volume of the domain may be larger by this factor, if base cells are fewer then.
 _WASTE = 1.1
 _MARGIN = 1e-12
-# Below this all is in one place.
-_LEAST = 1e-60
+# Below this, of which cubes are no numbers, all is in one place.
+_LEAST = 1e-90
 
 
 @dataclass(frozen=True)

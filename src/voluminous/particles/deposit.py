@@ -48,7 +48,10 @@ class Deposit:
         empty : float
             The value where there is no mass.
         """
-        masses, sums = self._sums(*(self.mass * value for value in values))
+        # What carries no mass does not count, even where its value is missing.
+        none, there = np.zeros(len(self.mass)), self.mass > 0
+        weighted = (np.multiply(self.mass, v, out=none.copy(), where=there) for v in values)
+        masses, sums = self._sums(*weighted)
         found = [np.full(self.grid.size, float(empty)) for _ in sums]
         for mean, total in zip(found, sums, strict=True):
             np.divide(total, masses, out=mean, where=masses > 0)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 
 import numpy as np
 
+from ..memory import check_memory
 from .base import Base
+
+# Memory that an image takes: its place, whose it is, in which cell it lies.
+_IMAGE_BYTES = 100
 
 
 def with_images(base: Base, points: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -25,14 +30,29 @@ def with_images(base: Base, points: np.ndarray, reach: np.ndarray) -> tuple[np.n
         Those that reach into the domain; of a periodic one with their images that do.
     owner : array of int64, shape (m,)
     """
-    shifts = itertools.product((0, -1, 1), repeat=3) if base.periodic else [(0, 0, 0)]
+    size = np.ptp(base.bounds, axis=1)
     found, owners = [], []
-    for shift in shifts:
-        moved = points + np.array(shift) * np.ptp(base.bounds, axis=1)
-        owner = np.flatnonzero(reaching(base, moved, reach))
-        found.append(moved[owner])
-        owners.append(owner)
+    for shift in _shifts(base, reach):
+        # From so many boxes away only particles come that reach over all of those in between.
+        owner = np.flatnonzero(reach > ((np.abs(shift) - 1) * size).max())
+        moved = points[owner] + shift * size
+        near = reaching(base, moved, reach[owner])
+        found.append(moved[near])
+        owners.append(owner[near])
     return np.concatenate(found), np.concatenate(owners)
+
+
+def _shifts(base: Base, reach: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield by how many boxes images are moved, none first."""
+    if not base.periodic:
+        return iter([np.zeros(3)])
+    size = np.ptp(base.bounds, axis=1)
+    images = int(np.prod(1 + 2 * reach[:, None] / size, axis=1).sum())
+    advice = "smoothing lengths are many times as long as the periodic box; check their unit"
+    check_memory(_IMAGE_BYTES * images, f"{images} images of particles", advice)
+    most = np.maximum(np.ceil(reach.max() / size), 1).astype(int)
+    every = itertools.product(*(range(-n, n + 1) for n in most))
+    return map(np.array, sorted(every, key=lambda shift: sum(map(abs, shift))))
 
 
 def reaching(base: Base, points: np.ndarray, reach: np.ndarray) -> np.ndarray:

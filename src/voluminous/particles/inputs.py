@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fields import split_unit, without_mask
-from ..units import parse_unit, plain, unit_of
+from ..units import plain, space_unit, unit_of
 
 _COMPONENTS = "xyz"
 # Lengths beyond have no cubes in double precision.
@@ -67,8 +67,8 @@ def particles(positions: Any, masses: Any, unit: Any) -> Particles:
     """
     positions, masses = without_mask(positions), without_mask(masses)
     own = unit_of(positions)
-    unit = parse_unit(unit) if own is None else own
-    points = plain(positions, unit, "positions")
+    unit = space_unit(unit) if own is None else own
+    points = _real(positions, unit, "positions")
     if np.ndim(points) != 2 or points.shape[1] != 3 or len(points) == 0:
         raise InputError(
             "positions must be of shape (n, 3), one row x, y, z per particle, got shape "
@@ -77,7 +77,7 @@ def particles(positions: Any, masses: Any, unit: Any) -> Particles:
     _check_finite(points, "positions")
     check_lengths(np.abs(points).max(), "positions")
     mass_unit = unit_of(masses)
-    mass = per_particle(plain(masses, mass_unit, "masses"), "masses", len(points))
+    mass = per_particle(_real(masses, mass_unit, "masses"), "masses", len(points))
     if (mass < 0).any():
         raise InputError(f"masses must not be negative; that of {_first(mass < 0)} is {mass.min()}")
     return Particles(np.ascontiguousarray(points), mass, unit, mass_unit)
@@ -96,7 +96,7 @@ def per_particle(values: Any, what: str, count: int) -> np.ndarray:
 
 def positive(values: Any, unit: Any, what: str, count: int) -> np.ndarray:
     """Return positive numbers, one for each particle, in a unit."""
-    array = per_particle(plain(without_mask(values), unit, what), what, count)
+    array = per_particle(_real(without_mask(values), unit, what), what, count)
     if not (array > 0).all():
         raise InputError(
             f"{what} must be positive; that of {_first(array <= 0)} is {array[array <= 0][0]}; "
@@ -106,24 +106,52 @@ def positive(values: Any, unit: Any, what: str, count: int) -> np.ndarray:
 
 
 def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.ndarray, Any]]:
-    """Return name → values and unit of what particles carry; vectors as their components."""
+    """Return name → values and unit of what particles carry; vectors as their components.
+
+    Raises
+    ------
+    InputError
+        If there is not one number or vector for each particle, or two fields have the same name.
+    """
+    if fields is not None and not isinstance(fields, Mapping):
+        raise InputError(
+            "fields must be a mapping of names to arrays, such as {'velocity': array}, got "
+            f"{type(fields).__name__}"
+        )
     found: dict[str, tuple[np.ndarray, Any]] = {}
     for name, value in (fields or {}).items():
         values, unit = split_unit(without_mask(value))
-        array = np.asarray(values)
-        if array.dtype.kind not in "fiub":
-            raise InputError(f"{name!r} must be real numbers, got dtype {array.dtype}")
-        if array.shape == (count, 3):
-            for k, axis in enumerate(_COMPONENTS):
-                found[f"{name}_{axis}"] = np.asarray(array[:, k], np.float64), unit
-        elif array.shape == (count,):
-            found[name] = np.asarray(array, np.float64), unit
-        else:
-            raise InputError(
-                f"{name!r} must be one value or one vector per particle, shape ({count},) or "
-                f"({count}, 3), got shape {array.shape}"
-            )
+        for own, numbers in _components(name, _array(name, values), count):
+            if own in found:
+                raise InputError(
+                    f"two fields are called {own!r}, one of them a component of a vector; give "
+                    "one of them another name"
+                )
+            found[own] = np.asarray(numbers, np.float64), unit
     return found
+
+
+def _array(name: Any, values: Any) -> np.ndarray:
+    """Return what a user gives for a field as an array of real numbers."""
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name!r} must be an array of numbers: {error}") from None
+    if array.dtype.kind not in "fiub":
+        raise InputError(f"{name!r} must be real numbers, got dtype {array.dtype}")
+    return array
+
+
+def _components(name: Any, array: np.ndarray, count: int) -> list[tuple[Any, np.ndarray]]:
+    """Return names and numbers: one of each, or one of each axis for vectors."""
+    if array.shape == (count,):
+        return [(name, array)]
+    if array.shape == (count, 3):
+        return [(f"{name}_{axis}", array[:, k]) for k, axis in enumerate(_COMPONENTS)]
+    raise InputError(
+        f"{name!r} must be one value or one vector per particle, shape ({count},) or "
+        f"({count}, 3), got shape {array.shape}"
+    )
 
 
 def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
@@ -140,6 +168,13 @@ def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
             f"{what} must be between {smallest:g} and {LARGEST:g} in the unit of length, got {low} "
             f"to {high}; use another unit"
         )
+
+
+def _real(values: Any, unit: Any, what: str) -> Any:
+    """Return plain numbers in a unit; of complex ones the imaginary part would be lost."""
+    if isinstance(values, np.ndarray) and np.iscomplexobj(values):
+        raise InputError(f"{what} must be real numbers, got complex ones")
+    return plain(values, unit, what)
 
 
 def _check_finite(array: np.ndarray, what: str) -> None:

@@ -92,6 +92,6 @@ def get_kernel(name: Any) -> Kernel:
     UnknownNameError
         If there is none of this name; names the nearest.
     """
-    if name not in KERNELS:
+    if not isinstance(name, str) or name not in KERNELS:
         raise unknown_name("kernel", str(name), KERNELS)
     return KERNELS[name]

@@ -96,6 +96,8 @@ class SmoothedDeposit(Deposit):
         parts = [(values / self.norm)[self.owner] for values in carried]
         for first, counts, node, weight in self.kept if self.kept is not None else self._found():
             for total, part in zip(sums, parts, strict=True):
-                amount = np.repeat(part[first : first + len(counts)], counts)
-                total += np.bincount(node, weight * amount, self.nodes.size)
+                own = np.repeat(part[first : first + len(counts)], counts)
+                # A value that is missing does not count where nothing of its particle is.
+                amount = np.multiply(weight, own, out=np.zeros(len(own)), where=weight > 0)
+                total += np.bincount(node, amount, self.nodes.size)
         return [self.nodes.spread(total) for total in sums]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from os import PathLike
 from typing import Any
 
 from ..backend import get_backend
@@ -125,9 +124,9 @@ def _needs_double(completed: Completed, medium: Medium) -> bool:
 
 def _check_types(volume: Any, medium: Any, camera: Any) -> None:
     if not isinstance(volume, Volume):
-        is_path = isinstance(volume, (str, PathLike))
-        hint = "; vm.open(path) makes one of a file" if is_path else how_to_take(volume)
-        raise InputError(f"render needs a vm.Volume first, got {type(volume).__name__}{hint}")
+        raise InputError(
+            f"render needs a vm.Volume first, got {type(volume).__name__}{how_to_take(volume)}"
+        )
     if not isinstance(medium, Medium):
         raise InputError(
             f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"

@@ -84,7 +84,7 @@ class CartesianGrid(OnDevices, CartesianCells):
             bounds = [plain(b, own, "bounds") if own is not None else b for b in bounds]
         elif own is not None:
             bounds = plain(bounds, own, "bounds")
-        limits = np.asarray(bounds, dtype=np.float64)
+        limits = np.asarray(plain(bounds, None, "bounds"))
         if limits.shape == (2,):
             limits = np.broadcast_to(limits, (3, 2))
         if limits.shape != (3, 2):
