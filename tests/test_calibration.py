@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -319,3 +321,51 @@ def test_media_of_others_are_measured_by_their_profiles():
     grid = vm.CartesianGrid.uniform(40, (0, 1))
     medium = vm.calibrate(Wedge(), vm.Volume(grid, a="4*x"))
     assert medium.path_length == pytest.approx(0.5 / 4, rel=1e-6)
+
+
+def counted(monkeypatch):
+    """Return a list to which every measurement adds how many shells it is of."""
+    found = []
+
+    def measured(volume, expr, profiles):
+        found.append(len(profiles))
+        return thicknesses(volume, expr, profiles)
+
+    # The module, not the function of the same name.
+    monkeypatch.setattr(sys.modules[extent_of.__module__], "thicknesses", measured)
+    return found
+
+
+def test_pictures_of_a_volume_measure_once(monkeypatch):
+    found, volume = counted(monkeypatch), ramp(axis=2)
+    camera = vm.Orthographic(resolution=4)
+    shells = [vm.Gaussian("a", center, 1.0, 1.0, 0.1) for center in (20.0, 40.0)]
+
+    def seen(*media):
+        return vm.render(volume, sum(media), camera).intensity
+
+    first = seen(*shells)
+    assert found == [2]
+    np.testing.assert_array_equal(seen(*shells), first)
+    vm.render(volume, sum(shells), vm.Orthographic(30, 40, resolution=4))
+    seen(vm.Gaussian("a", 20.0, 1.0, 5.0, 0.3))  # another colour, another opacity
+    assert found == [2]
+    seen(shells[0], vm.Gaussian("a", 60.0, 1.0, 1.0, 0.1))  # a new level
+    assert found == [2, 1]
+    seen(vm.Colormap("a", "viridis", 10.0, 60.0, 0.1), vm.Colormap("a", "magma", 10.0, 60.0, 0.1))
+    assert found == [2, 1, 1]  # both are as wide
+    assert vm.calibrate(shells[0], volume).path_length == pytest.approx(SQRT_2PI / 3.0)
+
+
+def test_what_was_changed_in_place_is_measured_again(monkeypatch):
+    found = counted(monkeypatch)
+    values = np.array(ramp(axis=2).array("a"))
+    volume, camera = vm.Volume(ramp(axis=2).grid, a=values), vm.Orthographic(resolution=4)
+    shell = vm.Gaussian("a", 20.0, 1.0, 1.0, 0.1)
+    before = vm.render(volume, shell, camera).intensity.max()
+    values *= 2.0
+    after = vm.render(volume, shell, camera).intensity.max()
+    assert found == [1, 1]
+    assert before > 0.5
+    # Half as thick, and calibrated so: as bright.
+    assert after == pytest.approx(before, rel=1e-3)

@@ -1,6 +1,6 @@
 """Media that fit the data: path lengths measured in a volume, and a first medium for any data."""
 
 from .auto import auto
-from .calibrate import calibrate
+from .calibrate import calibrate, calibrated
 
-__all__ = ["auto", "calibrate"]
+__all__ = ["auto", "calibrate", "calibrated"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -62,6 +62,24 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     """
     check_medium("calibrate", medium)
     check_volume("calibrate", "second", volume)
+    return calibrated(medium, volume, lambda expr: {})
+
+
+def calibrated(
+    medium: Medium, volume: Volume, known: Callable[[Expression], dict[Any, Any]]
+) -> Medium:
+    """Return the same, with what was measured before for other pictures of the volume.
+
+    Measured for every picture anew it took ten times as long as the picture itself: 0.75 s of 0.8
+    for a colormap in 4 million cells, 120 x 120 pixels.
+
+    Parameters
+    ----------
+    medium, volume
+        As for `calibrate`.
+    known : callable
+        Returns what is known of an expression in this volume: it is looked up there, and added.
+    """
     medium = with_plain_gates(medium, volume)
     parts = [p for p in medium.components() if _is_open(p)]
     if not parts:
@@ -69,8 +87,8 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     lengths: dict[int, float] = {}
     for expr in dict.fromkeys(_scalar(p) for p in parts):
         same = [p for p in parts if _scalar(p) == expr]
-        found = thicknesses(volume, expr, _profiles(same, volume, expr))
-        lengths.update({id(p): shell.length for p, shell in zip(same, found, strict=True)})
+        found = _lengths(same, volume, expr, known(expr))
+        lengths.update({id(p): length for p, length in zip(same, found, strict=True)})
     return medium.with_each(lambda part: _with_length(part, lengths.get(id(part))))
 
 
@@ -83,10 +101,30 @@ def _scalar(medium: Medium) -> Expression:
     return expr
 
 
-def _profiles(media: list[Any], volume: Volume, expr: Expression) -> list[Profile]:
+def _lengths(
+    media: list[Any], volume: Volume, expr: Expression, known: dict[Any, Any]
+) -> list[float]:
+    """Return how thick the shells of some media in one expression are."""
+    profiles = _profiles(media, volume, expr, known)
+    missing = {p.key: p for p in profiles if p.key not in known}
+    if missing:
+        found = thicknesses(volume, expr, list(missing.values()))
+        known.update({key: shell.length for key, shell in zip(missing, found, strict=True)})
+    return [known[p.key] for p in profiles]
+
+
+def _profiles(
+    media: list[Any], volume: Volume, expr: Expression, known: dict[Any, Any]
+) -> list[Profile]:
     volume.check_names(expr)
     unit = volume.expression_unit(expr)
-    extent = functools.cache(functools.partial(extent_of, volume, expr))
+
+    def extent() -> tuple[float, float]:
+        if "extent" not in known:
+            known["extent"] = extent_of(volume, expr)
+        found: tuple[float, float] = known["extent"]
+        return found
+
     return [Profile(*medium.profile(unit, extent)) for medium in media]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..digest import digest
+
 # Up to this part of the effective width a cell sees a single value of the profile.
 _NARROW = 1e-3
 
@@ -22,6 +24,8 @@ class Profile:
     ----------
     width : float
         Effective width ∫ h dx / max h; zero if nothing shows.
+    key : bytes
+        A hash of nodes and heights: what identifies it.
     """
 
     def __init__(self, nodes: np.ndarray, heights: np.ndarray) -> None:
@@ -33,6 +37,7 @@ class Profile:
         self._slopes = np.divide(rises, steps, out=np.zeros(len(steps)), where=steps > 0)
         self._areas = np.concatenate([[0.0], np.cumsum(areas)])
         self.width = float(self._areas[-1])
+        self.key = digest(np.concatenate([self.nodes, self.heights]))
 
     def mean(self, x: np.ndarray, reach: np.ndarray) -> np.ndarray:
         """Return the mean of the profile from x - reach to x + reach; zero where x is NaN.

@@ -50,6 +50,8 @@ _SIMPSON = (1 / 6, 2 / 3)
 _BY_ACCIDENT = 0.06
 # Those of Gauss and Legendre, equal weights.
 PAIR = (0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12))
+# The same with both ends and the middle: exact for polynomials of degree five.
+_WEIGHTS_OF_PAIR = (1 / 15, 3 / 10, 4 / 15)
 # The second to sixth derivative of exp(-z²/2) are below these times its square root.
 _DERIVATIVES = (1.15, 1.95, 3.75, 8.3, 20.0)
 # A Gaussian is smooth where its argument changes by less than this along a stretch, in σ.
@@ -102,6 +104,23 @@ def compared(values: list[Any]) -> Sampled:
     ]
     off = dr.fma(_BY_ACCIDENT, turns[0] + turns[1] + turns[2], dr.abs(mean - simpson))
     return Sampled(mean, first, last, off)
+
+
+def missed_by_pair(nodes: list[Any], pair: list[Any]) -> Any:
+    """Return how far the mean of a function at the places `PAIR` is off: with three more.
+
+    Parameters
+    ----------
+    nodes : three arrays
+        The function at both ends and, between them, in the middle.
+    pair : two arrays
+        The function at `PAIR`.
+    """
+    first, middle, last = nodes
+    ends, inner, central = _WEIGHTS_OF_PAIR
+    both = pair[0] + pair[1]
+    mean = dr.fma(ends, first + last, dr.fma(inner, both, central * middle))
+    return dr.abs(mean - 0.5 * both)
 
 
 def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:

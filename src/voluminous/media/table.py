@@ -19,7 +19,7 @@ from .contract import Coefficients, Medium
 from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
-from .sampled import PAIR, Sampled
+from .sampled import PAIR, Sampled, missed_by_pair
 from .shell import Shell
 from .table_bends import TableBends
 from .table_given import given_colors, given_columns, given_values, shared_colors
@@ -173,13 +173,15 @@ class Table(Medium):
         """
         if not self.smooth:
             return super().sampled(stretch, context)
-        low, high, *samples = (
-            context.narrow(x)
-            for x in (*stretch.hull(self.expr), *(stretch.scalar(self.expr, s) for s in PAIR))
-        )
+        low, high = (context.narrow(x) for x in stretch.hull(self.expr))
+        pair = [stretch.scalar(self.expr, s) for s in PAIR]
+        samples = [context.narrow(x) for x in pair]
         table = self._table(context, type(low))
         slopes = [context.narrow(d) for d in stretch.derivatives(self.expr)]
-        off = self._bends(context, table).off(low, high, slopes, stretch.is_cubic(self.expr))
+        bow: Any = 0.0
+        if not stretch.is_cubic(self.expr):
+            bow = context.narrow(missed_by_pair(stretch.nodes(self.expr), pair))
+        off = self._bends(context, table).off(low, high, slopes, bow)
         gate, unsure = self.modulation.switched(stretch, context)
         off = dr.select(unsure, dr.inf, off)
         heights = [h * gate for h in self.heights(context)]

@@ -6,6 +6,8 @@ a window of its intervals. With R for the largest distance, the samples are off 
 by what they are off for P(x(s)): two nodes of Gauss and Legendre are exact for cubics, and the
 fourth derivative follows from those of P and x (chain rule, Faà di Bruno's formula).
 
+Where x is no cubic, what two samples of x itself miss counts with the steepest slope.
+
 Bends of colormaps are even: in turbulent fields pictures take 0.45 of the time. Polynomials of
 higher degree are nearer, but their derivatives are larger: bounds were, too.
 """
@@ -24,9 +26,6 @@ from .table_means import PiecewiseLinear, Rows
 BEND = 0.5 * PAIR[0] ** 2
 # What is off for a fourth derivative of one.
 _FOURTH = 1 / 4320
-# What is taken for the fourth derivative of expressions that are no cubics: their third squared,
-# over the second, times this. That of a logarithm is so.
-_DECAY = 1.5
 # Tables of more entries have no polynomials: half a second for as many.
 _MOST = 2**16
 # Narrow windows are fitted at so many places per interval; wide ones at the nodes.
@@ -53,14 +52,17 @@ class TableBends:
     def __init__(self, table: PiecewiseLinear, nodes: np.ndarray, columns: np.ndarray) -> None:
         self.table = table
         nodes = table.scaled(nodes)
-        changes = _changes(nodes, columns)
+        # Beyond both ends nothing changes.
+        slopes = np.pad(np.diff(columns, axis=0) / np.diff(nodes)[:, None], [(1, 1), (0, 0)])
+        changes = np.abs(np.diff(slopes, axis=0)).max(axis=1)
         self.bends = Rows(table.real, np.concatenate([[0.0], np.cumsum(changes)])[:, None])
-        rows = [_windows(nodes, columns, width) for width in _widths(len(nodes))]
+        steep = np.abs(slopes).max(axis=1)
+        rows = [_windows(nodes, columns, steep, width) for width in _widths(len(nodes))]
         starts = np.cumsum([0, *map(len, rows[:-1])])
         self.rows = Rows(table.real, np.concatenate(rows))
         self.starts = Rows(table.UInt, starts[:, None])
 
-    def off(self, low: Any, high: Any, derivatives: list[Any], cubic: bool) -> Any:
+    def off(self, low: Any, high: Any, derivatives: list[Any], bow: Any) -> Any:
         """Return how far two samples may be off in any column.
 
         Parameters
@@ -69,67 +71,62 @@ class TableBends:
             Between which x stays.
         derivatives : three arrays
             Bounds of the first three derivatives of x by the place.
-        cubic : bool
-            x is a cubic.
+        bow : array or float
+            How far two samples are from the mean of x itself; zero for cubics.
         """
         x1, x2, x3 = (d * self.table.unit for d in derivatives)
         first, last = self.table.below(low), self.table.below(high)
         (start,), (end,) = self.bends.at(first), self.bends.at(last)
-        rest, slope, second, third = self._window(first, last)
+        rest, steep, second, third = self._window(first, last)
         # A node is passed twice where x turns, which it does no faster than it bends.
         kinks = BEND * (end - start) * (x1 + x2)
         fourth = dr.fma(6.0 * x1 * x1 * x2, third, (3.0 * x2 * x2 + 4.0 * x1 * x3) * second)
-        if not cubic:
-            bent = dr.select(x2 > 0.0, _DECAY * x3 * x3 / x2, 0.0)
-            fourth = dr.fma(slope, bent, fourth)
         smooth = dr.fma(_FOURTH, fourth, 2.0 * rest)
-        return dr.select(smooth < kinks, smooth, kinks)
+        off = dr.select(smooth < kinks, smooth, kinks)
+        # However steep x is there: beside a vacuum log10 is, below all that shows.
+        off = dr.select((first == last) & (low <= high), 0.0, off)
+        return off + dr.select(steep > 0.0, steep * (bow * self.table.unit), 0.0)
 
     def _window(self, first: Any, last: Any) -> list[Any]:
-        """Return R and P's derivatives of the least window that holds some intervals."""
-        UInt = self.table.UInt
+        """Return the numbers of the least window that holds some intervals."""
         passed = dr.select(last > first, last - first, 0)
-        # The least of which three quarters hold what is passed.
+        # Of four and more: the least of which three quarters hold what is passed.
         steps = (passed + 2) // 3
-        level = dr.select(steps > 1, 32 - dr.lzcnt(steps - 1), 0)
-        (start,) = self.starts.at(level)
-        return self.rows.at(start + (first >> UInt(level)))
-
-
-def _changes(nodes: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Return by how much slopes change at each node: of the column where that is most."""
-    slopes = np.diff(columns, axis=0) / np.diff(nodes)[:, None]
-    flat = np.zeros((1, columns.shape[1]))
-    return np.asarray(np.abs(np.diff(np.concatenate([flat, slopes, flat]), axis=0)).max(axis=1))
+        shift = dr.select(steps > 1, 32 - dr.lzcnt(steps - 1), 0)
+        (start,) = self.starts.at(dr.select(passed > 0, shift + 1, 0))
+        return self.rows.at(start + (first >> self.table.UInt(shift)))
 
 
 def _widths(count: int) -> list[int]:
     """Return of how many intervals windows are; the widest hold all of a table's."""
-    widths = [4]
+    widths = [1, 4]
     while 3 * widths[-1] < 4 * count:
         widths.append(2 * widths[-1])
     return widths
 
 
-def _windows(nodes: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
-    """Return R and P's three derivatives for windows of some intervals.
+def _windows(nodes: np.ndarray, columns: np.ndarray, steep: np.ndarray, width: int) -> np.ndarray:
+    """Return R, the steepest slope, |P''| and |P'''| for windows of some intervals.
 
     Interval k ends at node k; the first and the last go on for ever, and have no polynomial.
     """
     count = len(nodes)
-    first = np.arange(0, count + 1, width // 4)
+    first = np.arange(0, count + 1, max(width // 4, 1))
     rows = np.zeros((len(first), 4))
-    rows[:, 0] = np.inf
+    own = np.minimum(first[:, None] + np.arange(width), count)
+    rows[:, 0], rows[:, 1] = np.inf, steep[own].max(axis=1)
+    if width == 1:
+        return rows
     inner = np.flatnonzero((first > 0) & (first + width - 1 < count))
     if len(inner) and count <= _MOST:
         entry = first[inner, None] - 1 + np.arange(width + 1)
         parts = _PARTS if width <= _NARROW else 1
-        rows[inner] = _polynomials(nodes[entry], columns[entry], parts)
+        rows[inner[:, None], [0, 2, 3]] = _polynomials(nodes[entry], columns[entry], parts)
     return rows
 
 
 def _polynomials(nodes: np.ndarray, columns: np.ndarray, parts: int) -> np.ndarray:
-    """Return R and the largest of P's three derivatives for each window: P by least squares.
+    """Return R, |P''| and |P'''| for each window: P by least squares.
 
     Parameters
     ----------
@@ -150,12 +147,11 @@ def _polynomials(nodes: np.ndarray, columns: np.ndarray, parts: int) -> np.ndarr
     turned = np.swapaxes(powers, 1, 2)
     values = _between(columns, parts)
     fit = np.linalg.inv(turned @ powers) @ turned @ values
-    rise, bend, third = (k * np.abs(fit[:, n]) for n, k in ((1, 1.0), (2, 2.0), (3, 6.0)))
-    slope, bend, turns = rise + bend + 0.5 * third, bend + third, third > bend
+    second, third = 2.0 * np.abs(fit[:, 2]), 6.0 * np.abs(fit[:, 3])
     # Between two places P is that far from its chord, on one side of it unless it turns.
-    sag = np.where(turns, 1.0, 0.5) * bend * widest**2 / 8.0
+    sag = np.where(third > second, 1.0, 0.5) * (second + third) * widest**2 / 8.0
     rest = 0.5 * np.ptp(values - powers @ fit, axis=1) + sag
-    found = (rest, slope / half, bend / half**2, third / half**3)
+    found = (rest, (second + third) / half**2, third / half**3)
     return np.stack([own.max(axis=1) for own in found], axis=1)
 
 

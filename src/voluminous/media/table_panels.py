@@ -37,6 +37,8 @@ class _Parts:
     ----------
     first, last : array
         Between which x it may be noticeable.
+    begin, end : array
+        Between which x it varies.
     structures : list of three arrays
         Of each: by how much x may go unseen, and between which x it is; the narrowest first.
     jumps : list of arrays
@@ -45,6 +47,8 @@ class _Parts:
 
     first: Any
     last: Any
+    begin: Any
+    end: Any
     structures: list[list[Any]]
     jumps: list[Any]
 
@@ -55,7 +59,9 @@ def visible(table: Table, stretch: Stretch, context: Context) -> tuple[Any, Any]
     below, above = extremes([context.narrow(x) for x in stretch.nodes(table.expr)])
     parts = _parts(table, context, type(low))
     seen = ~((low > parts.last) | (high < parts.first))  # where there is NaN, it must show
-    hidden = seen & False
+    # Between log10 of nothing and a value there is all of the table, and ends show none of it.
+    endless = dr.isinf(below) | dr.isinf(above)
+    hidden = seen & endless & (high > parts.begin) & (low < parts.end)
     for doubt, begin, end in parts.structures:
         hidden |= (high > above + doubt) & (above < end) & (high > begin)
         hidden |= (low < below - doubt) & (below > begin) & (low < end)
@@ -111,6 +117,8 @@ def _parts(table: Table, context: Context, real: Any) -> _Parts:
         return _Parts(
             dr.opaque(real, first),
             dr.opaque(real, last),
+            dr.opaque(real, float(nodes[0])),
+            dr.opaque(real, float(nodes[-1])),
             [[dr.opaque(real, v) for v in (_DOUBT * w, low, high)] for w, low, high in found],
             [context.number(x) for x in jumps(nodes, shape)],
         )

@@ -46,11 +46,13 @@ class Completed:
     counts: dict[str, int]
 
 
-def complete(volume: Any, names: Any, hashed: bool) -> Completed:
+def complete(store: Store, names: Any, hashed: bool) -> Completed:
     """Return the volume with values in place of those that are missing; itself if none is.
 
     Parameters
     ----------
+    store : Store
+        What is kept of the volume.
     names : iterable of str
         What the medium looks at.
     hashed : bool
@@ -61,7 +63,8 @@ def complete(volume: Any, names: Any, hashed: bool) -> Completed:
     InputError
         If a field has infinite values, or nothing but missing ones.
     """
-    store, fields = Store(volume), sorted(volume.given(names))
+    volume = store.volume
+    fields = sorted(volume.given(names))
     if hashed:
         store.digests(fields)
     lacking = [name for name in fields if not _all_finite(volume, name, store)]

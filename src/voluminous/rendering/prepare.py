@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..backend import get_backend
-from ..calibration import calibrate
+from ..calibration import calibrated
 from ..errors import InputError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
@@ -29,6 +29,7 @@ from .options import (
     is_recursive,
     sample_count,
 )
+from .store import Store
 
 
 def prepare(
@@ -56,7 +57,9 @@ def prepare(
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)
     volume = volume.seen_by(camera)
-    medium = calibrate(with_formulas(medium), volume)
+    volume.refresh()  # derivatives of fields that were changed in place
+    store = Store(volume)
+    medium = calibrated(with_formulas(medium), volume, store.known)
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):
@@ -64,8 +67,7 @@ def prepare(
     check_fields(volume, medium)
     check_coordinates(solver, volume.grid, medium.names)
     _check_units(volume, medium)
-    volume.refresh()  # derivatives of fields that were changed in place
-    completed = complete(volume, medium.names, solver.place == "field")
+    completed = complete(store, medium.names, solver.place == "field")
     if solver.place == "field" and precision == "single" and _needs_double(completed, medium):
         precision = "double"
     job = Job(

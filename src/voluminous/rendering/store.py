@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..expressions import Expression
 from ..memory import fits
 from .coefficients.classify import extremes_of
 
@@ -79,6 +80,12 @@ class Store:
             tables.popitem(last=False)
         tables[key] = thing
         return thing
+
+    def known(self, expr: Expression) -> dict[Any, Any]:
+        """Return what was measured of an expression of the fields as they are, to be added to."""
+        key = ("measured", expr.text, self.digests(expr.names))
+        found: dict[Any, Any] = self.kept(key, dict)
+        return found
 
     def kept(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return what is kept under a key, made if need be."""
