@@ -232,6 +232,15 @@ def test_rounding_is_no_structure(value):
     assert len(shells(vm.auto(volume))) == 4
 
 
+def test_the_precision_of_a_field_does_not_move_levels():
+    core = vm.models.prestellar_core(32)  # many cells have the greatest density
+    double = vm.Volume(core.grid, density=core.array("density").astype(np.float64))
+    one, two = ([s.center for s in shells(vm.auto(v))] for v in (core, double))
+    assert core.array("density").dtype == np.float32
+    # Rounding may push a cell into the next of 1024 bins, of a range of four decades.
+    np.testing.assert_allclose(one, two, atol=0.01)
+
+
 @pytest.mark.parametrize("odd", [-1e20, 1e20])
 def test_one_odd_cell_does_not_matter_whatever_its_sign(odd):
     volume = cube(lambda r: 2 + np.exp(-3 * r), 20)

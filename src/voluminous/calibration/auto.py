@@ -129,7 +129,8 @@ def _shells(
     floor = _NOISE * noise_of(values)
     signed = bool(values[0] < 0) and not wide and not floor
     if wide:
-        expr, values = Expression(f"log10({expr.text})"), np.log10(values[values > 0])
+        expr = Expression(f"log10({expr.text})")
+        values = sampled_values(volume, expr)  # rounded as they are in cells: ends of the range
     if is_constant(values[0], values[-1]):
         value = float(values[0])
         return [_shell(Rectangle, expr, value, 0.5 * abs(value) or 1.0)], np.array([_WARM])

@@ -50,8 +50,8 @@ class Profile:
         x, reach = x[near].astype(np.float64), reach[near].astype(np.float64)
         wide = reach > _NARROW * self.width
         found = np.interp(x, self.nodes, self.heights)
-        span = np.where(wide, 2 * reach, 1.0)
-        means = (self._integral(x + reach) - self._integral(x - reach)) / span
+        half = np.where(wide, reach, 1.0)  # twice as much may be no number
+        means = 0.5 * (self._integral(x + reach) - self._integral(x - reach)) / half
         out[near] = np.where(wide, means, found)
         return out
 

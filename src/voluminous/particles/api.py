@@ -65,8 +65,9 @@ def from_particles(
         of the mesh.
     cell_width : float, optional
         Cells are no wider than this many smoothing lengths, or cube roots of mesh cells' volumes,
-        of the particles that reach into them. By default 1.5, or 1 for mesh cells; of up to 50 000
-        particles 1, or 0.5.
+        of the particles at whose places they are, or around them: at the corners of the cube in
+        their spheres. By default 1.5, or 1 for mesh cells; of up to 50 000 particles 1, or 0.5;
+        of smaller ones there are as many more places.
     min_level, max_level : int
         How often base cells are split at least and at most; 20 is the deepest possible.
     empty : float
@@ -102,7 +103,8 @@ def from_particles(
     leave particles out, it is what lies inside that counts: a part of those at the walls.
 
     A particle's weight in a cell is the integral of its kernel over the cell, by midpoints at most
-    an eighth of the support apart, divided by the sum of its weights. The same particles give the
+    an eighth of the support's diameter apart, divided by the sum of its weights; within smaller
+    cells that are there for others it is spread evenly. The same particles give the
     same bits, for any number of threads.
 
     Examples

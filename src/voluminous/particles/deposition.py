@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +25,8 @@ from .smoothed import SmoothedDeposit
 # volumes. Columns of an SPH disc differ by 1.3 and 2.6 % from the kernels' own, with 6 and 2 cells
 # per particle; those of a Voronoi mesh by 8.6 and 13 % from exact ones, with 28 and 6.
 _SMOOTHED_WIDTHS, _MESH_WIDTHS, _FEW = (1.0, 1.5), (0.5, 1.0), 50_000
+# How many times finer than usual particles are looked at, however small cells are: 729 places each.
+_FINEST = 8
 # Kernels that reach over so many periodic boxes are the same everywhere, to 0.4 % for the narrowest
 # one: broader ones would only need more images.
 _BROADEST = 3.0
@@ -50,8 +53,15 @@ class _Sizes:
     @property
     def cell_width(self) -> float:
         """How wide cells are at most, in sizes, if nobody tells."""
-        widths = _SMOOTHED_WIDTHS if self.volume is None else _MESH_WIDTHS
-        return widths[len(self.size) > _FEW]
+        return self._widths[len(self.size) > _FEW]
+
+    def steps(self, cell_width: float) -> int:
+        """Return how many times finer than usual cells are."""
+        return min(max(1, math.ceil(self._widths[0] / cell_width)), _FINEST)
+
+    @property
+    def _widths(self) -> tuple[float, float]:
+        return _SMOOTHED_WIDTHS if self.volume is None else _MESH_WIDTHS
 
 
 def deposit(
@@ -79,11 +89,12 @@ def deposit(
         sizes = _of_kernels(given, smoothing_length, smooth.support, box, points)
     check_lengths(sizes.size, "sizes of particles", 1 / LARGEST)
     base = _around(points, sizes) if box is None else box
-    widest = (cell_width or sizes.cell_width) * sizes.size
-    rule = Refinement(max_particles, sizes.size, widest, sizes.reach, min_level, max_level)
+    width = cell_width or sizes.cell_width
+    widest, steps = width * sizes.size, sizes.steps(width)
+    rule = Refinement(max_particles, sizes.size, widest, sizes.reach, min_level, max_level, steps)
     grid = octree_around(base, points, rule, given.unit)
     if sizes.volume is None:
-        return SmoothedDeposit(base, grid, points, given.mass, sizes.reach, smooth)
+        return SmoothedDeposit(base, grid, points, given.mass, sizes.reach, smooth, steps)
     # The cells of a mesh are longer here and there than they are wide.
     return CellsDeposit(base, grid, points, given.mass, sizes.volume, 3 * sizes.reach)
 

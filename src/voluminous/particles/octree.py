@@ -35,6 +35,8 @@ class Refinement:
         How far particles reach.
     least, most : int
         Levels that there are everywhere, and that there are at most.
+    steps : int
+        At how many places within its reach a particle is looked at; see `claimed_cells`.
     """
 
     count: int
@@ -43,6 +45,7 @@ class Refinement:
     reach: np.ndarray | None = None
     least: int = 0
     most: int = DEEPEST
+    steps: int = 1
 
 
 def octree_around(base: Base, points: np.ndarray, rule: Refinement, unit: Any = None) -> OctreeGrid:
@@ -59,7 +62,7 @@ def octree_around(base: Base, points: np.ndarray, rule: Refinement, unit: Any = 
     """
     claimed = [np.empty(0, np.uint64)] * rule.most
     if rule.widest is not None and rule.reach is not None:
-        claimed = claimed_cells(base, points, rule.reach, rule.widest, rule.most)
+        claimed = claimed_cells(base, points, rule.reach, rule.widest, rule.most, rule.steps)
     inside = np.flatnonzero(base.inside(points))
     crowd = _Crowd(base, points[inside], rule.finest[inside], rule.most)
     cells = np.stack(np.unravel_index(np.arange(base.counts.prod()), base.counts, "F"), axis=1)

@@ -38,16 +38,20 @@ class Overlaps:
     radius : array of float64, shape (n,)
     backend : Backend
         In double precision.
+    steps : int
+        Into how many the part of a radius is cut again at which spheres stop.
     """
 
-    def __init__(self, nodes: Nodes, points: np.ndarray, radius: np.ndarray, backend: Any) -> None:
+    def __init__(
+        self, nodes: Nodes, points: np.ndarray, radius: np.ndarray, backend: Any, steps: int = 1
+    ) -> None:
         self.backend = backend
         self.boxes = packed(backend, nodes.low, nodes.part)
         self.spheres = packed(backend, points, radius)
         self.after = backend.UInt(nodes.after)
         self.end = dr.opaque(backend.UInt, nodes.size)
         self.width = [backend.wide(float(w)) for w in nodes.width]
-        self.widest = backend.wide(float(nodes.width.max()) / _PART)
+        self.widest = backend.wide(float(nodes.width.max()) * steps / _PART)
 
     def counts(self, first: int, last: int) -> np.ndarray:
         """Return how many nodes the spheres of consecutive particles overlap."""

@@ -40,6 +40,8 @@ class SmoothedDeposit(Deposit):
     mass, radius : array, shape (n,)
         Masses, and the radii of the kernels' support.
     kernel : Kernel
+    steps : int
+        How many times finer than usual kernels are told apart; see `Overlaps`.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class SmoothedDeposit(Deposit):
         mass: np.ndarray,
         radius: np.ndarray,
         kernel: Kernel,
+        steps: int = 1,
     ) -> None:
         super().__init__(grid, mass)
         near, owner = with_images(base, points, radius)
@@ -58,7 +61,8 @@ class SmoothedDeposit(Deposit):
         near, self.owner = near[order], owner[order]
         self.nodes = nodes_of(grid)
         # The same on all machines: results do not depend on what GPU there is.
-        overlaps = Overlaps(self.nodes, near, radius[self.owner], get_backend("cpu", "double"))
+        backend = get_backend("cpu", "double")
+        overlaps = Overlaps(self.nodes, near, radius[self.owner], backend, steps)
         self.overlaps, self.weights = overlaps, KernelWeights(overlaps, kernel)
         self.counts = overlaps.counts(0, len(near))
         pairs = int(self.counts.sum(dtype=np.int64))
