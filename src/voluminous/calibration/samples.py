@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -19,30 +18,61 @@ BUDGET = 1 << 22
 _PIECE = 1 << 19
 
 
-@dataclass
 class Piece:
     """Whole layers of the first axis. Lengths are in units of the grid's scale.
+
+    Parameters
+    ----------
+    around : array, shape (layers, ny, nz)
+        The scalar at the cell centres, with a layer more on each side where there is one.
+    edges : list of three arrays
+        Edges of these cells.
+    own : slice
+        Which layers are the piece's.
+    is_uniform : bool
+        All cells are alike.
 
     Attributes
     ----------
     x : array, shape (layers, ny, nz)
-        The scalar at the cell centres; NaN where it is not finite.
-    slope : array
-        |∇x| there.
-    reach : array
-        How far x goes from its value at the centre, up and down, within a cell in which it is
-        linear: ½ Σ |∂x/∂i| hᵢ.
+        The scalar; NaN where it is not finite.
     widths : list of three arrays
         Cell widths, each with three axes.
     first : bool
         Here the domain begins.
     """
 
-    x: np.ndarray
-    slope: np.ndarray
-    reach: np.ndarray
-    widths: list[np.ndarray]
-    first: bool = False
+    def __init__(
+        self, around: np.ndarray, edges: list[np.ndarray], own: slice, *, is_uniform: bool
+    ) -> None:
+        self._around, self._edges, self._own, self._uniform = around, edges, own, is_uniform
+        self.x = np.where(np.isfinite(around[own]), around[own], np.nan)
+        self.widths = [_along(np.diff(e), axis) for axis, e in enumerate(edges)]
+        self.widths[0] = self.widths[0][own]
+        self.first = own.start == 0
+
+    @functools.cached_property
+    def _slopes(self) -> list[np.ndarray]:
+        """|∂x/∂i| along the axes: a third of those who look at values ask for none."""
+        return [
+            np.abs(_derivative(self._around, self._edges[axis], axis, self._uniform)[self._own])
+            for axis in range(3)
+        ]
+
+    @functools.cached_property
+    def slope(self) -> np.ndarray:
+        """|∇x| at the centres."""
+        # Not by squares, which leave the range of numbers where x is very large or small.
+        return np.asarray(functools.reduce(np.hypot, self._slopes))
+
+    @functools.cached_property
+    def reach(self) -> np.ndarray:
+        """How far x goes from its value at the centre, up and down, in cells where it is linear.
+
+        ½ Σ |∂x/∂i| hᵢ.
+        """
+        pairs = zip(self._slopes, self.widths, strict=True)
+        return np.asarray(sum(0.5 * slope * width for slope, width in pairs))
 
     @property
     def volume(self) -> np.ndarray:
@@ -103,17 +133,7 @@ def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> Piece:
     x = _evaluate(volume, expr, low, high)
     edges = [e / volume.grid.scale for e in volume.grid.edges]
     edges[0] = edges[0][low : high + 1]
-    widths = [_along(np.diff(e), axis) for axis, e in enumerate(edges)]
-    steepest: Any = 0.0
-    reach: Any = 0.0
-    for axis in range(3):
-        slope = _derivative(x, edges[axis], axis, volume.grid.is_uniform)
-        # Squares of gradients would leave the range of numbers where x is very large or small.
-        steepest = np.hypot(steepest, slope)
-        reach = reach + 0.5 * np.abs(slope) * widths[axis]
-    x[~np.isfinite(x)] = np.nan
-    widths[0] = widths[0][own]
-    return Piece(x[own], steepest[own], reach[own], widths, first == 0)
+    return Piece(x, edges, own, is_uniform=volume.grid.is_uniform)
 
 
 def _evaluate(volume: Volume, expr: Expression, low: int, high: int) -> np.ndarray:
