@@ -62,6 +62,8 @@ MEDIA = {
     "conditions": vm.Coefficients("where(log10(a) > 0.3, b*b, 0)", "where(b > 0.2, 1, 0)"),
     "slab, 0.1": vm.Rectangle(DENSE, 0.3, 0.1, (1.0,), 0.3, 0.1),
     "colormap": vm.Colormap(DENSE, "viridis", -1, 1, 0.3, 0.3),
+    # With the length that is measured in the volume, once.
+    "colormap, default length": vm.Colormap(DENSE, "viridis", -1, 1, 0.3),
 }
 
 
