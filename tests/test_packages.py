@@ -7,6 +7,7 @@ import sys
 import pytest
 
 import voluminous as vm
+from voluminous.io.guard import placed
 from voluminous.packages import require
 
 
@@ -23,3 +24,13 @@ def test_what_is_broken_is_told_with_its_traceback(tmp_path, monkeypatch):
         require("broken_package", "all", "nothing")
     assert isinstance(found.value.__cause__, ModuleNotFoundError)
     assert "broken_package" not in sys.modules
+
+
+def test_a_place_is_added_without_a_traceback_of_its_own():
+    with pytest.raises(vm.InputError, match="here: wrong") as found, placed("here"):
+        raise vm.InputError("wrong")
+    assert found.value.__suppress_context__
+    assert found.value.__cause__ is None
+    with pytest.raises(vm.InputError, match="here: wrong") as found, placed("here"):
+        raise vm.InputError("wrong") from KeyError("library")
+    assert isinstance(found.value.__cause__, KeyError)

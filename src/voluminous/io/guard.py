@@ -28,7 +28,8 @@ def placed(place: Any) -> Iterator[None]:
     try:
         yield
     except VoluminousError as error:
-        raise type(error)(f"{place}: {error}") from error
+        # The message says all but what a library has raised: one traceback, not the same twice.
+        raise type(error)(f"{place}: {error}") from error.__cause__
 
 
 @contextmanager
