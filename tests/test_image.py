@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 from astropy import units as u
+from astropy.wcs import WCS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image as Pillow
@@ -215,11 +216,40 @@ def test_no_label_is_cut_off(shape):
     )
     ax = image.plot(norm="log")
     ax.figure.draw_without_rendering()
+    _check_labels(ax)
+
+
+def _check_labels(ax):
     whole = ax.figure.bbox
     for label in (ax.yaxis.label, ax.xaxis.label, ax.images[0].colorbar.ax.yaxis.label):
         box = label.get_window_extent()
         assert np.all(box.min >= whole.min)
         assert np.all(box.max <= whole.max)
+
+
+@pytest.mark.parametrize("shape", [(60, 60), (60, 100), (100, 60)])
+def test_no_label_is_cut_off_beside_maps_of_the_sky(shape):
+    image = Image(5000 * np.random.default_rng(3).random(shape), unit="pc", intensity_unit="K")
+    ax = image.on_sky(distance=4 * u.kpc, position=(10, -30)).plot(colormap="magma")
+    ax.figure.draw_without_rendering()
+    box = ax.images[0].colorbar.ax.get_tightbbox()
+    assert box.x1 <= ax.figure.bbox.x1
+
+
+def test_numbers_along_an_axis_keep_their_sign():
+    """Of -1000 and -500 astropy would show -1000 and 500."""
+    offsets = WCS(naxis=2)
+    offsets.wcs.ctype, offsets.wcs.cunit = ["OFFSET", "VRAD"], ["arcsec", "km / s"]
+    offsets.wcs.crpix, offsets.wcs.cdelt = [25.5, 25.5], [50.0, 200.0]
+    ax = Image(np.eye(50), wcs=offsets).plot()
+    ax.figure.draw_without_rendering()
+    for coordinate, end in zip(ax.coords, (1250, 5.0), strict=True):
+        for side in coordinate._ticklabels.text.values():
+            shown = [float(text.replace("\N{MINUS SIGN}", "-")) for text in side]
+            assert min(shown) <= -0.6 * end
+            assert max(shown) >= 0.6 * end
+            # As even as ticks are, up to rounding.
+            np.testing.assert_allclose(np.diff(shown), shown[1] - shown[0], rtol=1e-9)
 
 
 def test_limits_may_have_units():

@@ -54,10 +54,9 @@ def angles_towards(direction: np.ndarray) -> tuple[float, float]:
     InputError
         If the direction is zero or not finite.
     """
-    norm = float(np.linalg.norm(direction))
-    if not np.isfinite(norm) or norm == 0.0:
+    if not np.all(np.isfinite(direction)) or not np.any(direction):
         raise InputError(f"a view direction must be a finite, non-zero vector, got {direction}")
-    x, y, z = np.asarray(direction, dtype=np.float64) / norm
+    x, y, z = _unit(direction)
     incl = float(np.rad2deg(np.arctan2(np.hypot(x, y), z)))
     # arctan2 keeps a signed zero: along the axis phi is 0 by convention.
     phi = 0.0 if x == 0.0 and y == 0.0 else float(np.rad2deg(np.arctan2(-x, -y)))
@@ -70,11 +69,21 @@ def position_angle(incl: float, phi: float, up: np.ndarray) -> float:
     Raises
     ------
     InputError
-        If `up` is parallel to the line of sight.
+        If `up` is zero, or parallel to the line of sight.
     """
+    if not np.any(up):
+        raise InputError(f"up must be a non-zero vector, got {up}")
     x_axis, y_axis, _ = image_axes(incl, phi, 0.0)
-    across, along = float(np.dot(up, x_axis)), float(np.dot(up, y_axis))
-    if np.hypot(across, along) < 1e-12 * float(np.linalg.norm(up)) or not np.any(up):
+    upwards = _unit(up)
+    across, along = float(np.dot(upwards, x_axis)), float(np.dot(upwards, y_axis))
+    if np.hypot(across, along) < 1e-12:
         raise InputError(f"up must not be parallel to the line of sight, got {up}")
     # The image's y axis in unrotated image coordinates is (sin posang, cos posang).
     return float(np.rad2deg(np.arctan2(across, along)))
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    """Return a vector of length one, whatever the length of the one that is given."""
+    # Squares of numbers such as 1e200 or 1e-200 are not in the range of floats.
+    scaled = np.asarray(vector, dtype=np.float64) / np.abs(vector).max()
+    return np.asarray(scaled / np.linalg.norm(scaled))

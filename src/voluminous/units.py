@@ -197,8 +197,17 @@ def _shown(value: Any) -> str:
 
 
 def degrees(value: Any, what: str) -> float:
-    """Return an angle in degrees; plain numbers are degrees."""
-    return plain(value, "deg", what)
+    """Return one angle in degrees; plain numbers are degrees.
+
+    Raises
+    ------
+    UnitsError
+        If it is none, or several.
+    """
+    angle = plain(value, "deg", what)
+    if not isinstance(angle, float):
+        raise UnitsError(f"{what} must be one angle, got {_shown(value)}")
+    return angle
 
 
 def radians(value: Any, what: str) -> Any:

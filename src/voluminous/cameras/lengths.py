@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..units import degrees, is_quantity, parse_unit, plain, unit_name, unit_of
+from ..units import as_given, degrees, is_quantity, parse_unit, plain, unit_name, unit_of
 
 
 def point(value: Any, unit: Any, what: str) -> np.ndarray:
@@ -18,6 +18,21 @@ def point(value: Any, unit: Any, what: str) -> np.ndarray:
 def vector_of(value: Any, what: str) -> np.ndarray:
     """Return three plain floats, whatever their unit: only the direction counts."""
     return as_vector(plain(value, unit_of(value), what), 3, what)
+
+
+def common_unit(value: Any, what: str) -> Any:
+    """Return the unit of all lengths of a vector; None for plain numbers.
+
+    Raises
+    ------
+    InputError
+        If some have a unit and others, which are in the volume's, have none. Zeros need none.
+    """
+    unit = unit_of(as_given(value, what))
+    parts = value if unit is not None and isinstance(value, (list, tuple)) else ()
+    if any(unit_of(part) is None and np.any(plain(part, None, what)) for part in parts):
+        raise InputError(f"{what} must have units for all of its numbers or none, got {value!r}")
+    return unit
 
 
 def as_vector(value: Any, length: int, what: str) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..grids.contract import Ray
 from ..rotation import angles_towards, cosine_sine, image_axes, position_angle
 from ..units import as_given, is_quantity, plain, unit_of
@@ -84,7 +85,17 @@ class Orthographic(Camera):
             The direction that points upwards in the image; z by default.
         **options
             ``width``, ``resolution``, ``center``, ``shift``.
+
+        Raises
+        ------
+        InputError
+            If the direction is zero, `up` is parallel to it, or an angle is given besides.
         """
+        if told := {"incl", "phi", "posang"} & set(options):
+            raise InputError(
+                f"{', '.join(sorted(told))}: looking(...) finds its angles from view_direction and "
+                "up; leave them out, or give all angles to vm.Orthographic(incl, phi, posang)"
+            )
         incl, phi = angles_towards(-vector_of(view_direction, "view_direction"))
         posang = 0.0 if up is None else position_angle(incl, phi, vector_of(up, "up"))
         return cls(incl, phi, posang, **options)

@@ -13,9 +13,11 @@ from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, radians, unit_of
 from .contract import Camera, Frame, pixel_counts, plane_size
-from .lengths import described, finite_degrees, point, vector_of
+from .lengths import common_unit, described, finite_degrees, point, vector_of
 
 PROJECTIONS = ("flat", "spherical")
+# Digits that rounding may take from the direction to a target: 33 are left, 1e-10 of it.
+_BITS = 20
 # RADMC-3D's degree for the zenith angle.
 _ZENITH_DEGREE = 57.295780
 
@@ -113,8 +115,9 @@ class Perspective(Camera):
     def looking(cls, position: Any, view_direction: Any, **options: Any) -> Perspective:
         """Return a camera from where it is and the direction it looks into."""
         direction = vector_of(view_direction, "view_direction")
-        unit = unit_of(position)
-        target = vector_of(position, "position") + direction
+        unit = common_unit(position, "position")
+        eye = vector_of(position, "position")
+        target = eye + _not_lost(direction, eye)
         return cls(position, target if unit is None else target * unit, **options)
 
     def frame(self, grid: Any) -> Frame:
@@ -179,6 +182,16 @@ class Perspective(Camera):
         if self.zenith:
             told["zenith"] = self.zenith
         return told
+
+
+def _not_lost(direction: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Return a direction, made longer where a step of its own length would be lost in rounding.
+
+    Such as a step of one where coordinates are 1e18, as in centimetres. Powers of two change no
+    digit of it.
+    """
+    (_, far), (_, near) = (np.frexp(np.abs(v).max()) for v in (position, direction))
+    return np.asarray(np.ldexp(direction, max(0, int(far) - int(near) - _BITS)))
 
 
 def _screen(fov: Any, projection: str) -> float:

@@ -38,6 +38,10 @@ def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> A
     place["aspect"] = _aspect(image, extent)
     if shows_one_channel(image, options):
         drawn = axes.imshow(**one_channel(image, **options), **place)
+        if ax is None and is_sky_axes(axes):
+            # The layout makes room for their labels before it knows of the fixed aspect: beside a
+            # picture in the middle there is too little for the bar.
+            axes.set_anchor("W")
         # Maps of what was measured say what they are.
         name = str((image.provenance or {}).get("map", "intensity"))
         add_color_bar(axes, drawn, _label(name, image.intensity_unit), own=ax is None)

@@ -43,8 +43,10 @@ def label_axes(axes: Any, wcs: Any) -> None:
         unit = _unit(wcs, number)
         if coordinate.coord_type == "scalar" and unit is not None:
             coordinate.set_format_unit(unit)
-            # Left alone, astropy takes the decimals from the unit of the WCS.
-            coordinate.set_major_formatter(f"%.{_decimals(wcs, number)}f")
+            # Left alone, astropy takes the decimals from the unit of the WCS. With a minus of
+            # matplotlib, as in its own kind of format, it knows numbers: of -1000 and -500, as
+            # "%.0f" writes them, it shows -1000 and 500, leaving out what both begin with.
+            coordinate.set_major_formatter(f"x.{'x' * _decimals(wcs, number)}".removesuffix("."))
 
 
 def plain_axes(wcs: Any) -> tuple[tuple[float, float, float, float], list[str]]:

@@ -125,13 +125,12 @@ def build_camera(section: Mapping[str, Any]) -> Any:
         others = {k: v for k, v in rest.items() if k not in own}
         check_keys(others, inspect.signature(make).parameters)
         given = {k: _CAMERA.get(k, kinds.ANYTHING)(k, v) for k, v in others.items()}
-        try:
-            return make.looking(**arguments(make.looking, own, _CAMERA), **given)
-        except TypeError as error:
+        if taken := {"incl", "phi", "target"} & set(others):
             raise InputError(
                 "view_direction takes the place of angles and target; leave those out, got also "
-                + ", ".join(others)
-            ) from error
+                + ", ".join(sorted(taken))
+            )
+        return make.looking(**arguments(make.looking, own, _CAMERA), **given)
 
 
 def plain_render(options: Mapping[str, Any]) -> dict[str, Any]:
