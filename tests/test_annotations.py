@@ -318,6 +318,8 @@ def test_saving(core, tmp_path):
     [
         ({"scale_bar": 100 * u.pc}, "up to 9 pc"),
         ({"scale_bar": "long"}, "such as '100 au'"),
+        ({"scale_bar": np.nan}, "scale_bar must be finite"),
+        ({"scale_bar": []}, "scale_bar must be a number"),
         ({"font_size": -1}, "positive"),
         ({"font_size": "large"}, "positive number of pixels, got 'large'"),
         ({"volume": 3}, "volume must be a volume, got int"),
@@ -331,11 +333,21 @@ def test_options_that_cannot_be(options, message):
         picture().annotate(**options)
 
 
+def test_units_of_other_programs_are_told_as_they_are():
+    image = vm.Image(np.ones((200, 200)), unit="parsnips", intensity_unit="turnips")
+    sheet = image.annotate(ticks=True)
+    assert {"x [parsnips]", "intensity [turnips]"} <= {
+        label for axes in sheet.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel())
+    }
+
+
 def test_unknown_options_and_formats(tmp_path):
     with pytest.raises(UnknownNameError, match="scale_bar"):
         picture().annotate(scalebar=True)
     with pytest.raises(UnknownNameError, match="png"):
         picture().annotate().save(tmp_path / "a.jpg")
+    with pytest.raises(InputError, match="path of a file, got int"):
+        picture().annotate().save(3)
     with pytest.raises(InputError, match="8 bits"):
         picture().save(tmp_path / "a.png", annotate=True, bits=16)
     with pytest.raises(InputError, match="True or a dict"):

@@ -599,6 +599,12 @@ def test_missing_files(folder):
         Image.load(folder / "nothing.png")
 
 
+def test_directories_are_no_files(tmp_path):
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(InputError, match=r"folder\.png is a directory"):
+        Image.load(tmp_path / "folder.png")
+
+
 # Saving: whole or not at all
 
 
@@ -670,8 +676,9 @@ def test_unknown_options(tmp_path):
         picture().save(tmp_path / "image.png", strech="log")
     with pytest.raises(UnknownNameError, match="'bits'"):
         picture().save(tmp_path / "image.fits", bits=16)
-    with pytest.raises(InputError, match="bits must be 8 or 16"):
-        picture().save(tmp_path / "image.png", bits=12)
+    for bits in (12, [8]):
+        with pytest.raises(InputError, match="bits must be 8 or 16"):
+            picture().save(tmp_path / "image.png", bits=bits)
     with pytest.raises(InputError, match="transparency is known"):
         picture().save(tmp_path / "image.png", transparent=True)
     assert not os.listdir(tmp_path)

@@ -78,7 +78,8 @@ class Made:
         -------
         Image
             Of the same unit, with sums kept but for what is spread over the edges. The optical
-            depth is left out: a mean over a beam has none.
+            depth is left out: a mean over a beam has none. Missing pixels (NaN) are filled from
+            around them, as far as the beam reaches.
 
         Raises
         ------

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ...units import is_quantity, parse_unit, plain
-from .lengths import bar_length, readable, with_unit
+from ..stretch import finite
+from .lengths import bar_length, known_unit, readable, with_unit
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -46,7 +47,7 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
 
 
 def _is_wide(image: Image, across: float) -> bool:
-    unit = parse_unit(image.unit)
+    unit = known_unit(image.unit)
     return unit is not None and unit.is_equivalent("rad") and across * unit.to("rad") > _WIDE
 
 
@@ -61,12 +62,13 @@ def _given(image: Image, wanted: Any) -> tuple[float, str]:
                 f"scale_bar must be a length such as '100 au', got {wanted!r}"
             ) from error
     if is_quantity(wanted):
-        length = float(plain(wanted, parse_unit(image.unit), "scale_bar"))
+        length = finite(plain(wanted, parse_unit(image.unit), "scale_bar"), "scale_bar")
         # The unit the user chose is the one to read.
         _, name = readable(1.0, str(wanted.unit))
         return length, with_unit(float(wanted.value), name)
-    factor, name = readable(float(wanted), image.unit)
-    return float(wanted), with_unit(float(wanted) * factor, name)
+    length = finite(wanted, "scale_bar")
+    factor, name = readable(length, image.unit)
+    return length, with_unit(length * factor, name)
 
 
 def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None:
