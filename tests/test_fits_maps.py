@@ -256,6 +256,21 @@ def test_intensities_per_beam_and_per_pixel():
     assert back.intensity == pytest.approx(5e-6)
 
 
+@pytest.mark.parametrize(
+    ("unit", "other", "kept"),
+    [("Jy", "mJy", np.float32), ("Jy", "W / (m2 Hz)", np.float64), ("Jy", "aJy", np.float64)],
+)
+def test_no_number_is_lost_in_another_unit(unit, other, kept):
+    """A jansky is 1e-26 in SI units: of float32 nothing was left."""
+    values = np.array([[0.0, 1e-20], [1e-15, np.inf]]) * (1e36 if other == "aJy" else 1.0)
+    image = vm.Image(values.astype(np.float32), error=values, intensity_unit=unit).to(other)
+    assert image.intensity.dtype == kept
+    factor = u.Unit(unit).to(other)
+    # Numbers were rounded to float32: 6e-8.
+    np.testing.assert_allclose(image.intensity[..., 0], values * factor, rtol=1e-7)
+    np.testing.assert_allclose(image.error, values * factor, rtol=1e-7)
+
+
 def test_the_peak_of_a_point_per_beam_is_its_flux():
     image = spot(81, 81).on_sky(distance=140 * u.pc, position=HERE)
     flux = image.to("Jy/pix").intensity.sum()

@@ -102,6 +102,11 @@ class Made:
         beam : optional
             As in `convolve`, for units per beam. Default: the one the image was convolved with.
 
+        Returns
+        -------
+        Image
+            In double precision if numbers of the new unit are beyond single precision.
+
         Raises
         ------
         UnitsError
