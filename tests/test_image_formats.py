@@ -413,11 +413,28 @@ def test_fits_images_behind_an_empty_primary_hdu_and_on_the_sky(folder):
     assert loaded.pixel_area == pytest.approx(1e-4)
 
 
-def test_rotated_fits_images_have_pixel_indices(folder):
+@pytest.mark.parametrize("kinds", [("RA---TAN", "DEC--TAN"), ("GLON-CAR", "GLAT-CAR")])
+def test_fits_images_of_the_sky_are_in_degrees_if_they_do_not_say(folder, kinds):
+    """Calabretta & Greisen (2002), A&A 395, 1077: degrees are the default on the sky."""
+    path = folder / "degrees.fits"
+    hdu = fits.PrimaryHDU(np.ones((5, 7), np.float32))
+    hdu.header.update(CTYPE1=kinds[0], CTYPE2=kinds[1], CDELT1=-0.01, CDELT2=0.01, CRPIX1=1.0)
+    hdu.writeto(path, overwrite=True)
+    assert Image.load(path).unit == "deg"
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        {"CD1_1": 0.7, "CD1_2": 0.7, "CD2_1": -0.7, "CD2_2": 0.7},
+        {"CDELT1": -0.01, "CDELT2": 0.01, "CROTA2": 30.0},
+    ],
+)
+def test_rotated_fits_images_have_pixel_indices(folder, cards):
     path = folder / "rotated.fits"
     hdu = fits.PrimaryHDU(np.ones((5, 7), np.float32))
-    hdu.header.update(CD1_1=0.7, CD1_2=0.7, CD2_1=-0.7, CD2_2=0.7, CUNIT1="deg", CUNIT2="deg")
-    hdu.writeto(path)
+    hdu.header.update(CUNIT1="deg", CUNIT2="deg", **cards)
+    hdu.writeto(path, overwrite=True)
     loaded = Image.load(path)
     np.testing.assert_array_equal(loaded.x, np.arange(7))
     assert loaded.unit == ""
