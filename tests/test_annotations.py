@@ -333,6 +333,23 @@ def test_options_that_cannot_be(options, message):
         picture().annotate(**options)
 
 
+@pytest.mark.parametrize(
+    ("fov", "projection", "label", "edge"),
+    [(90, "flat", "x [rad]", 1.0), (90, "spherical", "x [°]", 45.0), (8, "flat", "x [°]", 4.0)],
+)
+def test_a_wide_flat_screen_has_no_degrees(fov, projection, label, edge):
+    """At 45 degrees from the middle the screen's coordinate is 1, which is 57 degrees of arc."""
+    camera = vm.Perspective((0, -3, 0), (0, 0, 0), fov, projection=projection, resolution=100)
+    centres = (np.arange(100) - 49.5) * camera.width[0] / 100
+    image = vm.Image(
+        np.ones((100, 100)), x=centres, y=centres, unit="rad", camera=camera.describe()
+    )
+    sheet = image.annotate(ticks=True, color_bar=False)
+    axes = next(a for a in sheet.figure.axes if a.get_xlabel() == label)
+    # The frame is drawn outside, a pixel away; a tangent of 4 degrees is 0.2 % greater than that.
+    assert axes.get_xlim()[1] == pytest.approx(edge, rel=0.03)
+
+
 def test_units_of_other_programs_are_told_as_they_are():
     image = vm.Image(np.ones((200, 200)), unit="parsnips", intensity_unit="turnips")
     sheet = image.annotate(ticks=True)

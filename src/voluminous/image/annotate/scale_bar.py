@@ -38,7 +38,7 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
     if wanted is False or wanted is None:
         return None
     if wanted is True:
-        return None if _is_wide(image, across) else bar_length(_PART * across, image.unit)
+        return None if is_wide(image) else bar_length(_PART * across, image.unit)
     length, text = _given(image, wanted)
     if not 0 < length <= across:
         most = f"{across:g} {image.unit}".strip()
@@ -46,9 +46,13 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
     return length, text
 
 
-def _is_wide(image: Image, across: float) -> bool:
+def is_wide(image: Image) -> bool:
+    """Return True for a picture of angles so wide that it has no one scale."""
+    left, right, _, _ = image.extent
     unit = known_unit(image.unit)
-    return unit is not None and unit.is_equivalent("rad") and across * unit.to("rad") > _WIDE
+    if unit is None or not unit.is_equivalent("rad"):
+        return False
+    return bool(abs(right - left) * unit.to("rad") > _WIDE)
 
 
 def _given(image: Image, wanted: Any) -> tuple[float, str]:
