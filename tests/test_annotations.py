@@ -169,6 +169,26 @@ def test_names_of_axes_do_not_lie_on_each_other(angles):
         assert np.linalg.norm(places[a] - places[b]) > 0.8 * size
 
 
+@pytest.mark.parametrize(
+    ("position", "target"),
+    [
+        ((3 * u.pc, 0, "5 pc"), (0, "1 pc", 0)),
+        ((3, 0, 5) * u.pc, (0 * u.pc, 1000 * u.mpc, 0)),
+    ],
+)
+def test_the_triad_of_a_perspective_in_any_units(position, target):
+    told = triad(picture(camera=vm.Perspective(position, target).describe()))
+    plain = triad(picture(camera=vm.Perspective((3, 0, 5), (0, 1, 0)).describe()))
+    for one, other in zip(told, plain, strict=True):
+        assert (one.across, one.up) == pytest.approx((other.across, other.up))
+
+
+def test_no_triad_where_units_are_not_known():
+    """Plain numbers are in the volume's unit: a target at (0, 1, 0) may be anywhere."""
+    camera = vm.Perspective((3, -4, 5) * u.pc, (0, 1, 0))
+    assert triad(picture(camera=camera.describe())) == []
+
+
 def test_no_triad_without_a_known_camera():
     assert triad(picture()) == []
     assert triad(picture(camera={"type": "all-sky"})) == []

@@ -277,3 +277,9 @@ def test_where_an_observer_is_has_one_unit_if_a_direction_goes_from_there():
     ]
     with pytest.raises(vm.InputError, match="units for all of its numbers or none"):
         vm.Perspective.looking((1 * u.pc, 5, 0), view)
+
+
+def test_a_class_is_no_camera():
+    volume = vm.Volume(GRID, density=np.ones((3, 4, 5)))
+    with pytest.raises(vm.InputError, match="got the class Orthographic"):
+        vm.render(volume, vm.Coefficients("density", 0), vm.Orthographic)
