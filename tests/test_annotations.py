@@ -353,6 +353,12 @@ def test_options_that_cannot_be(options, message):
         picture().annotate(**options)
 
 
+@pytest.mark.parametrize("unit", ["dex(cm-2)", "mag", "mag(Jy)", "percent"])
+def test_units_of_any_kind_stand_at_a_colour_bar(unit):
+    sheet = vm.Image(np.ones((99, 99)), intensity_unit=unit).annotate()
+    assert any(axes.get_ylabel().startswith("intensity [") for axes in sheet.figure.axes)
+
+
 @pytest.mark.parametrize(
     ("fov", "projection", "label", "edge"),
     [(90, "flat", "x [rad]", 1.0), (90, "spherical", "x [°]", 45.0), (8, "flat", "x [°]", 4.0)],

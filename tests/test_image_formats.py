@@ -194,6 +194,18 @@ def test_texts_of_any_length_and_uneven_coordinates(folder, suffix):
     assert_same_frame(roundtrip(saved, folder, suffix), saved)
 
 
+@pytest.mark.parametrize("x", [[0.0, 1.0, 5.0], [0.0, 1.0, 2.0]])
+@pytest.mark.parametrize("y", [[7.0, 3.0, 2.0], [7.0, 4.0, 1.0]])
+def test_uneven_coordinates_keep_their_unit_in_fits(folder, x, y):
+    """No card tells them, nor their unit: that of an even axis beside them was all there was."""
+    path = folder / "uneven.fits"
+    Image(np.ones((3, 3)), x=x, y=y, unit="µas").save(path)
+    loaded = Image.load(path)
+    np.testing.assert_array_equal(loaded.x, x)
+    np.testing.assert_array_equal(loaded.y, y)
+    assert loaded.unit == "µas"
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_saving_does_not_depend_on_the_memory_layout(folder, suffix):
     values = np.asfortranarray(np.random.default_rng(1).random((5, 7, 3)).astype("f4"))

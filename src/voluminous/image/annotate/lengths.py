@@ -137,5 +137,5 @@ def pretty_unit(unit: str) -> str:
 
     try:
         return str(u.Unit(unit).to_string("unicode", fraction=False)) if unit else ""
-    except ValueError:
+    except (ValueError, TypeError):  # logarithmic units are written in one way only
         return unit
