@@ -18,6 +18,8 @@ from .lengths import common_unit, described, finite_degrees, point, vector_of
 PROJECTIONS = ("flat", "spherical")
 # RADMC-3D's degree for the zenith angle.
 _ZENITH_DEGREE = 57.295780
+# A step this many powers of two shorter than where it starts has a direction to 2e-13 rad.
+_SHORTER = 10
 
 
 class Perspective(Camera):
@@ -115,7 +117,7 @@ class Perspective(Camera):
         direction = vector_of(view_direction, "view_direction")
         unit = common_unit(position, "position")
         eye = vector_of(position, "position")
-        target = eye + _as_long_as(eye, direction)
+        target = eye + _long_enough(direction, eye)
         return cls(position, target if unit is None else target * unit, **options)
 
     def frame(self, grid: Any) -> Frame:
@@ -182,14 +184,13 @@ class Perspective(Camera):
         return told
 
 
-def _as_long_as(vector: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return a direction, made about as long as a vector if it is shorter.
+def _long_enough(direction: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return a direction, made longer if a step into it from a point would be lost in rounding.
 
-    A step of one is lost where coordinates are 1e18, as in centimetres. Powers of two change no
-    digit of it.
+    A step of one is, where coordinates are 1e18, as in centimetres. Powers of two change no digit.
     """
-    (_, far), (_, near) = (np.frexp(np.abs(v).max()) for v in (vector, direction))
-    return np.asarray(np.ldexp(direction, max(0, int(far) - int(near))))
+    (_, far), (_, near) = (np.frexp(np.abs(v).max()) for v in (start, direction))
+    return np.asarray(np.ldexp(direction, max(0, int(far) - int(near) - _SHORTER)))
 
 
 def _screen(fov: Any, projection: str) -> float:
