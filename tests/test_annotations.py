@@ -169,6 +169,26 @@ def test_names_of_axes_do_not_lie_on_each_other(angles):
         assert np.linalg.norm(places[a] - places[b]) > 0.8 * size
 
 
+@pytest.mark.parametrize(
+    ("position", "target"),
+    [
+        ((3 * u.pc, 0, "5 pc"), (0, "1 pc", 0)),
+        ((3, 0, 5) * u.pc, (0 * u.pc, 1000 * u.mpc, 0)),
+    ],
+)
+def test_the_triad_of_a_perspective_in_any_units(position, target):
+    told = triad(picture(camera=vm.Perspective(position, target).describe()))
+    plain = triad(picture(camera=vm.Perspective((3, 0, 5), (0, 1, 0)).describe()))
+    for one, other in zip(told, plain, strict=True):
+        assert (one.across, one.up) == pytest.approx((other.across, other.up))
+
+
+def test_no_triad_where_units_are_not_known():
+    """Plain numbers are in the volume's unit: a target at (0, 1, 0) may be anywhere."""
+    camera = vm.Perspective((3, -4, 5) * u.pc, (0, 1, 0))
+    assert triad(picture(camera=camera.describe())) == []
+
+
 def test_no_triad_without_a_known_camera():
     assert triad(picture()) == []
     assert triad(picture(camera={"type": "all-sky"})) == []
@@ -318,6 +338,8 @@ def test_saving(core, tmp_path):
     [
         ({"scale_bar": 100 * u.pc}, "up to 9 pc"),
         ({"scale_bar": "long"}, "such as '100 au'"),
+        ({"scale_bar": np.nan}, "scale_bar must be finite"),
+        ({"scale_bar": []}, "scale_bar must be a number"),
         ({"font_size": -1}, "positive"),
         ({"font_size": "large"}, "positive number of pixels, got 'large'"),
         ({"volume": 3}, "volume must be a volume, got int"),
@@ -331,11 +353,44 @@ def test_options_that_cannot_be(options, message):
         picture().annotate(**options)
 
 
+@pytest.mark.parametrize("unit", ["dex(cm-2)", "mag", "mag(Jy)", "percent"])
+def test_units_of_any_kind_stand_at_a_colour_bar(unit):
+    sheet = vm.Image(np.ones((99, 99)), intensity_unit=unit).annotate()
+    assert any(axes.get_ylabel().startswith("intensity [") for axes in sheet.figure.axes)
+
+
+@pytest.mark.parametrize(
+    ("fov", "projection", "label", "edge"),
+    [(90, "flat", "x [rad]", 1.0), (90, "spherical", "x [°]", 45.0), (8, "flat", "x [°]", 4.0)],
+)
+def test_a_wide_flat_screen_has_no_degrees(fov, projection, label, edge):
+    """At 45 degrees from the middle the screen's coordinate is 1, which is 57 degrees of arc."""
+    camera = vm.Perspective((0, -3, 0), (0, 0, 0), fov, projection=projection, resolution=100)
+    centres = (np.arange(100) - 49.5) * camera.width[0] / 100
+    image = vm.Image(
+        np.ones((100, 100)), x=centres, y=centres, unit="rad", camera=camera.describe()
+    )
+    sheet = image.annotate(ticks=True, color_bar=False)
+    axes = next(a for a in sheet.figure.axes if a.get_xlabel() == label)
+    # The frame is drawn outside, a pixel away; a tangent of 4 degrees is 0.2 % greater than that.
+    assert axes.get_xlim()[1] == pytest.approx(edge, rel=0.03)
+
+
+def test_units_of_other_programs_are_told_as_they_are():
+    image = vm.Image(np.ones((200, 200)), unit="parsnips", intensity_unit="turnips")
+    sheet = image.annotate(ticks=True)
+    assert {"x [parsnips]", "intensity [turnips]"} <= {
+        label for axes in sheet.figure.axes for label in (axes.get_xlabel(), axes.get_ylabel())
+    }
+
+
 def test_unknown_options_and_formats(tmp_path):
     with pytest.raises(UnknownNameError, match="scale_bar"):
         picture().annotate(scalebar=True)
     with pytest.raises(UnknownNameError, match="png"):
         picture().annotate().save(tmp_path / "a.jpg")
+    with pytest.raises(InputError, match="path of a file, got int"):
+        picture().annotate().save(3)
     with pytest.raises(InputError, match="8 bits"):
         picture().save(tmp_path / "a.png", annotate=True, bits=16)
     with pytest.raises(InputError, match="True or a dict"):

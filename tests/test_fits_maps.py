@@ -194,6 +194,33 @@ def test_missing_pixels_are_filled_from_around_them():
     assert plane(values).convolve(6 * u.au).intensity[15, 20] == pytest.approx(1.0)
 
 
+def test_what_no_beam_reaches_stays_missing():
+    """It was black, or rounding over rounding."""
+    values = np.ones((41, 61))
+    values[10:30, 20:50] = np.nan
+    seen = plane(values).convolve(3 * u.au).intensity[..., 0]
+    # A kernel ends 5.5 standard deviations away, of 1.3 pixels.
+    assert np.isnan(seen[19:21, 29:41]).all()
+    assert seen[20, 0:19].min() > 0.4  # half of the beam is beyond the edge of the picture
+    assert seen[10, 30] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("width", [1e-200, 1e-3, 0.02, 0.1])
+def test_beams_much_narrower_than_a_pixel_leave_pixels_as_they_are(width):
+    values = np.random.default_rng(4).random((9, 12))
+    seen = plane(values).convolve(width * u.au).intensity[..., 0]
+    # A kernel is at least a tenth of a pixel wide (standard deviation): 1e-6 leave a pixel.
+    np.testing.assert_allclose(seen, values, atol=3e-6)
+
+
+def test_a_narrow_beam_that_is_turned_is_smooth():
+    """Points a tenth of a pixel apart miss a line that is narrower."""
+    image = spot(61, 61, step=(1.0, 1.0))
+    narrow, wider = (image.convolve((14, width, 30)).intensity for width in (0.03, 0.3))
+    # Averaged over pixels, 0.3 au are about as narrow as nothing: (0.13² / 2) of the curvature.
+    assert np.abs(narrow - wider).max() < 0.03 * wider.max()
+
+
 def test_measured_columns_are_convolved_and_means_are_not():
     grid = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
     volume = vm.Volume(grid, rho=np.arange(512.0).reshape(8, 8, 8), velocity_x=np.ones((8, 8, 8)))
@@ -229,6 +256,21 @@ def test_intensities_per_beam_and_per_pixel():
     assert back.intensity == pytest.approx(5e-6)
 
 
+@pytest.mark.parametrize(
+    ("unit", "other", "kept"),
+    [("Jy", "mJy", np.float32), ("Jy", "W / (m2 Hz)", np.float64), ("Jy", "aJy", np.float64)],
+)
+def test_no_number_is_lost_in_another_unit(unit, other, kept):
+    """A jansky is 1e-26 in SI units: of float32 nothing was left."""
+    values = np.array([[0.0, 1e-20], [1e-15, np.inf]]) * (1e36 if other == "aJy" else 1.0)
+    image = vm.Image(values.astype(np.float32), error=values, intensity_unit=unit).to(other)
+    assert image.intensity.dtype == kept
+    factor = u.Unit(unit).to(other)
+    # Numbers were rounded to float32: 6e-8.
+    np.testing.assert_allclose(image.intensity[..., 0], values * factor, rtol=1e-7)
+    np.testing.assert_allclose(image.error, values * factor, rtol=1e-7)
+
+
 def test_the_peak_of_a_point_per_beam_is_its_flux():
     image = spot(81, 81).on_sky(distance=140 * u.pc, position=HERE)
     flux = image.to("Jy/pix").intensity.sum()
@@ -247,6 +289,19 @@ def test_the_peak_of_a_point_per_beam_is_its_flux():
         ({"distance": -3 * u.pc, "position": HERE}, InputError, "positive"),
         ({"distance": 3 * u.pc, "position": "nowhere"}, InputError, "SkyCoord"),
         ({"distance": 3 * u.pc, "position": (1, 2, 3)}, InputError, "SkyCoord"),
+        ({"distance": 3 * u.pc, "position": (1, np.nan)}, InputError, "position must be finite"),
+        ({"distance": 3 * u.pc, "position": (np.inf, 2)}, InputError, "position must be finite"),
+        (
+            {"distance": 3 * u.pc, "position": HERE, "position_angle": np.nan},
+            InputError,
+            "position_angle must be finite",
+        ),
+        (
+            {"distance": 3 * u.pc, "position": HERE, "position_angle": [1, 2]},
+            UnitsError,
+            "position_angle must be one angle",
+        ),
+        ({"position_angle": 30}, InputError, "distance=.* and position="),
         (
             {"distance": 3 * u.pc, "position": SkyCoord([1, 2], [3, 4], unit="deg")},
             InputError,
@@ -274,6 +329,8 @@ def test_uneven_pixels_have_no_place_on_the_sky():
         (-1, InputError, "positive"),
         ((3, 0), InputError, "positive"),
         (1e9 * u.au, InputError, "times as wide as the image"),
+        ([[3, 2]], InputError, "major, minor"),
+        ({"major": 3}, UnitsError, "beam must be a number"),
     ],
 )
 def test_beams_that_cannot_be(beam, error, message):

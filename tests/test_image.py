@@ -34,7 +34,9 @@ def test_floats_are_kept_and_all_else_becomes_float(given_dtype, kept):
     np.testing.assert_array_equal(image.intensity[..., 0], values)
 
 
-@pytest.mark.parametrize("bad", [np.ones(3), np.ones((1, 2, 3, 4)), np.ones((0, 3)), [["a"]]])
+@pytest.mark.parametrize(
+    "bad", [np.ones(3), np.ones((1, 2, 3, 4)), np.ones((0, 3)), [["a"]], [[1], [1, 2]]]
+)
 def test_unusable_intensities_are_refused(bad):
     with pytest.raises(InputError, match="intensity"):
         Image(bad)
@@ -122,10 +124,16 @@ def test_unusable_coordinates_are_refused(x):
         Image(np.zeros((2, 3)), x=x)
 
 
-@pytest.mark.parametrize("size", [1.0, (1, 0), (1, np.inf), (1, 2, 3)])
+@pytest.mark.parametrize("size", [1.0, (1, 0), (1, np.inf), (1, 2, 3), "ab"])
 def test_unusable_pixel_sizes_are_refused(size):
     with pytest.raises(InputError, match="pixel_size"):
         Image(np.zeros((2, 3)), pixel_size=size)
+
+
+def test_pixel_sizes_are_converted_to_the_unit_of_the_plane():
+    image = Image([[1.0]], unit="pc", pixel_size=(2000, 500) * u.mpc)
+    assert image.pixel_size == pytest.approx((2.0, 0.5))
+    assert image.extent == pytest.approx((-1.0, 1.0, -0.25, 0.25))
 
 
 def test_quantities_bring_their_units():

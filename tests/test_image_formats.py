@@ -194,6 +194,18 @@ def test_texts_of_any_length_and_uneven_coordinates(folder, suffix):
     assert_same_frame(roundtrip(saved, folder, suffix), saved)
 
 
+@pytest.mark.parametrize("x", [[0.0, 1.0, 5.0], [0.0, 1.0, 2.0]])
+@pytest.mark.parametrize("y", [[7.0, 3.0, 2.0], [7.0, 4.0, 1.0]])
+def test_uneven_coordinates_keep_their_unit_in_fits(folder, x, y):
+    """No card tells them, nor their unit: that of an even axis beside them was all there was."""
+    path = folder / "uneven.fits"
+    Image(np.ones((3, 3)), x=x, y=y, unit="µas").save(path)
+    loaded = Image.load(path)
+    np.testing.assert_array_equal(loaded.x, x)
+    np.testing.assert_array_equal(loaded.y, y)
+    assert loaded.unit == "µas"
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_saving_does_not_depend_on_the_memory_layout(folder, suffix):
     values = np.asfortranarray(np.random.default_rng(1).random((5, 7, 3)).astype("f4"))
@@ -413,11 +425,28 @@ def test_fits_images_behind_an_empty_primary_hdu_and_on_the_sky(folder):
     assert loaded.pixel_area == pytest.approx(1e-4)
 
 
-def test_rotated_fits_images_have_pixel_indices(folder):
+@pytest.mark.parametrize("kinds", [("RA---TAN", "DEC--TAN"), ("GLON-CAR", "GLAT-CAR")])
+def test_fits_images_of_the_sky_are_in_degrees_if_they_do_not_say(folder, kinds):
+    """Calabretta & Greisen (2002), A&A 395, 1077: degrees are the default on the sky."""
+    path = folder / "degrees.fits"
+    hdu = fits.PrimaryHDU(np.ones((5, 7), np.float32))
+    hdu.header.update(CTYPE1=kinds[0], CTYPE2=kinds[1], CDELT1=-0.01, CDELT2=0.01, CRPIX1=1.0)
+    hdu.writeto(path, overwrite=True)
+    assert Image.load(path).unit == "deg"
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        {"CD1_1": 0.7, "CD1_2": 0.7, "CD2_1": -0.7, "CD2_2": 0.7},
+        {"CDELT1": -0.01, "CDELT2": 0.01, "CROTA2": 30.0},
+    ],
+)
+def test_rotated_fits_images_have_pixel_indices(folder, cards):
     path = folder / "rotated.fits"
     hdu = fits.PrimaryHDU(np.ones((5, 7), np.float32))
-    hdu.header.update(CD1_1=0.7, CD1_2=0.7, CD2_1=-0.7, CD2_2=0.7, CUNIT1="deg", CUNIT2="deg")
-    hdu.writeto(path)
+    hdu.header.update(CUNIT1="deg", CUNIT2="deg", **cards)
+    hdu.writeto(path, overwrite=True)
     loaded = Image.load(path)
     np.testing.assert_array_equal(loaded.x, np.arange(7))
     assert loaded.unit == ""
@@ -599,6 +628,12 @@ def test_missing_files(folder):
         Image.load(folder / "nothing.png")
 
 
+def test_directories_are_no_files(tmp_path):
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(InputError, match=r"folder\.png is a directory"):
+        Image.load(tmp_path / "folder.png")
+
+
 # Saving: whole or not at all
 
 
@@ -670,8 +705,9 @@ def test_unknown_options(tmp_path):
         picture().save(tmp_path / "image.png", strech="log")
     with pytest.raises(UnknownNameError, match="'bits'"):
         picture().save(tmp_path / "image.fits", bits=16)
-    with pytest.raises(InputError, match="bits must be 8 or 16"):
-        picture().save(tmp_path / "image.png", bits=12)
+    for bits in (12, [8]):
+        with pytest.raises(InputError, match="bits must be 8 or 16"):
+            picture().save(tmp_path / "image.png", bits=bits)
     with pytest.raises(InputError, match="transparency is known"):
         picture().save(tmp_path / "image.png", transparent=True)
     assert not os.listdir(tmp_path)

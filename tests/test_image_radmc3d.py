@@ -118,6 +118,9 @@ def test_a_picture_of_ours_becomes_one_of_radmc3d(tmp_path):
     assert again.pixel_size[0] == pytest.approx(1.495978707e13, rel=1e-15)
     with pytest.raises(vm.InputError, match="one wavelength for each of 1 channels, got 2"):
         image.save(tmp_path / "image.out", wavelengths=[1, 2])
+    for wave in (-1.0, 0.0, np.nan):
+        with pytest.raises(vm.InputError, match="wavelengths must be positive and finite"):
+            image.save(tmp_path / "image.out", wavelengths=wave)
     with pytest.raises(vm.UnitsError, match="a length or an angle"):
         vm.Image(np.ones((2, 3)), unit="s").save(tmp_path / "image.out", wavelengths=1)
 

@@ -215,6 +215,7 @@ def test_background_is_seen_through_the_transparency():
         ({"vmin": 2, "vmax": 1}, "above vmin"),
         ({"stretch": -1}, "stretch must be greater than 0"),
         ({"stretch": "sqrt", "softening": 0.1}, "softening is for"),
+        ({"stretch": ["log"], "softening": 0.1}, "softening is for"),
         ({"stretch": "log", "softening": 0}, "softening must be greater than 0"),
         ({"channels": 4}, "integers from 0 to 3"),
         ({"channels": (0, -1)}, "integers from 0 to 3"),
@@ -285,6 +286,16 @@ def test_one_channel_of_both_signs_is_blue_white_and_red():
     shown = axes.get_images()[0]
     assert shown.norm.vmin == -shown.norm.vmax
     np.testing.assert_allclose(shown.cmap(shown.norm(0.0))[:3], 1, atol=0.04)
+
+
+def test_colours_near_the_ends_of_single_precision():
+    """Differences of such numbers are beyond it."""
+    end = np.finfo(np.float32).max
+    values = np.array([[-end, -end / 2, end / 2, end]], dtype=np.float32)
+    wide = Image(values.astype(np.float64)).to_rgb()
+    np.testing.assert_array_equal(Image(values).to_rgb(), wide)  # and warns of nothing
+    red, blue = wide[0, :, 0], wide[0, :, 2]
+    np.testing.assert_array_equal(red > blue, values[0] > 0)
 
 
 @pytest.mark.parametrize(

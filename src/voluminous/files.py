@@ -143,6 +143,8 @@ def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
     ------
     MissingPathError
         If there is no such file.
+    InputError
+        If it is a directory.
     FileFormatError
         If it starts with something else.
     """
@@ -151,6 +153,8 @@ def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
             start = file.read(max(len(m) for m in magic))
     except FileNotFoundError:
         raise MissingPathError(f"there is no file {path}") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a directory; give the name of a file in it") from None
     if not start:
         raise FileFormatError(f"{path} is empty; expected {expectation}")
     if not start.startswith(magic):

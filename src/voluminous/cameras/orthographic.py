@@ -93,8 +93,8 @@ class Orthographic(Camera):
         """
         if told := {"incl", "phi", "posang"} & set(options):
             raise InputError(
-                f"{', '.join(sorted(told))}: looking(...) finds its angles from view_direction and "
-                "up; leave them out, or give all angles to vm.Orthographic(incl, phi, posang)"
+                "view_direction takes the place of angles, and up that of posang; leave those "
+                f"out, got also {', '.join(sorted(told))}"
             )
         incl, phi = angles_towards(-vector_of(view_direction, "view_direction"))
         posang = 0.0 if up is None else position_angle(incl, phi, vector_of(up, "up"))

@@ -16,8 +16,8 @@ from .contract import Camera, Frame, pixel_counts, plane_size
 from .lengths import common_unit, described, finite_degrees, point, vector_of
 
 PROJECTIONS = ("flat", "spherical")
-# Digits that rounding may take from the direction to a target: 33 are left, 1e-10 of it.
-_BITS = 20
+# Digits that rounding may take from the direction to a target: 43 are left, 1e-13 of it.
+_BITS = 10
 # RADMC-3D's degree for the zenith angle.
 _ZENITH_DEGREE = 57.295780
 

@@ -26,6 +26,10 @@ _REACH = 5.5
 _WIDEST = 2.0
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
+# What a convolved image's provenance tells of its beam.
+_TOLD = {"major", "minor", "pa", "unit"}
+# Less of the kernel than this on what is known, and all is unknown: sums are rounded by 1e-16.
+_LEAST = 1e-6
 
 
 def convolve(image: Image, beam: Any) -> Image:
@@ -84,11 +88,11 @@ def as_beam(beam: Any) -> tuple[float, float, float, Any]:
     """
     if hasattr(beam, "major") and hasattr(beam, "minor"):
         beam = (beam.major, beam.minor, beam.pa)
-    if isinstance(beam, dict):
+    if isinstance(beam, dict) and set(beam) >= _TOLD:
         unit = parse_unit(beam["unit"])
         return beam["major"], beam["minor"], beam["pa"], unit
     parts = list(beam) if isinstance(beam, (tuple, list)) or np.ndim(beam) > 0 else [beam]
-    if not 1 <= len(parts) <= 3:
+    if not 1 <= len(parts) <= 3 or any(np.ndim(part) > 0 for part in parts):
         raise InputError(f"beam must be a width or (major, minor, pa), got {beam!r}")
     unit = unit_of(parts[0])
     widths = [float(plain(w, unit, "beam")) for w in parts[:2]]
@@ -177,25 +181,30 @@ def _kernel(covariance: np.ndarray) -> Any:
 
     (minor, major), axes = np.linalg.eigh(covariance)
     angle = math.atan2(axes[1, 1], axes[0, 1])
-    sigmas = math.sqrt(major), math.sqrt(max(minor, 0.0))
+    # What is narrower than a part of a pixel falls between the points that are averaged. As wide as
+    # a part it is summed to 1e-8, and 1e-6 of it leave the pixel.
+    sigmas = [math.sqrt(max(v, _FINER**-2)) for v in (major, minor)]
     reach = [2 * math.ceil(_REACH * math.sqrt(v) + 0.5) + 1 for v in np.diag(covariance)]
     fine = {"mode": "oversample", "factor": _FINER} if sigmas[1] < _NARROW else {}
     return Gaussian2DKernel(*sigmas, theta=angle, x_size=reach[0], y_size=reach[1], **fine)
 
 
 def _smoothed(planes: np.ndarray, kernel: Any) -> np.ndarray:
-    """Return planes convolved one by one; black beyond the edges, holes filled from around them."""
+    """Return planes convolved one by one; black beyond the edges.
+
+    Holes are filled from around them, as far as the kernel reaches.
+    """
     from astropy.convolution import convolve_fft
 
     if planes.ndim == 2:
         return _smoothed(planes[..., None], kernel)[..., 0]
     # astropy takes NaN as missing, and normalises what remains of the kernel there.
     found = [
-        convolve_fft(planes[..., k], kernel, boundary="fill", allow_huge=True)
+        convolve_fft(planes[..., k], kernel, boundary="fill", allow_huge=True, min_wt=_LEAST)
         for k in range(planes.shape[-1])
     ]
     smooth = np.stack(found, axis=-1)
-    if np.nanmin(planes) >= 0.0:
+    if not np.any(planes < 0.0):
         np.maximum(smooth, 0.0, out=smooth)  # Fourier's rounding leaves none of it below
     return smooth.astype(planes.dtype)
 

@@ -26,7 +26,7 @@ def on_sky(image: Image, distance: Any, position: Any, position_angle: Any) -> I
     ]
     center = as_position(position)
     wcs = _frame_wcs(center, projection)
-    angle = np.deg2rad(degrees(position_angle, "position_angle"))
+    angle = np.deg2rad(_finite(degrees(position_angle, "position_angle"), "position_angle"))
     wcs.wcs.crpix = reference
     # Seen from here east is on the left: right ascension grows against x.
     wcs.wcs.cdelt = np.rad2deg([-steps[0], steps[1]])
@@ -54,7 +54,9 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
         dome = (image.camera or {}).get("projection") == "spherical"
         return float(unit.to("rad")), "ARC" if dome else "TAN"
     if distance is None:
-        raise InputError("position= on the sky needs distance= too, such as 140 * u.pc")
+        raise InputError(
+            "a picture on the sky needs distance=, such as 140 * u.pc, and position= of its origin"
+        )
     return 1.0 / _length(distance, image.unit), "TAN"
 
 
@@ -92,15 +94,19 @@ def as_position(position: Any) -> Any:
     from astropy.coordinates import SkyCoord
 
     if position is None:
-        raise InputError("distance= needs position= too: a SkyCoord or (ra, dec) in degrees")
+        raise InputError(
+            "a picture on the sky needs position= of its origin: a SkyCoord or (ra, dec) in degrees"
+        )
     try:
         if isinstance(position, SkyCoord):
             found = position
         elif isinstance(position, str):
             found = SkyCoord(position)
         else:
-            ra, dec = (degrees(angle, "position") for angle in position)
+            ra, dec = (_finite(degrees(angle, "position"), "position") for angle in position)
             found = SkyCoord(ra, dec, unit="deg")
+        if found.isscalar:
+            _finite(found.spherical.lon.deg + found.spherical.lat.deg, "position")
     except (ValueError, TypeError, UnitsError) as error:
         raise InputError(
             f"position must be a SkyCoord, (ra, dec) in degrees or a text such as "
@@ -109,6 +115,13 @@ def as_position(position: Any) -> Any:
     if not found.isscalar:
         raise InputError(f"position must be one place on the sky, got {found.shape} of them")
     return found
+
+
+def _finite(angle: float, what: str) -> float:
+    """Return an angle that is a number."""
+    if not np.isfinite(angle):
+        raise InputError(f"{what} must be finite, got {angle} degrees")
+    return angle
 
 
 def _frame_wcs(center: Any, projection: str) -> Any:

@@ -110,6 +110,8 @@ def mapped(values: NDArray[Any], colormap: Any, norm: Normalize) -> NDArray[np.f
     assert norm.vmin is not None
     assert norm.vmax is not None
     # Norms mask infinities; the ends of the scale show them as what they are.
-    ends = np.nan_to_num(values, nan=np.nan, posinf=norm.vmax, neginf=norm.vmin)
+    # In double precision differences of numbers near the end of float32 are numbers.
+    wide = values.astype(np.float64)
+    ends = np.nan_to_num(wide, copy=False, nan=np.nan, posinf=norm.vmax, neginf=norm.vmin)
     rgba = table(norm(ends))
     return (rgba[..., :3] * rgba[..., 3:]).astype(np.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import UnitsError
 from ..units import parse_unit
@@ -27,9 +28,20 @@ def to_unit(image: Image, unit: Any, beam: Any = None) -> Image:
         )
     factor = _factor(image, own, target, beam)
     planes = {name: plane(image, name) for name in _SCALED}
-    scaled = {name: p * p.dtype.type(factor) for name, p in planes.items() if p is not None}
-    intensity = (image.intensity * factor).astype(image.intensity.dtype)
+    scaled = {name: _scaled(p, factor) for name, p in planes.items() if p is not None}
+    intensity = _scaled(image.intensity, factor)
     return changed(image, intensity=intensity, intensity_unit=target, **scaled)
+
+
+def _scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:
+    """Return values times a factor, in single precision if they are and none of them is lost."""
+    wide = values.astype(np.float64) * factor
+    info = np.finfo(values.dtype)
+    before, after = np.abs(values), np.abs(wide)
+    lost = ((before >= info.tiny) & (after < info.tiny)) | (
+        (before <= info.max) & (after > info.max)
+    )
+    return wide if lost.any() else wide.astype(values.dtype)
 
 
 def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:

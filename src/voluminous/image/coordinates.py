@@ -42,21 +42,21 @@ def axis(values: Any, count: int, unit: str, name: str) -> Axis:
     return centres
 
 
-def pixel_size(x: Axis, y: Axis, given: Any) -> tuple[float, float]:
-    """Return the width and height of a pixel, in the unit of the image plane.
+def pixel_size(x: Axis, y: Axis, given: Any, unit: str) -> tuple[float, float]:
+    """Return the width and height of a pixel, in `unit`, that of the image plane.
 
     Of an axis with a single pixel only `given` can tell the size; without it the pixel is taken as
     square, and as 1 by 1 if there is only one.
     """
     if given is not None:
-        return _checked_size(given)
+        return _checked_size(given, unit)
     width, height = _mean_step(x), _mean_step(y)
     square = next((abs(step) for step in (width, height) if step is not None), 1.0)
     return (square if width is None else width, square if height is None else height)
 
 
-def _checked_size(given: Any) -> tuple[float, float]:
-    size = np.asarray(given, dtype=np.float64)
+def _checked_size(given: Any, unit: str) -> tuple[float, float]:
+    size = np.asarray(plain(given, unit or None, "pixel_size"))
     if size.shape != (2,) or not np.isfinite(size).all() or (size == 0).any():
         raise InputError(f"pixel_size must be two finite lengths (width, height), got {given!r}")
     return float(size[0]), float(size[1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ _PLANE, _PLANE_NAME = "A", "image plane"
 _PER_BEAM = "Jy/beam"
 # Coordinates this near to a linear axis (in pixels) are told by it; rounding is far below.
 _LINEAR_TO = 1e-6
+# Kinds of axes that are in degrees unless their header says otherwise.
+_ON_SKY = re.compile("RA--|DEC-|[A-Z]{1,2}L(ON|AT)-")
 
 
 def cards(image: Image) -> Iterator[Card]:
@@ -86,23 +89,25 @@ def read(
 
     Our exact coordinates (extensions X and Y) hold as long as nobody changed the header since.
     For a projection of the sky the plane of projection is meant: offsets from the reference
-    point. Rotated axes have no coordinates of their own and are left as pixel indices.
+    point. Rotated axes have no coordinates of their own and are left as pixel indices. The unit is
+    None where no card can tell it: both axes are uneven.
     """
     # Where the first WCS is that of the sky, ours is another, unless the picture was cut since.
     whole = [extras[axis].shape for axis in "XY" if axis in extras] == [shape[1:2], shape[:1]]
     key = _PLANE if whole and header.get(f"WCSNAME{_PLANE}") == _PLANE_NAME else ""
     across, up = (_linear_axis(header, n, shape[2 - n], key) for n in (1, 2))
-    units = {str(header.get(f"CUNIT{n}{key}", "")).strip() for n in (1, 2)}
-    if len(units) != 1:
+    units = {_unit(header, n, key) for n, told in ((1, across), (2, up)) if told is not None}
+    if len(units) > 1:
         return {}
+    unit = units.pop() if units else None
     x = _untouched(extras.get("X"), across, shape[1])
     y = _untouched(extras.get("Y"), up, shape[0])
     if x is not None and y is not None:
-        return {"x": x, "y": y, "unit": units.pop(), "pixel_size": pixel_size}
+        return {"x": x, "y": y, "unit": unit, "pixel_size": pixel_size}
     if across is None or up is None:
         return {}
     size = (across[1], up[1])
-    return {"x": across[0], "y": up[0], "unit": units.pop(), "pixel_size": size}
+    return {"x": across[0], "y": up[0], "unit": unit, "pixel_size": size}
 
 
 def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDArray[Any] | None:
@@ -112,10 +117,17 @@ def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDA
     return own if axis is None or _agree(own, *axis) else None
 
 
+def _unit(header: Any, number: int, key: str) -> str:
+    """Return the unit of an axis: degrees on the sky, where the header says nothing."""
+    default = "deg" if _ON_SKY.match(str(header.get(f"CTYPE{number}{key}", ""))) else ""
+    return str(header.get(f"CUNIT{number}{key}", "")).strip() or default
+
+
 def _linear_axis(header: Any, number: int, count: int, key: str) -> Linear | None:
     step = header.get(f"CDELT{number}{key}", header.get(f"CD{number}_{number}{key}"))
     other = 3 - number
     rotated = any(header.get(f"{m}{number}_{other}{key}", 0.0) for m in ("CD", "PC"))
+    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS told it
     if not step or rotated:
         return None
     projected = "-" in str(header.get(f"CTYPE{number}{key}", ""))

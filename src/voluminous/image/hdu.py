@@ -27,7 +27,7 @@ def to_hdu(
     """Return an astropy PrimaryHDU; see `Image.to_hdu`."""
     from astropy.io import fits
 
-    if distance is not None or position is not None:
+    if distance is not None or position is not None or np.any(position_angle != 0.0):
         image = on_sky(image, distance, position, position_angle)
     return fits.PrimaryHDU(channels_first(image.intensity), header=_header(image))
 

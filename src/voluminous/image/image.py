@@ -42,7 +42,7 @@ class Image(Made):
         Unit of `x` and `y`: a length, ``"rad"`` for angles, ``""`` for dimensionless.
     intensity_unit : str or unit, optional
         Unit of `intensity`.
-    pixel_size : (float, float), optional
+    pixel_size : (float, float) or Quantity, optional
         Width and height of a pixel in `unit`. Follows from `x` and `y`, unless there is but one
         column or row; then pixels are taken as square if it is not given.
     wcs : astropy.wcs.WCS, optional
@@ -80,7 +80,7 @@ class Image(Made):
         y: ArrayLike | None = None,
         unit: Any = "",
         intensity_unit: Any = "",
-        pixel_size: Sequence[float] | None = None,
+        pixel_size: Any = None,
         wcs: Any = None,
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
@@ -98,7 +98,7 @@ class Image(Made):
         self.unit = coordinates.length_unit(unit, x, y)
         self.x = coordinates.axis(x, self.shape[1], self.unit, "x")
         self.y = coordinates.axis(y, self.shape[0], self.unit, "y")
-        self.pixel_size = coordinates.pixel_size(self.x, self.y, pixel_size)
+        self.pixel_size = coordinates.pixel_size(self.x, self.y, pixel_size, self.unit)
         self.wcs = sky.as_wcs(wcs, self.shape)
         self.camera = json_value(camera, "camera")
         self.provenance = json_value(provenance, "provenance")

@@ -78,7 +78,8 @@ class Made:
         -------
         Image
             Of the same unit, with sums kept but for what is spread over the edges. The optical
-            depth is left out: a mean over a beam has none.
+            depth is left out: a mean over a beam has none. Missing pixels (NaN) are filled from
+            around them, as far as the beam reaches.
 
         Raises
         ------
@@ -100,6 +101,11 @@ class Made:
             Such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``.
         beam : optional
             As in `convolve`, for units per beam. Default: the one the image was convolved with.
+
+        Returns
+        -------
+        Image
+            In double precision if numbers of the new unit are beyond single precision.
 
         Raises
         ------

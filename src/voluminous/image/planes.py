@@ -72,7 +72,10 @@ def gathered(array: Array) -> Array:
 
 
 def _floats(values: Any, what: str) -> Array:
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:  # rows of several lengths
+        raise InputError(f"{what} must be an array of real numbers: {error}") from None
     if array.dtype.kind not in "fiub":
         raise InputError(f"{what} must be real numbers, got an array of {array.dtype}")
     single = array.dtype.kind == "f" and array.dtype.itemsize <= 4

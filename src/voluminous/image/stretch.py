@@ -59,7 +59,7 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
     InputError
         If a number is not positive, or the stretch has no softening.
     """
-    if softening is not None and stretch not in _SOFT:
+    if softening is not None and stretch not in tuple(_SOFT):
         raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
     if not isinstance(stretch, str):
         return _power(positive(stretch, "stretch"))

@@ -134,9 +134,11 @@ def _check_types(volume: Any, medium: Any, camera: Any) -> None:
             f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
             + ("; media are added: first + second" if isinstance(medium, (list, tuple)) else "")
         )
-    if not hasattr(camera, "frame") or not hasattr(camera, "rays"):
+    made = not isinstance(camera, type)  # a camera, no class of them
+    if not (made and hasattr(camera, "frame") and hasattr(camera, "rays")):
         raise InputError(
-            f"render needs a camera (vm.Orthographic, vm.Perspective), got {type(camera).__name__}"
+            f"render needs a camera (vm.Orthographic(…), vm.Perspective(…)), got "
+            f"{type(camera).__name__ if made else f'the class {camera.__name__}'}"
         )
 
 

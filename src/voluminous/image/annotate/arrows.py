@@ -51,7 +51,8 @@ def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
         if camera.get("type") == "orthographic":
             return image_axes(camera["incl"], camera["phi"], camera.get("posang", 0.0))
         if camera.get("type") == "perspective":
-            incl, phi = angles_towards(_vector(camera["position"]) - _vector(camera["target"]))
+            position, target = _points(camera["position"], camera["target"])
+            incl, phi = angles_towards(position - target)
             turned = camera.get("posang", 0.0)
             if "up" in camera:
                 turned = position_angle(incl, phi, np.array(camera["up"]))
@@ -61,13 +62,28 @@ def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
     return None
 
 
-def _vector(told: Any) -> np.ndarray:
-    """Return three numbers, in centimetres if they are texts with units."""
-    if all(isinstance(v, str) for v in told):
-        from astropy import units as u
+def _points(*told: Any) -> np.ndarray:
+    """Return points in one unit: centimetres where they are texts with units, else as they are.
 
-        return np.array([u.Quantity(v).cgs.value for v in told])
-    return np.asarray(told, dtype=np.float64)
+    Raises
+    ------
+    ValueError
+        If there are both: which unit plain numbers are in only the volume knows. Zeros are in any.
+    """
+    coordinates = [c for point in told for c in point]
+    if any(isinstance(c, str) for c in coordinates):
+        coordinates = [_in_cm(c) for c in coordinates]
+    return np.array(coordinates, dtype=np.float64).reshape(len(told), -1)
+
+
+def _in_cm(told: Any) -> float:
+    from astropy import units as u
+
+    if isinstance(told, str):
+        return float(u.Quantity(told).cgs.value)
+    if told != 0:
+        raise ValueError(f"the unit of {told} is not known")
+    return 0.0
 
 
 def compass(image: Image) -> list[Arrow]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ...errors import UnitsError
 from ...units import parse_unit
 from ..plot import round_length
 
@@ -60,7 +61,7 @@ def readable(size: float, unit: Any) -> tuple[float, str]:
     >>> round(3e15 * factor), name
     (201, 'au')
     """
-    own = parse_unit(unit)
+    own = known_unit(unit)
     if own is None or not math.isfinite(size) or size == 0:
         return 1.0, str(unit or "")
     for ladder in (_LENGTHS, _ANGLES, _TIMES):
@@ -79,6 +80,14 @@ def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
     fits = (size * own.to(name) >= least * (1.0 - 1e-9) for name, _, least in ladder)
     last = max(k for k, does in enumerate(fits) if does or k == 0)
     return float(own.to(ladder[last][0])), ladder[last][1]
+
+
+def known_unit(unit: Any) -> Any:
+    """Return the unit of a picture; None for one that is not known, as another program may name."""
+    try:
+        return parse_unit(unit)
+    except UnitsError:
+        return None
 
 
 def bar_length(longest: float, unit: str) -> tuple[float, str]:
@@ -128,5 +137,5 @@ def pretty_unit(unit: str) -> str:
 
     try:
         return str(u.Unit(unit).to_string("unicode", fraction=False)) if unit else ""
-    except ValueError:
+    except (ValueError, TypeError):  # logarithmic units are written in one way only
         return unit

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import unknown_name
-from ...files import replacing
+from ...files import as_path, replacing
 from .. import metadata
 from ..formats import png_code
 
@@ -66,7 +66,7 @@ class Annotated:
         MissingPathError
             If the directory does not exist.
         """
-        path = Path(path)
+        path = as_path(path)
         suffix = path.suffix.lower()
         if suffix not in SUFFIXES:
             raise unknown_name("format of annotated pictures", suffix, SUFFIXES)

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ...units import is_quantity, parse_unit, plain
-from .lengths import bar_length, readable, with_unit
+from ..stretch import finite
+from .lengths import bar_length, known_unit, readable, with_unit
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -37,7 +38,7 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
     if wanted is False or wanted is None:
         return None
     if wanted is True:
-        return None if _is_wide(image, across) else bar_length(_PART * across, image.unit)
+        return None if is_wide(image) else bar_length(_PART * across, image.unit)
     length, text = _given(image, wanted)
     if not 0 < length <= across:
         most = f"{across:g} {image.unit}".strip()
@@ -45,9 +46,13 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
     return length, text
 
 
-def _is_wide(image: Image, across: float) -> bool:
-    unit = parse_unit(image.unit)
-    return unit is not None and unit.is_equivalent("rad") and across * unit.to("rad") > _WIDE
+def is_wide(image: Image) -> bool:
+    """Return True for a picture of angles so wide that it has no one scale."""
+    left, right, _, _ = image.extent
+    unit = known_unit(image.unit)
+    if unit is None or not unit.is_equivalent("rad"):
+        return False
+    return bool(abs(right - left) * unit.to("rad") > _WIDE)
 
 
 def _given(image: Image, wanted: Any) -> tuple[float, str]:
@@ -61,12 +66,13 @@ def _given(image: Image, wanted: Any) -> tuple[float, str]:
                 f"scale_bar must be a length such as '100 au', got {wanted!r}"
             ) from error
     if is_quantity(wanted):
-        length = float(plain(wanted, parse_unit(image.unit), "scale_bar"))
+        length = finite(plain(wanted, parse_unit(image.unit), "scale_bar"), "scale_bar")
         # The unit the user chose is the one to read.
         _, name = readable(1.0, str(wanted.unit))
         return length, with_unit(float(wanted.value), name)
-    factor, name = readable(float(wanted), image.unit)
-    return float(wanted), with_unit(float(wanted) * factor, name)
+    length = finite(wanted, "scale_bar")
+    factor, name = readable(length, image.unit)
+    return length, with_unit(length * factor, name)
 
 
 def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..sky_axes import is_linear, label_axes, plain_axes
 from .lengths import readable
+from .scale_bar import is_wide
 from .sheet import LINE
 
 if TYPE_CHECKING:
@@ -59,9 +60,15 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float) -> None:
 def _readable_edges(image: Image) -> tuple[tuple[float, ...], list[str]]:
     """Return the outer edges in a unit that suits their size, and labels."""
     left, right, bottom, top = image.extent
-    factor, name = readable(0.5 * max(abs(right - left), abs(top - bottom)), image.unit)
+    size = 0.5 * max(abs(right - left), abs(top - bottom))
+    factor, name = (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
     labels = [f"{axis} [{name}]" if name else axis for axis in "xy"]
     return tuple(factor * v for v in image.extent), labels
+
+
+def _is_screen(image: Image) -> bool:
+    """Return True for a wide flat screen: its coordinates are tangents, not angles to be told."""
+    return is_wide(image) and (image.camera or {}).get("projection") == "flat"
 
 
 def _count(room: int, em: float) -> int:

@@ -109,7 +109,7 @@ def _known(header: Any, extras: dict[str, NDArray[Any]], shape: tuple[int, ...])
     unit = ours.pop("unit", "")
     bright = ours.pop("intensity_unit", "")
     axes = fits_axes.read(header, shape, extras, ours.pop("pixel_size", None))
-    if axes and axes["unit"] == fits_axes.unit_card(unit):
+    if axes and axes["unit"] in (None, fits_axes.unit_card(unit)):
         axes["unit"] = unit
     card = str(header.get("BUNIT", ""))
     ours["wcs"] = wcs_of_header(header)

@@ -49,7 +49,7 @@ def encode(
     InputError
         If `bits` is something else, or the transparency is needed and not known.
     """
-    if bits not in _TYPES:
+    if bits not in tuple(_TYPES):
         raise InputError(f"bits must be 8 or 16, got {bits!r}")
     if annotate is not False:
         return _annotated(image, bits, annotate, {**display, "transparent": transparent})

@@ -152,6 +152,8 @@ def _wavelengths(image: Image, given: Any) -> list[float]:
         )
     chosen = known if given is None else plain(given, "micron", "wavelengths")
     waves: list[float] = np.atleast_1d(np.asarray(chosen, np.float64)).tolist()
+    if not all(math.isfinite(wave) and wave > 0 for wave in waves):
+        raise InputError(f"wavelengths must be positive and finite, got {chosen!r}")
     return waves
 
 
