@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import real_data
 import voluminous as vm
+from voluminous import rendering
 from voluminous.calibration.histogram import histogram, sampled_values
 from voluminous.calibration.labels import labels_of
 from voluminous.calibration.levels import levels
@@ -397,6 +398,24 @@ def test_a_first_picture_needs_a_volume_only():
     np.testing.assert_array_equal(image.intensity, expected.intensity)
     with pytest.raises(vm.InputError, match="Volume"):
         vm.render("density")
+
+
+def test_the_medium_of_first_pictures_is_found_once_and_anew_where_a_field_has_changed(monkeypatch):
+    counted = []
+    found = rendering.first_medium.auto
+    monkeypatch.setattr(
+        rendering.first_medium, "auto", lambda volume: counted.append(1) or found(volume)
+    )
+    values = cube(boundary(0.5, (0.0, 1.0)), 24).array("a").copy()
+    volume = vm.Volume(vm.CartesianGrid.uniform(24, (-1, 1)), a=values)
+    first = vm.render(volume)
+    np.testing.assert_array_equal(vm.render(volume).intensity, first.intensity)
+    assert len(counted) == 1
+    values[:] = 1.0 - values  # in place, as whoever has the array may
+    assert vm.render(volume).provenance["medium"] == vm.auto(volume).describe()
+    volume["b"] = np.zeros(volume.grid.shape)
+    vm.render(volume)
+    assert len(counted) == 3
 
 
 def organs():

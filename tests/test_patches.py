@@ -152,6 +152,7 @@ def test_fields_are_one_array_per_patch(name):
     np.testing.assert_allclose(
         grid.cell_volumes.sum(), np.prod(np.ptp(grid.bounds, axis=1)), rtol=1e-13
     )
+    np.testing.assert_allclose(grid.cell_sizes().prod(axis=0), grid.cell_volumes, rtol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["ratio 3", "anisotropic", "ratios differ", "tiles"])

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration import auto
 from ..cameras import Orthographic
 from ..first_view import FIRST_INCL, FIRST_PHI
 from ..image import Image
@@ -18,6 +17,7 @@ from ..units import unit_name
 from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
 from .coefficients.emission_unit import before
+from .first_medium import first_medium
 from .framing import framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
@@ -151,7 +151,7 @@ def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
     """Return medium and camera, for a first picture where there are none."""
     first = medium is None and isinstance(volume, Volume)
     if first:
-        medium = auto(volume)
+        medium = first_medium(volume)
     if camera is None:
         camera = framed(volume, medium) if first else Orthographic(FIRST_INCL, FIRST_PHI)
     return medium, camera

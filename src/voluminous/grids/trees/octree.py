@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...geometry import is_uniform
 from ...memory import check_memory
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
@@ -272,13 +271,12 @@ class OctreeGrid(TreeCells):
         levels, number = merged(self.places, number, 8, NONE)
         return octree_tree(self.base_shape, Places(levels), number)
 
-    @property
-    def cell_volumes(self) -> np.ndarray:
-        """Volumes of the cells, shape (leaves,)."""
-        if not all(is_uniform(e) for e in self.base_edges):
-            return super().cell_volumes
-        base = np.prod(np.ptp(self.bounds, axis=1) / self.base_shape)
-        return (base * 0.125 ** np.arange(self.places.deepest + 1))[self.levels]
+    @functools.cached_property
+    def level_sizes(self) -> np.ndarray:
+        """Sizes of the cells of each level in finest units, int64 (levels, 3)."""
+        deepest = self.places.deepest
+        sizes = 1 << (deepest - np.arange(deepest + 1, dtype=np.int64))
+        return np.broadcast_to(sizes[:, None], (deepest + 1, 3))
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""

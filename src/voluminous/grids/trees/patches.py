@@ -149,6 +149,11 @@ class PatchGrid(TreeCells):
         return cls.from_boxes(x, y, z, level, low, shape, 2, unit=base.unit)
 
     @property
+    def level_sizes(self) -> np.ndarray:
+        """Sizes of the cells of each level in finest units, int64 (levels, 3)."""
+        return self.patches.sizes
+
+    @property
     def hidden_cells(self) -> int:
         """Number of cells of patches that finer ones hide."""
         return int(self.patches.volumes.sum()) - self.size
