@@ -195,8 +195,9 @@ def test_names_of_vectors_in_expressions():
     assert Expression("norm('v')").names == ("v_x", "v_y", "v_z")
     assert Expression("los('v') + 1").names == ('los("v")',)
     assert derived_field("los( 'v' )").name == 'los("v")'
+    assert derived_field("los(v)").name == 'los("v")'
     assert Expression('los("v")') == Expression("los('v')")
-    for text in ("los(v)", "los('v') + 'v'", "los('a b')", "los()", "norm('los(v)')"):
+    for text in ("los(2 * v)", "los('v') + 'v'", "los('a b')", "los()", "norm('los(v)')"):
         with pytest.raises(ExpressionError):
             Expression(text)
 
@@ -364,3 +365,22 @@ def test_what_is_not_folded_stays_and_what_is_refined_is_refused():
     grid = vm.SphericalGrid([1.0, 2.0], [0.5, np.pi / 2], refined=[True, *[False] * 4], mirror=True)
     with pytest.raises(InputError, match="refined grid with mirror=True"):
         vm.Volume(grid, a=np.ones(grid.size)).unfolded()
+
+
+def test_a_vector_needs_no_quotes_where_only_a_vector_can_be():
+    for plain, quoted in [
+        ("norm(v)", "norm('v')"),
+        ("dot(v, w) + v", "dot('v', 'w') + v"),
+        ("los(v)", "los('v')"),
+        ("gradmag(norm(v))", "gradmag(norm('v'))"),
+    ]:
+        assert Expression(plain) == Expression(quoted)
+        assert Expression(plain).names == Expression(quoted).names
+    volume = vm.Volume(CARTESIAN, random_vector(CARTESIAN, "xyz"), density=np.ones(CARTESIAN.shape))
+    speed = np.sqrt(sum(volume[f"v_{axis}"] ** 2 for axis in "xyz"))
+    np.testing.assert_allclose(volume.evaluate("norm(v)"), speed, rtol=1e-14)
+    along = volume.evaluate("los(v)", camera=ORTHOGRAPHIC)
+    np.testing.assert_array_equal(along, volume.evaluate("los('v')", camera=ORTHOGRAPHIC))
+    for text in ("norm(density)", "dot(v, density)", "los(density)"):
+        with pytest.raises(UnknownNameError, match="'density' is a number in every cell"):
+            volume.evaluate(text, camera=ORTHOGRAPHIC)

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from .derivatives import component_of_cells, is_component
-from .errors import unknown_name
+from .errors import UnknownNameError, unknown_name
 from .expressions import Expression, NumpyOps, components, required_names, unit_of
 from .fields import coordinates
+from .geometry import CARTESIAN
 
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
@@ -95,7 +96,7 @@ class Evaluation:
         known = (*self._fields, *self.coordinates)
         for name in required_names(expression):
             if name not in known and name not in self:
-                raise unknown_name("field", name, known)
+                raise _unknown(name, known)
 
     def without_units(self: Any, expression: Expression) -> Expression:
         """Return a condition with plain numbers for those with units, ``velocity_z > 5 km/s``.
@@ -125,3 +126,15 @@ class Evaluation:
             If numbers of one kind, but in different units, are added or compared.
         """
         return unit_of(expression, tuple(self.field_unit(name) for name in expression.names))
+
+
+def _unknown(name: str, known: tuple[str, ...]) -> UnknownNameError:
+    """Return the error for a name, which may be that of a component of what is no vector."""
+    stem, _, axis = name.rpartition("_")
+    if axis in CARTESIAN and stem in known:
+        needed = ", ".join(f"{stem}_{own}" for own in CARTESIAN)
+        return UnknownNameError(
+            f"unknown field {name!r}: {stem!r} is a number in every cell, and no vector, which is "
+            f"three fields {needed}"
+        )
+    return unknown_name("field", name, known)

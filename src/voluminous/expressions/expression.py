@@ -51,8 +51,8 @@ class Expression:
     and constant beyond both ends; constants are numbers, ``pi``, ``e``, ``true`` and ``false``.
     Derivatives are ``gradmag``, ``laplacian`` and the vector ``grad``, with components
     ``grad(a).x``; vectors, also ``vector(a, b, c)``, become numbers by ``norm`` and ``dot``, and by
-    ``los``: the component along the line of sight, away from the observer. ``"velocity"`` in quotes
-    is the vector of the fields ``velocity_x``, ``velocity_y`` and ``velocity_z``.
+    ``los``: the component along the line of sight, away from the observer. There ``velocity``, also
+    in quotes, is the vector of the fields ``velocity_x``, ``velocity_y`` and ``velocity_z``.
     ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
 
     A number that is compared may have a unit, ``"velocity_z > 5 km/s"``; such an expression has a

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, NoReturn, cast
 
-from .language import FOREIGN
+from .language import CONSTANTS, FOREIGN, FUNCTIONS
 from .source import MAX_LENGTH, fail, one_line, python_tree
 from .tree import Derivative, Node
 from .vectors import (
@@ -24,7 +24,9 @@ from .vectors import (
 
 # Levels of sums and products that stand for a product of vectors.
 _LEVELS_OF_VECTORS = 3
-_A_VECTOR = "grad(density), vector(a, b, c), or in quotes the name of one, as in norm('velocity')"
+# Names that are none of vectors.
+_NUMBERS = {*CONSTANTS, *FUNCTIONS, "x", "y", "z", "r"}
+_A_VECTOR = "grad(density), vector(a, b, c), or the name of one, as in norm(velocity)"
 
 
 class VectorBuilder(ABC):
@@ -113,10 +115,13 @@ class VectorBuilder(ABC):
         return self._use(line_of_sight(argument), node)
 
     def _vector_argument(self, node: ast.expr) -> Node:
-        """Return the node of an argument that may be the name of a vector in quotes."""
-        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+        """Return the node of an argument that may be the name of a vector, also in quotes."""
+        if isinstance(node, ast.Name) and node.id not in _NUMBERS:
+            name = node.id
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            name = unicodedata.normalize("NFKC", node.value)
+        else:
             return self.build_any(node)
-        name = unicodedata.normalize("NFKC", node.value)
         if not name.isidentifier():
             self._fail(node, "quotes hold the name of a vector, as in norm('velocity')")
         self.names |= dict.fromkeys(f"{name}_{axis}" for axis in AXES)
