@@ -1,4 +1,4 @@
-"""Numbers in place of what only a volume can tell: ``path_length="auto"``, units of gates."""
+"""Numbers in place of what only a volume can tell: path lengths, ranges of colours, units."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ..expressions import Expression
 from ..media import Medium
 from ..volume import Volume
 from .checks import check_medium, check_volume
+from .colors import with_color_ranges
 from .gates import with_plain_gates
 from .profile import Profile
 from .samples import pieces
@@ -19,11 +20,12 @@ from .thickness import thicknesses
 
 
 def calibrate(medium: Medium, volume: Volume) -> Medium:
-    """Return a medium with numbers in place of ``path_length="auto"``, and of units in ``where=``.
+    """Return a medium with numbers in place of all that was left to be measured in a volume.
 
-    Each length becomes the median thickness of the medium's shell in this volume, so that one
-    crossing of the shell shows its colour and its opacity. The same volume gives the same number,
-    on every machine.
+    Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this volume,
+    so that one crossing of the shell shows its colour and its opacity; what is not given of the
+    range of a `ColorBy` such that 99 % of what the medium shows, by volume, is between. Units in
+    ``where=`` are converted. The same volume gives the same numbers, on every machine.
 
     Parameters
     ----------
@@ -36,12 +38,12 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     -------
     Medium
         Path lengths are plain numbers in the volume's unit, and so are numbers in conditions such
-        as ``where="velocity_z > 5 km/s"``. What has neither in it is returned as it is.
+        as ``where="velocity_z > 5 km/s"``. What has none of all these is returned as it is.
 
     Raises
     ------
     InputError
-        If the one is no medium or the other no volume.
+        If the one is no medium or the other no volume, or there is no range of colours.
     UnknownNameError
         If a medium looks at a field that does not exist.
     UnitsError
@@ -62,12 +64,10 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     """
     check_medium("calibrate", medium)
     check_volume("calibrate", "second", volume)
-    return calibrated(medium, volume, lambda expr: {})
+    return calibrated(medium, volume, lambda *exprs: {})
 
 
-def calibrated(
-    medium: Medium, volume: Volume, known: Callable[[Expression], dict[Any, Any]]
-) -> Medium:
+def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:
     """Return the same, with what was measured before for other pictures of the volume.
 
     Measured for every picture anew it took ten times as long as the picture itself: 0.75 s of 0.8
@@ -78,9 +78,15 @@ def calibrated(
     medium, volume
         As for `calibrate`.
     known : callable
-        Returns what is known of an expression in this volume: it is looked up there, and added.
+        Returns what is known of expressions in this volume: it is looked up there, and added.
     """
-    medium = with_plain_gates(medium, volume)
+    return with_color_ranges(
+        _with_lengths(with_plain_gates(medium, volume), volume, known), volume, known
+    )
+
+
+def _with_lengths(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:
+    """Return a medium with numbers for all path lengths; itself if none is open."""
     parts = [p for p in medium.components() if _is_open(p)]
     if not parts:
         return medium

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..units import plain
-from .color_scale import SAMPLES, ColorScale
+from .color_scale import SAMPLES, ColorScale, OpenRange
 from .context import Context
 from .given import channel_values
 from .table_means import PiecewiseLinear
@@ -30,9 +31,10 @@ class ColorBy:
         Expression of the fields that tells the place in the colormap.
     cmap : str or matplotlib.colors.Colormap
         Name or object.
-    vmin, vmax : float or Quantity
+    vmin, vmax : float or Quantity, optional
         Range of `expr`; beyond it the colours of the ends go on. Where it has no value (NaN),
-        nothing is emitted.
+        nothing is emitted. What is not given is measured when a volume is drawn, as in
+        `calibrate`: so that 99 % of what the medium shows is between.
     norm : str or matplotlib.colors.Normalize, optional
         How `expr` maps to the position: ``"linear"``, ``"log"``, ``"symlog"`` … or an object.
     brightness : float
@@ -54,6 +56,8 @@ class ColorBy:
     >>> shell = vm.Gaussian("density", 1.0, 0.1, warmth, 1.0, 1.0, where="abs(velocity_z) > 5")
     >>> shell.names
     ('density', 'velocity_z', 'temperature')
+    >>> vm.ColorBy("temperature", "inferno")  # in the range that there is
+    ColorBy(expr='temperature', cmap='inferno')
     """
 
     channels = 3
@@ -62,20 +66,37 @@ class ColorBy:
         self,
         expr: Any,
         cmap: Any,
-        vmin: Any,
-        vmax: Any,
-        *,
+        vmin: Any = None,
+        vmax: Any = None,
         norm: Any = None,
+        *,
         brightness: float = 1.0,
         samples: int = SAMPLES,
     ) -> None:
         self.expr = Expression(expr)
-        self.scale = ColorScale(cmap, vmin, vmax, norm, samples)
+        self.range = OpenRange(cmap, vmin, vmax, norm, samples)
         values = channel_values(brightness, "brightness")
         if len(values) != 1:
             raise InputError(f"brightness must be one number, got {brightness!r}")
         self.brightness = values[0]
         self.names = self.expr.names
+
+    @property
+    def scale(self) -> ColorScale:
+        """The colours over their range.
+
+        Raises
+        ------
+        InputError
+            If the range has not been measured.
+        """
+        return self.range.scale
+
+    def within(self, low: float, high: float, unit: Any) -> ColorBy:
+        """Return it with what is not given of the range, in the unit of the expression."""
+        other = copy.copy(self)
+        other.range = self.range.closed(low, high, unit)
+        return other
 
     def colors(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
@@ -107,7 +128,7 @@ class ColorBy:
 
     def describe(self) -> dict[str, Any]:
         """Return it as plain values: what a scene file says of it."""
-        told = {"expr": self.expr.text, **self.scale.describe()}
+        told = {"expr": self.expr.text, **self.range.describe()}
         if self.brightness != 1.0:
             told["brightness"] = self.brightness
         return {key: value for key, value in told.items() if value is not None}

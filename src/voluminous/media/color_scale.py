@@ -10,7 +10,7 @@ from ..colormaps import colormap_name, get_colormap
 from ..errors import InputError
 from ..units import plain, unit_of
 from .given import named, scalar
-from .norms import values_at
+from .norms import get_norm, values_at
 
 # Entries that are taken from a map unless told otherwise.
 SAMPLES = 256
@@ -53,21 +53,96 @@ class ColorScale:
         low, high = plain(vmin, self.unit, "vmin"), plain(vmax, self.unit, "vmax")
         if not low < high:
             raise InputError(f"vmin must be below vmax, got {vmin} and {vmax}")
-        if int(samples) != samples or samples < 2:
-            raise InputError(f"samples must be a whole number of at least 2, got {samples!r}")
-        colormap = get_colormap(cmap)
+        _check_samples(samples)
         self.position = np.linspace(0.0, 1.0, int(samples))
         self.values = values_at(self.position, norm, low, high)
-        self.rgb = np.asarray(colormap(self.position), dtype=np.float64)[:, :3]
-        self._described = {
-            "cmap": colormap_name(colormap),
-            "vmin": named(vmin),
-            "vmax": named(vmax),
-            "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
-        }
-        if samples != SAMPLES:
-            self._described["samples"] = int(samples)
+        self.rgb = np.asarray(get_colormap(cmap)(self.position), dtype=np.float64)[:, :3]
+        self._described = _described(cmap, vmin, vmax, norm, samples)
 
     def describe(self) -> dict[str, Any]:
         """Return colormap, range and norm as plain values."""
         return dict(self._described)
+
+
+class OpenRange:
+    """What makes a `ColorScale`, of which an end of the range may be left to what is measured.
+
+    Parameters
+    ----------
+    cmap, norm, samples
+        As for `ColorScale`.
+    vmin, vmax : float, Quantity or None
+        Range of the values; that of a matplotlib norm, by default, if it has one.
+
+    Raises
+    ------
+    UnknownNameError, InputError
+        As `ColorScale`, as far as can be told.
+    """
+
+    def __init__(self, cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> None:
+        ends = (
+            getattr(norm, what, None) if given is None else scalar(given, what)
+            for what, given in (("vmin", vmin), ("vmax", vmax))
+        )
+        self.cmap, (self.vmin, self.vmax), self.norm, self.samples = cmap, ends, norm, samples
+        self._scale: ColorScale | None = None
+        if self.is_open:
+            get_colormap(cmap)
+            named_only = norm is None or isinstance(norm, str)
+            get_norm(norm, *((1.0, 2.0) if named_only else (self.vmin, self.vmax)))
+            _check_samples(samples)
+        else:
+            self._scale = ColorScale(cmap, self.vmin, self.vmax, norm, samples)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether something is to be measured."""
+        return self.vmin is None or self.vmax is None
+
+    @property
+    def positive(self) -> bool:
+        """Whether there are colours of positive values only."""
+        return self.norm == "log" or type(self.norm).__name__ == "LogNorm"
+
+    @property
+    def scale(self) -> ColorScale:
+        """The colours.
+
+        Raises
+        ------
+        InputError
+            If an end is not known.
+        """
+        if self._scale is None:
+            raise InputError(
+                "the range of these colours is measured in a volume: give vmin and vmax, or take "
+                "vm.calibrate(medium, volume)"
+            )
+        return self._scale
+
+    def closed(self, low: float, high: float, unit: Any) -> OpenRange:
+        """Return it with numbers in a unit for the ends that are not given."""
+        first, last = (value if unit is None else value * unit for value in (low, high))
+        vmin = first if self.vmin is None else self.vmin
+        vmax = last if self.vmax is None else self.vmax
+        return OpenRange(self.cmap, vmin, vmax, self.norm, self.samples)
+
+    def describe(self) -> dict[str, Any]:
+        """Return colormap, range and norm as plain values."""
+        return _described(self.cmap, self.vmin, self.vmax, self.norm, self.samples)
+
+
+def _check_samples(samples: Any) -> None:
+    if int(samples) != samples or samples < 2:
+        raise InputError(f"samples must be a whole number of at least 2, got {samples!r}")
+
+
+def _described(cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> dict[str, Any]:
+    told = {
+        "cmap": colormap_name(get_colormap(cmap)),
+        "vmin": named(vmin),
+        "vmax": named(vmax),
+        "norm": norm if isinstance(norm, str) or norm is None else type(norm).__name__,
+    }
+    return told if samples == SAMPLES else {**told, "samples": int(samples)}

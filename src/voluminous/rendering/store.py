@@ -81,9 +81,10 @@ class Store:
         tables[key] = thing
         return thing
 
-    def known(self, expr: Expression) -> dict[Any, Any]:
-        """Return what was measured of an expression of the fields as they are, to be added to."""
-        key = ("measured", expr.text, self.digests(expr.names))
+    def known(self, *exprs: Expression) -> dict[Any, Any]:
+        """Return what was measured of expressions of the fields as they are, to be added to."""
+        names = dict.fromkeys(name for expr in exprs for name in expr.names)
+        key = ("measured", *(expr.text for expr in exprs), self.digests(names))
         found: dict[Any, Any] = self.kept(key, dict)
         return found
 

@@ -1,0 +1,111 @@
+"""Ranges of colours that were left open: of what a medium shows of an expression."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..media import Medium
+from ..media.bounds import RangeContext
+from ..volume import Volume
+from .samples import pieces
+
+# What is between the ends of the range, of what shows, is all but these parts.
+_LOWEST, _HIGHEST = 0.005, 0.995
+# A shell shows where it has this part of its peak.
+_SHOWN = 0.1
+# A range that is less than this of its ends is rounding, and made wider.
+_CONSTANT = 1e-6
+# Digits of the ends: they are shown, and typed again.
+_DIGITS = 3
+
+
+def with_color_ranges(
+    medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]
+) -> Medium:
+    """Return a medium with numbers for all ranges of `ColorBy`; itself if none is open.
+
+    Parameters
+    ----------
+    medium, volume, known
+        As for `calibrated`.
+
+    Raises
+    ------
+    InputError
+        If nothing that is finite, or positive where a logarithm needs that, is there.
+    """
+    return medium.with_each(lambda part: _with_range(part, volume, known))
+
+
+def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Any:
+    color = getattr(getattr(part, "modulation", None), "color", None)
+    if color is None or not color.range.is_open:
+        return part
+    for name in part.names:
+        volume.check_names(Expression(name))
+    measured = known(color.expr, *map(Expression, part.names))
+    key = ("colors", part.visible_key(), color.range.positive)
+    if key not in measured:
+        measured[key] = _range(part, volume, color)
+    other = copy.copy(part)
+    other.modulation = copy.copy(part.modulation)
+    other.modulation.color = color.within(*measured[key], volume.expression_unit(color.expr))
+    return other
+
+
+def _range(part: Medium, volume: Volume, color: Any) -> tuple[float, float]:
+    """Return between which values nearly all is that a medium shows; or all, if it shows none."""
+    values, sizes, seen = _cells(part, volume, color)
+    if seen.any():
+        values, sizes = values[seen], sizes[seen]
+    if not len(values):
+        which = "positive" if color.range.positive else "finite"
+        raise InputError(
+            f"{color.expr.text} has no {which} value in this volume: there is no range of colours"
+        )
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(sizes[order])
+    places = np.searchsorted(reached, np.array([_LOWEST, _HIGHEST]) * reached[-1])
+    low, high = values[order[np.minimum(places, len(values) - 1)]]
+    return _rounded(float(low), float(high))
+
+
+def _cells(part: Medium, volume: Volume, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the values of the colours' expression in cells, their volumes, and what shows."""
+    context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
+    streams = [pieces(volume, Expression(name)) for name in part.names]
+    found: list[tuple[np.ndarray, ...]] = []
+    for own, *others in zip(pieces(volume, color.expr), *streams, strict=True):
+        fields = {
+            name: Interval(one.x - one.reach, one.x + one.reach)
+            for name, one in zip(part.names, others, strict=True)
+        }
+        good = np.isfinite(own.x) & ((own.x > 0.0) | (not color.range.positive))
+        with np.errstate(all="ignore"):
+            seen = np.broadcast_to(part.visible_in(fields, context), good.shape)
+        for one in others:
+            seen = seen & np.isfinite(one.x)
+        found.append((own.x[good], np.broadcast_to(own.volume, good.shape)[good], seen[good]))
+    values, sizes, shown = (np.concatenate(column) for column in zip(*found, strict=True))
+    return values, sizes, shown
+
+
+def _rounded(low: float, high: float) -> tuple[float, float]:
+    """Return the ends of a range with few digits, apart from each other."""
+    if not high - low > _CONSTANT * max(abs(low), abs(high)):
+        aside = 0.5 * abs(low) or 1.0
+        return low - aside, high + aside
+    first, last = (_to_digits(value, high - low) for value in (low, high))
+    return (first, last) if first < last else (low, high)
+
+
+def _to_digits(value: float, width: float) -> float:
+    size = min(abs(value), width) or width
+    return round(value, _DIGITS - 1 - int(np.floor(np.log10(size))))
