@@ -128,6 +128,30 @@ def test_a_picture_has_the_measured_range_and_measures_it_once(monkeypatch):
     assert vm.render(volume, shell, CAMERA).provenance["medium"]["color"]["vmin"] > -0.2
 
 
+@pytest.mark.parametrize("norm", [None, "log"])
+def test_a_colormap_takes_the_range_of_its_own_expression(norm):
+    volume = cube(32)
+    volume["t"] = (10 ** (3 * volume.evaluate("y"))) * u.K
+    medium = vm.Colormap("t", "viridis", opacity=0.3, norm=norm, where="y > 0")
+    found = vm.calibrate(medium, volume)
+    told = found.describe()
+    assert told["vmin"].endswith(" K")
+    np.testing.assert_allclose(np.log10(found.values[[0, -1]]), [0, 3], atol=0.1)
+    image = vm.render(volume, medium, CAMERA)
+    np.testing.assert_array_equal(image.intensity, vm.render(volume, found, CAMERA).intensity)
+    given = vm.Colormap(
+        "t", "viridis", *told_range(told), 0.3, told["path_length"], norm=norm, where="y > 0"
+    )
+    np.testing.assert_array_equal(image.intensity, vm.render(volume, given, CAMERA).intensity)
+    with pytest.raises(vm.InputError, match=r"take vm\.calibrate"):
+        medium.nodes(None)
+    assert "vmin" not in medium.describe()
+
+
+def told_range(told):
+    return told["vmin"], told["vmax"]
+
+
 def test_sums_and_unknown_fields():
     volume = cube(16, t="y")
     parts = [

@@ -24,8 +24,9 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
 
     Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this volume,
     so that one crossing of the shell shows its colour and its opacity; what is not given of the
-    range of a `ColorBy` such that 99 % of what the medium shows, by volume, is between. Units in
-    ``where=`` are converted. The same volume gives the same numbers, on every machine.
+    range of a `ColorBy` or `Colormap` such that 99 % of what the medium shows, by volume, is
+    between. Units in ``where=`` are converted. The same volume gives the same numbers, on every
+    machine.
 
     Parameters
     ----------
@@ -80,9 +81,8 @@ def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, An
     known : callable
         Returns what is known of expressions in this volume: it is looked up there, and added.
     """
-    return with_color_ranges(
-        _with_lengths(with_plain_gates(medium, volume), volume, known), volume, known
-    )
+    plain = with_plain_gates(medium, volume)
+    return _with_lengths(with_color_ranges(plain, volume, known), volume, known)
 
 
 def _with_lengths(medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Medium:

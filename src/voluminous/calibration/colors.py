@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..media import Medium
+from ..media import Colormap, Medium
 from ..media.bounds import RangeContext
 from ..volume import Volume
 from .samples import pieces
@@ -45,24 +46,45 @@ def with_color_ranges(
 
 
 def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Any:
+    if isinstance(part, Colormap):
+        gate = part.modulation
+        return _closed(part, _Shown(volume, part.names, gate.visible_in, gate.gate_key()), known)
     color = getattr(getattr(part, "modulation", None), "color", None)
     if color is None or not color.range.is_open:
         return part
-    for name in part.names:
-        volume.check_names(Expression(name))
-    measured = known(color.expr, *map(Expression, part.names))
-    key = ("colors", part.visible_key(), color.range.positive)
-    if key not in measured:
-        measured[key] = _range(part, volume, color)
     other = copy.copy(part)
     other.modulation = copy.copy(part.modulation)
-    other.modulation.color = color.within(*measured[key], volume.expression_unit(color.expr))
+    shown = _Shown(volume, part.names, part.visible_in, part.visible_key())
+    other.modulation.color = _closed(color, shown, known)
     return other
 
 
-def _range(part: Medium, volume: Volume, color: Any) -> tuple[float, float]:
-    """Return between which values nearly all is that a medium shows; or all, if it shows none."""
-    values, sizes, seen = _cells(part, volume, color)
+@dataclass
+class _Shown:
+    """Where something made of fields, by their names, is to be seen; `key` identifies it."""
+
+    volume: Volume
+    names: tuple[str, ...]
+    visible_in: Callable[..., Any]
+    key: Any
+
+
+def _closed(colors: Any, shown: _Shown, known: Callable[..., dict[Any, Any]]) -> Any:
+    """Return colours with a range."""
+    if not colors.range.is_open:
+        return colors
+    names = [Expression(name) for name in shown.names]
+    for name in names:
+        shown.volume.check_names(name)
+    measured, key = known(colors.expr, *names), ("colors", shown.key, colors.range.positive)
+    if key not in measured:
+        measured[key] = _range(shown, colors)
+    return colors.within(*measured[key], shown.volume.expression_unit(colors.expr))
+
+
+def _range(shown: _Shown, color: Any) -> tuple[float, float]:
+    """Return between which values nearly all is that is seen; or all there is, if nothing is."""
+    values, sizes, seen = _cells(shown, color)
     if seen.any():
         values, sizes = values[seen], sizes[seen]
     if not len(values):
@@ -77,24 +99,25 @@ def _range(part: Medium, volume: Volume, color: Any) -> tuple[float, float]:
     return _rounded(float(low), float(high))
 
 
-def _cells(part: Medium, volume: Volume, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _cells(shown: _Shown, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the values of the colours' expression in cells, their volumes, and what shows."""
+    volume, names = shown.volume, shown.names
     context = RangeContext(volume.unit, volume.expression_unit, _SHOWN)
-    streams = [pieces(volume, Expression(name)) for name in part.names]
+    streams = [pieces(volume, Expression(name)) for name in names]
     found: list[tuple[np.ndarray, ...]] = []
     for own, *others in zip(pieces(volume, color.expr), *streams, strict=True):
         fields = {
             name: Interval(one.x - one.reach, one.x + one.reach)
-            for name, one in zip(part.names, others, strict=True)
+            for name, one in zip(names, others, strict=True)
         }
         good = np.isfinite(own.x) & ((own.x > 0.0) | (not color.range.positive))
         with np.errstate(all="ignore"):
-            seen = np.broadcast_to(part.visible_in(fields, context), good.shape)
+            seen = np.broadcast_to(shown.visible_in(fields, context), good.shape)
         for one in others:
             seen = seen & np.isfinite(one.x)
         found.append((own.x[good], np.broadcast_to(own.volume, good.shape)[good], seen[good]))
-    values, sizes, shown = (np.concatenate(column) for column in zip(*found, strict=True))
-    return values, sizes, shown
+    values, sizes, there = (np.concatenate(column) for column in zip(*found, strict=True))
+    return values, sizes, there
 
 
 def _rounded(low: float, high: float) -> tuple[float, float]:

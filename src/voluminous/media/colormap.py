@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from .color_scale import SAMPLES, ColorScale
+from .color_scale import SAMPLES, ColorScale, OpenRange
+from .context import Context
 from .given import named
 from .shell import Shell
 from .table import Table
@@ -23,9 +25,10 @@ class Colormap(Table):
         Expression x of the fields.
     cmap : str or matplotlib.colors.Colormap
         Name or object; its RGB become three channels.
-    vmin, vmax : float or Quantity
-        Range of x; beyond it the colours of the ends go on.
-    opacity : float, callable or array_like, shape (samples,)
+    vmin, vmax : float or Quantity, optional
+        Range of x; beyond it the colours of the ends go on. What is not given is measured when a
+        volume is drawn, as in `calibrate`: so that 99 % of the volume is between.
+    opacity : float, callable or array_like, shape (samples,), default 1
         Extinction h_α, or a function of the position 0 … 1 in the colormap, or what it gives for
         each of the entries.
     path_length : float, Quantity or "auto", default "auto"
@@ -51,33 +54,57 @@ class Colormap(Table):
         self,
         expr: Any,
         cmap: Any,
-        vmin: Any,
-        vmax: Any,
-        opacity: Any,
+        vmin: Any = None,
+        vmax: Any = None,
+        opacity: Any = 1.0,
         path_length: Any = "auto",
         *,
         norm: Any = None,
         samples: int = SAMPLES,
         where: Any = None,
     ) -> None:
-        scale = ColorScale(cmap, vmin, vmax, norm, samples)
+        self.range = OpenRange(cmap, vmin, vmax, norm, samples)
+        # Of an open range the values are places in the map, and nobody is told them.
+        known = not self.range.is_open
+        scale = self.range.scale if known else ColorScale(cmap, 0.0, 1.0, None, samples)
         alpha = _opacities(opacity, scale.position)
-        self._described = {
-            "type": "colormap",
-            **scale.describe(),
-            "opacity": alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(opacity),
-        }
-        nodes = scale.values * scale.unit if scale.unit is not None else scale.values
-        super().__init__(expr, nodes, scale.rgb * alpha[:, None], alpha, path_length, where=where)
+        self._opacity = alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(opacity)
+        super().__init__(
+            expr, _values(scale), scale.rgb * alpha[:, None], alpha, path_length, where=where
+        )
+
+    def within(self, low: float, high: float, unit: Any) -> Colormap:
+        """Return it with what is not given of the range, in the unit of the expression."""
+        other = copy.copy(self)
+        other.range = self.range.closed(low, high, unit)
+        other.set_values(_values(other.range.scale))
+        return other
+
+    def nodes(self, context: Context) -> np.ndarray:
+        """Return the values of the entries in the unit of the expression.
+
+        Raises
+        ------
+        InputError
+            If the range has not been measured.
+        """
+        _ = self.range.scale
+        return super().nodes(context)
 
     def shells(self) -> tuple[Shell, ...]:
         """Return it as one, told by where its range begins."""
-        return tuple(replace(s, value=self._described["vmin"]) for s in super().shells())
+        return tuple(replace(s, value=self.range.describe()["vmin"]) for s in super().shells())
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""
-        own = {"expr": self.expr.text, "path_length": named(self.path_length)}
-        return {**self._described, **own, **self.modulated()}
+        ends = {key: value for key, value in self.range.describe().items() if value is not None}
+        own = {"opacity": self._opacity, "expr": self.expr.text}
+        last = {"path_length": named(self.path_length)}
+        return {"type": "colormap", **ends, **own, **last, **self.modulated()}
+
+
+def _values(scale: ColorScale) -> Any:
+    return scale.values if scale.unit is None else scale.values * scale.unit
 
 
 # More numbers are not shown in an error.

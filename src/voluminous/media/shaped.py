@@ -286,7 +286,7 @@ class Shaped(Medium):
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where the shape may be noticeable while the fields stay in ranges."""
-        center, width, _ = self.plain_numbers(context)
+        center, width = self._plain_shape(context)
         reach = self.reach(context.faint) * width
         x = context.evaluate(self.expr, fields)
         seen = x.nan | ((x.lo <= center + reach) & (x.hi >= center - reach))
@@ -298,11 +298,14 @@ class Shaped(Medium):
 
     def plain_numbers(self, context: Context) -> tuple[float, float, float]:
         """Return centre, width and path length as plain numbers, in the units of a volume."""
+        return (*self._plain_shape(context), length_in(self.path_length, context.unit))
+
+    def _plain_shape(self, context: Context) -> tuple[float, float]:
+        """Return centre and width alone: the path length may not have been measured."""
         unit = context.unit_of(self.expr)
         return (
             float(plain(self.center, unit, "center")),
             float(plain(self.width, unit, self.width_name)),
-            length_in(self.path_length, context.unit),
         )
 
     def _kept(self, context: Context) -> tuple[Any, Any, Any]:

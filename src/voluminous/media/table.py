@@ -76,8 +76,7 @@ class Table(Medium):
         where: Any = None,
     ) -> None:
         self.expr = Expression(expr)
-        self.unit = unit_of(values)
-        self.values = given_values(plain(values, self.unit, "values"))
+        self.set_values(values)
         n = len(self.values)
         self.opacities = given_columns(opacities, n, "opacities")
         by = colors if isinstance(colors, ColorBy) else None
@@ -95,6 +94,11 @@ class Table(Medium):
         self.modulation = Modulation(where, by, self.channels)
         self.sensitivity = self.modulation.sensitivity
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
+
+    def set_values(self, values: Any) -> None:
+        """Set the values of the entries."""
+        self.unit = unit_of(values)
+        self.values = given_values(plain(values, self.unit, "values"))
 
     @property
     def color(self) -> tuple[float, ...]:
