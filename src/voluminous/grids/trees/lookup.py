@@ -6,7 +6,10 @@ one to the next is, not how much is computed beside it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,11 +30,16 @@ class Cell:
         The place of its lower corner.
     size : list of arrays
         Its size, for those axes that differ: use `TreeLookup.sizes`.
+    strides, end : list of three arrays, or empty
+        What the number of the next cell along each axis is more, as the ray runs, where that is
+        below `end`. Empty where there is no such rule.
     """
 
     number: Any
     low: list[Any]
     size: list[Any]
+    strides: list[Any] = field(default_factory=list)
+    end: list[Any] = field(default_factory=list)
 
 
 @dataclass
@@ -109,6 +117,47 @@ class TreeLookup:
         cell: Cell = self.numbering.cell(entry, place, size, way, active)
         return cell
 
+    def entered(
+        self,
+        cell: Cell,
+        through: list[Any],
+        reached: list[Any],
+        place: Callable[[], list[Any]],
+        way: Orientation,
+        active: Any,
+    ) -> Cell:
+        """Return the cells that rays come to from others.
+
+        In blocks most come to a neighbour in the same block, and nothing is looked up unless a ray
+        of the vector leaves its own: first order takes 0.7 to 0.85 of the time so.
+
+        Parameters
+        ----------
+        cell : Cell
+            What they leave.
+        through : list of three arrays of Bool
+            The axis along which they do.
+        reached : list of three arrays
+            The lower corner of their neighbours, were these as large.
+        place : callable
+            Returns the places where they are.
+        """
+        if not cell.strides:
+            return self.find(place(), way, active)
+        unknown = active & functools.reduce(
+            operator.or_, [r >= end for r, end in zip(reached, cell.end, strict=True)]
+        )
+        number = cell.number
+        for crossed, stride in zip(through, cell.strides, strict=True):
+            number = number + dr.select(crossed, stride, 0)
+
+        def found(_: Cell) -> Cell:
+            return self.find(place(), way, unknown)
+
+        near = replace(cell, number=number, low=reached)
+        entered: Cell = dr.if_stmt((near,), unknown, found, _same)
+        return entered
+
     def _root(self, index: list[Any], way: Orientation) -> Any:
         """Return where the root's entries with mirrored indices are."""
         root, shift = way.start, 0
@@ -150,6 +199,10 @@ class TreeLookup:
         # A loop may not change what all lanes share.
         level = dr.select(active, level, 0)
         return dr.while_loop((entry, level), is_block, down, label="descent")
+
+
+def _same(cell: Cell) -> Cell:
+    return cell
 
 
 def _unchanged(entry: Any, level: Any) -> tuple[Any, Any]:

@@ -63,6 +63,7 @@ class TracedPatches:
         rows[:, 3] = self.sizes.codes[patches.level] | (rows[:, 3] & TABLED)
         self.rows = from_host(backend.UInt, rows.reshape(-1))
         self.tabled = bool(patches.hidden.any())
+        self.blocks = _blocks(patches, tree, backend)
         self.numbers = backend.UInt(patches.numbers) if self.tabled else None
         self.Four = backend.module.Array4u
         # Of indices beyond 32 bits the lowest 32 are wanted.
@@ -110,7 +111,18 @@ class TracedPatches:
         )
         number = row[0] + i * row[1] + j * row[2] + k
         number = self._number(number, active & (what >= TABLED), hole)
-        return Cell(number, low, size[:1] if self.sizes.alike and hole is None else size)
+        cell = Cell(number, low, size[:1] if self.sizes.alike and hole is None else size)
+        if self.blocks is None:
+            return cell
+        strides = (row[1], row[2], type(number)(1))
+        # All bits or none: modulo 2^32, the stride or minus it.
+        cell.strides = [(s ^ flip) - flip for s, flip in zip(strides, way.flip, strict=True)]
+        cell.end = [
+            # Halves keep quotients of whole numbers away from these, however they are rounded.
+            dr.fma(dr.floor(dr.fma(own, per_block, 0.5 * per_block)), n, n) * s
+            for own, s, (n, per_block) in zip(index, size, self.blocks, strict=True)
+        ]
+        return cell
 
     def sizes_of(self, cell: Cell) -> list[Any]:
         """Return the sizes of cells along each axis."""
@@ -127,6 +139,19 @@ class TracedPatches:
             seen = dr.gather(self.backend.UInt, self.numbers, number, tabled)
             number = dr.select(tabled, seen, number)
         return number if hole is None else dr.select(hole, NONE, number)
+
+
+def _blocks(patches: Patches, tree: Tree, backend: Any) -> list[tuple[Any, Any]] | None:
+    """Return the shape of patches, and one over it, where they are blocks of one shape.
+
+    Those of each level are on a lattice of their own, as they are in Athena++ and FLASH. None where
+    they are not, or where some of their cells are not to be seen.
+    """
+    shape, counts = patches.shape[0], tree.extent // patches.sizes
+    uneven = (patches.shape != shape).any() or (patches.low % shape).any()
+    if uneven or (counts % shape).any() or patches.hidden.any() or tree.holes:
+        return None
+    return [(backend.opaque(float(n)), backend.opaque(1.0 / n)) for n in shape]
 
 
 class _Units:

@@ -134,9 +134,6 @@ class TreeWalk(BoxWalk):
             dr.select(crossed, low + s, low)
             for crossed, low, s in zip(through, cell.low, size, strict=True)
         ]
-        place = [
-            axis.place(t, end, r) for axis, t, r in zip(self.axes, track.axes, reached, strict=True)
-        ]
         inside = (
             (reached[0] < self.axes[0].extent)
             & (reached[1] < self.axes[1].extent)
@@ -145,7 +142,14 @@ class TreeWalk(BoxWalk):
         if track.bounded:
             end = dr.select(end < track.leave, end, track.leave)
             inside &= end < track.leave
-        entered = self.lookup.find(place, track.way, inside)
+
+        def place() -> list[Any]:
+            return [
+                axis.place(t, end, r)
+                for axis, t, r in zip(self.axes, track.axes, reached, strict=True)
+            ]
+
+        entered = self.lookup.entered(cell, through, reached, place, track.way, inside)
         leaving = TreeExit(through, cell, entered, inside, ~(wall < track.leave))
         number, length = cell.number, end - cursor.t
         if self.holes:
