@@ -277,6 +277,23 @@ def test_light_on_the_front_of_an_opaque_surface(seed):
     assert off.max() <= 1.2e-3 * truth.max()
 
 
+@pytest.mark.parametrize("width", [0.0, 0.01])
+def test_light_where_expressions_need_more_digits_than_integrals(width):
+    """Single precision does not tell on which side of the gate a cell is: kernels hold both."""
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)))
+    volume["f"], volume["h"] = "2 + 0.3 * x + 0.2 * y + 0.1 * z", "x"
+    sides = np.array(volume["h"])
+    sides[2, 2, 2] = 0.05 + 1e-12
+    volume["h"] = sides
+    lit = vm.Isosurface("log10(f)", 0.3, width=width, shading=0.5, where="h > 0.05")
+    camera = vm.Orthographic(37, 90, resolution=8)
+    mixed, double = (
+        vm.render(volume, lit, camera, precision=p).intensity for p in ("single", "double")
+    )
+    assert double.max() > 0.1
+    assert np.abs(mixed - double).max() < 1e-3 * double.max()
+
+
 def test_an_opaque_surface_hides_what_is_behind():
     medium = vm.Isosurface("a", levels=[1.0, 2.0], color=[[1.0, 0], [0, 1.0]], opacity=1.0)
     color, left = seen(slope(), medium, through=(2.4, 2.1, 2.2))

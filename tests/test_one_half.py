@@ -88,3 +88,21 @@ def test_a_sheet_of_what_bends_along_the_ray(text, place):
     wrong = abs(image.intensity.item() / exact - 1)
     assert wrong <= image.error.item() / exact
     assert wrong <= 1e-7  # of a line through both ends or a parabola it is up to 2e-5
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("single", 1e-3), ("double", 1e-6)])
+@pytest.mark.parametrize("power", [1, 2, 3])
+@pytest.mark.parametrize(("begin", "opacity"), [(0.9, 10), (0.3, 100), (0.7, 1000), (0.9, 1000)])
+def test_colours_that_begin_in_one_half(begin, opacity, power, precision, tolerance):
+    """Where one half is empty the whole is the other one: they agree, whatever varies in it."""
+    grid = vm.CartesianGrid([-1, 1], [-1, 1], [0, 1, 2])
+    volume = vm.Volume(grid, f=[[[1.0, 0.0]]])  # the densest is behind
+    medium = vm.Colormap("f", "viridis", begin, 1.5, lambda p: opacity * p**power, 1.0)
+    image = vm.render(volume, medium, ALONG, precision=precision, tolerance=tolerance)
+    f, step = np.clip(DISTANCE - 0.5, 0, 1), DISTANCE[1] - DISTANCE[0]
+    depth = np.interp(f, medium.values, medium.opacities[:, 0]) * step
+    seen = step * np.exp(0.5 * depth - np.cumsum(depth))
+    exact = [np.sum(np.interp(f, medium.values, column) * seen) for column in medium.colors.T]
+    wrong = np.abs(image.intensity[0, 0] - exact).max()
+    assert wrong <= image.error.item() + 1e-6 * np.max(exact)
+    assert image.error.item() <= 1.1 * tolerance * np.max(exact)

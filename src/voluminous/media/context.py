@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..backend import dr
 from ..expressions import DrjitOps, Expression, Margin, Ops
 from ..expressions.interpolation import interpolate
 
@@ -76,6 +77,16 @@ class Context:
     def kept_number(self, value: float) -> Any:
         """Return a number as run-time data that is put in a kernel once."""
         return self.keep(("number", value), lambda: self.number(value))
+
+    def narrow_number(self, value: float) -> Any:
+        """Return a number as run-time data of the type that integrals are computed with.
+
+        Made as such and not converted: a conversion belongs to that branch of a kernel in which it
+        is first asked for, and what is kept is used in others, too.
+        """
+        number = self.number(value)
+        kind = type(self.narrow(number))
+        return number if isinstance(number, kind) else dr.opaque(kind, value)
 
     def evaluate(self, expression: Expression | Margin, fields: dict[str, Any]) -> Any:
         """Return the value of an expression of the fields."""

@@ -379,10 +379,7 @@ class Isosurface(Medium):
 
         def make() -> SurfaceNumbers:
             levels, width = self.plain_numbers(context)
-
-            def narrow(value: float) -> Any:
-                return context.narrow(context.number(value))
-
+            narrow = context.narrow_number
             return SurfaceNumbers(
                 levels=[context.number(level) for level in levels],
                 width=context.number(width),

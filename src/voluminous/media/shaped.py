@@ -314,7 +314,7 @@ class Shaped(Medium):
         def make() -> tuple[Any, Any, Any]:
             center, width, length = self.plain_numbers(context)
             narrowness, per_length = (
-                context.narrow(context.number(v)) for v in (1.0 / width, context.scale / length)
+                context.narrow_number(v) for v in (1.0 / width, context.scale / length)
             )
             return context.number(center), narrowness, per_length
 
@@ -322,7 +322,7 @@ class Shaped(Medium):
 
     def _colors(self, context: Context) -> tuple[list[Any], list[Any]]:
         color, opacity = (
-            [context.narrow(context.number(h / unit)) for h in values]
+            [context.narrow_number(h / unit) for h in values]
             for values, unit in ((self.color, context.radiance), (self.opacity, 1.0))
         )
         return color, opacity
@@ -330,7 +330,7 @@ class Shaped(Medium):
     def _reach(self, context: Context) -> Any:
         """Return at how many widths the shape is neglected, as a number put there once."""
         return context.keep(
-            (id(self), "reach"), lambda: context.narrow(context.number(self.reach(context.faint)))
+            (id(self), "reach"), lambda: context.narrow_number(self.reach(context.faint))
         )
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:

@@ -90,9 +90,7 @@ class Lamp:
 
     def _share(self, context: Context) -> Any:
         """Return how much shading there is, as a number of a kernel."""
-        return context.keep(
-            ("shading", self.shading), lambda: context.narrow(context.number(self.shading))
-        )
+        return context.keep(("shading", self.shading), lambda: context.narrow_number(self.shading))
 
     def _lit(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return the cosine of ray and normal at both ends and in the middle; computed once."""

@@ -299,7 +299,7 @@ class Table(Medium):
             length = self._length(context)
             units = [context.radiance] * self.channels + [1.0] * self.opacities.shape[1]
             factors = self.peaks / np.array(units) * (context.scale / length)
-            return [context.narrow(context.number(float(h))) for h in factors]
+            return [context.narrow_number(float(h)) for h in factors]
 
         return context.keep((id(self), "heights"), make)
 

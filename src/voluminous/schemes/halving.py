@@ -16,6 +16,11 @@ from .path import Path, most, over
 
 # Optical depth above which only the front of a panel shows: means over it then say little.
 _OPAQUE = 1.0
+# Where one half holds so many times the depth of the other their difference says little of it.
+_LOPSIDED = 4.0
+# How far such a half may be off, of what it emits times the part of that which it absorbs: a source
+# that grows from nothing along it is off by a sixth.
+_WITHIN_HALF = 0.25
 # So many times their difference two approximations are taken to be off by where structures are
 # thinner than a panel. With 5, 99 % of rays through white noise are off by less than is said,
 # whatever the medium; with 2.5 (in 0.9 to 1 of the time) 98 %.
@@ -56,7 +61,7 @@ def attempt(
     parts = _in_parts(source, part, halves)
     doubtful = _crowded(parts[0]) | _crowded(parts[1])
     if not source.steady:
-        doubtful |= most(fine.depth) > _OPAQUE
+        doubtful |= (most(fine.depth) > _OPAQUE) | _lopsided(parts[0], parts[1])
     # A branch: few panels need it.
     unsure = dr.if_stmt(
         args=(halves, parts, least),
@@ -82,7 +87,8 @@ def _unsure(
     if source.steady:
         return found
     way = -1 if backward else 1
-    return found + _hidden_behind(source, halves[::way], parts[::way], least)
+    hidden = _hidden_behind(source, halves[::way], parts[::way], least)
+    return found + hidden + dr.select(least, 0.0, _in_one_half(halves, parts))
 
 
 def _sure(halves: list[Path], parts: list[list[Share]], least: Any) -> Any:
@@ -136,10 +142,7 @@ def _hidden_behind(source: Any, halves: list[Path], parts: list[list[Share]], le
     Structures narrower than a panel do not count: what lies before and behind them is `_mixed`.
     """
     front, back = halves
-    opaque = [
-        sum(dr.select(share.count < 1.0, share.depth, 0.0) for share in shares) > _OPAQUE
-        for shares in parts
-    ]
+    opaque = [_wide_depth(shares) > _OPAQUE for shares in parts]
     varies = []
     for c, (b, behind) in enumerate(zip(front.emission, back.emission, strict=True)):
         k = c if len(front.transparency) > 1 else 0
@@ -150,6 +153,31 @@ def _hidden_behind(source: Any, halves: list[Path], parts: list[list[Share]], le
     unsure = dr.select(opaque[0], front.error[2], 0.0)
     unsure = unsure + dr.select(opaque[1], back.error[2] * most(front.transparency), 0.0)
     return dr.select(least, known, 0.5 * unsure)
+
+
+def _in_one_half(halves: list[Path], parts: list[list[Share]]) -> Any:
+    """Return how far panels may be off of which one half does nearly nothing.
+
+    The whole is then what the other half is: that they agree says nothing of how much varies in it.
+    """
+    total: Any = 0.0
+    for half, shares, others in zip(halves, parts, parts[::-1], strict=True):
+        own = half.error[2] * _absorbed(_wide_depth(shares))
+        total = total + dr.select(_heavier(shares, others), own, 0.0)
+    return _WITHIN_HALF * total
+
+
+def _lopsided(first: list[Share], second: list[Share]) -> Any:
+    return _heavier(first, second) | _heavier(second, first)
+
+
+def _heavier(shares: list[Share], others: list[Share]) -> Any:
+    return _wide_depth(shares) > _LOPSIDED * _wide_depth(others)
+
+
+def _wide_depth(shares: list[Share]) -> Any:
+    """Return the depth of all that is wider than a half: of others `_mixed` tells."""
+    return sum(dr.select(share.count < 1.0, share.depth, 0.0) for share in shares)
 
 
 def _extrapolated(
