@@ -22,7 +22,7 @@ _NUMBER_THEN_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\
 def is_quantity(value: Any) -> bool:
     """Return True if `value` carries a unit (astropy or anything that looks like it)."""
     # An image has a unit and can be converted, too, but is no number of them.
-    return all(hasattr(value, name) for name in ("unit", "to", "value"))
+    return hasattr(value, "unit") and hasattr(value, "to") and hasattr(value, "value")
 
 
 def split_text(text: str) -> tuple[float, str] | None:

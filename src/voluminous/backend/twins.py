@@ -5,8 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import numpy as np
-
 from .jit import dr
 
 
@@ -32,7 +30,8 @@ def overwrite(copy: Any, tree: Any) -> None:
     No kernel may be running that reads it.
     """
     if isinstance(tree, dr.ArrayBase):
-        np.asarray(copy)[...] = np.asarray(tree)
+        # Views, in a fifth of the time that `numpy.asarray` takes.
+        copy.numpy()[...] = tree.numpy()
         return
     old = _parts(copy)
     for key, part in _parts(tree).items():

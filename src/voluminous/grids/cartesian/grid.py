@@ -118,7 +118,7 @@ class CartesianGrid(OnDevices, CartesianCells):
         """Return True where single precision cannot tell the cells of an axis apart."""
         return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
 
-    @property
+    @functools.cached_property
     def resolution(self) -> float:
         """Width of the thinnest cell as a fraction of the domain's."""
         return min(float(np.diff(e).min() / np.ptp(e)) for e in self.edges)

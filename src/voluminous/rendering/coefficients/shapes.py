@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,17 +100,20 @@ class Shapes:
         """Return the intensity (…, channel) from what the loop integrated."""
         # The unit is a power of two: no bits change if it is in the colours already.
         fits = fits_single(self.unit)
-        first, color = emission[0], self.color * self.unit if fits else self.color
-        mixed = np.empty((*first.shape, len(color)), first.dtype)
-        for c, total in enumerate(_mixed(emission, color)):
-            mixed[..., c] = total
+        color = self.color * self.unit if fits else self.color
+        # Channel by channel in memory: 0.2 ms for 400 × 400 pixels, pixel by pixel 0.4.
+        mixed = np.empty((len(color), *emission[0].shape), emission[0].dtype)
+        for plane, row in zip(mixed, color, strict=True):
+            _mix(emission, row, plane)
+        mixed = np.moveaxis(mixed, 0, -1)
         return mixed if fits else in_units_of(self.unit, mixed)
 
     def brightest_channel(self, emission: list[np.ndarray]) -> np.ndarray:
         """Return the magnitude in the brightest channel, in the kernel's unit."""
-        most = np.zeros_like(emission[0])
-        for total in _mixed(emission, self.color):
-            np.maximum(most, np.abs(total, out=total), out=most)
+        most, plane = np.zeros_like(emission[0]), np.empty_like(emission[0])
+        for row in self.color:
+            _mix(emission, row, plane)
+            np.maximum(most, np.abs(plane, out=plane), out=most)
         return most
 
     def densest(self, largest: list[Any]) -> Any:
@@ -149,15 +151,9 @@ class Shapes:
         return float(np.max(np.abs(self.color) @ np.asarray(largest)))
 
 
-def _mixed(emission: list[np.ndarray], color: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the sums of shapes in each channel, in the same array again and again.
-
-    New memory is paged in slowly (0.2 in place of 0.5 ms).
-    """
-    first, *others = emission
-    total, part = np.empty_like(first), np.empty_like(first)
-    for row in color.astype(first.dtype):
-        np.multiply(first, row[0], out=total)
-        for other, height in zip(others, row[1:], strict=True):
-            total += np.multiply(other, height, out=part)
-        yield total
+def _mix(emission: list[np.ndarray], heights: np.ndarray, out: np.ndarray) -> None:
+    """Put the sum of shapes, each so high, into an array."""
+    heights, part = heights.astype(out.dtype), np.empty_like(out)
+    np.multiply(emission[0], heights[0], out=out)
+    for values, height in zip(emission[1:], heights[1:], strict=True):
+        out += np.multiply(values, height, out=part)

@@ -210,7 +210,7 @@ class Gathered:
 
     def paths(self) -> Paths:
         """Return all of them."""
-        *rows, early = (np.asarray(row) for row in self.rows)
+        *rows, early = (row.numpy() for row in self.rows)
         return Paths(rows, self.counts, self.ending is not None and bool(np.any(early)))
 
 
