@@ -93,10 +93,7 @@ def test_kernels_find_what_the_host_finds(name, precision):
     for mirrored in (None, down):
         # In the middle of a finest unit.
         own = place if mirrored is None else np.where(down, tree.extent[:, None] - 1 - place, place)
-        there = [
-            from_host(backend.Float, (p + 0.5) * u)
-            for p, u in zip(own, lookup.per_finest, strict=True)
-        ]
+        there = [from_host(backend.Float, p + 0.5) for p in own]
         way = lookup.orient(
             None if mirrored is None else [from_host(backend.Bool, d) for d in down]
         )
@@ -105,7 +102,6 @@ def test_kernels_find_what_the_host_finds(name, precision):
         np.testing.assert_array_equal(np.where(number == NONE, -1, number), expected.number)
         for axis, (low, size) in enumerate(zip(cell.low, lookup.sizes(cell), strict=True)):
             low, size = (np.asarray(v) + np.zeros(place.shape[1]) for v in (low, size))
-            low, size = low / lookup.per_finest[axis], size / lookup.per_finest[axis]
             if mirrored is not None:
                 low = np.where(down[axis], tree.extent[axis] - low - size, low)
             np.testing.assert_array_equal(low, expected.low[axis])

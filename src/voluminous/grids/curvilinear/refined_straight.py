@@ -57,8 +57,7 @@ class StraightSurroundings(RefinedSurroundings):
         inner = [dr.fma(0.0, p, 0.5) if a else p for p, a in zip(found, self.alike, strict=True)]
         cell, there = super().cell_at(inner, active)
         low = [
-            p * unit if alike else own
-            for p, unit, alike, own in zip(found, self.unit, self.alike, cell.low, strict=True)
+            p if alike else own for p, alike, own in zip(found, self.alike, cell.low, strict=True)
         ]
         return Cell(cell.number, low, cell.size), there
 

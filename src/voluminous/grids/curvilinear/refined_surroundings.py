@@ -65,9 +65,9 @@ class RefinedSurroundings(Surroundings):
         low, sizes = list(cell.low), self.lookup.sizes(cell)
         for axis, (p, extent) in enumerate(zip(place, self.extent, strict=True)):
             if self.turning[axis]:
-                low[axis] = low[axis] + _turns(p, extent) * self.unit[axis]
+                low[axis] = low[axis] + _turns(p, extent)
             elif self.mirrored[axis]:
-                image = 2.0 * extent * self.unit[axis] - low[axis] - sizes[axis]
+                image = 2.0 * extent - low[axis] - sizes[axis]
                 low[axis] = dr.select(p > extent, image, low[axis])
         return Cell(cell.number, low, cell.size), there
 

@@ -73,7 +73,6 @@ class RefinedWalk(CurvilinearWalk):
         super().__init__(families, none, none, approach, scale, backend)
         self.stepped, self.grid = stepped, grid
         self.axes, self.lookup = axes, TreeLookup(grid.tree, self.backend)
-        self.unit = [self.backend.opaque(float(u)) for u in _three(self.lookup.per_finest)]
 
     def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> RefinedCursor:
         """Return the cursor of rays at a distance, from their counts."""
@@ -82,13 +81,13 @@ class RefinedWalk(CurvilinearWalk):
     def _leaf(self, track: Track, count: list[Any], active: Any) -> Leaf:
         """Return the leaves around cells of the evenly refined grid."""
         Float, Int = self.backend.Float, self.backend.Int
-        place = [0.5 * unit for unit in self.unit]
+        place = [Float(0.5)] * 3
         for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
-            place[axis] = (Float(index) + 0.5) * self.unit[axis]
+            place[axis] = Float(index) + 0.5
         cell = self.lookup.find(place, self.lookup.orient(), active)
         sizes = self.lookup.sizes(cell)
-        low = [Int(dr.round(cell.low[axis] / self.unit[axis])) for axis in self.axes]
-        size = [Int(dr.round(sizes[axis] / self.unit[axis])) for axis in self.axes]
+        low = [Int(cell.low[axis]) for axis in self.axes]
+        size = [Int(sizes[axis]) for axis in self.axes]
         return Leaf(cell.number, low, size)
 
     def next(self, track: Track, cursor: Any) -> tuple[Segment, RefinedCursor]:
@@ -194,7 +193,3 @@ def leaf_corners(
         vertices += [v + strides[walk.axes[n]] for v in vertices]
         weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
     return Corners(vertices, weights)
-
-
-def _three(value: Any) -> list[float]:
-    return [float(v) for v in value] if hasattr(value, "__len__") else [float(value)] * 3

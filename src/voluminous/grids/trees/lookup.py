@@ -62,7 +62,8 @@ class Orientation:
 class TreeLookup:
     """Finds cells in a tree.
 
-    A place here is a real number per axis, from zero at one end of the domain to ``extent``.
+    A place here is a real number per axis, in finest units, from zero at one end of the domain to
+    ``tree.extent``.
 
     Parameters
     ----------
@@ -71,9 +72,6 @@ class TreeLookup:
 
     Attributes
     ----------
-    extent : array of float64, shape (3,)
-        Size of the domain in units of places; where these are finest units of the tree,
-        `per_finest` is one, but they may be larger by a power of two.
     top : list of three arrays
         The largest places below the extent.
     """
@@ -81,9 +79,7 @@ class TreeLookup:
     def __init__(self, tree: Tree, backend: Any) -> None:
         self.backend, self.tree = backend, tree
         self.numbering = tree.numbering.traced(tree, backend)
-        self.per_finest = self.numbering.per_finest
-        self.extent = tree.extent * self.per_finest
-        below = np.nextafter(self.extent.astype(backend.dtype), backend.dtype.type(0))
+        below = np.nextafter(tree.extent.astype(backend.dtype), backend.dtype.type(0))
         self.top = [backend.opaque(float(e)) for e in below]
         self.entries = backend.UInt(tree.entries)
         self.bricks = [n >> bits for n, bits in zip(tree.shape, tree.bricks, strict=True)]
@@ -110,7 +106,7 @@ class TreeLookup:
 
     def find(self, place: list[Any], way: Orientation, active: Any) -> Cell:
         """Return the cells that contain places between zero and `top`."""
-        UInt, place = self.backend.UInt, self.numbering.centred(place)
+        UInt, place = self.backend.UInt, self.numbering.located(place)
         root = self._root(self.numbering.root(place), way)
         entry = dr.gather(UInt, self.entries, root, active)
         entry, size = self._descended(entry, place, way, active)

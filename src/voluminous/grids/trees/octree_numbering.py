@@ -50,75 +50,69 @@ class Halved:
 
 
 class TracedHalved:
-    """From an entry to the cell around a place, by arithmetic alone.
+    """From an entry to the cell around a place, by shifts of whole numbers.
 
-    Places are in units of the root's entries. All sizes being powers of two, only exponents are
-    computed, and no place need be rounded to a whole number of anything.
+    All sizes being powers of two of the finest unit, the bits of a place are the indices of the
+    entries and cells around it, and where it is in them. (Products of floating-point numbers take
+    as long: what rays wait for is the chain of look-ups.)
     """
 
     def __init__(self, axes: tuple[int, ...], tree: Tree, backend: Any) -> None:
         self.axes, self.backend = axes, backend
-        self.per_finest = 1.0 / tree.units[0]
         single = backend.precision == "single"
-        self.bias, self.shift = (127, 23) if single else (1023, 52)
-        # Indices of cells among all of their level, of which the lowest bits are wanted.
-        self.Whole: Any = backend.UInt if single else dr.uint64_array_t(backend.UInt)
-        self.Bits: Any = (
-            dr.int32_array_t(backend.Float) if single else dr.int64_array_t(backend.Float)
-        )
+        self.Whole: Any = backend.Int if single else dr.int64_array_t(backend.Float)
+        self.root_bits = dr.opaque(backend.Int, int(tree.units[0].max()).bit_length() - 1)
         kinds = tree.entries >> NUMBER_BITS
         self.even = int(kinds.max()) - PLAIN
         self.larger = bool(((kinds > 0) & (kinds < PLAIN)).any())
 
-    def centred(self, place: list[Any]) -> list[Any]:
-        """Return places as they are: products with powers of two are exact."""
-        return place
+    def located(self, place: list[Any]) -> list[Any]:
+        """Return the finest units that places are in."""
+        return [self.Whole(p) for p in place]
 
-    def root(self, place: list[Any]) -> list[Any]:
-        """Return the indices of the root's entries around places."""
-        return [self.backend.UInt(p) for p in place]
+    def root(self, unit: list[Any]) -> list[Any]:
+        """Return the indices of the root's entries around finest units."""
+        bits = self.Whole(self.root_bits)
+        return [
+            self.backend.UInt(u >> bits if axis in self.axes else u) for axis, u in enumerate(unit)
+        ]
 
-    def slot(self, place: list[Any], level: Any, way: Orientation) -> Any:
+    def slot(self, unit: list[Any], level: Any, way: Orientation) -> Any:
         """Return the number of an entry of a tree level in its block."""
-        per_root = self._power(self.Bits(level) * STEP)
-        slot = self.backend.UInt(0)
+        bits, slot = self.Whole(self.root_bits - level * STEP), self.backend.UInt(0)
         for k, axis in enumerate(self.axes):
-            local = self._local(place[axis] * per_root, way.flip[axis], (1 << STEP) - 1)
+            local = self._local(unit[axis] >> bits, way.flip[axis], (1 << STEP) - 1)
             slot = slot | (local << (k * STEP))
         return slot
 
-    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation, active: Any) -> Cell:
-        """Return the cells around places, from entries of a tree level that are no blocks.
+    def cell(self, entry: Any, unit: list[Any], level: Any, way: Orientation, active: Any) -> Cell:
+        """Return the cells around finest units, from entries of a tree level that are no blocks.
 
         Nothing is looked up: `active` is for numberings that do.
         """
-        kind = self.Bits(entry >> NUMBER_BITS)
-        halvings = kind + (self.Bits(level) * STEP - PLAIN)
-        size, per_root = self._power(-halvings), self._power(halvings)
+        UInt, Float = self.backend.UInt, self.backend.Float
         deeper = self.backend.Int(entry >> NUMBER_BITS) - PLAIN
+        bits = self.Whole(self.root_bits - level * STEP - deeper)
         if self.larger:
             deeper = dr.maximum(deeper, 0)
-        mask = (self.backend.UInt(1) << self.backend.UInt(deeper)) - 1
-        low, number = list(place), entry & NUMBER_MASK
-        for axis in range(3):
-            index = dr.floor(place[axis] * per_root) if axis in self.axes else dr.floor(place[axis])
-            low[axis] = index * size if axis in self.axes else index
+        mask = (UInt(1) << UInt(deeper)) - 1
+        low, number = [], entry & NUMBER_MASK
+        for axis, u in enumerate(unit):
             if axis in self.axes:
+                index = u >> bits
                 local = self._local(index, way.flip[axis], mask)
                 number = number + (self._spread(local) << self.axes.index(axis))
-        return Cell(number, low, [size])
+                u = index << bits
+            low.append(Float(u))
+        return Cell(number, low, [Float(self.Whole(1) << bits)])
 
     def sizes_of(self, cell: Cell) -> list[Any]:
         """Return the sizes of cells along each axis."""
         return [cell.size[0] if axis in self.axes else 1.0 for axis in range(3)]
 
-    def _power(self, exponent: Any) -> Any:
-        """Return two to a power."""
-        return dr.reinterpret_array(self.backend.Float, (exponent + self.bias) << self.shift)
-
     def _local(self, index: Any, flip: Any, mask: Any) -> Any:
         """Return the lowest bits of mirrored indices, as they are if counted upwards."""
-        return (self.backend.UInt(self.Whole(index)) ^ flip) & mask
+        return (self.backend.UInt(index) ^ flip) & mask
 
     def _spread(self, v: Any) -> Any:
         """Return four bits moved apart, as many places as there are axes."""

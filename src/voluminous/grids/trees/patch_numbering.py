@@ -55,7 +55,6 @@ class TracedPatches:
 
     def __init__(self, patches: Patches, tree: Tree, backend: Any) -> None:
         self.backend, self.holes = backend, tree.holes
-        self.per_finest = np.ones(3)
         self.sizes = make_sizes(patches.sizes, tree.extent, backend)
         self.units = _Units(tree, backend)
         self.exact = self.sizes.exact and bool((np.frexp(tree.units)[0] == 0.5).all())
@@ -70,7 +69,7 @@ class TracedPatches:
         small = int(tree.extent.max()) < 1 << 32
         self.Whole: Any = backend.UInt if small else dr.uint64_array_t(backend.UInt)
 
-    def centred(self, place: list[Any]) -> list[Any]:
+    def located(self, place: list[Any]) -> list[Any]:
         """Return places moved to the middle of their finest unit, where need be."""
         if self.exact:
             return place

@@ -81,7 +81,6 @@ class Surroundings:
         self.lookup = TreeLookup(tree, backend)
         self.way = self.lookup.orient()
         self.extent = [dr.opaque(backend.Wide, float(n)) for n in tree.extent]
-        self.unit = [float(u) for u in np.broadcast_to(self.lookup.per_finest, 3)]
 
     def cells(self, vertex: list[Any], active: Any) -> list[tuple[Cell, Any]]:
         """Return the cells around vertices, each with where it exists.
@@ -104,8 +103,7 @@ class Surroundings:
         there = active
         for p, extent in zip(place, self.extent, strict=True):
             there = there & (p > 0.0) & (p < extent)
-        scaled = [p * unit for p, unit in zip(place, self.unit, strict=True)]
-        cell = self.lookup.find(scaled, self.way, there)
+        cell = self.lookup.find(place, self.way, there)
         return cell, there & self.lookup.is_cell(cell)
 
     def spacing(self, grid: Any, backend: Any) -> Spacing:
@@ -118,9 +116,7 @@ class Surroundings:
 
     def box(self, cell: Cell) -> tuple[list[Any], list[Any]]:
         """Return lower corners and sizes of cells in finest units."""
-        low = [v / unit for v, unit in zip(cell.low, self.unit, strict=True)]
-        sizes = self.lookup.sizes(cell)
-        return low, [s / unit for s, unit in zip(sizes, self.unit, strict=True)]
+        return cell.low, self.lookup.sizes(cell)
 
 
 def cells_around(grid: Any, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:

@@ -94,7 +94,7 @@ class TreeWalk(BoxWalk):
         self.lookup = TreeLookup(tree, backend)
         self.axes = [
             make_tree_axis(e, float(n), top, scale, backend)
-            for e, n, top in zip(edges, self.lookup.extent, self.lookup.top, strict=True)
+            for e, n, top in zip(edges, tree.extent, self.lookup.top, strict=True)
         ]
         self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
         self.holes = tree.holes

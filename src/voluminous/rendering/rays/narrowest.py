@@ -73,7 +73,6 @@ class NarrowestOfTree(Narrowest):
         super().__init__(grid, backend)
         largest = int(np.argmin(grid.levels))
         self.largest = float(grid.boxes(largest, largest + 1)[1][0, 0])
-        self.finest = float(np.broadcast_to(self.walk.lookup.per_finest, 3)[0])
         edges = grid.base_edges[0]
         self.unit = float((edges[1] - edges[0]) / grid.divisions[0])
 
@@ -84,5 +83,5 @@ class NarrowestOfTree(Narrowest):
     def width(self, cursor: Any, segment: Any, sight: Any) -> Any:
         """Return the width of the cell that the cursor is in."""
         lookup = self.walk.lookup
-        width = lookup.sizes(cursor.cell)[0] * (1.0 / self.finest)
+        width = lookup.sizes(cursor.cell)[0]
         return dr.select(lookup.is_cell(cursor.cell), width, self.largest)
