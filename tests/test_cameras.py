@@ -267,6 +267,15 @@ def test_directions_take_the_place_of_angles():
         vm.Orthographic.looking((1, 0, 0), posang=30)
 
 
+@pytest.mark.parametrize(
+    ("angle", "told"),
+    [("sixty", "incl must be a number, .* such as '30 deg', got 'sixty'"), (None, "got None")],
+)
+def test_what_is_no_angle_is_refused(angle, told):
+    with pytest.raises(vm.UnitsError, match=told):
+        vm.Orthographic(incl=angle)
+
+
 def test_where_an_observer_is_has_one_unit_if_a_direction_goes_from_there():
     """The target is a step from there: in the volume's unit, or in that of the position."""
     view = (0, 0, -1)

@@ -202,6 +202,14 @@ def test_units_lengths_are_taken_in_that_of_the_quantity():
         vm.column(volume, "rho", camera, unit="K")
 
 
+def test_a_camera_that_looks_elsewhere_is_told_in_the_words_of_a_measurement():
+    volume = vm.models.prestellar_core(20)
+    beside = vm.Orthographic(width=0.01 * u.pc, resolution=8, center=(9 * u.pc, 0 * u.pc, 0 * u.pc))
+    with pytest.warns(UserWarning, match="^density: zero along every ray of this camera"):
+        column = vm.column(volume, "density", beside)
+    assert not column.intensity.any()
+
+
 @pytest.mark.parametrize("method", ["rays", "exact"])
 def test_momentum_has_both_signs_and_changes_with_the_side(method):
     grid = vm.CartesianGrid.uniform(6, (-1, 1))

@@ -16,6 +16,7 @@ from .errors import UnitsError
 
 # A value in an error message is written out up to so many characters.
 _LONGEST = 100
+_ANGLES = ("deg", "rad")
 _NUMBER_THEN_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -48,8 +49,17 @@ def quantity_in(text: str) -> Any:
     return number if unit is None else number * unit
 
 
-def as_given(value: Any, what: str = "value") -> Any:
+def as_given(value: Any, what: str = "value", like: str = "0.1 pc") -> Any:
     """Return the quantity in a text such as "0.1 pc", or in each text of a list; else the value.
+
+    Parameters
+    ----------
+    value : object
+        What the user gave.
+    what : str
+        What it is, for the error message.
+    like : str
+        An example of a text, likewise.
 
     Raises
     ------
@@ -57,7 +67,7 @@ def as_given(value: Any, what: str = "value") -> Any:
         If a text is no number with a unit that astropy knows.
     """
     if isinstance(value, (list, tuple)) and any(isinstance(v, str) for v in value):
-        return [as_given(v, what) for v in value]
+        return [as_given(v, what, like) for v in value]
     if not isinstance(value, str):
         return value
     try:
@@ -66,7 +76,7 @@ def as_given(value: Any, what: str = "value") -> Any:
         raise UnitsError(f"{what} is {value!r}: {error}") from None
     if found is None:
         raise UnitsError(
-            f"{what} must be a number, a quantity, or a text such as '0.1 pc', got {value!r}"
+            f"{what} must be a number, a quantity, or a text such as {like!r}, got {value!r}"
         )
     return found
 
@@ -157,7 +167,8 @@ def plain(value: Any, unit: Any, what: str) -> Any:
     UnitsError
         If the value has a unit that cannot be converted.
     """
-    value = as_given(value, what)
+    like = {"like": "30 deg"} if isinstance(unit, str) and unit in _ANGLES else {}
+    value = as_given(value, what, **like)
     if isinstance(value, (list, tuple)) and any(is_quantity(v) for v in value):
         return np.array([plain(v, unit, what) for v in value])
     if not is_quantity(value):
@@ -204,7 +215,7 @@ def degrees(value: Any, what: str) -> float:
     UnitsError
         If it is none, or several.
     """
-    angle = plain(value, "deg", what)
+    angle = None if value is None else plain(value, "deg", what)
     if not isinstance(angle, float):
         raise UnitsError(f"{what} must be one angle, got {_shown(value)}")
     return angle

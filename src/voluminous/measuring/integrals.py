@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -53,17 +54,26 @@ def integrals(
     if method != "rays":
         raise unknown_name("method", str(method), METHODS)
     seen, known = with_known(volume.seen_by(camera), expressions)
-    image = render(
-        seen,
-        Coefficients(known, 0),
-        camera,
-        scheme=Thin(),
-        cutoff=0.0,
-        samples=samples,
-        precision=precision,
-        device=device,
-        progress=progress,
-    )
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="the picture shows nothing of the medium")
+        image = render(
+            seen,
+            Coefficients(known, 0),
+            camera,
+            scheme=Thin(),
+            cutoff=0.0,
+            samples=samples,
+            precision=precision,
+            device=device,
+            progress=progress,
+        )
+    if not image.intensity.any():
+        told = " and ".join(q.text for q in expressions if q is not None)
+        warnings.warn(
+            f"{told}: zero along every ray of this camera, which looks elsewhere, or whose pixels "
+            "meet nothing of what is small",
+            stacklevel=3,
+        )
     return np.moveaxis(image.intensity, -1, 0).astype(np.float64)
 
 
