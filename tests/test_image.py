@@ -215,10 +215,11 @@ def test_colormaps_are_drawn_as_to_rgb_gives_them():
     assert shown.colorbar is not None
 
 
-@pytest.mark.parametrize("shape", [(20, 20), (4, 20), (20, 4)])
-def test_no_label_is_cut_off(shape):
+@pytest.mark.parametrize("lowest", [0.01, 1e-7])
+@pytest.mark.parametrize("shape", [(20, 20), (4, 20), (18, 21), (20, 4)])
+def test_no_label_is_cut_off(shape, lowest):
     """Beside a long colour bar the layout of matplotlib pushed one off the figure."""
-    values = np.random.default_rng(3).uniform(0.01, 0.5, shape)
+    values = np.random.default_rng(3).uniform(lowest, 0.5, shape)
     image = Image(
         values, x=4000 * np.linspace(-1, 1, shape[1]), unit="AU", intensity_unit="Jy / sr"
     )

@@ -18,10 +18,29 @@ def new_figure() -> Any:
     if "matplotlib.pyplot" in sys.modules or _in_notebook():
         import matplotlib.pyplot as plt
 
-        return plt.figure(layout="constrained")
+        return plt.figure(layout=_layout())
     from matplotlib.figure import Figure
 
-    return Figure(layout="constrained")
+    return Figure(layout=_layout())
+
+
+def _layout() -> Any:
+    """Return a constrained layout that is made twice each time.
+
+    Where the room for labels decides whether a picture is as wide or as high as can be, labels are
+    cut off after the first time: of pictures of 6 by 7.
+    """
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    class Settled(ConstrainedLayoutEngine):
+        def execute(self, fig: Any) -> Any:
+            super().execute(fig)
+            return super().execute(fig)
+
+        def __reduce__(self) -> Any:
+            return _layout, ()  # figures can be pickled
+
+    return Settled()
 
 
 def add_color_bar(axes: Any, shown: Any, label: str, *, own: bool) -> None:
