@@ -82,3 +82,15 @@ def test_one_pixel_is_more_than_its_centre(resolution):
     off = np.abs(image.intensity - exact.intensity)[..., 0]
     assert np.all(off <= 0.04)
     assert np.all(off <= 3 * image.error)
+
+
+@pytest.mark.parametrize("where", [None, "a > 0.6"])
+def test_pixels_that_pass_for_smooth_are_off_by_no_more_than_told(where):
+    """Where neighbours differ by less than is allowed no rays are added, and means differ still."""
+    shell = vm.Gaussian("a", 0.6, 0.2, 1.0, 1.0, 0.5, where=where)
+    pixels, finer = 32, 16
+    image = vm.render(NOISE, shell, view(pixels), samples="adaptive", tolerance=0.1)
+    fine = vm.render(NOISE, shell, view(pixels * finer)).intensity[..., 0]
+    exact = fine.reshape(pixels, finer, pixels, finer).mean(axis=(1, 3), dtype=np.float64)
+    off = np.abs(image.intensity[..., 0] - exact)
+    assert np.mean(off <= image.error) >= 0.95

@@ -25,8 +25,9 @@ _ROUNDS = (8, 16, 32, 64, 128, 256)
 _LEAST = 32
 # Roberts' sequence in two dimensions: the inverse plastic number, x³ = x + 1, and its square.
 _PLASTIC = 1.32471795724474602596
-# Second differences of neighbours below this many tolerances are smooth: a twelfth of them is what
-# a pixel's mean differs from its centre.
+# Second differences of neighbours below this many tolerances are smooth. A pixel's mean differs
+# from its centre by a twelfth of them where the picture is smooth indeed, and by up to a half, in
+# the mean over all places by a fourth, where it has small edges: that is counted.
 _SMOOTH = 4.0
 
 
@@ -101,7 +102,11 @@ def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
     scale = _scale(seen, len(paths.transparency))
     seen = seen / scale
     low, high = _around(seen, pixels)
-    rough = _rough(seen, pixels, _SMOOTH * tolerance)
+    bends = _bends(seen, pixels)
+    rough = _rough(bends, pixels, _SMOOTH * tolerance)
+    smooth = np.setdiff1d(np.arange(seen.shape[1]), rough, assume_unique=True)
+    unit = drawing.source.numbers.unit
+    _count(paths, smooth, bends[:, smooth] / _SMOOTH, scale, unit)
     unsettled = np.full_like(seen, np.inf)
     everywhere = Means(np.arange(seen.shape[1]), paths, 1, seen, low, high, unsettled)
     means = everywhere.some(rough)
@@ -110,7 +115,8 @@ def refine(drawing: Drawing, paths: Paths, tolerance: float) -> None:
             break
         before = means.off
         means.take(drawing, scale, count)
-        _store(paths, means, scale, drawing.source.numbers.unit)
+        paths.put(means.pixel, means.mean())
+        _count(paths, means.pixel, means.wrong(), scale, unit)
         changed = np.maximum(means.off, before).max(axis=0)
         means = means.some(np.flatnonzero((changed > tolerance) | (count < _LEAST)))
 
@@ -153,22 +159,34 @@ def _scale(seen: np.ndarray, extinctions: int) -> np.ndarray:
     return column
 
 
-def _rough(seen: np.ndarray, pixels: tuple[int, int], limit: float) -> np.ndarray:
-    """Return the flat numbers of pixels at or beside which rows bend by more than a limit."""
+def _bends(seen: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
+    """Return by how much rows bend at each pixel: the larger of the second differences.
+
+    Pixels of the frame's edge bend as the next ones do. Of two pixels in a row the difference
+    tells, one does not tell anything.
+    """
     nx, ny = pixels
     planes = seen.reshape(-1, ny, nx)
-    bent = np.zeros((ny, nx), bool)
-    for axis in (1, 2):
-        if planes.shape[axis] > 2:
-            bends = np.abs(np.diff(planes, 2, axis=axis)).max(axis=0) > limit
-            inner = [slice(None), slice(None)]
-            inner[axis - 1] = slice(1, -1)
-            bent[tuple(inner)] |= bends
-        elif planes.shape[axis] == 2:
-            bent |= np.abs(np.diff(planes, axis=axis)).max(axis=0) > limit
-        else:  # one pixel does not tell
-            bent[:] = True
-    return np.flatnonzero(_dilated(bent))
+    found = [_bends_along(planes, axis) for axis in (1, 2)]
+    return np.maximum(*found).reshape(seen.shape)
+
+
+def _bends_along(planes: np.ndarray, axis: int) -> np.ndarray:
+    """Return by how much planes bend along one axis, at each of their pixels."""
+    size = planes.shape[axis]
+    if size == 1:
+        return np.full_like(planes, np.inf)
+    bends = np.abs(np.diff(planes, min(size - 1, 2), axis=axis))
+    around = [(0, 0)] * planes.ndim
+    around[axis] = (1, size - 1 - bends.shape[axis])
+    return np.pad(bends, around, mode="edge")
+
+
+def _rough(bends: np.ndarray, pixels: tuple[int, int], limit: float) -> np.ndarray:
+    """Return the flat numbers of pixels at or beside which rows bend by more than a limit."""
+    nx, ny = pixels
+    bent = bends.max(axis=0) > limit
+    return np.flatnonzero(_dilated(bent.reshape(ny, nx)))
 
 
 def _around(seen: np.ndarray, pixels: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
@@ -188,16 +206,16 @@ def _dilated(mask: np.ndarray) -> np.ndarray:
     )
 
 
-def _store(paths: Paths, means: Means, scale: np.ndarray, unit: float) -> None:
-    """Put the means of some pixels in the place of what they were.
+def _count(
+    paths: Paths, pixel: np.ndarray, wrong: np.ndarray, scale: np.ndarray, unit: float
+) -> None:
+    """Count what rows of some pixels may be off by.
 
     Errors of intensities are in the unit of kernels, see `Direct`; those of transparencies count as
     much as there is behind.
     """
-    paths.put(means.pixel, means.mean())
     if paths.error:
         extinctions = len(paths.transparency)
-        wrong = means.wrong()
         brightest = in_kernel_unit(float(scale[0, 0]), unit)
-        paths.error[0][means.pixel] += wrong[:-extinctions].max(axis=0) * brightest
-        paths.error[1][means.pixel] += wrong[-extinctions:].max(axis=0)
+        paths.error[0][pixel] += wrong[:-extinctions].max(axis=0) * brightest
+        paths.error[1][pixel] += wrong[-extinctions:].max(axis=0)
