@@ -214,6 +214,39 @@ def test_rays_cross_holes_as_vacuum():
     np.testing.assert_allclose(steps.end.max(axis=0), [4, 4], rtol=1e-14)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_holes_over_many_uneven_base_cells_are_crossed_as_vacuum(seed):
+    # A few patches in a wide domain: a hole spans base cells of many widths.
+    rng = np.random.default_rng(seed)
+    count = rng.integers(40, 80, 3)
+    edges = [np.cumsum(np.append(0, rng.lognormal(0, 1, n))) for n in count]
+    low = rng.integers(0, count - 20, (5, 3))
+    shape = rng.integers(5, 20, (5, 3))
+    grid = vm.PatchGrid.from_boxes(*edges, [0] * 5, low, shape)
+    assert grid.tree.units[0].max() > 1
+    values = np.full(count, np.nan)
+    parts = [rng.lognormal(size=n) for n in shape]
+    for first, n, part in zip(low, shape, parts, strict=True):
+        values[tuple(map(slice, first, first + n))] = part
+    cells = vm.Volume(vm.CartesianGrid(*edges), f=values)
+    patches = vm.Volume(grid, f=parts)
+    middle, size = grid.bounds.mean(axis=1), np.ptp(grid.bounds, axis=1)
+    for camera in (
+        vm.Orthographic(*rng.uniform(0, 360, 3), resolution=24),
+        vm.Orthographic(90, resolution=24),
+        vm.Perspective(middle + 0.3 * size, middle, 90, resolution=24),
+    ):
+
+        def image(volume, camera=camera, **how):
+            how = {"scheme": "first-order", "precision": "double", "cutoff": 0, **how}
+            return vm.render(volume, vm.Coefficients("f", "f"), camera, **how).intensity
+
+        np.testing.assert_allclose(image(patches), image(cells), rtol=0, atol=1e-11)
+        one = vm.Volume(grid, f=np.ones(grid.shape))
+        for scheme in ("second-order", "olson-kunasz", "post-classified"):
+            np.testing.assert_allclose(image(one, scheme=scheme), image(one), rtol=0, atol=1e-11)
+
+
 CUBE = [[0, 0, 0]], [[4, 4, 4]], [[4, 4, 4]]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -69,6 +69,9 @@ class TreeLookup:
     ----------
     tree : Tree
     backend : Backend
+    stretches : sequence of three (int or None)
+        Sizes in finest units of the stretches that holes are not to reach beyond; None where they
+        may.
 
     Attributes
     ----------
@@ -76,13 +79,22 @@ class TreeLookup:
         The largest places below the extent.
     """
 
-    def __init__(self, tree: Tree, backend: Any) -> None:
+    def __init__(
+        self, tree: Tree, backend: Any, stretches: Sequence[int | None] = (None, None, None)
+    ) -> None:
         self.backend, self.tree = backend, tree
         self.numbering = tree.numbering.traced(tree, backend)
         below = np.nextafter(tree.extent.astype(backend.dtype), backend.dtype.type(0))
         self.top = [backend.opaque(float(e)) for e in below]
         self.entries = backend.UInt(tree.entries)
         self.bricks = [n >> bits for n, bits in zip(tree.shape, tree.bricks, strict=True)]
+        largest = tree.units[0].tolist()
+        self.stretches = [
+            (backend.opaque(float(n)), backend.opaque(1.0 / n))
+            if tree.holes and n is not None and unit > n
+            else None
+            for n, unit in zip(stretches, largest, strict=True)
+        ]
 
     def orient(self, down: list[Any] | None = None) -> Orientation:
         """Return the orientation of lanes that count places downwards along some axes.
@@ -111,7 +123,23 @@ class TreeLookup:
         entry = dr.gather(UInt, self.entries, root, active)
         entry, size = self._descended(entry, place, way, active)
         cell: Cell = self.numbering.cell(entry, place, size, way, active)
+        if any(self.stretches):
+            self._keep_within_stretches(cell, place)
         return cell
+
+    def _keep_within_stretches(self, cell: Cell, place: list[Any]) -> None:
+        """Cut holes off where the stretches begin and end that places are in."""
+        hole, sizes = ~self.is_cell(cell), self.sizes(cell)
+        for axis, stretch in enumerate(self.stretches):
+            if stretch is None:
+                continue
+            size, per_size = stretch
+            begin = dr.floor((dr.floor(place[axis]) + 0.5) * per_size) * size
+            low = dr.maximum(cell.low[axis], begin)
+            high = dr.minimum(cell.low[axis] + sizes[axis], begin + size)
+            sizes[axis] = dr.select(hole, high - low, sizes[axis])
+            cell.low[axis] = dr.select(hole, low, cell.low[axis])
+        cell.size = sizes
 
     def entered(
         self,

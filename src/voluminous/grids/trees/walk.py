@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
+from ...geometry import is_uniform
 from ..axes import AxisTrack
 from ..box_walk import BoxWalk
 from ..cartesian.walk import least, nearest
@@ -91,7 +92,11 @@ class TreeWalk(BoxWalk):
     def __init__(self, grid: Any, tree: Tree, backend: Any) -> None:
         self.grid, self.backend = grid, backend
         edges, scale = grid.base_edges, grid.scale
-        self.lookup = TreeLookup(tree, backend)
+        # Along uneven axes distances are known within one base cell at a time.
+        stretches = [
+            None if is_uniform(e) else int(n) for e, n in zip(edges, grid.divisions, strict=True)
+        ]
+        self.lookup = TreeLookup(tree, backend, stretches)
         self.axes = [
             make_tree_axis(e, float(n), top, scale, backend)
             for e, n, top in zip(edges, tree.extent, self.lookup.top, strict=True)
