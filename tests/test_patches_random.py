@@ -61,3 +61,50 @@ def test_entries_of_the_tree_may_begin_and_end_inside_cells():
     shapes = np.array([[20, 40, 60], [10, 30, 90], [10, 30, 135]])
     ratios = [[2, 3, 3], [2, 2, 3]]
     check([20, 40, 60], ratios, [0, 1, 2], lows, shapes, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_patches_far_apart_in_a_domain_of_any_number_of_cells(seed):
+    # A large prime number of cells has no parts: blocks of all of them took gigabytes.
+    rng = np.random.default_rng(seed)
+    count, ratio = rng.choice([37, 101, 509, 4099, 100003], 3), rng.integers([2, 1, 1], 4)
+    low, shape = rng.integers(0, count - 8, (30, 3)), rng.integers(1, 8, (30, 3))
+    low[:2] = np.zeros(3, int), count - shape[1]
+    inner, level = rng.integers(0, shape[2:10]), np.repeat([0, 1], [30, 8])
+    lows = np.concatenate([low, (low[2:10] + inner) * ratio])
+    shapes = np.concatenate([shape, (shape[2:10] - inner) * ratio])
+    bounds = (
+        np.stack([lows, lows + shapes], axis=-1) / np.where(level, ratio[:, None], 1).T[..., None]
+    )
+    grid = vm.PatchGrid(*np.moveaxis(bounds, -1, 0), shapes)
+    centers = grid.cell_centers().T
+    np.testing.assert_array_equal(grid.locate(centers), np.arange(grid.size))
+    assert (grid.locate(rng.random((100, 3)) * count) < 0).sum() > 50 * (count.prod() > 1e9)
+    volume = vm.Volume(grid, f=rng.lognormal(size=grid.size))
+    # All that a ray along an axis meets is in one row of cells.
+    for angles, axis in (((0, 0), 2), ((180, 0), 2), ((90, 0), 1), ((90, 90), 0), ((90, 270), 0)):
+        cell = rng.integers(grid.size)
+        here, sizes = centers[cell] + 1e-4, grid.cell_sizes().T
+        camera = vm.Orthographic(*angles, width=1e-6, resolution=1, center=here)
+        image = vm.render(
+            volume, vm.Coefficients("f", 0), camera, scheme="first-order", precision="double"
+        )
+        others = [k for k in range(3) if k != axis]
+        met = (np.abs(centers - here) < sizes / 2)[:, others].all(axis=1)
+        expected = (volume.array("f") * sizes[:, axis])[met].sum()
+        np.testing.assert_allclose(image.intensity.item(), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("gap", [1e6, 1e9, 1e12])
+def test_two_patches_may_be_as_far_apart_as_double_precision_can_tell(gap, tmp_path):
+    lower = np.array([[0, 0, 0], [gap, gap, 0]])
+    grid = vm.PatchGrid(lower, lower + 1, (2, 2, 2))
+    volume = vm.Volume(grid, f=np.arange(16.0))
+    camera = vm.Orthographic(width=1, resolution=2, center=(gap + 0.5, gap + 0.5, 0.5))
+    image = vm.render(volume, vm.Coefficients("f", 0), camera, scheme="first-order")
+    expected = volume.array("f")[8:].reshape(2, 2, 2).mean(axis=2).T
+    np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-6)
+    vm.io.save(volume, tmp_path / "far.h5")
+    again = vm.open(tmp_path / "far.h5")
+    np.testing.assert_array_equal(again.grid.bounds, grid.bounds)
+    np.testing.assert_array_equal(again.grid.cell_centers(), grid.cell_centers())

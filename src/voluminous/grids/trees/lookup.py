@@ -52,11 +52,14 @@ class Orientation:
         ``start + Σ brick · stride`` is where a brick of the root starts, from mirrored indices.
     flip : list of three arrays of UInt
         What mirrors an index within a block, by an exclusive or: all bits or none.
+    padding : list of three arrays, or empty
+        How far beyond the domain the root begins, from where places are counted.
     """
 
     start: Any
     strides: list[Any]
     flip: list[Any]
+    padding: list[Any] = field(default_factory=list)
 
 
 class TreeLookup:
@@ -114,18 +117,40 @@ class TreeLookup:
                 start += dr.select(down[axis], stride * dr.opaque(UInt, n - 1), 0)
                 strides[axis] = dr.select(down[axis], ~stride + 1, stride)
                 flip[axis] = dr.select(down[axis], UInt(0xFFFFFFFF), 0)
-        return Orientation(start, strides, flip)
+        return Orientation(start, strides, flip, self._padding(down))
+
+    def _padding(self, down: list[Any] | None) -> list[Any]:
+        padding = self.tree.padding
+        if down is None or not padding.any():
+            return []
+        Float = self.backend.Float
+        return [
+            dr.select(d, self.backend.opaque(float(p)), Float(0))
+            for d, p in zip(down, padding, strict=True)
+        ]
 
     def find(self, place: list[Any], way: Orientation, active: Any) -> Cell:
         """Return the cells that contain places between zero and `top`."""
         UInt, place = self.backend.UInt, self.numbering.located(place)
-        root = self._root(self.numbering.root(place), way)
+        there = place  # as counted from the root's end
+        if way.padding:
+            there = [p + beyond for p, beyond in zip(place, way.padding, strict=True)]
+        root = self._root(self.numbering.root(there), way)
         entry = dr.gather(UInt, self.entries, root, active)
-        entry, size = self._descended(entry, place, way, active)
+        entry, size = self._descended(entry, there, way, active)
         cell: Cell = self.numbering.cell(entry, place, size, way, active)
+        if way.padding and self.tree.holes:
+            self._move_holes(cell, there, way)
         if any(self.stretches):
             self._keep_within_stretches(cell, place)
         return cell
+
+    def _move_holes(self, cell: Cell, there: list[Any], way: Orientation) -> None:
+        """Let holes, which are entries, begin where these do."""
+        hole = ~self.is_cell(cell)
+        for axis, size in enumerate(self.sizes(cell)):
+            low = dr.floor(there[axis] / size) * size - way.padding[axis]
+            cell.low[axis] = dr.select(hole, low, cell.low[axis])
 
     def _keep_within_stretches(self, cell: Cell, place: list[Any]) -> None:
         """Cut holes off where the stretches begin and end that places are in."""

@@ -8,7 +8,8 @@ the other patches are looked up.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,10 +68,16 @@ class Patches:
     def tree(self) -> Tree:
         """From places to cells."""
         named = self._named
-        holes = bool((named.entries == ABSENT).any())
-        return Tree(
-            self.extent, named.units, named.entries, PatchNumbering(self), holes, named.bricks
+        tree = Tree(
+            self.extent, named.units, named.entries, PatchNumbering(self), True, named.bricks
         )
+        # What the root has beyond the domain is absent, but no hole. Whole numbers of any size.
+        absent = sum(
+            int(np.count_nonzero(words == ABSENT)) * math.prod(unit.tolist())
+            for unit, words in named.levels()
+        )
+        inside, whole = self.extent.tolist(), (self.extent + tree.padding).tolist()
+        return replace(tree, holes=absent > math.prod(whole) - math.prod(inside))
 
     @functools.cached_property
     def _shown(self) -> np.ndarray:

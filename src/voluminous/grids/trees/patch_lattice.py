@@ -14,6 +14,8 @@ from .patch_cells import Patches
 
 # How far a corner may be off its lattice, in cells: codes write single precision at times.
 _ROUNDING = 1e-3
+# Base cells along an axis whose walls are kept however few of them there are.
+_MOST_WALLS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,11 @@ def lattice_of(lower: Any, upper: Any, shape: Any) -> Lattice:
             f"patch {patch} begins {index[patch].tolist()} of its cells from the domain's lower "
             "corner: these must be whole numbers, so that cells line up"
         )
-    whole = not (extent % sizes[0]).any()
-    counts = extent // sizes[0] if whole else np.ones(3, np.int64)
+    counts = extent // sizes[0]
+    # Walls of base cells are kept one by one: too many of a wide domain with little in it.
+    few = counts.max() <= max(_MOST_WALLS, shape.max())
+    if (extent % sizes[0]).any() or not few:
+        counts = np.ones(3, np.int64)
     edges = tuple(np.linspace(a, b, n + 1) for a, b, n in zip(start, end, counts, strict=True))
     return Lattice(edges, Patches(sizes, level, low, shape, extent))
 

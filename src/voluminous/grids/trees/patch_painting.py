@@ -9,10 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...memory import check_memory
 from ..boxes import expanded, unravelled
 
 # Patches that touch more entries are painted one by one, the others all at once.
 _LARGE = 1 << 7
+# What arrays take at the same time for each entry of blocks.
+_BYTES_PER_ENTRY = 32
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,11 @@ def painted_blocks(
 ) -> tuple[Painted, Pairs]:
     """Return the painted blocks of mixed entries, and what their own mixed entries need."""
     volume = int(ratio.prod())
+    check_memory(
+        _BYTES_PER_ENTRY * volume * len(above.mixed),
+        "telling which patch is where",
+        "patches that begin at multiples of some number of cells take less",
+    )
     full = np.repeat(above.full[above.mixed], volume)
     order = np.argsort(pairs[0], kind="stable")  # the last one painted is the finest
     rank, block = pairs[0][order], pairs[1][order]

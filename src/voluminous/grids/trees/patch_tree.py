@@ -17,8 +17,8 @@ from ..boxes import unravelled
 from .patch_painting import Boxes, painted_blocks, painted_root
 from .tree import ABSENT, NONE, NUMBER_BITS, PLAIN
 
-# Entries of a block along an axis, where there is a choice.
-_WIDE = 4
+# Entries of a block along an axis, where there is a choice, and at most.
+_WIDE, _WIDEST = 4, 16
 # Root entries per cell, at most, and how many are no matter.
 _ROOT_SHARE, _ROOT_FREE = 0.125, 1 << 15
 # Entries looked at together: temporary arrays stay in the cache.
@@ -82,7 +82,7 @@ def patch_entries(boxes: Boxes, extent: np.ndarray, cells: int) -> PatchEntries:
         Number of cells of all patches.
     """
     units = _units(boxes, extent, cells)
-    shape = extent // units[0]
+    shape = -(-extent // units[0])
     painted, pairs = painted_root(boxes, shape, units[0])
     blocks, total, used = [], 0, 1
     corners: list[np.ndarray] = []
@@ -129,7 +129,8 @@ def _units(boxes: Boxes, extent: np.ndarray, cells: int) -> np.ndarray:
         here = boxes.level == level
         corners = [boxes.low[here], boxes.high[here], chain[-1][None]]
         chain += _steps(chain[-1], np.gcd.reduce(np.concatenate(corners), axis=0))
-    counts = [np.prod(extent // unit, dtype=float) for unit in chain]
+    chain = _without_wide_steps(chain, extent)
+    counts = [np.prod(-(-extent // unit), dtype=float) for unit in chain]
     most = max(_ROOT_FREE, _ROOT_SHARE * cells)
     root = max(k for k, count in enumerate(counts) if k == 0 or count <= most)
     kept = [chain[root]]
@@ -137,6 +138,25 @@ def _units(boxes: Boxes, extent: np.ndarray, cells: int) -> np.ndarray:
         if k + 1 == len(chain) or (kept[-1] // chain[k + 1]).max() > _WIDE:
             kept.append(chain[k])
     return np.array(kept)
+
+
+def _without_wide_steps(chain: list[np.ndarray], extent: np.ndarray) -> list[np.ndarray]:
+    """Return sizes that divide those before, none much smaller, from one as large as the domain on.
+
+    A step that is a large prime would make blocks of its third power of entries. Above such a step
+    sizes grow by small factors instead, and the root ends beyond the domain.
+    """
+    units, exact = [chain[-1]], np.ones(3, bool)
+    for unit in chain[-2::-1]:
+        exact &= unit // units[-1] <= _WIDEST
+        units.append(np.where(exact, unit, _grown(units[-1], extent)))
+    while (units[-1] < extent).any():
+        units.append(_grown(units[-1], extent))
+    return units[::-1]
+
+
+def _grown(unit: np.ndarray, extent: np.ndarray) -> np.ndarray:
+    return np.where(unit < extent, unit * _WIDE, unit)
 
 
 def _steps(unit: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
@@ -149,8 +169,8 @@ def _steps(unit: np.ndarray, last: np.ndarray) -> list[np.ndarray]:
 
 
 def _divisor(ratio: int) -> int:
-    """Return a small divisor of a number, the largest up to 4 where there is one."""
+    """Return a divisor of a number: the largest up to 4, or the least; itself if all are wide."""
     small = [d for d in range(_WIDE, 1, -1) if ratio % d == 0]
     if ratio == 1 or small:
         return small[0] if small else 1
-    return next(d for d in range(_WIDE + 1, ratio + 1) if ratio % d == 0)
+    return next((d for d in range(_WIDE + 1, _WIDEST + 1) if ratio % d == 0), ratio)

@@ -71,8 +71,8 @@ class Tree:
     extent : array of int64, shape (3,)
         Size of the domain in finest units.
     units : array of int64, shape (K, 3)
-        Size of an entry of each tree level, the root first. Each divides the one before, and the
-        first divides the extent.
+        Size of an entry of each tree level, the root first. Each divides the one before; the
+        root's last entries may reach beyond the domain.
     entries : array of uint32
         All blocks, the root first; within a block the first axis runs fastest.
     numbering : Numbering
@@ -94,8 +94,14 @@ class Tree:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of the root's entries along each axis."""
-        nx, ny, nz = (int(n) for n in self.extent // self.units[0])
+        nx, ny, nz = (int(n) for n in -(-self.extent // self.units[0]))
         return nx, ny, nz
+
+    @property
+    def padding(self) -> np.ndarray:
+        """How far the root reaches beyond the domain's upper end along each axis, (3,)."""
+        padding: np.ndarray = self.units[0] * self.shape - self.extent
+        return padding
 
     @property
     def ratios(self) -> np.ndarray:

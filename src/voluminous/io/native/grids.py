@@ -84,7 +84,7 @@ def _curvilinear(kind: str, grid: Any, **attributes: Any) -> PlainGrid:
 
 def _patches(grid: Any) -> PlainGrid:
     patches = grid.patches
-    if (patches.extent % patches.sizes[0]).any():  # the coarsest cells do not tile the domain
+    if (grid.divisions != patches.sizes[0]).any():  # walls of the coarsest cells are not known
         lower, upper = (grid.position(corner.T).T for corner in patches.corners)
         corners = {"lower": lower, "upper": upper, "shape": patches.shape}
         return PlainGrid("patches", _PATCH_AFTER_PATCH + _CORNERS, corners)
