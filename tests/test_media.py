@@ -497,7 +497,7 @@ REFUSED = [
     (lambda: C("gray", 0, 1, [1, 2], 1), InputError, "opacity must be one number, or a function"),
     (lambda: C("gray", 0, 1, -1, 1), InputError, "must not be negative, got -1"),
     (lambda: C("gray", 0, 1, lambda p: p - 1, 1), InputError, "must not be negative, got -1"),
-    (lambda: C("gray", 0, 1, 1, 1, samples=1), InputError, "samples must be .* at least 2, got 1"),
+    (lambda: C("gray", 0, 1, 1, 1, samples=1), InputError, "samples must be .* from 2 .*, got 1"),
     (lambda: C("gray", 0, 1, 1, 1, samples=2.5), InputError, "samples must be a whole number"),
     (lambda: Coefficients([], "x"), InputError, "emissivity must be an expression or a list"),
     (
@@ -511,9 +511,9 @@ REFUSED = [
     (
         lambda: Function(abs, ["x"], 0),
         InputError,
-        "channels must be a positive whole number, got 0",
+        "channels must be a whole number from 1 .*, got 0",
     ),
-    (lambda: Function(abs, ["x"], 1.5), InputError, "channels must be a positive whole number"),
+    (lambda: Function(abs, ["x"], 1.5), InputError, "channels must be a whole number from 1"),
     (lambda: Function(abs, "x", 1, parameters={"a": "b"}), InputError, "'a' must be a number"),
     (lambda: Function(abs, ["x +"], 1), ExpressionError, "ends too early"),
 ]

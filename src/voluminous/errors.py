@@ -89,6 +89,25 @@ def unknown_name(
     )
 
 
+def check_name(kind: str, name: Any, known: Iterable[str]) -> None:
+    """Refuse what is none of the names that exist, of whatever type it is.
+
+    Parameters
+    ----------
+    kind, known
+        As for `unknown_name`.
+    name : object
+        What was given: lists cannot be looked up, and arrays are not equal or unequal.
+
+    Raises
+    ------
+    UnknownNameError
+        Names the nearest.
+    """
+    if not isinstance(name, str) or name not in known:
+        raise unknown_name(kind, str(name), known)
+
+
 def _told(names: list[str], name: str) -> str:
     """Return names in a line; of very many those that are most like the one that was given."""
     if len(names) <= _MANY:

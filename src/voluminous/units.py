@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import re
+from collections.abc import Sized
 from typing import Any
 
 import numpy as np
@@ -193,17 +194,19 @@ def plain(value: Any, unit: Any, what: str) -> Any:
 def _as_float(value: Any, what: str) -> Any:
     try:
         array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise UnitsError(f"{what} must be a number or a quantity, got {_shown(value)}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UnitsError(f"{what} must be a number or a quantity, got {shown(value)}") from error
     return float(array) if array.ndim == 0 else array
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
     """Return a value as it is written; of a long one what it is."""
     text = repr(value)
     if len(text) <= _LONGEST:
         return text
     dtype = f" of {value.dtype}" if hasattr(value, "dtype") else ""
+    if not isinstance(value, Sized):
+        return f"{text[:_LONGEST]} …"
     return f"{type(value).__name__}{dtype} with {len(value)} entries"
 
 
@@ -217,7 +220,7 @@ def degrees(value: Any, what: str) -> float:
     """
     angle = None if value is None else plain(value, "deg", what)
     if not isinstance(angle, float):
-        raise UnitsError(f"{what} must be one angle, got {_shown(value)}")
+        raise UnitsError(f"{what} must be one angle, got {shown(value)}")
     return angle
 
 

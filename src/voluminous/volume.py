@@ -29,7 +29,7 @@ from .fields import (
 )
 from .memory import check_memory
 from .regrid import OnOtherCells
-from .units import parse_unit, unit_name
+from .units import parse_unit, shown, unit_name
 
 
 class Volume(Evaluation, OnOtherCells):
@@ -80,6 +80,11 @@ class Volume(Evaluation, OnOtherCells):
                 f"unit={named['unit']!r} would be a field: the unit of length is the grid's, as in "
                 "vm.CartesianGrid.uniform(64, (0, 1), unit='pc'); those of fields come with "
                 "quantities, or volume.set_unit(name, unit)"
+            )
+        if fields is not None and not isinstance(fields, Mapping):
+            raise InputError(
+                "fields must be a mapping of names and arrays, such as {'density': array}, got "
+                + shown(fields)
             )
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value

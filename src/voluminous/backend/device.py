@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DeviceError, InputError, unknown_name
+from ..errors import DeviceError, InputError, check_name
 from .check import check_llvm
 from .jit import dr, missing_llvm
 
@@ -96,10 +96,8 @@ def get_backend(device: str = "auto", precision: str = "single") -> Backend:
     DeviceError
         If the device is not there.
     """
-    if precision not in PRECISIONS:
-        raise unknown_name("precision", str(precision), PRECISIONS)
-    if device != "auto" and device not in DEVICES:
-        raise unknown_name("device", str(device), ("auto", *DEVICES))
+    check_name("precision", precision, PRECISIONS)
+    check_name("device", device, ("auto", *DEVICES))
     if device == "auto":
         device = _best_device(precision)
     return _backend(device, precision)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from numbers import Real
 from typing import Any
 
@@ -50,8 +51,8 @@ def shell_count(n: Any) -> int:
     InputError
         If it is no whole number, not positive or more than can be told apart.
     """
-    number = float(n) if isinstance(n, Real) else 0.0
-    if not 1 <= number <= _MOST or not number.is_integer():
+    number: Any = n if isinstance(n, Real) else 0
+    if not 1 <= number <= _MOST or int(number) != number:
         raise InputError(f"n must be a positive whole number of shells, {_MOST} at most, got {n!r}")
     return int(number)
 
@@ -64,7 +65,7 @@ def positive_opacity(opacity: Any) -> float:
     InputError
         If it is no positive, finite number.
     """
-    depth = float(opacity) if isinstance(opacity, Real) else 0.0
-    if not 0 < depth < float("inf"):
+    depth: Any = opacity if isinstance(opacity, Real) else 0
+    if not 0 < depth <= sys.float_info.max:
         raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
-    return depth
+    return float(depth)

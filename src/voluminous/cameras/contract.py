@@ -144,6 +144,27 @@ class Camera:
         return f"{type(self).__name__}({told})"
 
 
+def check_camera(camera: Any, who: str) -> None:
+    """Refuse what is no camera, and a class of them.
+
+    Parameters
+    ----------
+    who : str
+        What needs one, for the message.
+
+    Raises
+    ------
+    InputError
+        Tells what came.
+    """
+    made = not isinstance(camera, type)
+    if not (made and hasattr(camera, "frame") and hasattr(camera, "rays")):
+        raise InputError(
+            f"{who} needs a camera (vm.Orthographic(…), vm.Perspective(…)), got "
+            f"{type(camera).__name__ if made else f'the class {camera.__name__}'}"
+        )
+
+
 def pixel_counts(resolution: Any) -> tuple[int, int]:
     """Return (nx, ny) from a whole number or a pair of them.
 
@@ -152,7 +173,8 @@ def pixel_counts(resolution: Any) -> tuple[int, int]:
     InputError
         If they are not positive whole numbers.
     """
-    pair = (resolution, resolution) if np.ndim(resolution) == 0 else tuple(resolution)
+    listed = isinstance(resolution, (list, tuple)) or np.ndim(resolution) == 1
+    pair = tuple(resolution) if listed else (resolution, resolution)
     if len(pair) != 2 or any(not _is_count(n) for n in pair):
         raise InputError(
             f"resolution must be a positive whole number or (nx, ny), got {resolution!r}"
@@ -161,9 +183,8 @@ def pixel_counts(resolution: Any) -> tuple[int, int]:
 
 
 def _is_count(n: Any) -> bool:
-    return (
-        isinstance(n, Real) and not isinstance(n, bool) and float(n) >= 1 and float(n).is_integer()
-    )
+    real = isinstance(n, Real) and not isinstance(n, bool)
+    return real and 1 <= n < 2**63 and int(n) == n
 
 
 def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, radians, unit_of
@@ -75,8 +75,7 @@ class Perspective(Camera):
         projection: str = "flat",
         zenith: Any = 0.0,
     ) -> None:
-        if projection not in PROJECTIONS:
-            raise unknown_name("projection", str(projection), PROJECTIONS)
+        check_name("projection", projection, PROJECTIONS)
         if fov is not None and width is not None:
             raise InputError("give fov (an angle) or width (radians on the screen), not both")
         if up is not None and posang is not None:

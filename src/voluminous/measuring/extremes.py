@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
-from ..errors import unknown_name
+from ..errors import check_name
 from ..media import Coefficients
 from .conditions import condition as converted_condition
 from .known import with_known
@@ -65,8 +65,7 @@ def extreme(
     Extreme
         Two maps, `value` and `depth`.
     """
-    if kind not in KINDS:
-        raise unknown_name("kind", str(kind), KINDS)
+    check_name("kind", kind, KINDS)
     check_volume(volume)
     what = Quantity.of(volume.seen_by(camera), quantity)
     scheme = _Largest(1.0 if kind == "maximum" else -1.0)

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..backend import get_backend
 from ..cameras import Orthographic
+from ..cameras.contract import check_camera
 from ..errors import InputError, unknown_name
 from ..media import Coefficients
 from ..rendering import render
@@ -48,6 +49,7 @@ def integrals(
     InputError
         If the method cannot be used with the camera or the grid, or a quantity is infinite.
     """
+    check_camera(camera, "a map")  # of None `render` would make one
     if method == "exact":
         check_exact(volume.grid, camera)
         return exact_maps(volume.seen_by(camera), expressions, camera, device, together=True)

@@ -197,7 +197,7 @@ class Coefficients(Medium):
 
 
 def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
-    single = isinstance(value, (str, Real, Expression))
+    single = isinstance(value, (str, bytes, Real, Expression)) or getattr(value, "ndim", 1) == 0
     parts = (value,) if single else tuple(value) if isinstance(value, Iterable) else ()
     if not parts:
         raise InputError(f"{what} must be an expression or a list of them, got {value!r}")

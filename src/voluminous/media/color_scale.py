@@ -9,11 +9,12 @@ import numpy as np
 from ..colormaps import colormap_name, get_colormap
 from ..errors import InputError
 from ..units import plain, unit_of
-from .given import named, scalar
+from .given import named, scalar, whole_number
 from .norms import get_norm, values_at
 
 # Entries that are taken from a map unless told otherwise.
 SAMPLES = 256
+_MOST_SAMPLES = 1 << 16
 
 
 class ColorScale:
@@ -53,8 +54,7 @@ class ColorScale:
         low, high = plain(vmin, self.unit, "vmin"), plain(vmax, self.unit, "vmax")
         if not low < high:
             raise InputError(f"vmin must be below vmax, got {vmin} and {vmax}")
-        _check_samples(samples)
-        self.position = np.linspace(0.0, 1.0, int(samples))
+        self.position = np.linspace(0.0, 1.0, _entries(samples))
         self.values = values_at(self.position, norm, low, high)
         self.rgb = np.asarray(get_colormap(cmap)(self.position), dtype=np.float64)[:, :3]
         self._described = _described(cmap, vmin, vmax, norm, samples)
@@ -91,7 +91,7 @@ class OpenRange:
             get_colormap(cmap)
             named_only = norm is None or isinstance(norm, str)
             get_norm(norm, *((1.0, 2.0) if named_only else (self.vmin, self.vmax)))
-            _check_samples(samples)
+            _entries(samples)
         else:
             self._scale = ColorScale(cmap, self.vmin, self.vmax, norm, samples)
 
@@ -133,9 +133,9 @@ class OpenRange:
         return _described(self.cmap, self.vmin, self.vmax, self.norm, self.samples)
 
 
-def _check_samples(samples: Any) -> None:
-    if int(samples) != samples or samples < 2:
-        raise InputError(f"samples must be a whole number of at least 2, got {samples!r}")
+def _entries(samples: Any) -> int:
+    """Return how many entries are taken from a map."""
+    return whole_number(samples, "samples", 2, _MOST_SAMPLES)
 
 
 def _described(cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from .color_scale import SAMPLES, ColorScale, OpenRange
 from .context import Context
-from .given import named
+from .given import check_plain, named
 from .shell import Shell
 from .table import Table
 
@@ -68,7 +68,7 @@ class Colormap(Table):
         known = not self.range.is_open
         scale = self.range.scale if known else ColorScale(cmap, 0.0, 1.0, None, samples)
         alpha = _opacities(opacity, scale.position)
-        self._opacity = alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(opacity)
+        self._opacity = alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(alpha[0])
         super().__init__(
             expr, _values(scale), scale.rgb * alpha[:, None], alpha, path_length, where=where
         )
@@ -113,10 +113,11 @@ _FEW = 8
 
 def _opacities(opacity: Any, position: np.ndarray) -> np.ndarray:
     """Return the opacity at positions in a colormap: from a number, a function, or one for each."""
+    check_plain(opacity, "opacity")
     given = [opacity(float(p)) for p in position] if callable(opacity) else opacity
     try:
         alpha = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"opacity must be a number or a function, got {opacity!r}") from error
     if alpha.shape not in ((), position.shape):
         raise InputError(

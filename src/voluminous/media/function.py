@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,9 @@ from ..expressions.symbols import read
 from .context import Context
 from .contract import Coefficients, Medium
 from .formulas import Formulas
+from .given import whole_number
+
+_MOST_CHANNELS = 4096
 
 
 class Function(Medium):
@@ -59,12 +62,11 @@ class Function(Medium):
     ) -> None:
         if not callable(function):
             raise InputError(f"from_function needs a function, got {function!r}")
-        if int(channels) != channels or channels < 1:
-            raise InputError(f"channels must be a positive whole number, got {channels!r}")
-        listed = (fields,) if isinstance(fields, str) else tuple(fields)
+        if parameters is not None and not isinstance(parameters, Mapping):
+            raise InputError(f"parameters must be a dict of names and numbers, got {parameters!r}")
         self.function = function
-        self.inputs = tuple(Expression(name) for name in listed)
-        self.channels = int(channels)
+        self.inputs = tuple(Expression(name) for name in _listed(fields))
+        self.channels = whole_number(channels, "channels", 1, _MOST_CHANNELS)
         self.grey = grey
         self.parameters = {name: _number(name, v) for name, v in (parameters or {}).items()}
         self.names = tuple(dict.fromkeys(n for e in self.inputs for n in e.names))
@@ -134,8 +136,18 @@ class Function(Medium):
         }
 
 
+def _listed(fields: Any) -> tuple[Any, ...]:
+    """Return the fields of a function, of which one may stand for itself."""
+    if isinstance(fields, str):
+        return (fields,)
+    try:
+        return tuple(fields) if not isinstance(fields, bytes) else (fields,)
+    except TypeError:
+        raise InputError(f"fields must be a list of names or expressions, got {fields!r}") from None
+
+
 def _number(name: str, value: Any) -> float:
     try:
         return float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"parameter {name!r} must be a number, got {value!r}") from error

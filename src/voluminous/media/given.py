@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -26,11 +27,30 @@ def scalar(value: Any, what: str) -> Any:
     magnitude = value.value if is_quantity(value) else value
     try:
         number = float(magnitude)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{what} must be one number or quantity, got {value!r}") from error
     if not math.isfinite(number):
         raise InputError(f"{what} must be finite, got {value!r}")
     return value if is_quantity(value) else number
+
+
+def whole_number(value: Any, what: str, least: int, most: int) -> int:
+    """Return a whole number, which may be written as ``16.0``.
+
+    Raises
+    ------
+    InputError
+        If it is none, or not between the least and the most.
+    """
+    real = isinstance(value, Real)
+    if not real or not least <= value <= most or int(value) != value:
+        raise InputError(f"{what} must be a whole number from {least} to {most}, got {value!r}")
+    return int(value)
+
+
+def listed(value: Any) -> bool:
+    """Return True for lists, tuples and arrays of at least one dimension."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def named(value: Any) -> Any:
@@ -56,7 +76,7 @@ def channel_values(value: Any, what: str) -> tuple[float, ...]:
     check_plain(value, what)
     try:
         values = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(
             f"{what} must be a number or one number per channel, got {value!r}"
         ) from error

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain
@@ -124,8 +124,7 @@ class Isosurface(Medium):
         self.width = _scalar(width, "width")
         if plain_number(self.width) < 0:
             raise InputError(f"width must not be negative, got {width}")
-        if density not in DENSITIES:
-            raise unknown_name("density", str(density), DENSITIES)
+        check_name("density", density, DENSITIES)
         self.density, self.shading = density, fraction(shading, "shading")
         self.channels, self.grey = len(self.colors[0]), len(self.opacities[0]) == 1
         self.slope = Expression(f"gradmag({self.expr.text})")

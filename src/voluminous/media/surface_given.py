@@ -10,7 +10,7 @@ import numpy as np
 from ..colormaps import get_color, get_colormap, is_color
 from ..errors import InputError, UnknownNameError
 from .color_by import ColorBy
-from .given import channel_values, check_extinction, color_values, scalar
+from .given import channel_values, check_extinction, color_values, listed, scalar
 from .modulation import Modulation, modulated
 
 # The optical depth of an opaque surface: what shows through is below all rounding.
@@ -50,7 +50,7 @@ def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
     """Return one colour per level."""
     if isinstance(color, str) and not (count == 1 and is_color(color)):
         return _mapped(color, count)
-    several = isinstance(color, (list, tuple, np.ndarray)) and len(color)
+    several = listed(color) and len(color)
     nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
     rows = [color_values(row) for row in (color if nested else [color] * count)]
     if len(rows) != count or len({len(row) for row in rows}) != 1:
@@ -96,7 +96,7 @@ def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[floa
 
 def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
     """Return what is given for each level."""
-    several = isinstance(opacity, (list, tuple, np.ndarray))
+    several = listed(opacity)
     nested = several and any(np.ndim(row) for row in opacity)
     if nested and len(opacity) != count:
         raise InputError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from .color_by import ColorBy
-from .given import check_plain, color_values
+from .given import check_plain, color_values, listed
 
 
 def shared_colors(opacities: np.ndarray, by: ColorBy) -> np.ndarray:
@@ -33,8 +33,7 @@ def given_values(values: Any) -> np.ndarray:
 
 def given_colors(colors: Any, rows: int) -> np.ndarray:
     """Return colours, one row per value; their names stand for red, green and blue."""
-    several = isinstance(colors, (list, tuple, np.ndarray))
-    if several and any(isinstance(color, str) for color in colors):
+    if listed(colors) and any(isinstance(color, str) for color in colors):
         colors = [color_values(color) for color in colors]
         if len({len(color) for color in colors}) > 1:
             raise InputError("colors given by names go with others of red, green and blue only")
@@ -46,7 +45,7 @@ def given_columns(data: Any, rows: int, what: str) -> np.ndarray:
     check_plain(data, what)
     try:
         array = np.asarray(data, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{what} must be numbers, got {data!r}") from error
     if array.ndim == 0:
         array = np.full(rows, float(array))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name
 from .values import MANY, options_of
 
 if TYPE_CHECKING:
@@ -115,8 +115,7 @@ class SceneObject:
     def __init__(
         self, *, depth: str = "true", channel: int | None = None, relative: bool = False
     ) -> None:
-        if depth not in DEPTHS:
-            raise unknown_name("depth", str(depth), DEPTHS)
+        check_name("depth", depth, DEPTHS)
         whole = isinstance(channel, (int, np.integer)) and not isinstance(channel, bool)
         if channel is not None and (not whole or channel < 0):
             raise InputError(f"channel must be a whole number, the first is 0; got {channel!r}")

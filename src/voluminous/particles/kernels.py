@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import unknown_name
+from ..errors import check_name
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,5 @@ def get_kernel(name: Any) -> Kernel:
     UnknownNameError
         If there is none of this name; names the nearest.
     """
-    if not isinstance(name, str) or name not in KERNELS:
-        raise unknown_name("kernel", str(name), KERNELS)
+    check_name("kernel", name, KERNELS)
     return KERNELS[name]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import MissingPackageError, unknown_name
+from ..errors import MissingPackageError, check_name
 
 KINDS = ("dict", "numpy", "astropy", "pandas")
 
@@ -48,8 +48,7 @@ def table(columns: Mapping[str, tuple[np.ndarray, Any]], kind: str) -> Any:
     MissingPackageError
         If there is no pandas for a `DataFrame`.
     """
-    if kind not in KINDS:
-        raise unknown_name("kind of table", str(kind), KINDS)
+    check_name("kind of table", kind, KINDS)
     if kind == "pandas":
         pd = _pandas()
         return pd.DataFrame({name: values for name, (values, _) in columns.items()})

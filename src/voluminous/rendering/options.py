@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, unknown_name
+from ..errors import InputError, check_name, unknown_name
 from ..geometry import CARTESIAN, many_valued
 from ..memory import check_memory
+from ..units import is_quantity
 
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
@@ -49,8 +50,7 @@ def check_pixels(pixels: tuple[int, int], channels: int, backend: Any) -> None:
 
 def check_order(order: Any) -> bool:
     """Return True for back to front."""
-    if order not in ORDERS:
-        raise unknown_name("order", str(order), ORDERS)
+    check_name("order", order, ORDERS)
     return bool(order == ORDERS[1])
 
 
@@ -64,7 +64,8 @@ def check_cutoff(cutoff: Any) -> float | None:
     """
     if cutoff is None:
         return None
-    if not isinstance(cutoff, Real) or not 0 <= float(cutoff) < 1:
+    real = isinstance(cutoff, Real)
+    if not real or not 0 <= cutoff < 1:
         raise InputError(
             f"cutoff is the transparency at which a ray stops: at least 0 (never) and below 1, "
             f"got {cutoff!r}"
@@ -112,7 +113,8 @@ def check_tolerance(tolerance: Any) -> float:
     """
     if tolerance is None:
         return _CARELESS
-    if not isinstance(tolerance, Real) or not 1e-9 <= float(tolerance) <= 1:
+    real = isinstance(tolerance, Real)
+    if not real or not 1e-9 <= tolerance <= 1:
         raise InputError(
             "tolerance is the error allowed in a pixel, as a fraction of the brightest: from 1e-9 "
             f"to 1, or None (do not look), got {tolerance!r}"
@@ -133,7 +135,7 @@ def sample_count(samples: Any, frame: Any, grid: Any) -> int:
     InputError
         If `samples` is neither that nor a positive whole number.
     """
-    if samples == "flux-conserving":
+    if isinstance(samples, str) and samples == "flux-conserving":
         if is_recursive(samples, grid):
             return 1
         ratio = max(frame.pixel) / grid.first_cell_width()
@@ -173,7 +175,7 @@ def check_parallel(samples: Any, camera: Any) -> None:
 def is_recursive(samples: Any, grid: Any) -> bool:
     """Return True where pixels are divided as their rays ask for, each by itself."""
     uniform = len(grid.shape) == 3 and tuple(grid.coordinates) == CARTESIAN
-    return bool(samples == "flux-conserving" and not uniform)
+    return isinstance(samples, str) and samples == "flux-conserving" and not uniform
 
 
 def check_walk(scheme: Any, grid: Any) -> None:
@@ -229,9 +231,13 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
         If it is neither a number, nor one per channel, nor an image of the right size.
     """
     given = getattr(background, "intensity", background)
+    if is_quantity(given):  # NumPy would drop the unit
+        raise InputError(
+            f"background must be plain numbers, in the unit of the image's intensity, got {given}"
+        )
     try:
         array = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"background must be numbers or an image, got {background!r}") from error
     nx, ny = pixels
     shapes = ((), (1,), (channels,), (ny, nx), (ny, nx, 1), (ny, nx, channels))

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..backend import get_backend
 from ..calibration import calibrated
+from ..cameras.contract import check_camera
 from ..errors import InputError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
@@ -134,12 +135,7 @@ def _check_types(volume: Any, medium: Any, camera: Any) -> None:
             f"render needs a medium (vm.Gaussian, vm.Table, …) second, got {type(medium).__name__}"
             + ("; media are added: first + second" if isinstance(medium, (list, tuple)) else "")
         )
-    made = not isinstance(camera, type)  # a camera, no class of them
-    if not (made and hasattr(camera, "frame") and hasattr(camera, "rays")):
-        raise InputError(
-            f"render needs a camera (vm.Orthographic(…), vm.Perspective(…)), got "
-            f"{type(camera).__name__ if made else f'the class {camera.__name__}'}"
-        )
+    check_camera(camera, "render")
 
 
 def silent(done: int, total: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..errors import unknown_name
+from ..errors import check_name
 from .first_order import FirstOrder
 from .olson_kunasz import OlsonKunasz
 from .one_panel import OnePanel
@@ -26,8 +26,7 @@ def get_scheme(name: Any, *, controlled: bool = True) -> Any:
     """
     if hasattr(name, "solve"):
         return name
-    if name not in SCHEMES:
-        raise unknown_name("scheme", str(name), SCHEMES)
+    check_name("scheme", name, SCHEMES)
     if name == OnePanel.name and not controlled:
         return OnePanel()
     return SCHEMES[name]()

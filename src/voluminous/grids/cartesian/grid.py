@@ -203,7 +203,7 @@ def _edges(values: Any, unit: Any, axis: str) -> np.ndarray:
 def _plain_edges(values: Any, axis: str) -> np.ndarray:
     try:
         return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{axis} edges must be numbers, got {values!r}") from error
 
 

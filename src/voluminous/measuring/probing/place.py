@@ -63,7 +63,8 @@ class Place:
 
 
 def _checked(pixel: Any, pixels: tuple[int, int]) -> tuple[int, int]:
-    pair = tuple(pixel) if np.ndim(pixel) == 1 and len(pixel) == 2 else ()
+    listed = isinstance(pixel, (list, tuple)) or np.ndim(pixel) == 1
+    pair = tuple(pixel) if listed and len(pixel) == 2 else ()
     whole = all(isinstance(i, numbers.Integral) for i in pair)
     if not pair or not whole or not all(0 <= i < n for i, n in zip(pair, pixels, strict=True)):
         raise InputError(

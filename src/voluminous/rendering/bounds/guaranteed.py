@@ -51,7 +51,7 @@ def check_bounds(bounds: Any, job: Job) -> int:
         )
     if job.adaptive or job.recursive:
         raise InputError("bounds need to know the rays of a pixel: give samples as a whole number")
-    return BUDGET if bounds is True else int(bounds)
+    return BUDGET if bounds is True else min(int(bounds), 1 << 31)
 
 
 def bracket(
