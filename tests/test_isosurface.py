@@ -447,3 +447,27 @@ def test_opacities_that_fit_no_level_are_refused():
         vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 0.2, 0.3, 0.4])
     with pytest.raises(InputError, match="from 0 to 1"):
         vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 1.2])
+
+
+def test_turns_within_a_surface_of_some_width_are_seen_however_small():
+    """Two ends and a middle may pass a turn by, and so may those of both halves: no error tells."""
+    ball = vm.Volume(vm.CartesianGrid.uniform(2, (-2, 2)))
+    ball["a"] = "x * y"
+    width, level, opacity = 0.3, -0.1, 0.9
+    camera = vm.Orthographic(90, 20, width=(0.9, 1), resolution=(60, 1))
+    surface = vm.Isosurface("a", level, 1.0, opacity, width)
+    image = vm.render(ball, surface, camera, precision="double", tolerance=1e-9)
+
+    phi, s = np.deg2rad(20), np.linspace(-4, 4, 100_001)
+    x, y = (
+        np.clip(p + s[:, None] * d, -1, 1)
+        for p, d in (
+            (np.cos(phi) * image.x, np.sin(phi)),
+            (-np.sin(phi) * image.x, np.cos(phi)),
+        )
+    )
+    inside = np.clip((x * y - level) / width, -0.5, 0.5)
+    depth = -np.log(1 - opacity) * np.abs(np.diff(inside, axis=0)).sum(axis=0)
+    off = np.abs(image.intensity[0, :, 0] + np.expm1(-depth))
+    sampled = (s[1] - s[0]) ** 2 / width  # what the last step before and after a turn may miss
+    assert np.all(off <= image.error[0] + sampled)

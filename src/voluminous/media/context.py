@@ -47,6 +47,8 @@ class Context:
         by rounding, or logarithms of fields with zeros have no value.
     faint : float
         Coefficients below this fraction of their peak may be neglected.
+    tolerance : float
+        The error allowed in a pixel, as a fraction of the brightest.
     coordinates : dict of str to Expression
         How a grid's own coordinates follow from x, y and z.
     """
@@ -60,6 +62,7 @@ class Context:
     radiance: float = 1.0
     limits: dict[str, tuple[Any, Any]] = field(default_factory=dict)
     faint: float = 1e-8
+    tolerance: float = 1e-3
     coordinates: dict[str, Expression] = field(default_factory=dict)
     _kept: dict[Any, Any] = field(default_factory=dict)
 

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from .isosurface import Isosurface
     from .stretch import Stretch
 
-# Turns within a surface of some width that nodes do not show: in crossings, what may be lost.
-_FOLD = 1e-4
+# Turns within a surface of some width that nodes do not show: what may be lost, in crossings and in
+# optical depth, of the tolerance. A panel and its halves agree about them, so that no error tells.
+_FOLD = 0.1
+_MOST_FOLDED = 1e-4
 # How many times the third difference of a function of the fields at their control points its cubic
 # part is: on a line these are evenly spaced, and it is 27/6 of that; 1 for sums of fields.
 _OF_FUNCTIONS = 4.5
@@ -46,7 +48,7 @@ def visible(surface: Isosurface, stretch: Stretch, context: Context) -> tuple[An
     if surface.thick:
         for level in own.levels:
             seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
-            hidden |= _folded(surface, stretch, level, own.width)
+            hidden |= _folded(surface, stretch, context, level)
     if not surface.thick:  # looked at where it is crossed, whatever is beside it
         return surface.modulation.open(stretch, seen), hidden
     hidden |= seen & surface.lamp.turns(stretch, context)
@@ -101,17 +103,26 @@ def _beyond(surface: Isosurface, stretch: Stretch) -> bool:
     return surface.hollow and stretch.edgeless
 
 
-def _folded(surface: Isosurface, stretch: Stretch, level: Any, width: Any) -> Any:
+def _folded(surface: Isosurface, stretch: Stretch, context: Context, level: Any) -> Any:
     """Return where it may go further up and down within a thick surface than nodes show."""
-    expr = surface.expr
+    expr, width = surface.expr, surface.numbers(context).width
     found = stretch.turning(expr)
     near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
-    hidden = near & (found.apart > _FOLD * width)
+    noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
+    deep = _deepest(surface, context)
+    few = min(_FOLD * context.tolerance, _MOST_FOLDED)
+    least = context.keep(("folded", few), lambda: context.narrow_number(few))
+    least = least / dr.select(deep > 1.0, deep, 1.0)
+    hidden = near & (context.narrow(found.apart / width - noise) > least)
     if may_turn(expr, stretch.context):
         return hidden
     ways = [way_within(xs, level, width) for xs in (stretch.controls(expr), stretch.nodes(expr))]
-    noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
-    return hidden | (ways[0] - ways[1] > _FOLD + noise)
+    return hidden | (context.narrow(ways[0] - ways[1] - noise) > least)
+
+
+def _deepest(surface: Isosurface, context: Context) -> Any:
+    """Return the largest optical depth of a crossing."""
+    return extremes([d for row in surface.numbers(context).depths for d in row])[1]
 
 
 def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
@@ -142,11 +153,10 @@ def _looked_up(surface: Isosurface, stretch: Stretch, context: Context) -> Looke
     ends = stretch.length < 0.0
     for edge in (edge for pair in own.ranges for edge in pair):
         ends |= (low <= edge) & (high >= edge)
-    depth = extremes([d for row in own.depths for d in row])[1]
     return LookedUp(
         expr=surface.expr,
         ranges=own.ranges,
         thin=1.0,
         extent=extent_of(nodes, context.narrow(own.width)),
-        depth=dr.select(ends, depth, 0.0),
+        depth=dr.select(ends, _deepest(surface, context), 0.0),
     )

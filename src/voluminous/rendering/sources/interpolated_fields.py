@@ -56,6 +56,7 @@ def interpolated_fields(
         radiance=classifier.numbers.unit,
         limits=_limits(classifier, real),
         faint=faint,
+        tolerance=tolerance,
         coordinates=ray_coordinates(volume, classifier.medium.names),
     )
     blocks = get_blocks(classifier, store, faint, DUAL, scheme.coarseness if whole else 0.0)
