@@ -13,6 +13,7 @@ from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
 from voluminous.grids.cartesian.coarse_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
+from voluminous.media.context import Context, no_unit
 from voluminous.rendering.empty_space.blocks import DUAL
 from voluminous.schemes.one_panel import OnePanel
 
@@ -108,8 +109,9 @@ def test_a_linear_field_is_crossed_in_wide_steps_without_error(precision, order)
     pair = [
         vm.render(volume, thin, inner, scheme=OnePanel(c), **options).intensity for c in (0.01, 0)
     ]
-    # Of a tail that is left out where blocks are empty, a wide step sees more than narrow ones.
-    np.testing.assert_allclose(pair[0], pair[1], rtol=0, atol=1e-5 * pair[1].max())
+    # Where the field bends, beyond the outermost centres, wings of shells may be off by more than
+    # what the coarseness is of their peak, but by no more of what they show.
+    np.testing.assert_allclose(pair[0], pair[1], rtol=0, atol=0.01 * pair[1].max())
 
 
 def test_errors_follow_the_coarseness():
@@ -122,6 +124,50 @@ def test_errors_follow_the_coarseness():
     assert off[1] < 3e-3
     assert off[2] < 1e-2
     assert off[0] <= off[1] < off[2] < off[3]
+
+
+@pytest.mark.parametrize(
+    "medium",
+    [
+        vm.Gaussian("f", 0.5, 0.1, 1.0, 0.5, 0.1),
+        vm.Rectangle("f", 0.5, 0.1, 1.0, 0.5, 0.1),
+        vm.Table("f", [0.3, 0.5, 0.6, 0.9], [0, 1, 2, 0], [0, 1, 0.5, 0], 0.1),
+    ],
+    ids=lambda medium: type(medium).__name__,
+)
+def test_prominence_is_what_shows_of_the_peak(medium):
+    context = Context(dr.llvm.Float64, dr.llvm.Float64, None, no_unit)
+    x = np.linspace(0, 1, 101)
+    found = medium.coefficients({"f": dr.llvm.Float64(x)}, context)
+    shown = np.max(
+        [np.asarray(v) / np.max(v) for v in (*found.emissivity, *found.extinction)], axis=0
+    )
+    prominence = np.asarray(medium.prominence(dr.llvm.Float64(x), context))
+    # Of several columns the lines between the largest entries lie above the largest of the lines.
+    assert (prominence >= shown - 1e-12).all()
+    assert prominence.max() == pytest.approx(1, abs=1e-12)
+    np.testing.assert_array_equal(prominence > 0, shown > 0)
+
+
+def test_wings_of_shells_are_crossed_in_wide_steps_where_their_cores_are_not():
+    # As many steps as with a limit twice as large everywhere, at less than its errors.
+    scene = shells("x*x + y*y + 0.8*z*z")
+    exact = vm.render(*scene, CAMERA, precision="double", tolerance=1e-6).intensity
+    uneven = np.sqrt(np.mean((drawn(scene, 0.1) - exact) ** 2))
+
+    class Everywhere(vm.Gaussian):
+        def prominence(self, x, context):
+            return x * 0.0 + 1.0
+
+        def key(self):
+            return ("everywhere", *super().key())
+
+    volume, medium = scene
+    parts = [
+        Everywhere("f", p.center, p.width, p.color, p.opacity, 0.1) for p in medium.components()
+    ]
+    even = np.sqrt(np.mean((drawn((volume, sum(parts)), 0.1) - exact) ** 2))
+    assert 0 < uneven < 1.5 * even
 
 
 def test_a_rough_field_is_never_crossed_in_wide_steps():

@@ -61,11 +61,11 @@ def any_attenuation(tau: Any) -> tuple[Any, Any]:
 
 
 def _mean_transparency_near_zero(r: Any, terms: int) -> Any:
-    """Return ``(1 - exp(-r))/r`` by its Taylor polynomial (Horner's rule)."""
+    """Return ``(1 - exp(-r))/r`` by its Taylor polynomial."""
     coefficients = [1.0]
     for k in range(2, terms + 1):
         coefficients.append(-coefficients[-1] / k)
-    return horner(r, coefficients)
+    return polynomial(r, coefficients)
 
 
 def horner(x: Any, coefficients: Sequence[Any]) -> Any:
@@ -74,6 +74,24 @@ def horner(x: Any, coefficients: Sequence[Any]) -> Any:
     for c in coefficients[-2::-1]:
         total = dr.fma(total, x, c)
     return total
+
+
+def polynomial(x: Any, coefficients: Sequence[Any]) -> Any:
+    """Return a polynomial in x of many terms, lowest power first, with a short chain of operations.
+
+    Estrin's scheme (1960) for all but the first coefficient, and Horner's rule for that: the last
+    rounding is that of Horner's rule, and eight terms take four operations after one another, not
+    seven. Rays wait for such chains, not for how much is computed.
+    """
+    first, *terms = coefficients
+    power = x
+    while len(terms) > 1:
+        pairs = [
+            dr.fma(high, power, low) for low, high in zip(terms[::2], terms[1::2], strict=False)
+        ]
+        terms = pairs + (terms[-1:] if len(terms) % 2 else [])
+        power = power * power
+    return dr.fma(terms[0], x, first)
 
 
 def unit_interval(f: Any) -> Any:
@@ -126,7 +144,7 @@ def decay(x: Any) -> Any:
     t = x * -1.4426950408889634
     t = dr.select(t < -124.0, -124.0, t)
     n = dr.round(t)
-    return horner(t - n, _EXP2) * power_of_two(n)
+    return polynomial(t - n, _EXP2) * power_of_two(n)
 
 
 def power_of_two(n: Any) -> Any:
@@ -174,7 +192,7 @@ def split_log(x: Any) -> tuple[Any, Any]:
     mantissa: Any = dr.reinterpret_array(real, bits - (n << 23))
     f = mantissa - 1.0
     square = f * f
-    tail = f * square * horner(f, _LOG_TAIL)
+    tail = f * square * polynomial(f, _LOG_TAIL)
     return real(n), f + dr.fma(-0.5, square, tail)
 
 

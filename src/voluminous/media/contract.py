@@ -237,6 +237,13 @@ class Medium:
         zero = stretch.length * 0.0
         return [zero, zero]
 
+    def prominence(self, x: Any, context: Context) -> Any:
+        """Return how much of its peak it shows where its only scalar has a value, from 0 to 1.
+
+        Without error control steps may be wide where that is little. By default it is all.
+        """
+        return x * 0.0 + 1.0
+
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         """Return where it may be noticeable while the fields stay in ranges (NumPy, a mask).
 

@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from ..backend import dr
-from ..backend.functions import decay, horner, precision_of
+from ..backend.functions import decay, horner, polynomial, precision_of
 
 # Half width of a stretch, in σ, up to which the series is taken, and its terms. What is left out is
 # 2e-6 and 1e-18 of the peak; beyond it the difference of areas loses 3e-6 and 4e-15.
@@ -91,7 +91,7 @@ def gaussian_mean(first: Any, last: Any, faint: float = 0.0) -> Any:
 
 def _difference(first: Any, last: Any, half: Any) -> Any:
     """Return the difference of error functions at the ends, over the distance."""
-    return dr.abs((_area(last) - _area(first)) / half)
+    return dr.abs((_area(last) - _area(first)) * (1.0 / half))
 
 
 def _difference_of_tails(first: Any, last: Any, half: Any) -> Any:
@@ -138,7 +138,7 @@ def _area(z: Any) -> Any:
     """
     scale = math.sqrt(math.pi / 8)
     size = dr.abs(z)
-    base = horner(size, [1.0, *(a * 0.5 ** (0.5 * k) for k, a in enumerate(_ERF, start=1))])
+    base = polynomial(size, [1.0, *(a * 0.5 ** (0.5 * k) for k, a in enumerate(_ERF, start=1))])
     power = base * base
     power = power * power
     power = power * power
@@ -151,7 +151,7 @@ def _beyond(z: Any) -> Any:
     bend, *powers = _BEYOND[precision_of(type(z))]
     size = dr.abs(z)
     t = 1.0 / dr.fma(size, bend, 1.0)
-    return decay(0.5 * (z * z)) * t * horner(t - 0.5, powers)
+    return decay(0.5 * (z * z)) * t * polynomial(t - 0.5, powers)
 
 
 def box_mean(first: Any, last: Any) -> Any:

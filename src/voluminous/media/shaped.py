@@ -277,6 +277,11 @@ class Shaped(Medium):
             counts.append(core(there, high - low > 1.0, not self.steady, stretch.length))
         return counts
 
+    def prominence(self, x: Any, context: Context) -> Any:
+        """Return the shape."""
+        center, width = (context.kept_number(v) for v in self._plain_shape(context))
+        return self.shape(context.ops, x - center, width)
+
     def profile(self, unit: Any, extent: Any) -> tuple[np.ndarray, np.ndarray]:
         """Return the shape at some distances from the centre; see `Medium.profile`."""
         center = plain(self.center, unit, "center")

@@ -220,6 +220,11 @@ class Table(Medium):
             seen = seen | (value.size > context.faint)
         return seen & self.modulation.visible_in(fields, context)
 
+    def prominence(self, x: Any, context: Context) -> Any:
+        """Return the column that shows most there, over its peak: the lines between entries."""
+        (most,) = context.interpolate(x, self.nodes(context), [np.abs(self.shape).max(axis=1)])
+        return most
+
     def visible_key(self) -> Any:
         """Return the expression, all entries and the gate."""
         return (*self._entries(), self.modulation.gate_key())

@@ -42,7 +42,7 @@ def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
         Whether there are objects besides the medium. If there are, they may be all that is meant to
         be seen.
     """
-    nothing = not (planes.emission.any() or np.any(planes.transparency != 1.0))
+    nothing = planes.nothing
     values = _Values(job)
     with np.errstate(all="ignore"):
         missed = _missed(values, planes)
@@ -148,7 +148,7 @@ def _missed(values: _Values, planes: Planes) -> list[list[Shell]]:
     as bright as can be: all of them are missed.
     """
     outside = [[shell for shell in own if not shell.dark] for own in values.outside()]
-    brightest = float(planes.emission.max())
+    brightest = planes.brightest
     if _is_all(outside, values.medium) and _are_tails(outside, values):
         brightest = np.inf
     faint = _NOTICED * (brightest or np.inf)

@@ -17,7 +17,7 @@ from ..backend import dr
 from .contract import Keyed, Solution
 from .path import Path, empty_path, layer
 
-# The core of the note: 1.7e-3 of the maximum rms, and 0.87 of the time that 0.1 takes (1.4e-3).
+# The core of the note: 1.9e-3 of the maximum rms, and 0.9 of the steps that 0.1 takes (1.6e-3).
 _COARSENESS = 0.2
 
 
@@ -28,7 +28,7 @@ class OnePanel(Keyed):
     ----------
     coarseness : float
         Segments may be wider than a cell where the medium's scalars are linear but for this
-        fraction of the width of its structures.
+        fraction of the width of its structures, and more where little of those shows.
     """
 
     name = "post-classified"

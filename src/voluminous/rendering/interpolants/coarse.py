@@ -2,8 +2,9 @@
 
 Over a cube of 2, 4 or 8 dual cells the fields between its eight corners alone are compared with the
 fields themselves, at every centre of a cell in it. Where no expression that the medium looks at is
-off by more than a part of the width of its structures, the cube is one step of a ray. That divides
-the steps where fields are smooth, and leaves them where they are not.
+off by more than a part of the width of its structures, the cube is one step of a ray. In the wings
+of a shell, where little of it shows, more is allowed: up to its width. That divides the steps where
+fields are smooth, and leaves them where they are not.
 """
 
 from __future__ import annotations
@@ -30,6 +31,46 @@ _DEEPEST = 0.4
 _WORTHWHILE = 0.1
 
 
+@dataclass(frozen=True)
+class Limit:
+    """How far a scalar of a part of a medium may be off.
+
+    Attributes
+    ----------
+    part : Medium
+    expr : Expression
+    width : float
+        That of the part's structures: the most, where next to nothing of them shows.
+    fraction : float
+        The part of it that is the most where all of them shows.
+    """
+
+    part: Any
+    expr: Any
+    width: float
+    fraction: float
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What blocks depend on, besides what the medium shows."""
+        return (self.expr.text, self.width, self.fraction)
+
+    def kept(self, exact: Any, taken: list[Any], context: Any) -> Any:
+        """Return where it is kept by what rays take for the exact values (traced).
+
+        By the root of the most that any of the values shows: a fifth fewer steps than with one
+        limit everywhere, at the same errors (without the root they grow by a tenth). Never where
+        there is NaN.
+        """
+        width = context.kept_number(self.width)
+        shown, off = self.part.prominence(exact, context), exact * 0.0
+        for value in taken:
+            shown = dr.maximum(shown, self.part.prominence(value, context))
+            off = dr.maximum(off, dr.abs(value - exact))
+        most = context.kept_number(self.width * self.fraction)
+        return (off * dr.sqrt(shown) <= most) & (off <= width)
+
+
 @dataclass
 class Fields:
     """The fields that a medium needs, as they are, and what may be lost of its expressions.
@@ -40,13 +81,13 @@ class Fields:
         Values at the centres of cells, flat.
     shape : tuple of int
         Cells along each axis.
-    allowed : tuple of (Expression, number)
+    limits : tuple of Limit
         How far each expression may be off.
     """
 
     data: dict[str, Any]
     shape: tuple[int, ...]
-    allowed: tuple[tuple[Any, Any], ...]
+    limits: tuple[Limit, ...]
     classifier: Classifier
 
     def at(self, node: list[Any]) -> dict[str, Any]:
@@ -61,7 +102,7 @@ class Fields:
         }
 
 
-def allowed_differences(classifier: Classifier, fraction: float) -> Any:
+def difference_limits(classifier: Classifier, fraction: float) -> tuple[Limit, ...] | None:
     """Return how far every expression may be off, or None if wider steps are not for this medium.
 
     They are for media that are functions of scalars with structures of known widths, and of nothing
@@ -74,16 +115,20 @@ def allowed_differences(classifier: Classifier, fraction: float) -> Any:
     used = {name for expr in scalars for name in expr.names}
     if not scalars or used != set(medium.names) or not all(n in classifier.volume for n in used):
         return None
-    least: dict[str, float] = {}
-    for expr, width in plain_widths(classifier.volume, medium.expressions()):
-        least[expr.text] = min(width, least.get(expr.text, np.inf))
-    if not all(0 < least.get(expr.text, 0.0) < np.inf for expr in scalars):
-        return None
-    return tuple((expr, fraction * least[expr.text]) for expr in scalars)
+    limits = []
+    for part in medium.components():
+        least: dict[str, float] = {}
+        for expr, width in plain_widths(classifier.volume, part.expressions()):
+            least[expr.text] = min(width, least.get(expr.text, np.inf))
+        limits += [Limit(part, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
+    return tuple(limits) if all(0 < limit.width < np.inf for limit in limits) else None
 
 
 def wide_steps(
-    classifier: Classifier, visible: np.ndarray, ranges: dict[str, Interval], allowed: Any
+    classifier: Classifier,
+    visible: np.ndarray,
+    ranges: dict[str, Interval],
+    limits: tuple[Limit, ...],
 ) -> np.ndarray | None:
     """Return log2 of how wide steps may be in each block, or None if few may be wide.
 
@@ -93,13 +138,12 @@ def wide_steps(
         Blocks that are not empty.
     ranges : dict of str to Interval
         The values of all fields in each block.
-    allowed : tuple of (Expression, float)
+    limits : tuple of Limit
         How far expressions may be off.
     """
     backend, volume = classifier.backend, classifier.volume
     names = classifier.medium.names
     data = {n: device_array(volume.array(n).reshape(-1), backend) for n in names}
-    limits = tuple((expr, dr.opaque(backend.Wide, most)) for expr, most in allowed)
     fields = Fields(data, volume.grid.shape, limits, classifier)
     most = _widest(classifier, visible, ranges)
     steps = np.zeros(visible.shape, np.uint8)
@@ -171,7 +215,8 @@ class _Cubes:
         UInt, backend = self.backend.UInt, self.backend
         row = dr.opaque(UInt, self.side + 1)
         count = row * row * row
-        planes = [self._affine(expr) for expr, _ in self.fields.allowed]
+        exprs = {limit.expr.text: limit.expr for limit in self.fields.limits}
+        planes = {text: (expr, self._affine(expr)) for text, expr in exprs.items()}
 
         def going_on(number: Any, good: Any) -> Any:
             return good & (number < count)
@@ -200,17 +245,19 @@ class _Cubes:
             )
         return means
 
-    def _alike(self, inner: list[Any], planes: list[list[Any]]) -> Any:
+    def _alike(self, inner: list[Any], planes: dict[str, tuple[Any, list[Any]]]) -> Any:
         """Return where expressions at a centre are near what rays take them for."""
         exact = self.fields.at([f + i for f, i in zip(self.first, inner, strict=True)])
         fraction = [self.backend.Wide(i) * (1.0 / self.side) for i in inner]
         near = self._trilinear(fraction)
-        alike = dr.full(self.backend.Bool, True, 1)
-        for (expr, most), (mean, *rises) in zip(self.fields.allowed, planes, strict=True):
-            value = self.context.evaluate(expr, exact)
+        values = {}
+        for text, (expr, (mean, *rises)) in planes.items():
             flat = mean + sum(r * (2.0 * f - 1.0) for r, f in zip(rises, fraction, strict=True))
-            alike &= dr.abs(self.context.evaluate(expr, near) - value) <= most  # never for NaN
-            alike &= dr.abs(flat - value) <= most
+            taken = [self.context.evaluate(expr, near), flat]
+            values[text] = self.context.evaluate(expr, exact), taken
+        alike = dr.full(self.backend.Bool, True, 1)
+        for limit in self.fields.limits:
+            alike &= limit.kept(*values[limit.expr.text], self.context)
         return alike
 
     def _trilinear(self, fraction: list[Any]) -> dict[str, Any]:

@@ -200,13 +200,16 @@ def _share_of_steps(blocks: Any) -> float:
 
 
 class Gathered:
-    """Numbers of paths, one device array each, and at last where rays stopped early."""
+    """Numbers of paths, one device array each, and at last where rays stopped early.
+
+    Every place is written once: there is nothing to set to zero before.
+    """
 
     def __init__(self, drawing: Drawing, count: int) -> None:
         self.counts, self.ending = drawing.counts, drawing.ending
         emissions, extinctions, errors = self.counts
         total = emissions + 2 * extinctions + errors + 1
-        self.rows = [dr.zeros(drawing.backend.Float, count) for _ in range(total)]
+        self.rows = [dr.empty(drawing.backend.Float, count) for _ in range(total)]
 
     def paths(self) -> Paths:
         """Return all of them."""

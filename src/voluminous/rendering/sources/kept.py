@@ -14,7 +14,7 @@ from ..empty_space.blocks import (
     visible_blocks,
     worthwhile_blocks,
 )
-from ..interpolants.coarse import allowed_differences, wide_steps
+from ..interpolants.coarse import difference_limits, wide_steps
 from ..interpolants.lattice import make_lattice
 from ..interpolants.pyramid import make_pyramid
 from ..store import Store
@@ -44,18 +44,18 @@ def get_blocks(
     medium, backend = classifier.medium, classifier.backend
     if not has_blocks(classifier.grid):
         return None
-    allowed = allowed_differences(classifier, coarseness)
+    limits = difference_limits(classifier, coarseness)
 
     def make() -> Any:
         ranges = get_ranges(classifier, store, window)
         visible = visible_blocks(classifier, ranges, faint, window)
-        steps = None if allowed is None else wide_steps(classifier, visible, ranges, allowed)
+        steps = None if limits is None else wide_steps(classifier, visible, ranges, limits)
         return worthwhile_blocks(visible, backend, window, steps)
 
     own = medium.visible_key()
     if own is None:
         return make()
-    differences = allowed and tuple((expr.text, most) for expr, most in allowed)
+    differences = None if limits is None else tuple(limit.key for limit in limits)
     key = ("blocks", own, faint, window, differences, store.digests(medium.names), backend)
     return store.kept(key, make)
 
