@@ -32,7 +32,7 @@ SCHEMES = {
 
 
 class Steps(Cellwise):
-    """Counts the cells that rays visit, as optical depth."""
+    """Counts the cells that rays visit, as light and as optical depth."""
 
     name = "steps"
 
@@ -43,7 +43,7 @@ class Steps(Cellwise):
         numbers, real = source.numbers, type(segment.length)
         one = dr.select(segment.active & (segment.length > 0), real(1), 0)
         return Path(
-            [real(0) for _ in range(numbers.emissions)],
+            [one for _ in range(numbers.emissions)],
             [real(1) for _ in range(numbers.extinctions)],
             [one for _ in range(numbers.extinctions)],
         ), carried
