@@ -21,7 +21,7 @@ from ...grids.cartesian.coarse_walk import WIDEST
 from ...grids.cartesian.leap import BITS
 from ...media.shaped import Shaped
 from ..coefficients.classify import Classifier, device_array
-from ..coefficients.digits import plain_widths
+from .limits import Limit
 
 # The corners of a cube.
 _UP = tuple(itertools.product((0, 1), repeat=3))
@@ -29,46 +29,6 @@ _UP = tuple(itertools.product((0, 1), repeat=3))
 _DEEPEST = 0.4
 # The part of steps that must become wider for that to pay: the walk itself is slower.
 _WORTHWHILE = 0.1
-
-
-@dataclass(frozen=True)
-class Limit:
-    """How far a scalar of a part of a medium may be off.
-
-    Attributes
-    ----------
-    part : Medium
-    expr : Expression
-    width : float
-        That of the part's structures: the most, where next to nothing of them shows.
-    fraction : float
-        The part of it that is the most where all of them shows.
-    """
-
-    part: Any
-    expr: Any
-    width: float
-    fraction: float
-
-    @property
-    def key(self) -> tuple[Any, ...]:
-        """What blocks depend on, besides what the medium shows."""
-        return (self.expr.text, self.width, self.fraction)
-
-    def kept(self, exact: Any, taken: list[Any], context: Any) -> Any:
-        """Return where it is kept by what rays take for the exact values (traced).
-
-        By the root of the most that any of the values shows: a fifth fewer steps than with one
-        limit everywhere, at the same errors (without the root they grow by a tenth). Never where
-        there is NaN.
-        """
-        width = context.kept_number(self.width)
-        shown, off = self.part.prominence(exact, context), exact * 0.0
-        for value in taken:
-            shown = dr.maximum(shown, self.part.prominence(value, context))
-            off = dr.maximum(off, dr.abs(value - exact))
-        most = context.kept_number(self.width * self.fraction)
-        return (off * dr.sqrt(shown) <= most) & (off <= width)
 
 
 @dataclass
@@ -100,28 +60,6 @@ class Fields:
             name: backend.Wide(dr.gather(type(data), data, backend.UInt(flat)))
             for name, data in self.data.items()
         }
-
-
-def difference_limits(classifier: Classifier, fraction: float) -> tuple[Limit, ...] | None:
-    """Return how far every expression may be off, or None if wider steps are not for this medium.
-
-    They are for media that are functions of scalars with structures of known widths, and of nothing
-    else.
-    """
-    medium, grid = classifier.medium, classifier.grid
-    if medium.looks_inside or fraction <= 0 or not getattr(grid, "is_uniform", False):
-        return None
-    scalars = medium.scalars()
-    used = {name for expr in scalars for name in expr.names}
-    if not scalars or used != set(medium.names) or not all(n in classifier.volume for n in used):
-        return None
-    limits = []
-    for part in medium.components():
-        least: dict[str, float] = {}
-        for expr, width in plain_widths(classifier.volume, part.expressions()):
-            least[expr.text] = min(width, least.get(expr.text, np.inf))
-        limits += [Limit(part, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
-    return tuple(limits) if all(0 < limit.width < np.inf for limit in limits) else None
 
 
 def wide_steps(

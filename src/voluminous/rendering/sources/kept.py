@@ -14,8 +14,9 @@ from ..empty_space.blocks import (
     visible_blocks,
     worthwhile_blocks,
 )
-from ..interpolants.coarse import difference_limits, wide_steps
+from ..interpolants.coarse import wide_steps
 from ..interpolants.lattice import make_lattice
+from ..interpolants.limits import difference_limits
 from ..interpolants.pyramid import make_pyramid
 from ..store import Store
 
