@@ -163,7 +163,7 @@ def test_linear_fields_are_exact_across_jumps_of_level(kind):
 def at_jumps(grid):
     """Return which cells have neighbours on all sides, of which some are of other sizes."""
     slopes = differences(grid, lambda first, last: np.zeros(last - first)).slopes
-    _, alone, aside = slopes.looked_at(slopes.part(0, grid.size))
+    _, alone, aside = slopes.looked_at(slopes.part([(0, grid.size)]))
     return np.array(aside & ~alone)
 
 
@@ -197,10 +197,12 @@ def test_some_cells_are_looked_at_as_all_of_them_are(kind):
     grid = UNEVEN[kind]()
     values = random_fields(grid)
     plain, fast = (make(grid, lambda a, b: values[a:b]) for make in (Cells, differences))
-    for first, last in ((0, grid.size), (7, 30)):
-        (slope, surface), (gradient, alone) = (own.gradient(first, last) for own in (plain, fast))
+    whole, _ = plain.gradient([(0, grid.size)])
+    for runs in ([(0, grid.size)], [(7, 30)], [(20, 30), (3, 9), (12, 13)]):
+        (slope, surface), (gradient, alone) = (own.gradient(runs) for own in (plain, fast))
         np.testing.assert_allclose(gradient, slope, rtol=0, atol=1e-11 * np.abs(slope).max())
         np.testing.assert_array_equal(alone, surface)
+        np.testing.assert_array_equal(slope, np.concatenate([whole[:, a:b] for a, b in runs], 1))
 
 
 def test_laplacians_of_linear_fields_vanish_across_jumps_of_level():

@@ -13,7 +13,7 @@ A gradient of 1.2 million cells takes 0.2 s, a sixteenth of what it takes in Num
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -129,23 +129,26 @@ class CellSlopes:
     def parts(self) -> Iterator[tuple[int, Part]]:
         """Yield all cells, some at a time, each time with the number of the first."""
         for first in range(0, self.grid.size, _CHUNK):
-            yield first, self.part(first, min(first + _CHUNK, self.grid.size))
+            yield first, self.part([(first, min(first + _CHUNK, self.grid.size))])
 
-    def part(self, first: int, last: int) -> Part:
-        """Return consecutive cells."""
+    def part(self, runs: Sequence[tuple[int, int]]) -> Part:
+        """Return runs of consecutive cells, given by their first and last numbers."""
         real, UInt = self.backend.Float, self.backend.UInt
-        number = dr.arange(UInt, last - first) + dr.opaque(UInt, first)
-        low, size = self._where(first, last, number)
+        number = from_host(UInt, np.concatenate([np.arange(*run) for run in runs]))
+        low, size = self._where(runs, number)
         middle = [dr.fma(s, 0.5, a) for a, s in zip(low, size, strict=True)]
         value = real(dr.gather(type(self.values), self.values, number))
         return Part(middle, size, value)
 
-    def _where(self, first: int, last: int, number: Any) -> Iterator[list[Any]]:
+    def _where(self, runs: Sequence[tuple[int, int]], number: Any) -> Iterator[list[Any]]:
         """Return lower corners and sizes of some cells."""
         if self.boxes is not None:
             return iter((self.boxes.low(number), self.boxes.size(number)))
-        found = self.grid.boxes(first, last)
-        return ([from_host(self.backend.Wide, v) for v in part] for part in found)
+        found = zip(*(self.grid.boxes(*run) for run in runs), strict=True)
+        return (
+            [from_host(self.backend.Wide, v) for v in np.concatenate(part, axis=1)]
+            for part in found
+        )
 
     def gradient(self, part: Part) -> list[Any]:
         """Return the gradients in some cells."""

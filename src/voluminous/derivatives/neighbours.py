@@ -18,7 +18,7 @@ along an angle, where all is symmetric, it follows from the gradient.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,8 +61,12 @@ class Cells:
         self.levels = np.asarray(grid.levels).reshape(-1)
         self.centers = np.asarray(grid.cell_centers(0, size))
 
-    def gradient(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradients (3, n) of consecutive cells, and which cells are at the surface (n,)."""
+    def gradient(self, runs: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradients (3, n) of runs of cells, and which cells are at the surface (n,)."""
+        gradients, ends = zip(*(self._of_run(*run) for run in runs), strict=True)
+        return np.concatenate(gradients, axis=1), np.concatenate(ends)
+
+    def _of_run(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
         faces, count = _faces(self, first, last), last - first
         missing = [np.bincount(face.cell, minlength=count) == 0 for face in faces]
         return _gradient(faces, count), np.any(missing, axis=0)

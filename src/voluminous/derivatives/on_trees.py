@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,14 +41,18 @@ class BoxesOfTree:
         backend = get_backend("cpu", "double")
         self.slopes = CellSlopes(grid, from_host(backend.Float, self.values), backend, own=False)
 
-    def gradient(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradients (3, n) of consecutive cells, and which cells are at the surface (n,).
+    def gradient(self, runs: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradients (3, n) of runs of cells, and which cells are at the surface (n,).
 
         Those of linear functions: some cells are looked at without the others' being known.
         """
-        slopes, alone, _ = self.slopes.looked_at(self.slopes.part(first, last))
+        slopes, alone, _ = self.slopes.looked_at(self.slopes.part(runs))
         dr.eval(slopes, alone)
-        return self._turned(_on_host(slopes), first, last), np.array(alone)
+        found, end = _on_host(slopes), 0
+        for first, last in runs:
+            here = slice(end, end := end + last - first)
+            found[:, here] = self._turned(found[:, here], first, last)
+        return found, np.array(alone)
 
     def derivative(self, operation: str) -> np.ndarray:
         """Return a derivative in all cells; see `neighbours.Cells.derivative`."""
