@@ -32,7 +32,8 @@ MORE = {
 def corner_values(grid, field, precision="double"):
     """Return the values at the corners of all leaves, (n, 8)."""
     backend = get_backend("cpu", precision)
-    return np.array(CornerValues(grid, field, backend).compute()).reshape(-1, 8)
+    (found,) = CornerValues(grid, [field], backend).compute()
+    return np.array(found).reshape(-1, 8)
 
 
 def corner_points(grid):

@@ -38,7 +38,8 @@ def grid_named(name):
 def corner_values(grid, field, precision):
     """Return the values at the corners of all cells, (n, 8)."""
     backend = get_backend("cpu", precision)
-    return np.array(CornerValues(grid, field, backend).compute()).reshape(-1, 8)
+    (found,) = CornerValues(grid, [field], backend).compute()
+    return np.array(found).reshape(-1, 8)
 
 
 def corner_points(grid):
@@ -141,11 +142,21 @@ def test_slopes_are_the_derivatives_of_expressions(name):
     """
     grid = grid_named(name)
     field = np.random.default_rng(3).random(grid.size)
-    values = CornerValues(grid, field, get_backend("cpu", "double"))
+    values = CornerValues(grid, [field], get_backend("cpu", "double"))
     values.compute()
-    expected, _ = Cells(grid, lambda first, last: field[first:last]).gradient(0, grid.size)
-    found = np.array(values.slopes) / grid.scale
+    expected, _ = Cells(grid, lambda first, last: field[first:last]).gradient([(0, grid.size)])
+    found = np.array(values.slopes[0]) / grid.scale
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_several_fields_at_once_are_as_each_alone(precision):
+    grid, backend = grid_named("octree"), get_backend("cpu", precision)
+    fields = np.random.default_rng(5).random((3, grid.size))
+    together = CornerValues(grid, fields, backend).compute()
+    for field, found in zip(fields, together, strict=True):
+        (alone,) = CornerValues(grid, [field], backend).compute()
+        np.testing.assert_array_equal(np.array(found), np.array(alone))
 
 
 def smooth(x, y, z):

@@ -39,14 +39,14 @@ class BoxesOfTree:
         check_memory(16 * size, f"differences between {size} cells", "coarsen the volume")
         self.grid, self.values = grid, evaluated(size, evaluate)
         backend = get_backend("cpu", "double")
-        self.slopes = CellSlopes(grid, from_host(backend.Float, self.values), backend, own=False)
+        self.slopes = CellSlopes(grid, [from_host(backend.Float, self.values)], backend, own=False)
 
     def gradient(self, runs: Sequence[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
         """Return gradients (3, n) of runs of cells, and which cells are at the surface (n,).
 
         Those of linear functions: some cells are looked at without the others' being known.
         """
-        slopes, alone, _ = self.slopes.looked_at(self.slopes.part(runs))
+        (slopes,), alone, _ = self.slopes.looked_at(self.slopes.part(runs))
         dr.eval(slopes, alone)
         found, end = _on_host(slopes), 0
         for first, last in runs:
@@ -60,7 +60,7 @@ class BoxesOfTree:
             return self._laplacian()
         out = np.empty(self.grid.size)
         for first, part in self.slopes.parts():
-            last = first + dr.width(part.value)
+            last = first + dr.width(part.middle)
             gradient = self._turned(self._slopes(part), first, last)
             if operation == "gradmag":
                 out[first:last] = np.sqrt(np.sum(gradient * gradient, axis=0))
@@ -70,7 +70,7 @@ class BoxesOfTree:
 
     def _slopes(self, part: Part) -> np.ndarray:
         """Return gradients, those of quadratic functions beside cells of other sizes."""
-        slopes, alone, aside = self.slopes.looked_at(part)
+        (slopes,), alone, aside = self.slopes.looked_at(part)
         at_jump = aside & ~alone
         dr.eval(slopes, at_jump)
         found = _on_host(slopes)
@@ -94,8 +94,8 @@ class BoxesOfTree:
         middle, size = (
             [dr.gather(type(v), v, which) for v in each] for each in (part.middle, part.size)
         )
-        value = dr.gather(type(part.value), part.value, which)
-        better = fitted(self.slopes, Part(middle, size, value))[order]
+        values = [dr.gather(type(v), v, which) for v in part.values]
+        better = fitted(self.slopes, Part(middle, size, values))[order]
         dr.eval(better)
         found[:, np.array(which)] = _on_host(better)
 
@@ -106,7 +106,7 @@ class BoxesOfTree:
         bends, inner = np.empty((3, size)), np.empty((3, size), np.uint32)
         unknown = np.empty(size, bool)
         for first, part in self.slopes.parts():
-            last = first + dr.width(part.value)
+            last = first + dr.width(part.middle)
             bend, beside, lacking, at_jump = self.slopes.second_derivatives(part)
             dr.eval(bend, beside, lacking, at_jump)
             unknown[first:last] = np.array(lacking)

@@ -54,7 +54,7 @@ def fitted(slopes: CellSlopes, part: Part) -> tuple[list[Any], list[Any]]:
     Parameters
     ----------
     slopes : CellSlopes
-        Of the field.
+        Of the field, its first.
     part : Part
         The cells; there must be others all around.
     """
@@ -62,7 +62,7 @@ def fitted(slopes: CellSlopes, part: Part) -> tuple[list[Any], list[Any]]:
     tables = [from_host(real, column) for column in _PLACES.T]
     reaches = slopes.spacing.reaches(part.middle, part.size)
     width = slopes.spacing.widths(part.middle, reaches[-1])
-    count = dr.width(part.value)
+    count = dr.width(part.middle)
     active = dr.full(slopes.backend.Bool, True, count)
 
     def more(state: State) -> Any:
@@ -84,7 +84,9 @@ def fitted(slopes: CellSlopes, part: Part) -> tuple[list[Any], list[Any]]:
             dr.fma(pull[row], terms[column], total)
             for (row, column), total in zip(_ENTRIES, state.matrix, strict=True)
         ]
-        right = [dr.fma(p, found.rise, total) for p, total in zip(pull, state.right, strict=True)]
+        right = [
+            dr.fma(p, found.rises[0], total) for p, total in zip(pull, state.right, strict=True)
+        ]
         return (State(state.place + 1, matrix, right),)
 
     zeros = dr.zeros(real, count)

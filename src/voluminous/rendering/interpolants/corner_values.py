@@ -1,4 +1,4 @@
-"""A field at the corners of the cells of a tree, so that it is continuous between them.
+"""Fields at the corners of the cells of a tree, so that they are continuous between them.
 
 The value at a vertex is the mean of what the cells in the eight octants around it say: each its own
 value, moved along its gradient (`cell_slopes`). That is exact for linear fields, whatever the sizes
@@ -17,6 +17,7 @@ Of a smooth field on a tree refined twice around a shell, corners are off by 1.4
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,10 +37,12 @@ _CHUNK_BYTES = 400 * _CHUNK
 class CornerValues:
     """Computes the values at the corners of all cells.
 
+    Of several fields at once: which cells meet at a corner is the same for all.
+
     Parameters
     ----------
     grid : TreeCells or RefinedCells
-    values : float array, shape (cells,)
+    fields : sequence of float arrays, shape (cells,)
     backend : Backend
 
     Raises
@@ -48,24 +51,22 @@ class CornerValues:
         If there is not enough memory.
     """
 
-    def __init__(self, grid: Any, values: np.ndarray, backend: Any) -> None:
-        # Eight corners, three slopes, a value; where a cell is.
-        needed = (12 * backend.dtype.itemsize + 24) * grid.size
-        needed += min(_CHUNK_BYTES, 1600 * grid.size)
+    def __init__(self, grid: Any, fields: Sequence[np.ndarray], backend: Any) -> None:
         advice = "use scheme='first-order', or a coarser or smaller volume"
-        check_memory(needed, "a field at the corners of cells", advice)
+        needed = corner_bytes(grid, len(fields), backend)
+        check_memory(needed, "fields at the corners of cells", advice)
         self.grid, self.backend = grid, get_backend(backend.device, "double")
         self.real = backend.Float
-        self.values = self.real(np.ascontiguousarray(values, dtype=backend.dtype))
+        self.fields = [self.real(np.ascontiguousarray(f, dtype=backend.dtype)) for f in fields]
         self.boxes = Boxes(grid, 0, grid.size, self.backend)
-        self.derivatives = CellSlopes(grid, self.values, backend, self.boxes)
+        self.derivatives = CellSlopes(grid, self.fields, backend, self.boxes)
         self.around: Surroundings = self.derivatives.around
         self.spacing = self.derivatives.spacing
-        self.slopes = [dr.zeros(self.real, grid.size) for _ in range(3)]
-        self.data = dr.full(self.real, np.nan, 8 * grid.size)
+        self.slopes = [[dr.zeros(self.real, grid.size) for _ in range(3)] for _ in fields]
+        self.data = [dr.full(self.real, np.nan, 8 * grid.size) for _ in fields]
 
-    def compute(self) -> Any:
-        """Return them: eight numbers per cell, z fastest."""
+    def compute(self) -> list[Any]:
+        """Return those of each field: eight numbers per cell, z fastest."""
         self._set_slopes()
         for first in range(0, self.grid.size, _CHUNK):
             self._share(first, min(first + _CHUNK, self.grid.size))
@@ -77,8 +78,9 @@ class CornerValues:
         """Compute the gradients in all cells."""
         UInt = self.backend.UInt
         for first, part in self.derivatives.parts():
-            number = dr.arange(UInt, dr.width(part.value)) + dr.opaque(UInt, first)
-            for whole, slope in zip(self.slopes, self.derivatives.gradient(part), strict=True):
+            number = dr.arange(UInt, dr.width(part.middle)) + dr.opaque(UInt, first)
+            found = self.derivatives.gradients(part)
+            for whole, slope in zip(_flat(self.slopes), _flat(found), strict=True):
                 dr.scatter(whole, self.real(slope), number)
             dr.eval(self.slopes)
 
@@ -90,14 +92,15 @@ class CornerValues:
         UInt = self.backend.UInt
         vertex = self.boxes.low(dr.arange(UInt, last - first) + dr.opaque(UInt, first))
         found = self._meeting(vertex)
-        value = self.real(found.mean())
+        values = [self.real(mean) for mean in found.means()]
 
         def more(octant: Any) -> Any:
             return (octant < 8) & ~found.hanging
 
         def write(octant: Any) -> tuple[Any]:
             cell, there = self._cell(vertex, octant)
-            dr.scatter(self.data, value, 8 * cell.number + (7 - octant), there)
+            for data, value in zip(self.data, values, strict=True):
+                dr.scatter(data, value, 8 * cell.number + (7 - octant), there)
             return (octant + 1,)
 
         # In a loop, all is one kernel: scatters after one another would be one each.
@@ -112,9 +115,10 @@ class CornerValues:
             slot = self._lacking(from_host(UInt, first + own))
             if not dr.width(slot):
                 continue
-            value = self._value(self.boxes.corner(slot >> 3, slot & 7))
-            dr.eval(value)  # what is read while it is written would be copied
-            dr.scatter(self.data, value, slot)
+            values = self._values(self.boxes.corner(slot >> 3, slot & 7))
+            dr.eval(values)  # what is read while it is written would be copied
+            for data, value in zip(self.data, values, strict=True):
+                dr.scatter(data, value, slot)
             dr.eval(self.data)
 
     def _lacking(self, cell: Any) -> Any:
@@ -124,16 +128,16 @@ class CornerValues:
             return UInt()
         lane = dr.arange(UInt, 8 * dr.width(cell))
         slot = 8 * dr.gather(UInt, cell, lane >> 3) + (lane & 7)
-        lacking: Any = dr.compress(dr.isnan(dr.gather(self.real, self.data, slot)))
+        lacking: Any = dr.compress(dr.isnan(dr.gather(self.real, self.data[0], slot)))
         slot = dr.gather(UInt, slot, lacking)
         dr.eval(slot)
         return slot
 
-    def _value(self, vertex: list[Any]) -> Any:
-        """Return the values at vertices."""
+    def _values(self, vertex: list[Any]) -> list[Any]:
+        """Return the values of all fields at vertices."""
         found = self._meeting(vertex)
-        inside = self._inside(vertex, found)
-        return self.real(dr.select(found.hanging, inside, found.mean()))
+        pairs = zip(self._inside(vertex, found), found.means(), strict=True)
+        return [self.real(dr.select(found.hanging, inside, mean)) for inside, mean in pairs]
 
     def _cell(self, vertex: list[Any], octant: Any) -> tuple[Cell, Any]:
         """Return the cells in an octant around vertices, and where there is one."""
@@ -154,7 +158,7 @@ class CornerValues:
             return octant + 1, self._asked(found, vertex, cell, there)
 
         octant = dr.zeros(self.backend.UInt, dr.width(vertex))
-        start = Meeting.start(self.backend, dr.width(vertex))
+        start = Meeting.start(self.backend, dr.width(vertex), len(self.fields))
         _, found = dr.while_loop((octant, start), more, ask, label="meeting")
         return found
 
@@ -164,10 +168,10 @@ class CornerValues:
         middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
         width = self.spacing.widths(middle, extent)
         step = self.around.steps(middle, extent, width)
-        value = self._of(self.values, cell.number, there)
-        rise = self.backend.Float(0)
-        for v, m, e, w, slopes in zip(vertex, middle, extent, step, self.slopes, strict=True):
-            rise = dr.fma((v - m) / e * w, self._of(slopes, cell.number, there), rise)
+        own = zip(vertex, middle, extent, step, strict=True)
+        way = [(v - m) / e * w for v, m, e, w in own]
+        values = [self._of(field, cell.number, there) for field in self.fields]
+        rises = [self._rise(slopes, way, cell.number, there) for slopes in self.slopes]
         on_wall = there & ~is_corner(vertex, low, extent)
         size = extent[0] + extent[1] + extent[2]
         larger = on_wall & (size > found.size)
@@ -175,10 +179,10 @@ class CornerValues:
         box = [dr.select(larger, new, old) for new, old in pairs]
         return Meeting(
             found.count + dr.select(there, 1.0, 0.0),
-            found.values + dr.select(there, value, 0.0),
-            found.rises + dr.select(there, rise, 0.0),
-            dr.select(there & (value < found.least), value, found.least),
-            dr.select(there & (value > found.most), value, found.most),
+            [
+                said.with_one(value, rise, there)
+                for said, value, rise in zip(found.said, values, rises, strict=True)
+            ],
             found.alike & there & found.is_alike(width),
             width,
             found.hanging | on_wall,
@@ -188,17 +192,38 @@ class CornerValues:
             dr.select(larger, size, found.size),
         )
 
+    def _rise(self, slopes: list[Any], way: list[Any], number: Any, active: Any) -> Any:
+        """Return what a field changes by on the way from the middles of cells."""
+        rise = self.backend.Float(0)
+        for own, slope in zip(way, slopes, strict=True):
+            rise = dr.fma(own, self._of(slope, number, active), rise)
+        return rise
+
     def _of(self, table: Any, number: Any, active: Any) -> Any:
         """Return what a table tells of cells, in double precision."""
         return self.backend.Float(dr.gather(self.real, table, number, active))
 
-    def _inside(self, vertex: list[Any], found: Meeting) -> Any:
+    def _inside(self, vertex: list[Any], found: Meeting) -> list[Any]:
         """Return what is interpolated in the largest cells, whose corners are known."""
-        total = self.backend.Float(0)
+        totals = [self.backend.Float(0) for _ in self.data]
         box = zip(vertex, found.low, found.extent, strict=True)
         f = [(v - a) / s for v, a, s in box]
         for corner, up in enumerate(OCTANTS):
             parts = [x if b else 1.0 - x for x, b in zip(f, up, strict=True)]
-            value = self._of(self.data, 8 * found.number + corner, found.hanging)
-            total += parts[0] * parts[1] * parts[2] * value
-        return total
+            weight, slot = parts[0] * parts[1] * parts[2], 8 * found.number + corner
+            totals = [
+                total + weight * self._of(data, slot, found.hanging)
+                for total, data in zip(totals, self.data, strict=True)
+            ]
+        return totals
+
+
+def corner_bytes(grid: Any, fields: int, backend: Any) -> int:
+    """Return the memory that fields at the corners of all cells take while they are computed."""
+    # Eight corners, three slopes and a value for each; where a cell is.
+    needed = (12 * fields * backend.dtype.itemsize + 24) * grid.size
+    return int(needed + min(_CHUNK_BYTES, 1600 * grid.size) * fields)
+
+
+def _flat(slopes: list[list[Any]]) -> list[Any]:
+    return [slope for own in slopes for slope in own]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from ...expressions.interval import Interval
@@ -15,7 +16,7 @@ from ..empty_space.blocks import (
     worthwhile_blocks,
 )
 from ..interpolants.coarse import wide_steps
-from ..interpolants.lattice import make_lattice
+from ..interpolants.lattice import make_lattices
 from ..interpolants.limits import difference_limits
 from ..interpolants.pyramid import make_pyramid
 from ..store import Store
@@ -25,17 +26,20 @@ def get_lattices(classifier: Classifier, store: Store, blocks: Any = None) -> di
     """Return all fields as rays gather them; kept with the volume."""
     volume, backend = classifier.volume, classifier.backend
     steps = blocks.steps if blocks is not None else ()
+    names = [name for name in classifier.medium.names if name in volume]
+    keys = {n: ("lattice", n, backend.device, backend.precision, store.digest(n)) for n in names}
+    found = {name: store.get(key) for name, key in keys.items()}
+    lacking = [name for name in names if found[name] is None]
+    made = make_lattices(volume.grid, [volume.array(name) for name in lacking], backend)
+    for name, lattice in zip(lacking, made, strict=True):
+        found[name] = store.keep(keys[name], lattice)
+    if not steps:
+        return found
 
-    def make(name: str) -> Any:
-        key = ("lattice", name, backend.device, backend.precision, store.digest(name))
-        fine = store.kept(key, lambda: make_lattice(volume.grid, volume.array(name), backend))
-        if not steps:
-            return fine
-        return store.kept(
-            (*key, steps), lambda: make_pyramid(volume.array(name), fine, steps, backend)
-        )
+    def pyramid(name: str) -> Any:
+        return make_pyramid(volume.array(name), found[name], steps, backend)
 
-    return {name: make(name) for name in classifier.medium.names if name in volume}
+    return {n: store.kept((*keys[n], steps), functools.partial(pyramid, n)) for n in names}
 
 
 def get_blocks(
