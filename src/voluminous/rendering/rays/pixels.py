@@ -76,8 +76,9 @@ class PixelOrder:
         self.columns = -(-self.nx // BLOCK)
         self.rows = -(-self.ny // BLOCK)
 
+    @functools.cached_property
     def outwards(self) -> np.ndarray:
-        """Return the numbers of blocks, row by row, in rings around the middle of the picture.
+        """The numbers of blocks, row by row, in rings around the middle of the picture.
 
         Most of what is seen is there, and threads that take the last blocks are done early: 0.96 of
         the time on two cores where two thirds of the rays meet nothing.
@@ -95,11 +96,12 @@ class PixelOrder:
         return self.columns * self.rows * BLOCK * BLOCK
 
     def lanes(self, first: int, count: int, backend: Any) -> Lanes:
-        """Return consecutive lanes, through the middles of their pixels."""
+        """Return consecutive lanes, whole blocks of them, through the middles of their pixels."""
         UInt, Wide = backend.UInt, backend.Wide
-        lane = dr.arange(UInt, count) + dr.opaque(UInt, first)
+        lane = dr.arange(UInt, count)
         within = lane & (BLOCK * BLOCK - 1)
-        block = dr.gather(UInt, from_host(UInt, self.outwards()), lane >> (2 * _BITS))
+        blocks = self.outwards[first >> (2 * _BITS) : (first + count) >> (2 * _BITS)]
+        block = dr.gather(UInt, from_host(UInt, blocks), lane >> (2 * _BITS))
         columns = dr.opaque(UInt, self.columns)
         row = backend.quotient(block, columns)
         x = (block - row * columns) * BLOCK + _every_second_bit(within)
