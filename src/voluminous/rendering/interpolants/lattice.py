@@ -27,8 +27,8 @@ from ..coefficients.tables import LARGEST, SLAB
 # with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.
 _LARGEST_QUADS = 1 << 29
 
-# Fields at the corners of trees' cells that are computed at once: four take 0.4 of the time that one
-# after the other takes.
+# Fields at the corners of cells of trees that are computed at once: four take 0.4 of the time that
+# one after the other takes.
 _FIELDS = 4
 
 # Corners of a dual cell: values[x][y][z].
