@@ -23,6 +23,10 @@ def octree(levels=3):
     return vm.OctreeGrid.from_function(EDGES, EDGES, EDGES, near, levels)
 
 
+def octree_of_equal_cells(levels):
+    return vm.OctreeGrid.from_function(EDGES, EDGES, EDGES, lambda x, y, z, size: x > -2, levels)
+
+
 GRIDS = {
     "shuffled": lambda: ShuffledGrid(vm.CartesianGrid.uniform(32, (-1, 1))),
     "octree": octree,
@@ -43,6 +47,17 @@ def test_a_shell_is_as_thick_as_it_is(kind):
     # Effective width over gradient where the shell is: sqrt(2 pi) 0.05 / (2 · 0.6).
     expected = np.sqrt(2 * np.pi) * 0.05 / 1.2
     assert vm.calibrate(medium, volume).path_length == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("kind", ["shuffled", "octree"])
+def test_a_field_of_two_values_has_shells_between_its_cells(kind):
+    """No cell holds a half, and beside the step each knows half of its slope."""
+    grid = GRIDS["shuffled"]() if kind == "shuffled" else octree_of_equal_cells(2)
+    volume = vm.Volume(grid)
+    volume["f"] = "where(x > 0, 1, 0)"
+    medium = vm.Rectangle("f", 0.5, 0.01, 1.0, 1.0, path_length="auto")
+    # From one centre to the next it rises by one.
+    assert vm.calibrate(medium, volume).path_length == pytest.approx(0.02 * 2 / 32, rel=0.03)
 
 
 @pytest.mark.parametrize("kind", ["cartesian", *GRIDS])

@@ -168,6 +168,17 @@ def test_shells_thinner_than_a_cell_are_found_between_cell_centres():
     np.testing.assert_allclose(length(shell, volume), 0.02, rtol=1e-10)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("center", [0.3, 0.5, 0.7])
+def test_a_field_of_two_values_has_shells_between_its_cells(axis, center):
+    """Central differences make 0 to 0.25, and 0.75 to 1, of what such cells hold."""
+    steep = ramp(1.0, np.arange(0, 31, 2), axis=axis)
+    step = vm.Volume(steep.grid, a=(steep.array("a") > 12).astype("u1"))
+    # From the centre at 11 to the one at 13 it rises by one.
+    shell = vm.Rectangle("a", center, 0.01, 1, 1, "auto")
+    np.testing.assert_allclose(length(shell, step), 0.02 * 2.0, rtol=1e-10)
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_cells_without_a_value_are_left_out(bad):
     volume = ramp()

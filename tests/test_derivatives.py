@@ -432,6 +432,31 @@ def test_refresh_finds_arrays_changed_in_place():
     np.testing.assert_allclose(volume.array("gradmag(f)"), 2 * kept)
 
 
+LOOKS = {
+    "auto": lambda volume: vm.auto(volume, "gradmag(f)").describe(),
+    "calibrate": lambda volume: vm.calibrate(SHELL, volume).path_length,
+    "colours": lambda volume: vm.calibrate(vm.Colormap("laplacian(f)", "viridis"), volume).key(),
+    "measure": lambda volume: vm.measure(volume, "gradmag(f)")["gradmag(f)"],
+    "render": lambda volume: vm.render(volume, SHELL, FEW).intensity.tolist(),
+    "column": lambda volume: vm.column(volume, "gradmag(f)", FEW).intensity.tolist(),
+    "cells": lambda volume: volume.cells(["gradmag(f)"])["gradmag(f)"].tolist(),
+    "slice": lambda volume: volume.slice("gradmag(f)").values.tolist(),
+}
+SHELL = vm.Gaussian("gradmag(f)", 3.0, 1.0, 1.0, 0.5)
+FEW = vm.Orthographic(20, 30, resolution=4)
+
+
+@pytest.mark.parametrize("name", LOOKS)
+def test_derivatives_of_what_was_changed_in_place_are_those_of_now(name):
+    own = smooth(8).array("f").copy()
+    volume = vm.Volume(smooth(8).grid, f=own)
+    before = LOOKS[name](volume)
+    own *= np.linspace(1, 3, 8)
+    after = LOOKS[name](volume)
+    assert after == LOOKS[name](vm.Volume(volume.grid, f=own.copy()))
+    assert after != before
+
+
 def test_a_volume_with_derivatives_is_freed_at_once(no_collector):
     volume = vm.Volume(GRID, f=X)
     volume.evaluate("gradmag(f)")

@@ -248,3 +248,16 @@ def test_a_spike_that_only_the_middle_of_a_cubic_reaches(precision):
     assert image.intensity.item() == pytest.approx(
         expected, rel=3e-3 if precision == "single" else 1e-5
     )
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_a_table_may_be_nothing_but_a_jump(precision):
+    """Two media, on either side of a value, in cells of which the centres hold f = z."""
+    field = np.arange(0.5, 4.0).reshape(1, 1, 4)
+    volume = vm.Volume(vm.CartesianGrid([-1, 1], [-1, 1], np.arange(5.0)), f=field)
+    jump = vm.Table("f", [1, 1], colors=[2, 5], opacities=0, path_length=1)
+    ray = vm.Orthographic(width=0.5, resolution=1)
+    image = vm.render(volume, jump, ray, precision=precision, bounds=True)
+    # Through a length of 1 below, and 3 above.
+    assert image.intensity.item() == pytest.approx(1 * 2 + 3 * 5, rel=1e-6)
+    assert image.lower.item() <= 17 <= image.upper.item()

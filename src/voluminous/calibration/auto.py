@@ -94,6 +94,7 @@ def auto(
     ['log10(density)', 'log10(density)']
     """
     check_volume("auto", "first", volume)
+    volume.refresh()  # derivatives of fields that were changed in place
     count, depth = shell_count(n), positive_opacity(opacity)
     scalar = main_scalar(volume) if expr is None else _expression(expr)
     values = sampled_values(volume, scalar)

@@ -65,6 +65,7 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     """
     check_medium("calibrate", medium)
     check_volume("calibrate", "second", volume)
+    volume.refresh()  # derivatives of fields that were changed in place
     return calibrated(medium, volume, lambda *exprs: {})
 
 

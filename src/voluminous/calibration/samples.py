@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +17,20 @@ from .scattered import ScatteredPiece, scattered_pieces
 BUDGET = 1 << 22
 # Cells of a piece: its temporary arrays take some tens of MiB.
 _PIECE = 1 << 19
+
+
+@dataclass
+class Between:
+    """A scalar from one cell centre to the next, where it is linear; see `Piece`."""
+
+    x: np.ndarray
+    reach: np.ndarray
+    slope: np.ndarray
+    volume: np.ndarray
+
+    def seen(self, mean: np.ndarray) -> list[np.ndarray]:
+        """Return nothing: along the other axes no line is looked at."""
+        return []
 
 
 class Piece:
@@ -82,6 +97,24 @@ class Piece:
     def seen(self, mean: np.ndarray) -> list[np.ndarray]:
         """Return the lengths that lines along y and z see of something."""
         return [(mean * self.widths[axis]).sum(axis=axis).ravel() for axis in (1, 2)]
+
+    def between(self) -> Iterator[Between]:
+        """Yield the scalar from each centre to the next one, along the three axes."""
+        for axis in range(3):
+            # Of the first axis also on to the layer behind, which another piece begins with.
+            own = slice(self._own.start, self._own.stop + (axis == 0))
+            known = np.where(np.isfinite(self._around[own]), self._around[own], np.nan)
+            edges = self._edges[axis][own.start : own.stop + 1] if axis == 0 else self._edges[axis]
+            step = np.diff(0.5 * (edges[1:] + edges[:-1]))[:, None, None]
+            across, along = (w for k, w in enumerate(self.widths) if k != axis)
+            values = np.moveaxis(known, axis, 0)
+            rise = np.abs(np.diff(values, axis=0))
+            yield Between(
+                0.5 * values[1:] + 0.5 * values[:-1],
+                0.5 * rise,
+                rise / step,
+                step * np.moveaxis(across * along, axis, 0),
+            )
 
     def outermost(self) -> np.ndarray:
         """Return the scalar in the outermost cells in y and z, and in x where the domain begins."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..expressions import Expression
 from ..grids import CartesianGrid
 from ..volume import Volume
 from .profile import Profile
-from .samples import BUDGET, Piece, pieces
+from .samples import BUDGET, Between, Piece, pieces
 from .scattered import Lines, ScatteredPiece, lines
 
 # Cells that see less of the shell than this part of what they could see do not count.
@@ -48,7 +48,8 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     thick, or as thick as the shortest side L of the domain if that is less (a volume filled with
     the shell, seen along that side, shows its colour). Each cell that the shell goes through counts
     with the area it contributes to the shell, volume times mean profile over thickness, so the
-    median is that of the lines of sight that cross the shell.
+    median is that of the lines of sight that cross the shell. Where the gradients of cells do not
+    show it, since a field jumps from one cell to the next, what is between their centres counts.
 
     Parameters
     ----------
@@ -79,6 +80,8 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
         again = _measure(volume, expr, [profiles[k] for k in missed], np.inf)
         for k, shell in zip(missed, again, strict=True):
             found[k] = shell
+    missed = [k for k in missed if not found[k].area and profiles[k].width > 0]
+    _look_between(volume, expr, [(found[k], profiles[k]) for k in missed])
     scale, longest = volume.grid.scale, _shortest_side(volume)
     measured = [shell.measured(longest, scale) for shell in found]
     if not all(0.0 < shell.length < np.inf for shell in measured):
@@ -107,7 +110,9 @@ class _Shell:
         seen = found.seen(profile.mean(found.x, found.reach))
         self.seen.append(seen[seen > 0])
 
-    def add(self, piece: Piece | ScatteredPiece, profile: Profile, longest: float) -> None:
+    def add(
+        self, piece: Piece | ScatteredPiece | Between, profile: Profile, longest: float
+    ) -> None:
         """Look at cells."""
         mean = profile.mean(piece.x, piece.reach)
         # The most there can be, where a cell is steeper than the shell is wide.
@@ -153,6 +158,26 @@ def _measure(
             if profile.width > 0:
                 shell.see(found, profile)
     return shells
+
+
+def _look_between(
+    volume: Volume, expr: Expression, shells: Sequence[tuple[_Shell, Profile]]
+) -> None:
+    """Look from one cell to the next: a field with two values has no others in its cells."""
+    longest = _shortest_side(volume)
+    for between in _between(volume, expr) if shells else ():
+        for shell, profile in shells:
+            shell.add(between, profile, longest)
+
+
+def _between(volume: Volume, expr: Expression) -> Iterator[Between]:
+    """Yield a scalar from one cell centre to the next, along the axes."""
+    for piece in pieces(volume, expr):
+        if not isinstance(piece, Piece):
+            found = lines(volume, expr)
+            yield Between(found.x, found.reach, 2 * found.reach / found.length, found.length)
+            return
+        yield from piece.between()
 
 
 def _shortest_side(volume: Volume) -> float:

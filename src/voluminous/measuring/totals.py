@@ -141,6 +141,7 @@ def measure(
         options = {"region": region, "aperture": aperture, "maps": maps}
         options |= {"samples": samples, "device": device}
         return _table(volume, quantities, where, camera, options)
+    volume.refresh()  # derivatives of fields that were changed in place
     seen = volume if camera is None else volume.seen_by(camera)
     what = {name: Quantity.of(seen, text, name) for name, text in asked.items()}
     parts = Parts(seen, where, region, samples)

@@ -121,7 +121,8 @@ class Table(Medium):
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expression, with the narrowest interval of the table, and the modulation's."""
         steps = np.diff(self.values)
-        least = float(steps[steps > 0].min())
+        # None if there is nothing but a jump: 0, no difference is too small.
+        least = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
         width = least if self.unit is None else least * self.unit
         return ((self.expr, width), *self.modulation.expressions())
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from ...errors import UnitsError
 from ...expressions import Expression, NumpyOps
+from ...expressions.jumps import Margin
+from ...expressions.sides import on_one_side
 from ...fields import coordinates
 from ...units import is_quantity, plain
 from .classify import Classifier
@@ -87,7 +89,8 @@ def beyond_single(volume: Any, medium: Any) -> bool:
     """Return True if what a medium is a function of is out of reach for single precision.
 
     Too small or too large, or small differences of large numbers: fields are rounded before they
-    are interpolated, and no care taken afterwards brings digits back.
+    are interpolated, and no care taken afterwards brings digits back. The sizes of coefficients,
+    gates and colours do not matter here: they are numbers of their own.
     """
     sample = _sample(volume, medium.names)
     rounded = {n: _disturbed(v) if n in volume else v for n, v in sample.items()}
@@ -95,11 +98,43 @@ def beyond_single(volume: Any, medium: Any) -> bool:
     with np.errstate(all="ignore"):
         for expr, least in plain_widths(volume, medium.known_expressions()):
             if expr.text not in looked_at:
-                continue
-            exact, off = (_values(expr, fields, np.float64) for fields in (sample, rounded))
-            if _tiny_or_huge(exact) or _differs(exact, off, least):
+                beyond = _strays(expr, sample, rounded)
+            else:
+                exact, off = (_values(expr, fields, np.float64) for fields in (sample, rounded))
+                beyond = _tiny_or_huge(exact) or _differs(exact, off, least)
+            if beyond:
                 return True
     return False
+
+
+def _strays(
+    expr: Expression, sample: dict[str, np.ndarray], rounded: dict[str, np.ndarray]
+) -> bool:
+    """Return True if an expression, or what is compared in it, is off by too much of its range.
+
+    Comparisons hold where they do, since labels may be equal to what they are compared with. Where
+    in space they change is to be known better than the rest, as something jumps there.
+    """
+    (piece,), sides = on_one_side((expr,))
+    held = {side.name: _values(side.condition, sample, np.float64) for side in sides}
+    sample, rounded = sample | held, rounded | held
+    margins = (margin for side in sides for margin in side.condition.margins())
+    return _lost_of_span(piece, sample, rounded) > _LOST_OF_SPAN or any(
+        _lost_of_span(margin, sample, rounded) > _LOST for margin in margins
+    )
+
+
+def _lost_of_span(
+    expr: Expression | Margin, sample: dict[str, np.ndarray], rounded: dict[str, np.ndarray]
+) -> float:
+    """Return what values are off by in the mean, as a part of their range.
+
+    In the mean, since beside a pole there are always some that are off by much.
+    """
+    exact, off = (_values(expr, fields, np.float64) for fields in (sample, rounded))
+    defined = np.isfinite(exact) & np.isfinite(off)
+    span = _span(exact[defined])
+    return float(np.mean(np.abs(exact - off)[defined])) / span if span > 0.0 else 0.0
 
 
 def beyond_single_sums(numbers: Any, bounds: list[float]) -> bool:
@@ -166,7 +201,7 @@ def _span(values: np.ndarray) -> float:
     return float(np.ptp(values)) if values.size else 0.0
 
 
-def _values(expr: Expression, sample: dict[str, np.ndarray], kind: Any) -> np.ndarray:
+def _values(expr: Expression | Margin, sample: dict[str, np.ndarray], kind: Any) -> np.ndarray:
     used = {name: sample[name].astype(kind) for name in expr.names}
     found: Any = np.asarray(expr.evaluate(NumpyOps(kind), used), dtype=np.float64)
     return np.atleast_1d(found)
