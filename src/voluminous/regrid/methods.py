@@ -215,7 +215,7 @@ class OnOtherCells:
             unit = self.expression_unit(Expression(name))
             columns[f"{name}_" if name in columns else name] = (values.reshape(-1), unit)
         if where is not None:
-            chosen = self.evaluate(where).reshape(-1) != 0
+            chosen = self.evaluate(Expression(where)).reshape(-1) != 0
             columns = {name: (values[chosen], unit) for name, (values, unit) in columns.items()}
         return table(columns, kind)
 
@@ -234,4 +234,7 @@ def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
 def _named(volume: Any, fields: Iterable[str] | None) -> tuple[str, ...]:
     if isinstance(fields, str):
         raise InputError(f"fields must be a list of names, got {fields!r}; write [{fields!r}]")
-    return tuple(volume.fields if fields is None else fields)
+    try:
+        return tuple(volume.fields if fields is None else fields)
+    except TypeError:
+        raise InputError(f"fields must be a list of names, got {fields!r}") from None
