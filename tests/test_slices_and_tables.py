@@ -156,6 +156,30 @@ def test_numbers_in_conditions_have_units(where, plain):
         volume.cells(where="a > 5 km")
 
 
+@pytest.mark.parametrize(
+    ("where", "plain"),
+    [
+        ("theta > 60 deg", "theta > pi / 3"),
+        ("90 deg > 2 * phi", "phi < pi / 4"),
+        ("r * theta > 2 pc", "r * theta > 2"),  # a length: angles are plain numbers in it
+    ],
+)
+def test_angles_in_conditions_have_units(where, plain):
+    grid = vm.SphericalGrid([1, 2, 3], [0, 1, 2, 3], np.linspace(0, 6, 9), unit="pc")
+    found, expected = (
+        vm.Volume(grid).cells(where=condition)["cell"] for condition in (where, plain)
+    )
+    np.testing.assert_array_equal(found, expected)
+    assert 0 < len(found) < grid.size
+
+
+@pytest.mark.parametrize("where", ["cos(theta) > 60 deg", "theta > 1 pc", "f > 60 deg"])
+def test_what_is_no_angle_is_not_compared_with_one(where):
+    grid = vm.SphericalGrid([1, 2, 3], [0, 1, 2, 3], unit="pc")
+    with pytest.raises(UnitsError, match="can be compared with"):
+        vm.Volume(grid, f=np.ones(grid.shape)).cells(where=where)
+
+
 def test_a_vector_is_no_condition():
     with pytest.raises(vm.errors.ExpressionError, match="a vector, but a number is needed"):
         vm.Volume(GRID, a=COUNTED).cells(where="grad(a)")
