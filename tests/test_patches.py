@@ -372,3 +372,11 @@ def test_cells_must_be_told_apart():
     level, low = np.arange(31), np.zeros((31, 3), int)
     with pytest.raises(vm.InputError, match="most that double precision tells apart"):
         vm.PatchGrid.from_boxes([0, 1], [0, 1], [0, 1], level, low, np.ones_like(low), 4)
+
+
+@pytest.mark.parametrize("shape", [(79,), (81,), (3, 80)])
+def test_flat_fields_of_another_length_are_not_unpacked(shape):
+    """What lacks would be told as hidden: NaN, or zero."""
+    grid = vm.PatchGrid([[0, 0, 0], [0, 0, 4]], [[4, 4, 4], [4, 4, 5]], [[4, 4, 4], [4, 4, 1]])
+    with pytest.raises(vm.InputError, match="one value for each of the 80 cells"):
+        grid.unpack(np.zeros(shape))

@@ -205,3 +205,28 @@ def test_a_grid_elsewhere_is_refused():
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 1)), f=np.ones((4, 4, 4)))
     with pytest.raises(InputError, match="nowhere in the volume"):
         volume.resample(vm.CartesianGrid.uniform(4, (2, 3)))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        vm.CartesianGrid.uniform(4, (0, 2)),
+        vm.OctreeGrid([0, 1, 2], [0, 2], [0, 2], [1, *9 * [0]]),
+        vm.SphericalGrid([0, 4, 5], [0, np.pi / 2], [0, 1, np.pi / 2]),
+    ],
+    ids=lambda grid: type(grid).__name__,
+)
+def test_cells_inside_have_values_whatever_is_outside(source):
+    """NaN says "nothing is known" outside; zero times NaN made all cells unknown."""
+    volume = vm.Volume(source, f=np.full(source.shape, 3.0))
+    boxes = vm.CartesianGrid([-4, -1, 1, 2], [0, 1, 2], [0, 1, 2])
+    inside = volume.resample(boxes, fill=np.nan).array("f")
+    assert np.isnan(inside[:2]).all()  # outside, and half outside
+    np.testing.assert_allclose(inside[2], 3.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("options", [{"fill": None}, {"fill": [1]}, {"samples": "a"}])
+def test_numbers_of_resampling(options):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)), f=np.ones((2, 2, 2)))
+    with pytest.raises(InputError, match=f"{next(iter(options))} must be"):
+        volume.resample(vm.CartesianGrid.uniform(3, (0, 1)), **options)

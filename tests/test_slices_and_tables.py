@@ -78,12 +78,23 @@ def test_vectors_and_lines_of_sight_in_slices():
         ({"normal": (1, 0)}, "normal must be 'x', 'y', 'z' or three finite numbers"),
         ({"normal": "z", "up": (0, 0, 1)}, "up must not be parallel"),
         ({"width": -1}, "width must be a positive"),
+        ({"width": (1, 2, 3)}, "width must be a positive"),
         ({"resolution": 2.5}, "resolution must be a positive whole"),
+        ({"resolution": None}, "resolution must be a positive whole"),
+        ({"resolution": "many"}, "resolution must be a positive whole"),
+        ({"resolution": np.inf}, "resolution must be a positive whole"),
+        ({"position": np.nan}, "position must be a finite number"),
+        ({"position": (1, 2)}, "position must be a finite number"),
     ],
 )
 def test_bad_planes_are_refused(options, message):
     with pytest.raises((InputError, UnknownNameError), match=message):
         vm.Volume(GRID, a=COUNTED).slice("a", **options)
+
+
+def test_slices_that_do_not_fit_into_memory_are_refused():
+    with pytest.raises(vm.errors.MemoryNeededError, match="10000000 x 10000000 pixels"):
+        vm.Volume(GRID, a=COUNTED).slice("a", resolution=(10**7, 10**7))
 
 
 @pytest.mark.parametrize("options", [{"position": 40.0}, {"center": (9.0, 9.0, 9.0), "width": 1.0}])
@@ -143,6 +154,41 @@ def test_numbers_in_conditions_have_units(where, plain):
     assert volume["chosen"].sum() == len(found)
     with pytest.raises(vm.UnitsError, match="'5 km' is no quantity that 'a', in K"):
         volume.cells(where="a > 5 km")
+
+
+@pytest.mark.parametrize(
+    ("where", "plain"),
+    [
+        ("theta > 60 deg", "theta > pi / 3"),
+        ("90 deg > 2 * phi", "phi < pi / 4"),
+        ("r * theta > 2 pc", "r * theta > 2"),  # a length: angles are plain numbers in it
+    ],
+)
+def test_angles_in_conditions_have_units(where, plain):
+    grid = vm.SphericalGrid([1, 2, 3], [0, 1, 2, 3], np.linspace(0, 6, 9), unit="pc")
+    found, expected = (
+        vm.Volume(grid).cells(where=condition)["cell"] for condition in (where, plain)
+    )
+    np.testing.assert_array_equal(found, expected)
+    assert 0 < len(found) < grid.size
+
+
+@pytest.mark.parametrize("where", ["cos(theta) > 60 deg", "theta > 1 pc", "f > 60 deg"])
+def test_what_is_no_angle_is_not_compared_with_one(where):
+    grid = vm.SphericalGrid([1, 2, 3], [0, 1, 2, 3], unit="pc")
+    with pytest.raises(UnitsError, match="can be compared with"):
+        vm.Volume(grid, f=np.ones(grid.shape)).cells(where=where)
+
+
+def test_a_vector_is_no_condition():
+    with pytest.raises(vm.errors.ExpressionError, match="a vector, but a number is needed"):
+        vm.Volume(GRID, a=COUNTED).cells(where="grad(a)")
+
+
+@pytest.mark.parametrize("fields", [3, True])
+def test_fields_of_tables_are_listed(fields):
+    with pytest.raises(InputError, match="fields must be a list of names"):
+        vm.Volume(GRID, a=COUNTED).cells(fields)
 
 
 def test_cells_of_a_curvilinear_grid():

@@ -9,8 +9,9 @@ import numpy as np
 from .derivatives import component_of_cells, is_component
 from .errors import UnknownNameError, unknown_name
 from .expressions import Expression, NumpyOps, components, required_names, unit_of
-from .fields import coordinates
+from .fields import coordinates, is_angle
 from .geometry import CARTESIAN
+from .units import parse_unit
 
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
@@ -113,9 +114,22 @@ class Evaluation:
 
         def unit_of_other(other: Expression) -> Any:
             self.check_names(other)
-            return self.expression_unit(other)
+            return self._angle_unit(other) or self.expression_unit(other)
 
         return expression.without_units(unit_of_other)
+
+    def _angle_unit(self: Any, expression: Expression) -> Any:
+        """Return radian if an expression is an angle of the grid, in any other case None.
+
+        Such coordinates are plain numbers elsewhere: ``r * theta`` is a length.
+        """
+        rad = parse_unit("rad")
+        angles = [name in self.coordinates and is_angle(name) for name in expression.names]
+        if not any(angles):
+            return None
+        own = [self.field_unit(name) for name in expression.names]
+        units = [rad if angle else unit for angle, unit in zip(angles, own, strict=True)]
+        return rad if unit_of(expression, tuple(units)) == rad else None
 
     def expression_unit(self: Any, expression: Expression) -> Any:
         """Return the unit of an expression, None where it has none (``log10(density)``).

@@ -55,11 +55,20 @@ def _levels(grid: Any, told: dict[str, Any]) -> Iterator[str]:
             widths = _widths(grid, levels, level)
             size = " x ".join(f"{w:.4g}" for w in widths)
             yield f"  level {level}: {count} cells of {size} {told['unit']}".rstrip()
-    finest = np.ptp(grid.bounds, axis=1) / _widths(grid, levels, int(levels.max()))
-    yield f"  effective resolution: {_times(np.round(finest).astype(int))}"
+    yield f"  effective resolution: {_times(_finest_across(grid, told['base'], levels))}"
     hidden = told.get("hidden_cells", 0)
     if hidden:
         yield f"  {hidden} more cells, under finer ones, are left out, here and in what follows"
+
+
+def _finest_across(grid: Any, base: Any, levels: np.ndarray) -> np.ndarray:
+    """Return how many cells of the finest level fit along each of the grid's own axes.
+
+    They are counted, not measured: base cells and angles need not be evenly wide.
+    """
+    first = int(np.argmax(levels == levels.max()))
+    _, size = grid.boxes(first, first + 1)  # in the units that `divisions` counts
+    return np.asarray(base) * grid.divisions // size[:, 0]
 
 
 def _widths(grid: Any, levels: np.ndarray, level: int) -> np.ndarray:

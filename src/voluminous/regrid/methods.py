@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
+from ..units import plain, shown
 from .around import divided
 from .cut import Slice, make_slice
 from .plane import cells_on, make_plane
@@ -38,7 +39,8 @@ class OnOtherCells:
             Which fields; all by default.
         fill : float
             The value outside this volume. With 0 the integral of a field over the volume is kept
-            (as far as it is inside the new grid), so densities keep their mass.
+            (as far as it is inside the new grid), so densities keep their mass. With NaN cells
+            that are not entirely inside have no value.
         samples : int
             Points per axis and cell where cells are no boxes.
 
@@ -65,9 +67,8 @@ class OnOtherCells:
         stays constant, and Σ f V is kept to the error of that estimate.
         """
         names = _named(self, fields)
-        found = resampled(
-            {name: self.array(name) for name in names}, self.grid, grid, float(fill), samples
-        )
+        values = {name: self.array(name) for name in names}
+        found = resampled(values, self.grid, grid, _number(fill), samples)
         single = {name for name in names if self.array(name).dtype == np.float32}
         other = type(self)(grid)
         for name in names:
@@ -215,7 +216,7 @@ class OnOtherCells:
             unit = self.expression_unit(Expression(name))
             columns[f"{name}_" if name in columns else name] = (values.reshape(-1), unit)
         if where is not None:
-            chosen = self.evaluate(where).reshape(-1) != 0
+            chosen = self.evaluate(Expression(where)).reshape(-1) != 0
             columns = {name: (values[chosen], unit) for name, (values, unit) in columns.items()}
         return table(columns, kind)
 
@@ -231,7 +232,17 @@ def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
     return meta
 
 
+def _number(fill: Any) -> float:
+    number = None if fill is None else plain(fill, None, "fill")
+    if not isinstance(number, float):
+        raise InputError(f"fill must be one number, got {shown(fill)}")
+    return number
+
+
 def _named(volume: Any, fields: Iterable[str] | None) -> tuple[str, ...]:
     if isinstance(fields, str):
         raise InputError(f"fields must be a list of names, got {fields!r}; write [{fields!r}]")
-    return tuple(volume.fields if fields is None else fields)
+    try:
+        return tuple(volume.fields if fields is None else fields)
+    except TypeError:
+        raise InputError(f"fields must be a list of names, got {fields!r}") from None

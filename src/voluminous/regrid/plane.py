@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, unknown_name
-from ..units import plain, unit_name
+from ..memory import check_memory
+from ..units import plain, shown, unit_name
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _VECTOR = "three finite numbers"
+# Per pixel, while its cell is looked for: places in space, in the grid, in whole numbers.
+_PIXEL_BYTES = 210
 # What is to the right and up in a slice across an axis: the next axes in turn.
 _FRAMES = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}
 
@@ -57,8 +61,8 @@ def make_plane(
     """Return a plane through a grid; see `Volume.slice`."""
     towards, right, upwards = _frame(normal, up)
     middle = grid.bounds.mean(axis=1) if center is None else _three(center, grid.unit, "center")
-    distance = plain(position, grid.unit, "position") if position is not None else middle @ towards
-    middle = middle + (float(distance) - middle @ towards) * towards
+    if position is not None:
+        middle = middle + (_finite(position, grid.unit, "position") - middle @ towards) * towards
     size = _size(grid, width, middle, right, upwards)
     return Plane(middle, right, upwards, size, _pixels(resolution, size))
 
@@ -70,8 +74,13 @@ def cells_on(grid: Any, plane: Plane) -> np.ndarray:
     ------
     InputError
         If no pixel is in a cell: what would be shown is nothing.
+    MemoryNeededError
+        If there are more pixels than fit.
     """
     nx, ny = plane.pixels
+    check_memory(
+        _PIXEL_BYTES * nx * ny, f"a slice of {nx} x {ny} pixels", "take fewer, resolution=400"
+    )
     points = plane.points()
     cells = np.asarray(grid.locate(points)).reshape(ny, nx)
     if cells.max() < 0:
@@ -120,24 +129,38 @@ def _size(
     if width is None:
         corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1).T - middle
         return 2 * float(np.abs(corners @ right).max()), 2 * float(np.abs(corners @ up).max())
-    size = np.broadcast_to(plain(width, grid.unit, "width"), (2,)).astype(float)
-    if not np.all(np.isfinite(size)) or size.min() <= 0:
+    size = np.asarray(plain(width, grid.unit, "width"))
+    if size.shape not in ((), (2,)) or not np.all(np.isfinite(size)) or size.min() <= 0:
         raise InputError(f"width must be a positive number or a pair of them, got {width!r}")
-    return float(size[0]), float(size[1])
+    w, h = np.broadcast_to(size, (2,)).tolist()
+    return w, h
 
 
 def _pixels(resolution: Any, size: tuple[float, float]) -> tuple[int, int]:
     """Return (nx, ny): a pair as it is, a number for the longer side, with square pixels."""
-    pair = np.atleast_1d(np.asarray(resolution))
-    if pair.shape not in ((1,), (2,)) or np.any(pair != np.round(pair)) or pair.min() < 1:
+    pair = resolution if isinstance(resolution, (list, tuple)) else np.atleast_1d(resolution)
+    if len(pair) not in (1, 2) or not all(is_count(n) for n in pair):
         raise InputError(
-            f"resolution must be a positive whole number or a pair, got {resolution!r}"
+            f"resolution must be a positive whole number or a pair, got {shown(resolution)}"
         )
     if len(pair) == 2:
         return int(pair[0]), int(pair[1])
     longest = max(size)
     nx, ny = (max(1, round(int(pair[0]) * w / longest)) for w in size)
     return nx, ny
+
+
+def is_count(n: Any) -> bool:
+    """Return whether something is a positive whole number."""
+    real = isinstance(n, Real)
+    return real and 1 <= n < 2**31 and int(n) == n
+
+
+def _finite(value: Any, unit: Any, what: str) -> float:
+    number = None if value is None else plain(value, unit, what)
+    if not isinstance(number, float) or not np.isfinite(number):
+        raise InputError(f"{what} must be a finite number, got {shown(value)}")
+    return number
 
 
 def _three(value: Any, unit: Any, what: str, expected: str = _VECTOR) -> np.ndarray:

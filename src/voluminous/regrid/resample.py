@@ -10,8 +10,9 @@ import numpy as np
 from ..errors import InputError, UnitsError
 from ..geometry import CARTESIAN
 from ..memory import check_memory
-from ..units import unit_name
+from ..units import shown, unit_name
 from .boxes import Overlap, overlaps
+from .plane import is_count
 from .samples import points_in, sampled_overlaps
 from .separable import axis_means
 
@@ -54,7 +55,7 @@ def _known_means(
     enough = found["known"] >= 0.5 * found["there"]
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.where(found["known"] > 0, found["sum"] / found["known"], 0.0)
-    total = mean * found["there"] + fill * _without(found["there"])
+    total = mean * found["there"] + _share(fill, _without(found["there"]))
     return np.where(enough, total, np.nan)
 
 
@@ -67,12 +68,12 @@ def _means(
     if len(source.shape) == len(target.shape) == 3:
         ones = axis_means(np.ones(source.shape), source, target)
         return {
-            name: axis_means(_double(values), source, target) + fill * _without(ones)
+            name: axis_means(_double(values), source, target) + _share(fill, _without(ones))
             for name, values in fields.items()
         }
     volumes = target.cell_volumes
     sums, shared = _sums(fields, target, _box_overlaps(source, target))
-    empty = fill * _without(shared / volumes)
+    empty = _share(fill, _without(shared / volumes))
     return {name: total / volumes + empty for name, total in sums.items()}
 
 
@@ -88,7 +89,7 @@ def _sampled(
     for name, total in sums.items():
         mean = np.where(nearest >= 0, _double(fields[name]).reshape(-1)[nearest], fill)
         mean[met] = total[met] / shared[met]
-        found[name] = np.where(inside > 0, inside * mean, 0.0) + fill * (1.0 - inside)
+        found[name] = np.where(inside > 0, inside * mean, 0.0) + _share(fill, 1.0 - inside)
     return found
 
 
@@ -132,6 +133,11 @@ def _without(part: np.ndarray) -> np.ndarray:
     return np.where(rest > _COVERED, rest, 0.0)
 
 
+def _share(fill: float, rest: np.ndarray) -> np.ndarray:
+    """Return what the value outside adds: nothing where no part is outside, even if it is NaN."""
+    return np.where(rest > 0.0, fill * rest, 0.0)
+
+
 def _is_boxes(grid: Any) -> bool:
     return tuple(grid.coordinates) == CARTESIAN
 
@@ -145,11 +151,11 @@ def _double(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, dtype=np.float64)
 
 
-def _check(source: Any, target: Any, samples: int) -> None:
+def _check(source: Any, target: Any, samples: Any) -> None:
     if not hasattr(target, "locate"):
         raise InputError(f"resample needs a grid such as vm.CartesianGrid, got {target!r}")
-    if int(samples) != samples or samples < 1:
-        raise InputError(f"samples must be a positive whole number, got {samples!r}")
+    if not is_count(samples):
+        raise InputError(f"samples must be a positive whole number, got {shown(samples)}")
     if source.unit != target.unit:
         names = [unit_name(grid.unit) or "no unit" for grid in (target, source)]
         raise UnitsError(

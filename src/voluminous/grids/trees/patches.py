@@ -205,8 +205,19 @@ class PatchGrid(TreeCells):
         return flat[: patches.visible[patch]]
 
     def unpack(self, flat: np.ndarray) -> list[np.ndarray]:
-        """Return a flat field as one array per patch; hidden cells are NaN, or zero."""
+        """Return a flat field as one array per patch; hidden cells are NaN, or zero.
+
+        Raises
+        ------
+        InputError
+            If it has not one value for each cell that is seen.
+        """
         flat, patches = np.asarray(flat), self.patches
+        if flat.shape != self.shape:
+            raise InputError(
+                f"a flat field has one value for each of the {self.size} cells that are seen; got "
+                f"an array of shape {flat.shape}"
+            )
         lacking = np.nan if flat.dtype.kind == "f" else 0
         parts = np.split(flat, patches.ends[:-1])
         arrays = []
