@@ -166,6 +166,20 @@ def test_sums_and_unknown_fields():
         vm.render(volume, vm.Gaussian("x", 0, 0.1, vm.ColorBy("tt", "plasma"), 1.0), CAMERA)
 
 
+def test_small_differences_of_large_numbers_have_a_range_and_rounding_has_none():
+    noise = np.random.default_rng(0).normal(size=(12, 12, 12))
+    grid = vm.CartesianGrid.uniform(12, (-1, 1))
+    volume = vm.Volume(grid, a=noise, b=1e9 + noise, c=np.float32(1e9) + np.float32(noise))
+    small, large = (
+        vm.render(volume, vm.Colormap(name, "viridis", opacity=0.5, path_length=0.5), CAMERA)
+        for name in "ab"
+    )
+    # The ends have three digits of what is between them: 1e-3 of the colours, and as much of light.
+    np.testing.assert_allclose(large.intensity, small.intensity, rtol=0, atol=4e-3)
+    low, high = vm.calibrate(vm.Colormap("c", "viridis"), volume).values[[0, -1]]
+    assert low < 0 or high > 1.4e9  # single precision knows one value
+
+
 def test_mistakes_are_told_at_once_and_colours_without_a_range_when_they_are_needed():
     with pytest.raises(vm.UnknownNameError, match="unknown colormap 'plasm'"):
         vm.ColorBy("t", "plasm")

@@ -21,8 +21,8 @@ from .samples import pieces
 _LOWEST, _HIGHEST = 0.005, 0.995
 # A shell shows where it has this part of its peak.
 _SHOWN = 0.1
-# A range that is less than this of its ends is rounding, and made wider.
-_CONSTANT = 1e-6
+# A range that is less than so many roundings of its ends is one value, and made wider.
+_ROUNDINGS = 8
 # Digits of the ends: they are shown, and typed again.
 _DIGITS = 3
 
@@ -96,7 +96,14 @@ def _range(shown: _Shown, color: Any) -> tuple[float, float]:
     reached = np.cumsum(sizes[order])
     places = np.searchsorted(reached, np.array([_LOWEST, _HIGHEST]) * reached[-1])
     low, high = values[order[np.minimum(places, len(values) - 1)]]
-    return _rounded(float(low), float(high))
+    return _rounded(float(low), float(high), _ROUNDINGS * _eps(shown.volume, color.expr))
+
+
+def _eps(volume: Volume, expr: Expression) -> float:
+    """Return what values of an expression are rounded by, relatively: by what its fields are."""
+    kinds = (volume.array(name).dtype for name in expr.names if name in volume)
+    floats = [np.float64, *(kind for kind in kinds if kind.kind == "f")]
+    return max(float(np.finfo(kind).eps) for kind in floats)
 
 
 def _cells(shown: _Shown, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,9 +127,12 @@ def _cells(shown: _Shown, color: Any) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return values, sizes, there
 
 
-def _rounded(low: float, high: float) -> tuple[float, float]:
-    """Return the ends of a range with few digits, apart from each other."""
-    if not high - low > _CONSTANT * max(abs(low), abs(high)):
+def _rounded(low: float, high: float, least: float) -> tuple[float, float]:
+    """Return the ends of a range with few digits, apart from each other.
+
+    What is wide by no more than a part `least` of its ends is one value.
+    """
+    if not high - low > least * max(abs(low), abs(high)):
         aside = 0.5 * abs(low) or 1.0
         return low - aside, high + aside
     first, last = (_to_digits(value, high - low) for value in (low, high))
