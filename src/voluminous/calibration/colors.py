@@ -102,7 +102,7 @@ def _range(shown: _Shown, color: Any) -> tuple[float, float]:
 def _eps(volume: Volume, expr: Expression) -> float:
     """Return what values of an expression are rounded by, relatively: by what its fields are."""
     kinds = (volume.array(name).dtype for name in expr.names if name in volume)
-    floats = [np.float64, *(kind for kind in kinds if kind.kind == "f")]
+    floats: list[Any] = [np.float64, *(kind for kind in kinds if kind.kind == "f")]
     return max(float(np.finfo(kind).eps) for kind in floats)
 
 
