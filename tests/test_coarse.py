@@ -11,10 +11,12 @@ import voluminous as vm
 from contracts.bundle import box_limits, on_a_sphere
 from contracts.grid import make_ray
 from voluminous.backend import dr, get_backend
+from voluminous.expressions import Expression
 from voluminous.grids.cartesian.coarse_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
 from voluminous.media.context import Context, no_unit
 from voluminous.rendering.empty_space.blocks import DUAL
+from voluminous.rendering.interpolants.limits import Limit
 from voluminous.schemes.one_panel import OnePanel
 
 CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)
@@ -147,6 +149,16 @@ def test_prominence_is_what_shows_of_the_peak(medium):
     assert (prominence >= shown - 1e-12).all()
     assert prominence.max() == pytest.approx(1, abs=1e-12)
     np.testing.assert_array_equal(prominence > 0, shown > 0)
+
+
+def test_what_is_no_number_keeps_no_limit():
+    real = dr.llvm.Float64
+    context = Context(real, real, None, no_unit)
+    limit = Limit(vm.Gaussian("f", 0.5, 0.1, 1.0, 0.5, 0.1), Expression("f"), 0.1, 0.2)
+    values, nan = [0.5, 0.5, np.nan, 0.5, -np.inf], [0.501, np.nan, 0.5, 0.501, -np.inf]
+    exact, near, flat = real(values), real(nan), real([0.5, 0.5, 0.5, np.nan, 0.5])
+    found = np.array(limit.kept(exact, [near, flat], context))
+    np.testing.assert_array_equal(found, [True, False, False, False, False])
 
 
 def test_wings_of_shells_are_crossed_in_wide_steps_where_their_cores_are_not():

@@ -44,12 +44,15 @@ class Limit:
         there is NaN.
         """
         width = context.kept_number(self.width)
-        shown, off = self.part.prominence(exact, context), exact * 0.0
+        most = context.kept_number(self.width * self.fraction)
+        shown = self.part.prominence(exact, context)
         for value in taken:
             shown = dr.maximum(shown, self.part.prominence(value, context))
-            off = dr.maximum(off, dr.abs(value - exact))
-        most = context.kept_number(self.width * self.fraction)
-        return (off * dr.sqrt(shown) <= most) & (off <= width)
+        kept, root = ~dr.isnan(exact), dr.sqrt(shown)
+        for value in taken:
+            off = dr.abs(value - exact)
+            kept &= (off * root <= most) & (off <= width)
+        return kept
 
 
 def difference_limits(classifier: Classifier, fraction: float) -> tuple[Limit, ...] | None:
