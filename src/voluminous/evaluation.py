@@ -123,10 +123,10 @@ class Evaluation:
 
         Such coordinates are plain numbers elsewhere: ``r * theta`` is a length.
         """
-        rad = parse_unit("rad")
         angles = [name in self.coordinates and is_angle(name) for name in expression.names]
         if not any(angles):
             return None
+        rad = parse_unit("rad")
         own = [self.field_unit(name) for name in expression.names]
         units = [rad if angle else unit for angle, unit in zip(angles, own, strict=True)]
         return rad if unit_of(expression, tuple(units)) == rad else None

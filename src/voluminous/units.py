@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import re
 from collections.abc import Sized
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -197,6 +198,12 @@ def _as_float(value: Any, what: str) -> Any:
     except (TypeError, ValueError, OverflowError) as error:
         raise UnitsError(f"{what} must be a number or a quantity, got {shown(value)}") from error
     return float(array) if array.ndim == 0 else array
+
+
+def is_count(number: Any, most: int) -> bool:
+    """Return whether something is a positive whole number below `most`, of whatever type."""
+    real = isinstance(number, Real)
+    return real and 1 <= number < most and int(number) == number
 
 
 def shown(value: Any) -> str:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..grids.contract import Ray
+from ..units import is_count
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,7 @@ def pixel_counts(resolution: Any) -> tuple[int, int]:
 
 
 def _is_count(n: Any) -> bool:
-    real = isinstance(n, Real) and not isinstance(n, bool)
-    return real and 1 <= n < 2**63 and int(n) == n
+    return not isinstance(n, bool) and is_count(n, 1 << 63)
 
 
 def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, float]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, unknown_name
 from ..memory import check_memory
-from ..units import plain, shown, unit_name
+from ..units import is_count, plain, shown, unit_name
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _VECTOR = "three finite numbers"
+# What is counted, pixels and points, is less than this.
+MOST = 1 << 31
 # Per pixel, while its cell is looked for: places in space, in the grid, in whole numbers.
 _PIXEL_BYTES = 210
 # What is to the right and up in a slice across an axis: the next axes in turn.
@@ -139,7 +140,7 @@ def _size(
 def _pixels(resolution: Any, size: tuple[float, float]) -> tuple[int, int]:
     """Return (nx, ny): a pair as it is, a number for the longer side, with square pixels."""
     pair = resolution if isinstance(resolution, (list, tuple)) else np.atleast_1d(resolution)
-    if len(pair) not in (1, 2) or not all(is_count(n) for n in pair):
+    if len(pair) not in (1, 2) or not all(is_count(n, MOST) for n in pair):
         raise InputError(
             f"resolution must be a positive whole number or a pair, got {shown(resolution)}"
         )
@@ -148,12 +149,6 @@ def _pixels(resolution: Any, size: tuple[float, float]) -> tuple[int, int]:
     longest = max(size)
     nx, ny = (max(1, round(int(pair[0]) * w / longest)) for w in size)
     return nx, ny
-
-
-def is_count(n: Any) -> bool:
-    """Return whether something is a positive whole number."""
-    real = isinstance(n, Real)
-    return real and 1 <= n < 2**31 and int(n) == n
 
 
 def _finite(value: Any, unit: Any, what: str) -> float:

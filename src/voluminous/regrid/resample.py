@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import InputError, UnitsError
 from ..geometry import CARTESIAN
 from ..memory import check_memory
-from ..units import shown, unit_name
+from ..units import is_count, shown, unit_name
 from .boxes import Overlap, overlaps
-from .plane import is_count
+from .plane import MOST
 from .samples import points_in, sampled_overlaps
 from .separable import axis_means
 
@@ -154,7 +154,7 @@ def _double(values: np.ndarray) -> np.ndarray:
 def _check(source: Any, target: Any, samples: Any) -> None:
     if not hasattr(target, "locate"):
         raise InputError(f"resample needs a grid such as vm.CartesianGrid, got {target!r}")
-    if not is_count(samples):
+    if not is_count(samples, MOST):
         raise InputError(f"samples must be a positive whole number, got {shown(samples)}")
     if source.unit != target.unit:
         names = [unit_name(grid.unit) or "no unit" for grid in (target, source)]
