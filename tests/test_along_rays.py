@@ -64,7 +64,7 @@ def test_the_first_cell_of_a_kind():
 def test_the_first_cell_of_a_kind_told_with_units():
     plain = vm.first_hit(VOLUME, "rho > 0.7", DOWN).intensity
     np.testing.assert_array_equal(vm.first_hit(VOLUME, "rho > 700 kg/m3", DOWN).intensity, plain)
-    with pytest.raises(vm.UnitsError, match="'3 K' is no quantity that 'rho'"):
+    with pytest.raises(vm.UnitsError, match="'3 K' is in K, expected"):
         vm.first_hit(VOLUME, "rho > 3 K", DOWN)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
-from .units import is_quantity, parse_unit, plain
+from .units import as_quantity, is_quantity, parse_unit, plain
 
 # Cells looked at at once.
 _CHUNK = 1 << 20
@@ -75,6 +75,9 @@ def split_unit(value: Any) -> tuple[Any, Any]:
     UnitsError
         If parts of a list have units that cannot be converted into each other, or some have none.
     """
+    value = as_quantity(value)
+    if isinstance(value, (list, tuple)):
+        value = [as_quantity(part) for part in value]
     if is_quantity(value):
         return value.value, parse_unit(value.unit)
     if isinstance(value, (list, tuple)) and any(is_quantity(part) for part in value):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .units import is_quantity, plain, unit_of
+from .units import as_given, is_quantity, plain, unit_of
 
 
 class Region:
@@ -259,6 +259,7 @@ def _point(value: Any, what: str) -> Any:
 
 def _length(value: Any, what: str) -> Any:
     """Return a positive length, with the unit it came with."""
+    value = as_given(value, what)
     number = plain(value, unit_of(value), what)
     if np.ndim(number) or not 0 < number < np.inf:
         raise InputError(f"{what} must be positive, got {value!r}")

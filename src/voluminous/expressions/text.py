@@ -10,10 +10,12 @@ from .tree import (
     Constant,
     Earlier,
     Field,
+    InUnit,
     IntegerPower,
     Interpolation,
     Logic,
     Node,
+    Quantity,
     Steps,
     Where,
 )
@@ -36,11 +38,15 @@ _INFIX = {
     "logical_and": "and",
     "logical_or": "or",
 }
+# What needs no parentheses wherever it stands.
+_CLOSED = (Field, Earlier, Where, Interpolation, Quantity)
 
 
 def text(node: Node) -> str:
     """Return a text that is parsed into this very tree; steps, which no text has, one by one."""
     match node:
+        case Quantity(value, unit) | InUnit(value, unit):
+            return f"({text(Constant(value))} {unit})"
         case Constant(value):
             return repr(value).removesuffix(".0")
         case Field(name):  # a derivative too
@@ -84,7 +90,7 @@ def _operand(node: Node) -> str:
     function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
     return (
         shown
-        if simple or function or isinstance(node, (Field, Earlier, Where, Interpolation))
+        if simple or function or isinstance(node, _CLOSED)
         else f"({shown})"
     )
 

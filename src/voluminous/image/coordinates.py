@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..units import is_quantity, plain, unit_of
+from ..units import plain, unit_of
 
 Axis = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ def length_unit(unit: Any, x: Any, y: Any) -> str:
     """Return the name of the unit of the image plane: `unit`, or else that of `x` or `y`."""
     if unit:
         return unit if isinstance(unit, str) else str(unit)
-    found = unit_of(x) if is_quantity(x) else unit_of(y)
+    found = unit_of(x) or unit_of(y)
     return "" if found is None else str(found)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from typing import Any
 
 from ..errors import unknown_name
-from ..units import is_quantity, plain
+from ..units import as_quantity, is_quantity, plain
 
 
 def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
@@ -34,5 +34,5 @@ def plain_limits(options: dict[str, Any], unit: Any) -> dict[str, Any]:
     return options | {
         name: float(plain(value, unit or None, name))
         for name, value in given.items()
-        if is_quantity(value)
+        if is_quantity(as_quantity(value))
     }

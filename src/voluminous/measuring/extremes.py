@@ -72,7 +72,7 @@ def extreme(
     options = {"precision": precision, "device": device, "progress": progress}
     found = _scanned(volume, what, camera, scheme, **options)
     value, depth = found.unit * found.values[0], found.length * found.values[1]
-    quantity = what.expression.text
+    quantity = what.text
     told = {"quantity": quantity, "kind": kind, "map": f"{kind} of {quantity}"}
     return Extreme(
         as_map(value, what.unit, volume, camera, told), depth_map(depth, volume, camera, told)
@@ -106,7 +106,7 @@ def first_hit(
     options = {"precision": precision, "device": device, "progress": progress}
     found = _scanned(volume, what, camera, _First(), **options)
     depth = found.length * found.values[0]
-    return depth_map(depth, volume, camera, {"condition": what.expression.text})
+    return depth_map(depth, volume, camera, {"condition": what.text})
 
 
 def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:

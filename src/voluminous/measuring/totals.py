@@ -224,7 +224,7 @@ def _in_pixels(
     images = {}
     for (name, q), column in zip(what.items(), columns, strict=False):
         unit, factor = column_unit(q.unit, volume.unit)
-        text = q.expression.text
+        text = q.text
         told = {"quantity": text, "method": "exact", "map": f"column of {text}"}
         images[name] = as_map(factor * column * counts, unit, volume, camera, told)
     space = _with_unit(volume, sums[-1], None)

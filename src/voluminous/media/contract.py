@@ -396,11 +396,12 @@ class Medium:
         *,
         grey: bool = True,
         parameters: dict[str, float] | None = None,
+        units: Any = None,
     ) -> Medium:
         """Return a medium from any Python function of the fields; see `media.Function`."""
         from .function import Function
 
-        return Function(function, fields, channels, grey=grey, parameters=parameters)
+        return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
 
     def __repr__(self) -> str:
         described = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..colormaps import get_color
 from ..errors import InputError
-from ..units import as_given, is_quantity, parse_unit, unit_name
+from ..units import as_given, is_quantity, parse_unit, unit_name, unit_of
 
 
 def scalar(value: Any, what: str) -> Any:
@@ -98,7 +98,7 @@ def color_values(color: Any) -> tuple[float, ...]:
 
 def check_plain(value: Any, what: str) -> None:
     """Refuse quantities where NumPy would drop the unit."""
-    if is_quantity(value):
+    if unit_of(value) is not None or is_quantity(value):
         raise InputError(
             f"{what} must be plain numbers, got {value}; units belong to expr and path_length"
         )

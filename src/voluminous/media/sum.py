@@ -172,9 +172,9 @@ class Sum(Medium):
         )
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return the unit of the parts' intensity, if they agree."""
-        units = {part.intensity_unit(context) for part in self.parts}
-        return units.pop() if len(units) == 1 else None
+        """Return the unit of the parts' intensity; those without one emit nothing beside others."""
+        units = (part.intensity_unit(context) for part in self.parts)
+        return next((unit for unit in units if unit is not None), None)
 
     def key(self) -> Any:
         """Return the keys of all parts."""

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError, check_name, unknown_name
 from ..geometry import CARTESIAN, many_valued
 from ..memory import check_memory
-from ..units import is_quantity
+from ..units import as_quantity, is_quantity
 
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
@@ -230,7 +230,7 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
     InputError
         If it is neither a number, nor one per channel, nor an image of the right size.
     """
-    given = getattr(background, "intensity", background)
+    given = as_quantity(getattr(background, "intensity", background))
     if is_quantity(given):  # NumPy would drop the unit
         raise InputError(
             f"background must be plain numbers, in the unit of the image's intensity, got {given}"

@@ -8,7 +8,7 @@ from typing import Any
 from ..backend import get_backend
 from ..calibration import calibrated
 from ..cameras.contract import check_camera
-from ..errors import InputError, how_to_take
+from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
 from ..schemes import get_scheme
@@ -60,7 +60,7 @@ def prepare(
     volume = volume.seen_by(camera)
     volume.refresh()  # derivatives of fields that were changed in place
     store = Store(volume)
-    medium = calibrated(with_formulas(medium), volume, store.known)
+    medium = with_formulas(calibrated(medium, volume, store.known))
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):
@@ -104,15 +104,19 @@ def _usual_scheme(medium: Medium) -> str:
 
 
 def _check_units(volume: Volume, medium: Medium) -> None:
-    """Refuse expressions of fields that would have to be converted.
+    """Refuse expressions that are not in plain numbers: those of media that others have written.
 
     Raises
     ------
     UnitsError
-        If numbers of one kind, but in different units, are added or compared.
+        If their units cannot be derived, or numbers would have to be converted.
     """
     for expr, _ in medium.known_expressions():
-        volume.expression_unit(expr)
+        if volume.without_units(expr) is not expr:
+            raise UnitsError(
+                f"{expr.text!r} combines numbers in different units, which this kind of medium "
+                "cannot convert; make it a derived field first: volume['name'] = expression"
+            )
 
 
 def _needs_double(completed: Completed, medium: Medium) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ...units import is_quantity, parse_unit, plain
+from ...units import as_quantity, is_quantity, parse_unit, plain
 from ..stretch import finite
 from .lengths import bar_length, known_unit, readable, with_unit
 
@@ -65,6 +65,7 @@ def _given(image: Image, wanted: Any) -> tuple[float, str]:
             raise InputError(
                 f"scale_bar must be a length such as '100 au', got {wanted!r}"
             ) from error
+    wanted = as_quantity(wanted)
     if is_quantity(wanted):
         length = finite(plain(wanted, parse_unit(image.unit), "scale_bar"), "scale_bar")
         # The unit the user chose is the one to read.
