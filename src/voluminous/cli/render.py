@@ -66,6 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
+    from ..image.changed import changed
+
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
     of_data = is_volume(args.scene, args.format)
     chosen = args.output or [_default_output(args.scene, of_data)]
@@ -75,10 +77,8 @@ def run(args: argparse.Namespace) -> int:
         _annotate(scene, outputs)
     image, seconds = render_scene(scene, args.scene.name, args.quiet)
     for path in outputs:
-        image.provenance = {
-            **(image.provenance or {}),
-            "scene": scene.to_dict(path.resolve().parent),
-        }
+        told_scene = {"scene": scene.to_dict(path.resolve().parent)}
+        image = changed(image, provenance={**(image.provenance or {}), **told_scene})
         scene.save_image(image, path)
         say(args.quiet, f"{path}: {told(image, seconds)}")
     return 0

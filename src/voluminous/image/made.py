@@ -93,12 +93,14 @@ class Made:
         return convolve(self, beam)
 
     def to(self: Any, unit: Any, *, beam: Any = None) -> Image:
-        """Return the image with its intensities in another unit.
+        """Return the image in another unit: of its plane (`unit`), or of its intensities.
 
         Parameters
         ----------
         unit : str or unit
-            Such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``.
+            A length (or an angle, if the plane has angles) converts `x`, `y` and `pixel_size`; any
+            other, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``, intensities, errors and
+            bounds. Maps whose values are lengths too (depths) have both converted.
         beam : optional
             As in `convolve`, for units per beam. Default: the one the image was convolved with.
 
@@ -110,7 +112,7 @@ class Made:
         Raises
         ------
         UnitsError
-            If the image has no unit, it cannot be converted, or a solid angle is not known.
+            If the image has no such unit, it cannot be converted, or a solid angle is not known.
         """
         from .conversion import to_unit
 

@@ -12,7 +12,7 @@ from ..colormaps import get_colormap
 from ..figures import add_color_bar, new_figure
 from . import mixing
 from .colormap import scale
-from .options import check_options, plain_limits
+from .options import check_options, plain_options
 from .signed import with_colormap
 from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .stretch import curve, finite
@@ -31,7 +31,7 @@ _MARGIN = 0.05
 def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> Axes:
     """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
     check_options("display option", options, OPTIONS)
-    options = plain_limits(options, image.intensity_unit)
+    options = plain_options(options, image.intensity_unit)
     axes = _new_axes(image.wcs) if ax is None else ax
     extent, labels = _coordinates(image, axes)
     place: dict[str, Any] = {"origin": "lower", "extent": extent}
@@ -97,7 +97,7 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
-    options = with_colormap(image.intensity, plain_limits(options, image.intensity_unit))
+    options = with_colormap(image.intensity, plain_options(options, image.intensity_unit))
     index = mixing.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...errors import UnitsError
-from ...units import parse_unit
+from ..coordinates import known_unit
 from ..plot import round_length
 
 # A length is told in the last of these units that it is at least so many of.
@@ -80,14 +79,6 @@ def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
     fits = (size * own.to(name) >= least * (1.0 - 1e-9) for name, _, least in ladder)
     last = max(k for k, does in enumerate(fits) if does or k == 0)
     return float(own.to(ladder[last][0])), ladder[last][1]
-
-
-def known_unit(unit: Any) -> Any:
-    """Return the unit of a picture; None for one that is not known, as another program may name."""
-    try:
-        return parse_unit(unit)
-    except UnitsError:
-        return None
 
 
 def bar_length(longest: float, unit: str) -> tuple[float, str]:

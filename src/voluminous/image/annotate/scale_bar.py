@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ...units import is_quantity, parse_unit, plain
+from ..coordinates import known_unit
 from ..stretch import finite
-from .lengths import bar_length, known_unit, readable, with_unit
+from .lengths import bar_length, readable, with_unit
 
 if TYPE_CHECKING:
     from ..image import Image
