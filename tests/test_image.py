@@ -397,7 +397,7 @@ def test_plot_converts_what_it_shows():
     assert ax.images[0].get_extent() == pytest.approx(image.to("pc").extent)
     assert ax.texts[0].get_text() == "0.2 pc"
     ax = image.plot(unit="kg / m2", channels=0, vmax=1 * u.g / u.cm**2)
-    assert ax.images[0].colorbar.ax.get_ylabel() == "intensity [kg / m2]"
+    assert ax.images[0].colorbar.ax.get_ylabel() == "intensity [kg m⁻²]"
     assert ax.images[0].get_clim()[1] == pytest.approx(10)
 
 

@@ -70,6 +70,7 @@ _PUBLIC = {
     "measure": "measuring",
     "moments": "measuring",
     "open": "io",
+    "plot_row": "image",
     "probe": "measuring",
     "render": "rendering",
     "tau_surface": "measuring",
@@ -133,6 +134,7 @@ __all__ = [
     "models",
     "moments",
     "open",
+    "plot_row",
     "probe",
     "regions",
     "render",
@@ -156,7 +158,7 @@ if TYPE_CHECKING:
     )
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
-    from .image import Image
+    from .image import Image, plot_row
     from .io import from_xarray, open
     from .io.vtk.objects import from_pyvista
     from .io.yt import from_yt

@@ -7,5 +7,6 @@ file format.
 """
 
 from .image import Image
+from .row import plot_row
 
-__all__ = ["Image"]
+__all__ = ["Image", "plot_row"]

@@ -348,9 +348,15 @@ class Image(Made):
         return load(as_path(path), cls)
 
     def plot(
-        self, ax: Axes | None = None, *, unit: Any = None, scale_bar: bool = False, **options: Any
+        self,
+        ax: Axes | None = None,
+        *,
+        unit: Any = None,
+        scale_bar: bool = False,
+        colorbar: bool = True,
+        **options: Any,
     ) -> Axes:
-        """Draw the image with axes in its unit; a colour bar where one channel is shown.
+        """Draw the image with axes in its unit, and a colour bar.
 
         An image with world coordinates is drawn in these, unless `ax` is an ordinary one.
 
@@ -362,7 +368,10 @@ class Image(Made):
         unit : str or unit, optional
             Show the image so, as `to` converts it: its axes in ``"pc"``, its values in ``"Jy/sr"``.
         scale_bar : bool
-            Add a bar of a round length.
+            Add a bar of a round length, in the same unit.
+        colorbar : bool
+            Of the intensities where one channel is shown, else of the medium's colours, if
+            `provenance` tells them.
         **options
             Those of `to_rgb`.
 
@@ -373,7 +382,7 @@ class Image(Made):
         from .plot import plot
 
         shown = self if unit is None else self.to(unit)
-        return plot(shown, ax, scale_bar=scale_bar, **options)
+        return plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
 
     def _repr_png_(self) -> bytes:
         """Return the picture for notebooks."""

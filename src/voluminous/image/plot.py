@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..colormaps import get_colormap
 from ..figures import add_color_bar, new_figure
 from . import mixing
-from .colormap import scale
+from .colormap import scale as norm_of
 from .options import check_options, plain_options
 from .signed import with_colormap
 from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
@@ -28,11 +28,13 @@ _BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the pictur
 _MARGIN = 0.05
 
 
-def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> Axes:
+def plot(
+    image: Image, ax: Axes | None, *, scale_bar: bool, colorbar: bool = True, **options: Any
+) -> Axes:
     """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
     check_options("display option", options, OPTIONS)
     options = plain_options(options, image.intensity_unit)
-    axes = _new_axes(image.wcs) if ax is None else ax
+    axes = new_axes(image) if ax is None else ax
     extent, labels = _coordinates(image, axes)
     place: dict[str, Any] = {"origin": "lower", "extent": extent}
     place["aspect"] = _aspect(image, extent)
@@ -42,12 +44,11 @@ def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> A
             # The layout makes room for their labels before it knows of the fixed aspect: beside a
             # picture in the middle there is too little for the bar.
             axes.set_anchor("W")
-        # Maps of what was measured say what they are.
-        name = str((image.provenance or {}).get("map", "intensity"))
-        add_color_bar(axes, drawn, _label(name, image.intensity_unit), own=ax is None)
     else:
         shown = with_colormap(image.intensity, options)
-        axes.imshow(display(image.intensity, image.transparency, **shown), **place)
+        drawn = axes.imshow(display(image.intensity, image.transparency, **shown), **place)
+    if colorbar:
+        add_bars(axes, image, options, drawn, own=ax is None)
     if labels:
         axes.set(xlabel=labels[0], ylabel=labels[1])
     else:
@@ -76,13 +77,49 @@ def _aspect(image: Image, extent: Extent) -> float:
     return abs((y1 - y0) / (x1 - x0) * (right - left) / (top - bottom))
 
 
-def _new_axes(wcs: Any) -> Axes:
-    figure = new_figure()
-    if wcs is None:
-        return cast("Axes", figure.add_subplot())
+def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
+    """Return axes for an image, in a new figure or at a place in one."""
+    figure = new_figure() if figure is None else figure
+    if image.wcs is None:
+        return cast("Axes", figure.add_subplot(*place))
     from astropy.visualization.wcsaxes import WCSAxes
 
-    return cast("Axes", figure.add_subplot(axes_class=WCSAxes, wcs=wcs))
+    return cast("Axes", figure.add_subplot(*place, axes_class=WCSAxes, wcs=image.wcs))
+
+
+def intensity_label(image: Image) -> str:
+    """Return the label of a colour bar: maps of measurements say what they are."""
+    name = str((image.provenance or {}).get("map", "intensity"))
+    from .annotate.lengths import pretty_unit
+
+    return _label(name, pretty_unit(image.intensity_unit))
+
+
+def add_bars(
+    axes: Any, image: Image, options: dict[str, Any], drawn: Any, *, own: bool, **known: Any
+) -> None:
+    """Add a colour bar of what was drawn of one channel, or else of each scalar of the medium.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes or list of them
+        From which the bars take their room.
+    image, options, **known
+        As for `scales_of`.
+    drawn : matplotlib AxesImage
+    own : bool
+        As for `add_color_bar`.
+    """
+    from .annotate.medium_scales import scales_of
+
+    if shows_one_channel(image, options):
+        bars = [(drawn, intensity_label(image))]
+    else:
+        bars = [(scale.mappable, scale.label) for scale in scales_of(image, options, **known)]
+    for number, (mappable, label) in enumerate(bars):
+        bar = add_color_bar(axes, mappable, label, own=own, number=number)
+        # What a medium leaves dark is dark in the picture.
+        bar.ax.set_facecolor(options.get("background") or "black")
 
 
 def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
@@ -105,7 +142,7 @@ def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     colormap = options.get("colormap")
     if colormap is None:
         limits = _grey_limits(values, *limits)
-    norm = scale(values, bend, options.get("norm"), *limits)
+    norm = norm_of(values, bend, options.get("norm"), *limits)
     return {
         "X": values,
         "norm": norm,
