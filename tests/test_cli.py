@@ -216,7 +216,7 @@ def test_ctrl_c_leaves_no_half_written_file(scene, tmp_path, capsys, monkeypatch
     (tmp_path / "scene.png").write_bytes(b"old")
 
     @contextlib.contextmanager
-    def interrupted(label, *, show):
+    def interrupted(*_):
         def report(done, total):
             raise KeyboardInterrupt
 
@@ -260,19 +260,26 @@ class Terminal:
 
 
 def test_a_bar_on_a_terminal_only(monkeypatch):
-    with progress_bar("core") as report:
-        assert report is None  # the tests' error stream is no terminal
     terminal = Terminal()
+    terminal.isatty = lambda: False
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr(progress, "_DELAY", 0.0)
     monkeypatch.setenv("COLUMNS", "80")
-    with progress_bar("core") as report:
-        report(0, 1)
-        report(50, 200)
-        report(200, 200)
-    assert "core" in terminal.text
-    with progress_bar("core", show=False) as report:
-        assert report is None
+
+    def shown(wanted):
+        terminal.text = ""
+        with progress_bar(wanted, "core") as report:
+            report(0, 1)
+            report(50, 200)
+            report(20, 100)
+            report(100, 100)
+        return "core" in terminal.text
+
+    assert (shown(None), shown(True), shown(False)) == (False, True, False)
+    terminal.isatty = lambda: True
+    assert (shown(None), shown(True), shown(False)) == (True, True, False)
+    monkeypatch.setattr(progress, "_DELAY", 60.0)
+    assert (shown(None), shown(True), shown(False)) == (False, True, False)
 
 
 # demo

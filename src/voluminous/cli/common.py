@@ -49,7 +49,7 @@ def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
     from ..progress import progress_bar
 
     start = time.perf_counter()
-    with progress_bar(label, show=False if quiet else None) as progress:
+    with progress_bar(False if quiet else None, label) as progress:
         image = scene.render(progress=progress)
     return image, time.perf_counter() - start
 

@@ -13,6 +13,7 @@ from ..image import Image
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from ..objects.values import MANY
+from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
@@ -23,11 +24,12 @@ from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
 from .options import background_array, refuse_unusable
-from .prepare import prepare, silent
+from .prepare import prepare
 from .sky import image_wcs
 from .unseen import warn_of_unseen
 
 
+@with_progress
 def render(
     volume: Volume,
     medium: Medium | None = None,
@@ -43,7 +45,7 @@ def render(
     samples: Any = 1,
     bounds: bool | int = False,
     objects: Any = (),
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
 
@@ -91,8 +93,10 @@ def render(
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
         `Star`, `Stars`, `Spheres`, `Lines`, `boxes`, `axes`.
-    progress : callable, optional
-        Called as ``progress(done, total)`` now and then; may raise to cancel.
+    progress : bool or callable, optional
+        True shows a bar, False none; by default one appears on a terminal and in a notebook when
+        it takes longer than two seconds. A function is called as ``progress(done, total)`` now and
+        then; it may raise to cancel.
 
     Returns
     -------
