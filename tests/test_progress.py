@@ -7,6 +7,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
+from voluminous.rendering import slow
 
 GRID = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
 VOLUME = vm.Volume(GRID, density=np.random.default_rng(1).uniform(1, 2, GRID.shape) / u.cm**3)
@@ -64,6 +65,28 @@ def test_a_function_may_cancel():
         with pytest.raises(EnoughError):
             long(stop)
         long(None)  # the next is unharmed
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"samples": "adaptive"}, "samples=4"),
+        ({"precision": "double"}, "'single'"),
+        ({"bounds": True}, "image.error"),
+        ({"tolerance": 1e-6}, "1e-3"),
+    ],
+)
+def test_slow_choices_are_named_once(option, words, monkeypatch, caplog):
+    monkeypatch.setattr(slow, "_named", set())
+    vm.render(VOLUME, MEDIUM, CAMERA, **option)
+    assert not caplog.records  # it was quick
+    monkeypatch.setattr(slow, "_LONG", 0.0)
+    vm.render(VOLUME, MEDIUM, CAMERA)
+    assert not caplog.records
+    for _ in range(2):
+        vm.render(VOLUME, MEDIUM, CAMERA, **option)
+    (record,) = caplog.records
+    assert words in record.getMessage()
 
 
 def test_a_bar_in_a_notebook(monkeypatch):

@@ -60,6 +60,7 @@ _PUBLIC = {
     "boxes": "objects",
     "calibrate": "calibration",
     "column": "measuring",
+    "demo": "cli.demo",
     "extreme": "measuring",
     "first_hit": "measuring",
     "framed": "rendering",
@@ -121,6 +122,7 @@ __all__ = [
     "boxes",
     "calibrate",
     "column",
+    "demo",
     "extreme",
     "first_hit",
     "framed",
@@ -145,6 +147,7 @@ if TYPE_CHECKING:
     from . import io, math, models, regions
     from .calibration import auto, calibrate
     from .cameras import Orthographic, Perspective
+    from .cli.demo import demo
     from .errors import (
         DeviceError,
         ExpressionError,

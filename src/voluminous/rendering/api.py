@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -23,9 +24,10 @@ from .framing import framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
-from .options import background_array, refuse_unusable
+from .options import FINEST_SINGLE, background_array, refuse_unusable
 from .prepare import prepare
 from .sky import image_wcs
+from .slow import name_slow_choices
 from .unseen import warn_of_unseen
 
 
@@ -136,6 +138,7 @@ def render(
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
+    start = time.monotonic()
     planes = job.run(float(np.max(np.abs(behind))))
     if not planes.finite:
         refuse_unusable(job.backend.precision)
@@ -148,7 +151,11 @@ def render(
         told["objects"] = [one.describe(MANY) for one in things]
     if missing:
         told["missing"] = missing
-    return _image(job, planes, behind, budget, told)
+    image = _image(job, planes, behind, budget, told)
+    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
+    fine = job.scheme.controlled and job.tolerance < FINEST_SINGLE
+    name_slow_choices(time.monotonic() - start, tolerance=fine, **slow)
+    return image
 
 
 def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
