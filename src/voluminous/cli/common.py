@@ -81,7 +81,7 @@ def told(image: Image, seconds: float) -> str:
     return (
         f"{nx} x {ny} pixels, {channels} channel{'s' * (channels > 1)}, {how.get('scheme')}, "
         f"{how.get('precision')} precision, {how.get('device')}, {seconds:.2f} s, "
-        f"exposure {image.exposure:.4g}"
+        f"automatic exposure {image.exposure:.4g}"
     )
 
 

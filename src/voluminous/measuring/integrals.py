@@ -75,7 +75,7 @@ def integrals(
         warnings.warn(
             f"{told}: zero along every ray of this camera, which looks elsewhere, or whose pixels "
             "meet nothing of what is small",
-            stacklevel=3,
+            stacklevel=4,
         )
     return np.moveaxis(image.intensity, -1, 0).astype(np.float64)
 
