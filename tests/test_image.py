@@ -409,7 +409,7 @@ def test_an_array_of_an_image_is_the_picture_with_its_top_row_first():
     picture = np.asarray(image)
     np.testing.assert_array_equal(picture, image.to_rgb()[::-1])
     assert np.asarray(image, dtype=float).dtype == float
-    with pytest.raises(InputError, match="give image.intensity"):
+    with pytest.raises(InputError, match=r"give image\.intensity"):
         Image(image)
     with pytest.raises(TypeError, match="ufunc"):
         np.log10(image)

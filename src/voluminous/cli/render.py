@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--annotate",
         action="store_true",
-        help="add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf, .svg)",
+        help="add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)",
     )
     render_volume.add_arguments(parser)
     add_render_options(parser)
@@ -130,9 +130,7 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
     from ..image.formats import format_of
 
     if not any("annotate" in format_of(path).options for path in outputs):
-        raise InputError(
-            "--annotate is for pictures to look at: give a .png, .jpg, .pdf or .svg with -o"
-        )
+        raise InputError("--annotate is for pictures to look at: give a .png or .pdf with -o")
     given = scene.image_options.get("annotate")
     known = {"volume": scene.volume().seen_by(scene.camera), "medium": scene.medium}
     annotations = {**known, **(given if isinstance(given, dict) else {})}
