@@ -71,7 +71,7 @@ _PUBLIC = {
     "measure": "measuring",
     "moments": "measuring",
     "open": "io",
-    "plot_row": "image",
+    "plot_row": "image.row",
     "probe": "measuring",
     "render": "rendering",
     "tau_surface": "measuring",
@@ -161,7 +161,8 @@ if TYPE_CHECKING:
     )
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
-    from .image import Image, plot_row
+    from .image import Image
+    from .image.row import plot_row
     from .io import from_xarray, open
     from .io.vtk.objects import from_pyvista
     from .io.yt import from_yt

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Extent = tuple[float, float, float, float]
 _BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
 _MARGIN = 0.05
+_LONG_NUMBERS = (1e4, 1e6)  # longer ones are told as powers of ten
 
 
 def plot(
@@ -51,6 +52,7 @@ def plot(
         add_bars(axes, image, options, drawn, own=ax is None)
     if labels:
         axes.set(xlabel=labels[0], ylabel=labels[1])
+        _thin_out(axes, extent)
     else:
         label_axes(axes, image.wcs)
     if scale_bar and (image.wcs is None or has_lengths(image.wcs)):
@@ -66,6 +68,15 @@ def _coordinates(image: Image, axes: Axes) -> tuple[Extent, list[str]]:
     if image.wcs is not None and is_linear(image.wcs):
         return plain_axes(image.wcs)
     return image.extent, [_label("x", image.unit), _label("y", image.unit)]
+
+
+def _thin_out(axes: Axes, extent: Extent) -> None:
+    """Take fewer ticks along x where numbers are so long that they would meet."""
+    from matplotlib.ticker import AutoLocator
+
+    locator, (low, high) = axes.xaxis.get_major_locator(), _LONG_NUMBERS
+    if isinstance(locator, AutoLocator) and low <= max(map(abs, extent[:2])) < high:
+        locator.set_params(nbins=4)
 
 
 def _aspect(image: Image, extent: Extent) -> float:
