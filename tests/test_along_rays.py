@@ -271,7 +271,7 @@ def test_measurements_do_not_depend_on_units(length, size):
 
 
 def test_what_makes_no_sense():
-    with pytest.raises(vm.InputError, match="progress must be a function of done and total"):
+    with pytest.raises(vm.InputError, match="progress must be True, False, None or a function"):
         vm.first_hit(VOLUME, "a > 0", DOWN, progress=3)
     with pytest.raises(vm.InputError, match="tau must be a positive number"):
         vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)

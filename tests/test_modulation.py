@@ -65,7 +65,7 @@ def test_a_gate_of_one_changes_nothing_and_one_of_zero_leaves_nothing(kind, sche
 def test_a_number_is_a_soft_gate(kind):
     # Half of emission and extinction is a medium of twice the path length.
     half, other = media(where="0.5 * (b == b)")[kind], media()[kind]
-    other.path_length = 2 * other.path_length
+    other = other.replace(path_length=2 * other.path_length)
     exact = {"precision": "double"}
     np.testing.assert_allclose(seen(half, **exact), seen(other, **exact), rtol=1e-12)
 

@@ -10,8 +10,8 @@ from .derivatives import component_of_cells, is_component
 from .errors import UnitsError, UnknownNameError, unknown_name
 from .expressions import Expression, NumpyOps, components, has_units, required_names, resolve
 from .fields import coordinates, is_angle
-from .units import parse_unit
 from .geometry import CARTESIAN
+from .units import parse_unit
 
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20

@@ -11,9 +11,10 @@ import numpy as np
 
 from .errors import InputError
 from .units import as_given, is_quantity, plain, unit_of
+from .value import Value
 
 
-class Region:
+class Region(Value):
     """A part of space. Regions combine with ``&`` (both), ``|`` (either) and ``~`` (outside)."""
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:

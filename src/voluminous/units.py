@@ -50,7 +50,7 @@ def as_quantity(value: Any) -> Any:
         return _converted(value, lambda: value.to_astropy())
     if hasattr(value, "to_base_units") and hasattr(value, "magnitude"):  # pint
         return _converted(value, lambda: _of_pint(value))
-    attributes = getattr(value, "attrs", None)
+    attributes: Any = getattr(value, "attrs", None)
     if hasattr(value, "dims") and hasattr(attributes, "get"):  # xarray
         inner = as_quantity(value.data)
         unit = None if is_quantity(inner) else attributes.get("units")

@@ -148,11 +148,18 @@ def _label(expr: Expression, label: float) -> Callable[..., Shaped]:
     """Return what makes a medium of one label, which is drawn cell by cell."""
 
     def make(color: Any, opacity: Any, length: Any) -> Shaped:
-        shown = Rectangle(expr, float(label), 0.5, color, opacity, length)
-        shown.discrete = True
-        return shown
+        return _Label(expr, float(label), 0.5, color, opacity, length)
 
     return make
+
+
+class _Label(Rectangle):
+    """One label: between two there are no others."""
+
+    discrete = True
+
+    def describe(self) -> dict[str, Any]:
+        return {**super().describe(), "type": "rectangle"}
 
 
 def _lit(

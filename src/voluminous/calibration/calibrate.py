@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -146,6 +145,4 @@ def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
 def _with_length(medium: Medium, length: float | None) -> Any:
     if length is None:
         return medium
-    other: Any = copy.copy(medium)
-    other.path_length = length
-    return other
+    return medium.changed(path_length=length)

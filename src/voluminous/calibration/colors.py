@@ -52,11 +52,10 @@ def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]])
     color = getattr(getattr(part, "modulation", None), "color", None)
     if color is None or not color.range.is_open:
         return part
-    other = copy.copy(part)
-    other.modulation = copy.copy(part.modulation)
     shown = _Shown(volume, part.names, part.visible_in, part.visible_key())
-    other.modulation.color = _closed(color, shown, known)
-    return other
+    modulation = copy.copy(part.modulation)
+    modulation.color = _closed(color, shown, known)
+    return part.changed(modulation=modulation)
 
 
 @dataclass

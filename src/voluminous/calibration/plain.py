@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ..errors import UnitsError
 from ..expressions import Expression, times
 from ..media import Coefficients, ColorBy, Medium
@@ -67,7 +69,8 @@ def _plain_coefficients(medium: Coefficients, volume: Volume) -> Any:
         e if unit is None else _in(e, unit, length, "extinction")
         for e, unit in (_plain(e, volume) for e in medium.extinction)
     ]
-    same = all(a is b for a, b in zip((*j, *alpha), (*medium.emissivity, *medium.extinction)))
+    before, after = (*medium.emissivity, *medium.extinction), (*j, *alpha)
+    same = all(new is old for new, old in zip(after, before, strict=True))
     return medium if same else medium.replace(emissivity=j, extinction=alpha)
 
 
@@ -98,17 +101,21 @@ _TELL = (
 )
 
 
-def _told_function(
-    function: Function, inputs: Any, units: Any, volume: Volume
-) -> Function:
+def _told_function(function: Function, inputs: Any, units: Any, volume: Volume) -> Function:
     """Return a function that says its units, as one of plain numbers, per length of the volume."""
-    stripped = [e if unit is None else times(e, 1.0, unit**-1) for e, unit in zip(inputs, units)]
-    factor, own = 1.0, function.units[1]
+    stripped = [
+        e if unit is None else times(e, 1.0, unit**-1)
+        for e, unit in zip(inputs, units, strict=True)
+    ]
+    emission, own = function.units or (None, None)
+    factor = 1.0
     if own is not None:
         length = None if volume.unit is None else parse_unit(volume.unit**-1)
         factor = _factor(own, length, f"the extinction of {function.title}", "extinction")
     return function.replace(
-        fields=stripped, function=_Scaled(function.function, factor), units=(function.units[0], None)
+        fields=stripped,
+        function=_Scaled(function.function, factor),
+        units=(emission, None),
     )
 
 

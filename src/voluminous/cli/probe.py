@@ -118,7 +118,7 @@ def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
     if isinstance(options.get("background"), str):
         options["background"] = _background(scene, options["background"])
     options |= {"pixel": args.pixel, "at": _point(args.at), "also": args.also}
-    with progress_bar(args.scene.name, show=False if args.quiet else None) as progress:
+    with progress_bar(False if args.quiet else None, args.scene.name) as progress:
         return probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
 
 

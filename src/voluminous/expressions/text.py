@@ -10,9 +10,9 @@ from .tree import (
     Constant,
     Earlier,
     Field,
-    InUnit,
     IntegerPower,
     Interpolation,
+    InUnit,
     Logic,
     Node,
     Quantity,
@@ -88,11 +88,7 @@ def _operand(node: Node) -> str:
     shown = text(node)
     simple = isinstance(node, Constant) and not shown.startswith("-")
     function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
-    return (
-        shown
-        if simple or function or isinstance(node, _CLOSED)
-        else f"({shown})"
-    )
+    return shown if simple or function or isinstance(node, _CLOSED) else f"({shown})"
 
 
 def _numbers(values: tuple[float, ...]) -> str:

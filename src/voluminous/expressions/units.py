@@ -32,8 +32,8 @@ from .tree import (
     Earlier,
     Field,
     IntegerPower,
-    InUnit,
     Interpolation,
+    InUnit,
     Logic,
     Node,
     Quantity,
@@ -204,7 +204,7 @@ class _Walk:
         """Return what numbers without units make: another one."""
         ops = NumpyOps()
         with np.errstate(all="ignore"):
-            values = [np.float64(p.number) for p in parts]  # type: ignore[arg-type]
+            values = [np.float64(p.number) for p in parts]
             return _Part(node, None, float(getattr(ops, node.operation)(*values)))
 
     # What several operations share.
@@ -218,9 +218,7 @@ class _Walk:
         unit = _unit_of(varying) if varying else _unit_of(parts)
         plain = plain or is_dex(unit) or _is_radian(unit)
         fits = [p.unit is None and (p.free or (plain and p.number is not None)) for p in parts]
-        return [
-            p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)
-        ]
+        return [p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)]
 
     def _in(self, part: _Part, unit: Any, node: Node) -> _Part:
         """Return a number in a unit (None: a plain number), of the same kind."""
@@ -296,7 +294,7 @@ class _Walk:
 
     def _sum_of_dex(self, node: Call, parts: list[_Part], sign: int) -> _Part:
         """Return the logarithm of a product or quotient; plain numbers are logarithms of them."""
-        own = [p.unit.physical_unit if is_dex(p.unit) else None for p in parts]
+        own: list[Any] = [p.unit.physical_unit if is_dex(p.unit) else None for p in parts]
         unit = _product(own[0], own[1], sign)
         if unit is not None and _is_pure(unit):  # of two densities, in g/cm3 and in kg/m3
             parts = [parts[0], self._in(parts[1], _dex(own[0] ** -sign), node)]

@@ -74,6 +74,10 @@ def gathered(array: Array) -> Array:
 
 
 def _floats(values: Any, what: str) -> Array:
+    if hasattr(values, "to_rgb"):
+        raise InputError(
+            f"{what} is an Image, and its array is the picture it shows; give image.intensity"
+        )
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of several lengths

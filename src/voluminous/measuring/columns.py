@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..expressions import product
+from ..progress import Progress, with_progress
 from .integrals import integrals
 from .maps import as_map
 from .quantity import Quantity, check_volume, column_unit, converted
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..image import Image
 
 
+@with_progress
 def column(
     volume: Any,
     quantity: Any,
@@ -27,7 +28,7 @@ def column(
     unit: Any = None,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Image:
     """Return a map of ∫ q ds, or of ∫ q w ds / ∫ w ds, along the lines of sight.
 

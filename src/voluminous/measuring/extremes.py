@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..errors import check_name
 from ..media import Coefficients
+from ..progress import Progress, with_progress
 from .conditions import condition as converted_condition
 from .known import with_known
 from .maps import as_map, depth_map
@@ -40,6 +40,7 @@ class Extreme:
     depth: Image
 
 
+@with_progress
 def extreme(
     volume: Any,
     quantity: Any,
@@ -48,7 +49,7 @@ def extreme(
     *,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Extreme:
     """Return the largest or smallest value of a quantity on every line of sight, and its depth.
 
@@ -79,6 +80,7 @@ def extreme(
     )
 
 
+@with_progress
 def first_hit(
     volume: Any,
     condition: Any,
@@ -86,7 +88,7 @@ def first_hit(
     *,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Image:
     """Return how deep the first cell lies in which a condition holds; NaN where it never does.
 

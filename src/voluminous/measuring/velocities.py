@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import product, shifted
+from ..progress import Progress, with_progress
 from .integrals import integrals
 from .maps import as_map
 from .quantity import Quantity, check_volume, column_unit
@@ -47,6 +48,7 @@ class Moments:
         return iter([m for m in (self.column, self.mean, self.dispersion) if m is not None])
 
 
+@with_progress
 def moments(
     volume: Any,
     quantity: Any,
@@ -58,7 +60,7 @@ def moments(
     samples: int = 1,
     precision: str = "double",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Moments:
     """Return the first moments of a velocity along the lines of sight.
 

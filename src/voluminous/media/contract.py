@@ -12,6 +12,7 @@ import numpy as np
 from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..value import Value
 from .context import Context, no_unit
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ class Coefficients:
         return [*self.emissivity, *self.extinction]
 
 
-class Medium:
+class Medium(Value):
     """A rule from field values to (j, α); media add with ``+``.
 
     Attributes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..colormaps import get_colormap
-from ..errors import InputError
+from ..errors import InputError, immutable
 from ..figures import add_color_bar, new_figure
 from ..units import plain, unit_name
 
@@ -122,6 +122,9 @@ class Slice:
         along = np.flatnonzero(way >= _ALONG)
         rounded = ", ".join(f"{part:.2g}" for part in way)
         return _with_unit("xyz"[along[0]] if along.size else f"({rounded})", self.length_unit)
+
+
+immutable(Slice, "make another by volume.slice(...); `values` are in its `unit`")
 
 
 def make_slice(

@@ -89,20 +89,6 @@ def refuse_unusable(precision: str) -> None:
     )
 
 
-def check_progress(progress: Any) -> None:
-    """Refuse what cannot be told how far a picture is.
-
-    Raises
-    ------
-    InputError
-        If it cannot be called.
-    """
-    if progress is not None and not callable(progress):
-        raise InputError(
-            f"progress must be a function of done and total, or None, got {progress!r}"
-        )
-
-
 def check_tolerance(tolerance: Any) -> float:
     """Return the error allowed, relative to the brightest pixel.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from ..backend import get_backend
@@ -11,6 +10,7 @@ from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
+from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
 from .coefficients.classify import check_fields
@@ -24,7 +24,6 @@ from .options import (
     check_order,
     check_parallel,
     check_pixels,
-    check_progress,
     check_tolerance,
     check_walk,
     is_recursive,
@@ -45,14 +44,13 @@ def prepare(
     order: str = "front-to-back",
     cutoff: float | None = None,
     samples: Any = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> tuple[Job, dict[str, int]]:
     """Return everything a picture is made of, and how many values each field lacks.
 
     See `voluminous.render` for the arguments and errors.
     """
     _check_types(volume, medium, camera)
-    check_progress(progress)
     check_parallel(samples, camera)
     scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
@@ -83,7 +81,7 @@ def prepare(
         backward=check_order(order),
         cutoff=check_cutoff(cutoff),
         tolerance=check_tolerance(tolerance),
-        progress=progress or silent,
+        progress=progress if callable(progress) else silent,
     )
     check_pixels(job.frame.pixels, medium.channels, job.backend)
     job.adaptive = isinstance(samples, str) and samples == "adaptive"
@@ -140,7 +138,3 @@ def _check_types(volume: Any, medium: Any, camera: Any) -> None:
             + ("; media are added: first + second" if isinstance(medium, (list, tuple)) else "")
         )
     check_camera(camera, "render")
-
-
-def silent(done: int, total: int) -> None:
-    """Report nothing."""

@@ -147,6 +147,7 @@ class Scene:
             Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
             gives it back, wherever it is saved.
         """
+        from ..image.changed import changed
         from ..rendering import render
 
         objects = overrides.pop("objects", self.objects)
@@ -161,8 +162,7 @@ class Scene:
         told["render"] = _held({**self._settings["render"], **overrides})
         there = self.directory.absolute()
         told = with_paths(told, lambda path: str(there / os.path.expanduser(path)))
-        image.provenance = {**(image.provenance or {}), "scene": told}
-        return image
+        return changed(image, provenance={**(image.provenance or {}), "scene": told})
 
     def _background(self, path: str) -> Image:
         from ..image import Image

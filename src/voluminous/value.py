@@ -23,8 +23,8 @@ Self = TypeVar("Self", bound="Value")
 class Value:
     """Base of what cannot be changed once it is made.
 
-    Attributes can be set in ``__init__``, of derived classes too; later only those whose names begin
-    with an underscore.
+    Attributes can be set in ``__init__``, of derived classes too; later only those whose names
+    begin with an underscore.
     """
 
     _given: dict[str, Any]
@@ -70,6 +70,10 @@ class Value:
     def __delattr__(self, name: str) -> None:
         self._refuse(name, "…")
 
+    def __repr__(self) -> str:
+        told = ", ".join(f"{name}={value!r}" for name, value in self.arguments().items())
+        return f"{type(self).__name__}({told})"
+
     def _refuse(self, name: str, how: str) -> None:
         kind = type(self).__name__
         raise ImmutableError(
@@ -88,7 +92,9 @@ def _remembering(init: Callable[..., None]) -> Callable[..., None]:
             return init(self, *args, **options)
         args, options = _own(args), _own(options)
         try:
-            bound = dict(signature.bind(self, *args, **options).arguments)
+            call = signature.bind(self, *args, **options)
+            call.apply_defaults()
+            bound = dict(call.arguments)
         except TypeError:  # which `init` raises again
             bound = {}
         for parameter in signature.parameters.values():
