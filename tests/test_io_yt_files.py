@@ -142,7 +142,6 @@ def test_an_amrex_plotfile(tmp_path):
         (("gridded_data_format",), {}),
         (("Info/KeyInfo",), {}),
         ((), {"bounds": 1, "domain": 1, "dims": 1}),
-        ((), {"openPMD": "1.1.0", "openPMDextension": 0, "basePath": "/data/%T/"}),
     ],
 )
 def test_layouts_are_told_without_yt(items, attributes, tmp_path):

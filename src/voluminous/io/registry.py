@@ -24,6 +24,7 @@ from .hdf5 import check, is_hdf5
 from .labelled.netcdf import NetCDFReader
 from .listing import openable
 from .native.reader import NativeReader
+from .openpmd import OpenPMDReader
 from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
 from .particles.phantom import PhantomReader
@@ -62,6 +63,7 @@ READERS: tuple[Reader, ...] = (
     AthenaReader(),
     GadgetReader(),
     PhantomReader(),
+    OpenPMDReader(),
     YtReader(),
     NetCDFReader(),
     OMEZarrReader(),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import is_hdf5, opened, text
 from ..payload import inside
 from ..unit_texts import known_unit
 from .entry import Entry
@@ -96,13 +96,5 @@ def _check_place(path: Path, item: Any) -> None:
 
 def _unit(item: Any) -> str:
     """Return the unit in a data set's attributes; what astropy does not know is left out."""
-    texts = (_text(item.attrs.get(name)) for name in _UNIT_ATTRIBUTES)
+    texts = (text(item.attrs.get(name)) for name in _UNIT_ATTRIBUTES)
     return next((unit for unit in map(known_unit, texts) if unit), "")
-
-
-def _text(attribute: Any) -> str:
-    """Return an attribute that is one text; the empty string for any other."""
-    values = np.ravel(attribute)
-    first = values[0] if values.size == 1 else ""
-    text = first.decode("utf-8", "replace") if isinstance(first, bytes) else first
-    return text.strip() if isinstance(text, str) else ""

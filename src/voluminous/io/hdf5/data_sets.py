@@ -57,3 +57,11 @@ def read(item: Any, column: int | None = None) -> np.ndarray:
     check_memory(count * item.dtype.itemsize, f"reading {item.name}", "read a part of the data")
     values = item[()] if column is None else item[:, column]
     return np.asarray(values, item.dtype.newbyteorder("="))
+
+
+def text(attribute: Any) -> str:
+    """Return an attribute that is one text, however it is kept; empty for any other."""
+    values = np.ravel(attribute)
+    first = values[0] if values.size == 1 else ""
+    first = first.decode("utf-8", "replace") if isinstance(first, bytes) else first
+    return first.strip() if isinstance(first, str) else ""

@@ -17,7 +17,6 @@ _HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
     "GAMER": ({"Info/KeyInfo"}, set()),
     "Chimera": ({"fluid/agr_c", "fluid/grav_x_c"}, set()),
     "Cholla": (set(), {"bounds", "domain", "dims"}),
-    "openPMD": (set(), {"openPMD", "openPMDextension", "basePath"}),
     "yt": ({"data"}, {"data_type", "container_type"}),
 }
 _RAMSES_FILE = re.compile(r"(info|amr|hydro|header)_(\d{5})\.(txt|out\d{5})")
