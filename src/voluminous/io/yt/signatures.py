@@ -16,6 +16,7 @@ _HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
     "GDF": ({"gridded_data_format"}, set()),
     "GAMER": ({"Info/KeyInfo"}, set()),
     "Chimera": ({"fluid/agr_c", "fluid/grav_x_c"}, set()),
+    "Parthenon": ({"Info", "Levels", "LogicalLocations", "Locations/x"}, set()),
     "Cholla": (set(), {"bounds", "domain", "dims"}),
     "yt": ({"data"}, {"data_type", "container_type"}),
 }
