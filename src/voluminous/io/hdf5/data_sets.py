@@ -45,6 +45,26 @@ def data_set(path: Path, group: Any, name: str) -> Any:
     return item
 
 
+def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the data sets of numbers in a group, and why each other thing in it is none."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    others: dict[str, str] = {}
+    for name in group:
+        linked = not isinstance(group.get(name, getlink=True), h5py.HardLink)
+        item = None if linked else group[name]
+        if not isinstance(item, h5py.Dataset):
+            others[name] = "a link" if linked else "a group"
+        elif not item.size:
+            others[name] = "no values"
+        elif item.dtype.kind not in "fiub":
+            others[name] = f"values of type {item.dtype}"
+        else:
+            found[name] = data_set(path, group, name)
+    return found, others
+
+
 def read(item: Any, column: int | None = None) -> np.ndarray:
     """Return the values of a data set, or one column of them, in native byte order.
 

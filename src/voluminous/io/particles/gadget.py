@@ -67,6 +67,8 @@ class GadgetReader(Reader):
         make = functools.partial(_deposit, snapshot, unit, placing)
         volume = volume_of(make, _density(snapshot), snapshot.columns(), fields, empty)
         volume.meta.update(snapshot.header.meta)
+        if snapshot.left_out:
+            volume.meta["left_out"] = snapshot.left_out
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
