@@ -24,6 +24,7 @@ from .hdf5 import check, is_hdf5
 from .labelled.netcdf import NetCDFReader
 from .listing import openable
 from .native.reader import NativeReader
+from .nexus import NeXusReader
 from .openpmd import OpenPMDReader
 from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
@@ -65,6 +66,7 @@ READERS: tuple[Reader, ...] = (
     PhantomReader(),
     OpenPMDReader(),
     YtReader(),
+    NeXusReader(),
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),

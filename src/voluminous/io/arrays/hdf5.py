@@ -55,7 +55,7 @@ def _entry(path: Path, item: Any) -> Entry:
     scales, dims = _scales(item)
 
     def load(index: Any = ...) -> np.ndarray:
-        _check_place(path, item)
+        check_place(path, item)
         values: np.ndarray = item[index]
         return values
 
@@ -75,7 +75,7 @@ def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return places, tuple(names)
 
 
-def _check_place(path: Path, item: Any) -> None:
+def check_place(path: Path, item: Any) -> None:
     """Refuse values that are elsewhere: a file must not make us read any other.
 
     Raises

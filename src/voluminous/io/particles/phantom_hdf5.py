@@ -41,8 +41,7 @@ def source_in(path: Path) -> Source:
         for tag in ("x", "y", "z", "h"):
             if tag not in particles:
                 raise FileFormatError(f"particles have no {tag!r}; left out are {left_out}")
-        sinks = file["sinks"] if "sinks" in file else {}
-        sinks = _properties(path, sinks)[0] if sinks else {}
+        sinks = _properties(path, file["sinks"])[0] if "sinks" in file else {}
     return Source(header, particles, sinks, f"header/{mass}", left_out)
 
 
