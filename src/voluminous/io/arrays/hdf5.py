@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,22 @@ from ..unit_texts import known_unit
 from .entry import Entry
 from .named_arrays import NamedArraysReader
 
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+# Layouts with an order of axes and places of cells of their own: by what they have in the root.
+_LAYOUTS = {
+    "Grid00000001": "a piece of an output of Enzo; open its file of parameters or its directory",
+    "DataContainers": "a file of DREAM.3D",
+    "DataStructure": "a file of DREAM3D-NX",
+    "s00/resolutions": "a file of BigDataViewer; export it as OME-Zarr or TIFF",
+    "CGNSLibraryVersion": "a CGNS file; save it as .vtk with ParaView or PyVista",
+    ".silo": "a Silo file; save it as .vtk with VisIt",
+    "Chimera": "a map of UCSF Chimera; save it as .mrc",
+    "HDFEOS INFORMATION": "an HDF-EOS file; open it with xarray, and give that to vm.from_xarray",
+}
+_MATLAB = b"MATLAB 7.3 MAT-file"
+_PLACED_BY = ("axes", "bounds", "spacing", "x", "y", "z")
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 
 
@@ -24,11 +40,23 @@ class HDF5Reader(NamedArraysReader):
 
     name = "hdf5"
     description = "an HDF5 file"
-    suffixes = (".h5", ".hdf5", ".he5", ".hdf")
+    suffixes = (".h5", ".hdf5", ".he5", ".hdf", ".mat")
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a file that starts as HDF5 files do (a user block may come first)."""
         return is_hdf5(head)
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume; layouts of other programs only if the user says what is where."""
+        if all(options.get(name) is None for name in _PLACED_BY):
+            with opened(path) as file:
+                known = next((what for mark, what in _LAYOUTS.items() if mark in file), None)
+            if known:
+                raise FileFormatError(
+                    f"expected plain arrays, this is {known}. To read its arrays as they are, say "
+                    "what they are: axes='zyx' (or 'xyz'), bounds=… or spacing=…"
+                )
+        return super().read(path, fields, **options)
 
     @contextmanager
     def entries(
@@ -37,12 +65,14 @@ class HDF5Reader(NamedArraysReader):
         """Give all data sets; each is read when it is asked for."""
         import h5py
 
+        with open(path, "rb") as start:
+            backwards = start.read(len(_MATLAB)) == _MATLAB
         with opened(path) as file:
             found: dict[str, Entry] = {}
 
             def visit(place: str, item: Any) -> None:
                 if isinstance(item, h5py.Dataset) and item.shape is not None:
-                    found[place] = _entry(path, item)
+                    found[place] = _entry(path, item, backwards)
 
             if only is None:
                 file.visititems(visit)  # does not follow links to other places
@@ -51,15 +81,18 @@ class HDF5Reader(NamedArraysReader):
             yield found
 
 
-def _entry(path: Path, item: Any) -> Entry:
+def _entry(path: Path, item: Any, backwards: bool) -> Entry:
+    """Return a data set; its axes run backwards in files of MATLAB and Octave, as they show it."""
     scales, dims = _scales(item)
+    sense = -1 if backwards or "OCTAVE_NEW_FORMAT" in item.parent.attrs else 1
 
     def load(index: Any = ...) -> np.ndarray:
         check_place(path, item)
-        values: np.ndarray = item[index]
+        values: np.ndarray = item[index] if sense == 1 else item[()].T[index]
         return values
 
-    return Entry(item.shape, item.dtype, _unit(item), load, scales=scales, dims=dims)
+    dims, scales = dims[::sense], scales[::sense]
+    return Entry(item.shape[::sense], item.dtype, _unit(item), load, scales=scales, dims=dims)
 
 
 def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
