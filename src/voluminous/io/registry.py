@@ -14,7 +14,7 @@ from ..files import MissingPathError, as_path
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npy import NPYReader
 from .arrays.npz import NPZReader
-from .athena import AthenaReader
+from .athena import AthenaReader, PlutoReader
 from .compressed import PackedReader
 from .contract import Reader
 from .fits.casa import CASAReader
@@ -62,6 +62,7 @@ READERS: tuple[Reader, ...] = (
     CASAReader(),
     FITSReader(),
     AthenaReader(),
+    PlutoReader(),
     GadgetReader(),
     PhantomReader(),
     OpenPMDReader(),

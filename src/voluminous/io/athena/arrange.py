@@ -12,7 +12,7 @@ from ..leaves import placed_values, tree_of_leaves
 from .mesh import Mesh
 
 Arrange = Callable[[np.ndarray], Any]
-_REGULAR: dict[str, Any] = {
+REGULAR: dict[str, Any] = {
     "cartesian": CartesianGrid,
     "spherical": SphericalGrid,
     "cylindrical": CylindricalGrid,
@@ -33,7 +33,7 @@ def grid_of_mesh(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[
     unit : unit or None
     """
     if not mesh.level.any() and len(mesh.level) * mesh.block.prod() == mesh.counts.prod():
-        return _REGULAR[mesh.kind](*edges, unit=unit), _Joined(mesh)
+        return REGULAR[mesh.kind](*edges, unit=unit), _Joined(mesh)
     if mesh.kind == "cartesian":
         shape = np.broadcast_to(mesh.block, mesh.low.shape)
         ratio = np.where(mesh.counts > 1, 2, 1)
@@ -64,4 +64,4 @@ def _tree(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[Any, np
     local = np.moveaxis(np.indices(mesh.block.tolist()), 0, -1).reshape(-1, 3)
     index = (mesh.low[:, None] + local).reshape(-1, 3)
     level = np.repeat(mesh.level, len(local))
-    return tree_of_leaves(_REGULAR[mesh.kind], edges, level, index, mesh.axes, unit=unit)
+    return tree_of_leaves(REGULAR[mesh.kind], edges, level, index, mesh.axes, unit=unit)

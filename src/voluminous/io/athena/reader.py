@@ -12,7 +12,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import unit_name
 from ..contract import FieldInfo, Reader
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import holds, opened
 from ..lengths import round_unit
 from ..names import chosen_fields
 from .mesh import Mesh, checked, read_mesh
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .arrange import Arrange
 
 _MARKS = ("RootGridSize", "MeshBlockSize", "VariableNames", "Coordinates")
-_LENGTHS = {"cartesian": (0, 1, 2), "spherical": (0,), "cylindrical": (0, 2)}
+LENGTHS = {"cartesian": (0, 1, 2), "spherical": (0,), "cylindrical": (0, 2)}
 
 
 class AthenaReader(Reader):
@@ -43,14 +43,7 @@ class AthenaReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for HDF5 with the attributes that Athena++ gives it."""
-        if not is_hdf5(head):
-            return False
-
-        try:
-            with opened(path) as file:
-                return all(mark in file.attrs for mark in _MARKS)
-        except Exception:  # damaged: whoever reads it says so
-            return path.suffix.lower() in self.suffixes
+        return holds(path, head, lambda file: all(mark in file.attrs for mark in _MARKS))
 
     def read(
         self, path: Path, fields: Any = None, *, unit: Any = None, **code_units: Any
@@ -124,12 +117,12 @@ def _in_unit(mesh: Mesh, units: CodeUnits, unit: Any) -> tuple[tuple[np.ndarray,
     """Return the edges of the root grid in the unit that the volume shall have, and that."""
     if units.length is None:
         return mesh.edges, unit
-    lengths = [mesh.edges[axis] for axis in _LENGTHS[mesh.kind]]
+    lengths = [mesh.edges[axis] for axis in LENGTHS[mesh.kind]]
     width = max(float(np.ptp(e)) for e in lengths)
     own = round_unit(width * units.length) if unit is None else unit
     factor = units.length.to(own)
     return tuple(
-        e * factor if axis in _LENGTHS[mesh.kind] else e for axis, e in enumerate(mesh.edges)
+        e * factor if axis in LENGTHS[mesh.kind] else e for axis, e in enumerate(mesh.edges)
     ), own
 
 
