@@ -302,6 +302,21 @@ def test_what_can_be_no_field_is_said(tmp_path):
         vm.open(tmp_path / "a.h5", "C_x")
 
 
+@pytest.mark.parametrize(
+    ("options", "kind", "words"),
+    [
+        ({"centred": "yes"}, vm.InputError, "True or False"),
+        ({"iteration": "5"}, vm.InputError, "whole number"),
+        ({"unit": "K"}, vm.UnitsError, "not convertible"),
+    ],
+)
+def test_options_that_are_none(tmp_path, options, kind, words):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        vector(place(file))
+    with pytest.raises(kind, match=words):
+        vm.open(tmp_path / "a.h5", **options)
+
+
 def test_particles_alone_are_no_meshes(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         place(file)

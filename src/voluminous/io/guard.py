@@ -8,11 +8,11 @@ from pathlib import Path
 from traceback import walk_tb
 from typing import Any
 
-from ..errors import FileFormatError, VoluminousError
+from ..errors import FileFormatError, UnitsError, VoluminousError
 
 # Errors of Python that mean damage, besides those of classes that libraries have for it.
 _DAMAGE = (OSError, EOFError, UnicodeDecodeError)
-_OWN = ("builtins", "voluminous", "numpy", "astropy.units", "yt.", "unyt.")
+_OWN = ("builtins", "voluminous", "numpy", "yt.", "unyt.")
 # Characters of a library's own message that are shown.
 _LONGEST = 400
 
@@ -44,6 +44,8 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
     ------
     VoluminousError
         Of the same class, if it was one.
+    UnitsError
+        If units cannot be converted: one is not of the kind that was asked for.
     FileFormatError
         In place of any other error. It blames the file only for errors that libraries raise over
         damage; others are faults of the program that reads.
@@ -54,6 +56,8 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
     except (VoluminousError, MemoryError, ImportError):
         raise  # the file is not to blame
     except Exception as error:
+        if type(error).__module__.startswith("astropy.units"):
+            raise UnitsError(f"{path}: {error}; give other units") from error
         raise FileFormatError(f"{path}: expected {expectation}, but {_blame(error)}") from error
 
 

@@ -15,7 +15,7 @@ from ..errors import FileFormatError, InputError, UnknownNameError, VoluminousEr
 from ..memory import check_memory
 from ..units import parse_unit, unit_name
 from .contract import FieldInfo, Reader
-from .hdf5 import data_set, holds, opened, read, text
+from .hdf5 import data_set, holds, is_own, opened, read, text
 from .lengths import round_unit
 from .names import chosen_fields, field_name
 
@@ -103,13 +103,17 @@ def _meshes(
     path: Path, iteration: Any = None, centred: bool = False
 ) -> tuple[list[Mesh], dict[str, Any]]:
     """Return the components in an iteration that can be fields, and `meta`."""
+    if not isinstance(centred, bool):
+        raise InputError(f"centred must be True or False, got {centred!r}")
     found: list[Mesh] = []
-    left: dict[str, str] = {}
     with opened(path) as file:
         base, meta = _iteration(file, iteration)
         place = text(file.attrs.get("meshesPath")).strip("/")
         group = base[place] if place and place in base else {}
-        for name, record in group.items():
+        own = [name for name in group if is_own(group, name)]
+        left = {name: "a link" for name in group if name not in own}
+        for name in own:
+            record = group[name]
             whole = hasattr(record, "shape") or "value" in record.attrs
             for part, item in (("", record),) if whole else record.items():
                 try:
@@ -136,10 +140,12 @@ def _iteration(file: Any, wanted: Any) -> tuple[Any, dict[str, Any]]:
     if not groups:  # a variable-based series: the group itself is the iteration
         groups = {int(np.ravel(root.attrs.get("snapshot", 0))[0]): "."}
     number = max(groups) if wanted is None else wanted
+    if not isinstance(number, int):
+        raise InputError(f"iteration must be a whole number, got {wanted!r}")
     if number not in groups:
         raise unknown_name("iteration", str(wanted), [str(n) for n in sorted(groups)])
-    base = root if groups[number] == "." else root[groups[number]]
-    meta: dict[str, Any] = {"iteration": int(number)}
+    base = root[groups[number]]
+    meta: dict[str, Any] = {"iteration": number}
     if len(groups) > 1:
         meta["iterations"] = sorted(groups)
     if "time" in base.attrs:
@@ -165,7 +171,9 @@ def _mesh(
     labels = [text(label).lower() for label in np.ravel(record.attrs.get("axisLabels", ()))]
     if sorted(labels) != sorted(_AXES[geometry]):
         raise InputError(f"axes {labels}, expected {list(_AXES[geometry])} in any order")
-    counts = np.ravel(item.attrs["shape"]) if constant else data_set(path, group, place).shape
+    counts = (
+        np.ravel(item.attrs.get("shape", ())) if constant else data_set(path, group, place).shape
+    )
     shape = tuple(int(n) for n in counts)
     # Lists are in the order of the writer's indices; those of Fortran are backwards in HDF5. Some
     # writers give the shape of constants as HDF5 has it: the components beside it show.
@@ -264,7 +272,7 @@ def _grid(points: Points, unit: Any, azimuths: Any) -> tuple[Any, np.ndarray]:
         ends = np.array([low, low + counts * width]).T
         return CartesianGrid.uniform(counts, ends, unit=unit), np.zeros(0)
     modes = points.shape[0] // 2
-    around = azimuths or (32 * modes if modes else 1)
+    around = max(32 * modes, 1) if azimuths is None else azimuths
     if not isinstance(around, int) or around < 2 * modes + 1:
         raise InputError(f"azimuths must be a whole number above {2 * modes}, got {azimuths!r}")
     R, z = (a + w * np.arange(n + 1) for a, w, n in zip(low, width, counts, strict=True))

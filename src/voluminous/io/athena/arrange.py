@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ REGULAR: dict[str, Any] = {
 }
 
 
-def grid_of_mesh(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[Any, Arrange]:
+def grid_of_mesh(mesh: Mesh, edges: Sequence[np.ndarray], unit: Any) -> tuple[Any, Arrange]:
     """Return the grid of a mesh, and what makes a field of values ``[block, ix, iy, iz]``.
 
     Blocks of one level that fill the domain make a regular grid; others patches, or in curvilinear
@@ -28,7 +28,7 @@ def grid_of_mesh(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[
     Parameters
     ----------
     mesh : Mesh
-    edges : tuple of three arrays
+    edges : sequence of three arrays
         The walls of its root cells, lengths in `unit`.
     unit : unit or None
     """
@@ -60,7 +60,7 @@ class _Joined:
         return whole
 
 
-def _tree(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[Any, np.ndarray]:
+def _tree(mesh: Mesh, edges: Sequence[np.ndarray], unit: Any) -> tuple[Any, np.ndarray]:
     local = np.moveaxis(np.indices(mesh.block.tolist()), 0, -1).reshape(-1, 3)
     index = (mesh.low[:, None] + local).reshape(-1, 3)
     level = np.repeat(mesh.level, len(local))

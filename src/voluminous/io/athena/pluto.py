@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,9 @@ from ...units import unit_name
 from ..contract import FieldInfo, Reader
 from ..edges import is_even
 from ..hdf5 import data_sets, holds, opened, read
-from ..lengths import round_unit
 from ..names import chosen_fields
 from .arrange import REGULAR
-from .reader import LENGTHS, AthenaReader
+from .reader import AthenaReader, in_unit
 from .variables import CodeUnits, known
 
 if TYPE_CHECKING:
@@ -48,12 +48,7 @@ class PlutoReader(Reader):
             kind, edges = _grid(file)
             found = _variables(path, file, kind, code, edges)
             time = float(np.ravel(_step(file).attrs.get("Time", 0.0))[0])
-        lengths = LENGTHS[kind]
-        if code.length is not None:
-            width = max(float(np.ptp(edges[axis])) for axis in lengths)
-            unit = round_unit(width * code.length) if unit is None else unit
-            factor = code.length.to(unit)
-            edges = [e * factor if axis in lengths else e for axis, e in enumerate(edges)]
+        edges, unit = in_unit(kind, edges, code, unit)
         volume = Volume(REGULAR[kind](*edges, unit=unit))
         factor, time_unit = code.of(("time", (0, 0, 1), "s"))
         volume.meta.update(code="PLUTO", time=time * factor)
@@ -79,11 +74,11 @@ def _step(file: Any) -> Any:
 
 
 def _variables(
-    path: Path, file: Any, kind: str, code: CodeUnits, edges: list[np.ndarray]
+    path: Path, file: Any, kind: str, code: CodeUnits, edges: Sequence[np.ndarray]
 ) -> dict[str, tuple[FieldInfo, float]]:
     """Return place → what is told of a variable in cells, and the factor to its unit."""
     found = {}
-    shape = tuple(len(e) - 1 for e in edges[::-1])
+    shape = tuple(len(e) - 1 for e in reversed(edges))
     for name, item in data_sets(path, _step(file)["vars"])[0].items():
         if item.shape != shape:
             raise FileFormatError(f"{item.name} has shape {item.shape}, expected {shape} (z, y, x)")
@@ -95,7 +90,7 @@ def _variables(
     return found
 
 
-def _grid(file: Any) -> tuple[str, list[np.ndarray]]:
+def _grid(file: Any) -> tuple[str, Sequence[np.ndarray]]:
     """Return the coordinates that the nodes are a grid in, and its walls."""
     nodes = [file[_NODES][axis] for axis in "XYZ"]
     if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from .arrange import Arrange
 
 _MARKS = ("RootGridSize", "MeshBlockSize", "VariableNames", "Coordinates")
-LENGTHS = {"cartesian": (0, 1, 2), "spherical": (0,), "cylindrical": (0, 2)}
+_LENGTHS = {"cartesian": (0, 1, 2), "spherical": (0,), "cylindrical": (0, 2)}
 
 
 class AthenaReader(Reader):
@@ -56,7 +57,7 @@ class AthenaReader(Reader):
         with opened(path) as file:
             mesh = read_mesh(file)
             known = {v.place: v for v in variables(file.attrs, mesh.kind)}
-            edges, own = _in_unit(mesh, units, unit)
+            edges, own = in_unit(mesh.kind, mesh.edges, units, unit)
             grid, arrange = grid_of_mesh(mesh, edges, own)
             volume = Volume(grid)
             volume.meta.update(_meta(file, units))
@@ -113,17 +114,17 @@ def _native(dtype: Any) -> Any:
     return np.dtype(dtype).newbyteorder("=")
 
 
-def _in_unit(mesh: Mesh, units: CodeUnits, unit: Any) -> tuple[tuple[np.ndarray, ...], Any]:
-    """Return the edges of the root grid in the unit that the volume shall have, and that."""
+def in_unit(
+    kind: str, edges: Sequence[np.ndarray], units: CodeUnits, unit: Any
+) -> tuple[Sequence[np.ndarray], Any]:
+    """Return the edges of a grid in the unit that the volume shall have, and that."""
     if units.length is None:
-        return mesh.edges, unit
-    lengths = [mesh.edges[axis] for axis in LENGTHS[mesh.kind]]
-    width = max(float(np.ptp(e)) for e in lengths)
+        return edges, unit
+    lengths = _LENGTHS[kind]
+    width = max(float(np.ptp(edges[axis])) for axis in lengths)
     own = round_unit(width * units.length) if unit is None else unit
     factor = units.length.to(own)
-    return tuple(
-        e * factor if axis in LENGTHS[mesh.kind] else e for axis, e in enumerate(mesh.edges)
-    ), own
+    return [e * factor if axis in lengths else e for axis, e in enumerate(edges)], own
 
 
 def _meta(file: Any, units: CodeUnits) -> dict[str, Any]:

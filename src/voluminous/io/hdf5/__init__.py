@@ -6,7 +6,18 @@ own goes through the file first (`trial`), and only a file that it survives is o
 """
 
 from .access import MAGIC, holds, is_hdf5, opened
-from .data_sets import data_set, data_sets, read, text
+from .data_sets import data_set, data_sets, is_own, read, text
 from .trial import check
 
-__all__ = ["MAGIC", "check", "data_set", "data_sets", "holds", "is_hdf5", "opened", "read", "text"]
+__all__ = [
+    "MAGIC",
+    "check",
+    "data_set",
+    "data_sets",
+    "holds",
+    "is_hdf5",
+    "is_own",
+    "opened",
+    "read",
+    "text",
+]

@@ -15,6 +15,13 @@ from ..payload import inside
 _MOST_PACKED = 2000
 
 
+def is_own(group: Any, name: str) -> bool:
+    """Return whether something is in the group itself, and no link to another place or file."""
+    import h5py
+
+    return isinstance(group.get(name, getlink=True), h5py.HardLink)
+
+
 def data_set(path: Path, group: Any, name: str) -> Any:
     """Return a data set of numbers.
 
@@ -26,7 +33,7 @@ def data_set(path: Path, group: Any, name: str) -> Any:
     """
     import h5py
 
-    item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    item = group[name] if is_own(group, name) else None
     if not isinstance(item, h5py.Dataset):
         raise FileFormatError(f"expected a data set {group.name}/{name}")
     if item.dtype.kind not in "fiub" or item.shape is None:
@@ -52,10 +59,9 @@ def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
     found: dict[str, Any] = {}
     others: dict[str, str] = {}
     for name in group:
-        linked = not isinstance(group.get(name, getlink=True), h5py.HardLink)
-        item = None if linked else group[name]
+        item = group[name] if is_own(group, name) else None
         if not isinstance(item, h5py.Dataset):
-            others[name] = "a link" if linked else "a group"
+            others[name] = "a link" if item is None else "a group"
         elif not item.size:
             others[name] = "no values"
         elif item.dtype.kind not in "fiub":
