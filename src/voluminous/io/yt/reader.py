@@ -144,7 +144,10 @@ def _kind(path: Path, hint: str) -> Any:
     if claiming:
         names = ", ".join(kind.__name__ for kind in claiming)
         raise InputError(f"to yt it may be {names}: choose one with load={{'hint': '…'}}")
-    raise FileFormatError("yt does not know it: it is damaged, incomplete or of another kind")
+    raise FileFormatError(
+        "yt does not recognise it: it is incomplete, of another kind, or has not the name that its "
+        "code gives it (Parthenon: .phdf)"
+    )
 
 
 def _head(path: Path) -> bytes:
