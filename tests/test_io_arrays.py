@@ -381,7 +381,7 @@ def test_arrays_of_matlab_are_as_matlab_shows_them(tmp_path, program):
 @pytest.mark.parametrize(
     ("mark", "words"),
     [
-        ("Grid00000001/Density", "piece of an output of Enzo"),
+        ("Grid00000042/Density", "piece of an output of Enzo"),
         ("DataContainers/ImageDataContainer/CellData/Phases", r"DREAM\.3D"),
         ("s00/resolutions", "BigDataViewer"),
         ("HDFEOS INFORMATION/StructMetadata.0", "HDF-EOS"),

@@ -104,6 +104,8 @@ def test_older_files_and_linked_data(tmp_path):
         data = entry.create_group("data")
         data.attrs["NX_class"] = np.bytes_("NXdata")
         data["counts"] = h5py.SoftLink("/entry/detector/raw")
+        data["missing"] = entry["missing"] = h5py.ExternalLink("missing.h5", "/counts")
+        data["gone"] = file["gone"] = h5py.SoftLink("/entry/gone")
         entry["detector/raw"].attrs.update(signal=1, axes=np.bytes_("z:y:x"))
         data["z"], data["y"], data["x"] = Z, Y, X
     volume = vm.open(tmp_path / "a.h5")

@@ -269,7 +269,8 @@ def test_a_single_mode_is_one_cell_around_and_nodes_on_the_axis(tmp_path):
             values = group[f"E/{part}"][:1]
             del group[f"E/{part}"]
             group[f"E/{part}"] = values
-            group[f"E/{part}"].attrs.update(unitSI=1.0, position=[0.0, 0.5])
+            # The standard's own example has a position along the modes, too.
+            group[f"E/{part}"].attrs.update(unitSI=1.0, position=[0.0, 0.0, 0.5])
     volume = vm.open(tmp_path / "a.h5", "E/r")
     assert volume.grid.shape == (3, 1, 5)
     np.testing.assert_allclose(volume.grid.edges[0], [0, 0.25, 0.75, 1.25])

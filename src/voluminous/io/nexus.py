@@ -54,7 +54,18 @@ class NeXusReader(LabelledReader):
 
 
 def _is_nexus(file: Any) -> bool:
-    return "NX_class" in file.attrs or any("NX_class" in item.attrs for item in file.values())
+    return "NX_class" in file.attrs or any("NX_class" in item.attrs for _, item in _members(file))
+
+
+def _members(group: Any) -> Iterator[tuple[str, Any]]:
+    """Yield what is in a group; not what is in other files, or is not there."""
+    import h5py
+
+    for name in group:
+        inside = not isinstance(group.get(name, getlink=True), h5py.ExternalLink)
+        item = group.get(name) if inside else None
+        if item is not None:
+            yield name, item
 
 
 def _groups(file: Any) -> dict[str, str]:
@@ -63,10 +74,11 @@ def _groups(file: Any) -> dict[str, str]:
 
     def visit(place: str, item: Any) -> None:
         if text(item.attrs.get("NX_class")) == "NXdata":
+            inside = dict(_members(item))
             # Older files mark the signal itself.
-            marked = (n for n, i in item.items() if str(i.attrs.get("signal")) in ("1", "b'1'"))
+            marked = (n for n, i in inside.items() if str(i.attrs.get("signal")) in ("1", "b'1'"))
             signal = text(item.attrs.get("signal")) or next(marked, "")
-            if getattr(item.get(signal), "ndim", 0) >= 3:
+            if getattr(inside.get(signal), "ndim", 0) >= 3:
                 found[place] = signal
 
     file.visititems(visit)
@@ -83,7 +95,8 @@ def _shown(file: Any, known: dict[str, str]) -> str:
 
 def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
     """Return the signal, all of its shape beside it, and axes as coordinates."""
-    shape = group[signal].shape
+    inside = dict(_members(group))
+    shape = inside[signal].shape
     names = _axes(group, signal)
     letters = [re.sub(r"[^a-z]", "", name.lower())[-1:] for name in names]
     if sorted(letters[-3:]) == ["h", "k", "l"]:  # of reciprocal space
@@ -92,7 +105,7 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
     coords: dict[str, Any] = {"group": group.name}
     variables: dict[str, Any] = {}
     for name, letter, count in zip(names, letters, shape, strict=True):
-        item = group.get(name)
+        item: Any = inside.get(name)
         if getattr(item, "shape", None) not in ((count,), (count + 1,)) or not count:
             continue
         attributes = {"units": text(item.attrs.get("units"))} | ({"axis": letter} if is_xyz else {})
@@ -102,7 +115,7 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
             variables[f"{name}_bounds"] = ((name, "ends"), np.stack([values[:-1], values[1:]], 1))
             values = (values[1:] + values[:-1]) / 2
         coords[name] = (name, values, attributes)
-    for name, item in group.items():
+    for name, item in inside.items():
         if getattr(item, "shape", None) == shape and item.dtype.kind in "fiub":
             _check(path, group, name, item)
             attributes = {"units": text(item.attrs.get("units"))}
@@ -117,7 +130,7 @@ def _axes(group: Any, signal: str) -> list[str]:
     if not told:  # as older files have it: on the signal, or on the axes
         told = [n for n in re.split(r"[\s,:\[\]]+", text(group[signal].attrs.get("axes"))) if n]
     names = told + ["."] * (count - len(told))
-    for name, item in group.items():
+    for name, item in _members(group):
         for key, holder in ((f"{name}_indices", group), ("axis", item)):
             at = np.ravel(holder.attrs.get(key, ()))
             place = int(at[0]) - (key == "axis") if at.size == 1 and at.dtype.kind in "iu" else -1

@@ -212,8 +212,10 @@ def _metres(lengths: np.ndarray, scale: Any) -> tuple[float, ...]:
 
 
 def _numbers(item: Any, name: str, count: int) -> np.ndarray:
-    """Return an attribute of finite numbers; one stands for all."""
+    """Return an attribute of finite numbers; one unit stands for all."""
     values = np.ravel(item.attrs.get(name, ()))
+    if name == "position" and len(values) == 3:
+        values = values[-count:]  # some writers have one along modes, too
     sound = values.dtype.kind in "fiu" and len(values) in (1, count) and np.isfinite(values).all()
     if not sound or (len(values) < count and name != "gridUnitSI"):
         raise FileFormatError(f"{name} {values.tolist()}, expected {count} numbers")

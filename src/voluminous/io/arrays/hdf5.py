@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,9 +20,10 @@ from .named_arrays import NamedArraysReader
 if TYPE_CHECKING:
     from ...volume import Volume
 
-# Layouts with an order of axes and places of cells of their own: by what they have in the root.
+# Layouts with an order of axes and places of cells of their own: by a place, or a pattern
+# of names in the root.
 _LAYOUTS = {
-    "Grid00000001": "a piece of an output of Enzo; open its file of parameters or its directory",
+    r"Grid\d{8}": "a piece of an output of Enzo; open its file of parameters or its directory",
     "DataContainers": "a file of DREAM.3D",
     "DataStructure": "a file of DREAM3D-NX",
     "s00/resolutions": "a file of BigDataViewer; export it as OME-Zarr or TIFF",
@@ -50,7 +52,7 @@ class HDF5Reader(NamedArraysReader):
         """Return the volume; layouts of other programs only if the user says what is where."""
         if all(options.get(name) is None for name in _PLACED_BY):
             with opened(path) as file:
-                known = next((what for mark, what in _LAYOUTS.items() if mark in file), None)
+                known = next((what for mark, what in _LAYOUTS.items() if _has(file, mark)), None)
             if known:
                 raise FileFormatError(
                     f"expected plain arrays, this is {known}. To read its arrays as they are, say "
@@ -79,6 +81,10 @@ class HDF5Reader(NamedArraysReader):
             else:
                 visit(only, file[only])
             yield found
+
+
+def _has(file: Any, mark: str) -> bool:
+    return mark in file or any(re.fullmatch(mark, name) for name in file)
 
 
 def _entry(path: Path, item: Any, backwards: bool) -> Entry:
