@@ -226,6 +226,10 @@ def test_chombo_grids_of_pluto_that_are_bent(tmp_path):
         file.create_group("level_0").attrs.update(geometry=4, logr=1, g_x2stretch=1.0)
     with pytest.raises(vm.InputError, match="Cartesian with equal cells, got geometry = 4, logr"):
         vm.open(path)
+    with h5py.File(path, "a") as file:
+        file["level_0"].attrs.update(geometry=1, logr=0, domBeg1=-1.0)
+    with pytest.raises(vm.InputError, match=r"begins at .*-1\.0.*pluto\.ini"):
+        vm.open(path)
 
 
 @pytest.mark.parametrize(

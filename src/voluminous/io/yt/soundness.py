@@ -58,6 +58,12 @@ def check_places(path: Path) -> None:
             raise InputError(
                 f"Chombo grids of PLUTO are read if they are Cartesian with equal cells, got {told}"
             )
+        begins = [level.get(f"domBeg{axis}", 0) for axis in (1, 2, 3)]
+        if any(begins) and not path.with_name("pluto.ini").is_file():
+            raise InputError(
+                f"its domain begins at {begins}, which yt reads from the run's pluto.ini only: put "
+                "that beside it"
+            )
 
 
 def _check_ramses(path: Path) -> None:
