@@ -15,8 +15,7 @@ import numpy as np
 
 from ..errors import FileFormatError, unknown_name
 from ..packages import require
-from .arrays.hdf5 import check_place
-from .hdf5 import holds, opened, text
+from .hdf5 import check_place, holds, opened, text
 from .labelled.reader import LabelledReader
 
 if TYPE_CHECKING:

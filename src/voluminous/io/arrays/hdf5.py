@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import is_hdf5, opened, text
-from ..payload import inside
+from ..hdf5 import check_place, is_hdf5, opened, text
 from ..unit_texts import known_unit
 from .entry import Entry
 from .named_arrays import NamedArraysReader
@@ -112,25 +111,6 @@ def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     labels = tuple(axis.label for axis in item.dims)
     names = (label or p.rsplit("/", 1)[-1] for label, p in zip(labels, places, strict=True))
     return places, tuple(names)
-
-
-def check_place(path: Path, item: Any) -> None:
-    """Refuse values that are elsewhere: a file must not make us read any other.
-
-    Raises
-    ------
-    FileFormatError
-        If they are in files of any kind, or in HDF5 files outside of the directory.
-    """
-    if item.external:
-        raise FileFormatError(
-            f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
-            "copy them into one file with h5repack"
-        )
-    if item.is_virtual:
-        for source in item.virtual_sources():
-            if source.file_name != ".":
-                inside(path.parent, source.file_name)
 
 
 def _unit(item: Any) -> str:

@@ -6,12 +6,13 @@ own goes through the file first (`trial`), and only a file that it survives is o
 """
 
 from .access import MAGIC, holds, is_hdf5, opened
-from .data_sets import data_set, data_sets, is_own, read, text
+from .data_sets import check_place, data_set, data_sets, is_own, read, text
 from .trial import check
 
 __all__ = [
     "MAGIC",
     "check",
+    "check_place",
     "data_set",
     "data_sets",
     "holds",

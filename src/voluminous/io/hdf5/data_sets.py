@@ -38,18 +38,33 @@ def data_set(path: Path, group: Any, name: str) -> Any:
         raise FileFormatError(f"expected a data set {group.name}/{name}")
     if item.dtype.kind not in "fiub" or item.shape is None:
         raise FileFormatError(f"{item.name} must be numbers, got {item.dtype}")
-    if item.external:
-        raise FileFormatError(f"the values of {item.name} are in another file; copy them into one")
-    if item.is_virtual:
-        for source in item.virtual_sources():
-            if source.file_name != ".":
-                inside(path.parent, source.file_name)
-    elif item.size * item.dtype.itemsize > _MOST_PACKED * item.id.get_storage_size():
+    check_place(path, item)
+    size = item.size * item.dtype.itemsize
+    if not item.is_virtual and size > _MOST_PACKED * item.id.get_storage_size():
         raise FileFormatError(
             f"{item.name} promises values of shape {item.shape}, but has "
             f"{item.id.get_storage_size()} bytes in the file"
         )
     return item
+
+
+def check_place(path: Path, item: Any) -> None:
+    """Refuse values that are elsewhere: a file must not make us read any other.
+
+    Raises
+    ------
+    FileFormatError
+        If they are in files of any kind, or in HDF5 files outside of the directory.
+    """
+    if item.external:
+        raise FileFormatError(
+            f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
+            "copy them into one file with h5repack"
+        )
+    if item.is_virtual:
+        for source in item.virtual_sources():
+            if source.file_name != ".":
+                inside(path.parent, source.file_name)
 
 
 def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
