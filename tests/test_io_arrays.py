@@ -358,3 +358,50 @@ def test_arrays_are_turned_where_coordinates_decrease(tmp_path, down, walls, way
     turns = tuple(slice(None, None, -1 if axis in down else None) for axis in "xyz")
     np.testing.assert_array_equal(volume.array("s"), values[turns])
     assert volume.grid.bounds.tolist() == [[10, 11], [10, 11.5], [10, 12]]
+
+
+@pytest.mark.parametrize("program", ["MATLAB", "Octave"])
+def test_arrays_of_matlab_are_as_matlab_shows_them(tmp_path, program):
+    """Both write their columns first, which HDF5 shows backwards."""
+    values, path = np.arange(24.0).reshape(2, 3, 4), tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        place = "rho" if program == "MATLAB" else "rho/value"
+        file[place] = values.T
+        if program == "Octave":
+            file["rho"].attrs["OCTAVE_NEW_FORMAT"] = np.uint8(1)
+    if program == "MATLAB":
+        with open(path, "r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(128))
+    volume = vm.open(path)
+    np.testing.assert_array_equal(volume.array(volume.fields[0]), values)
+    turned = vm.open(path, axes="zyx")
+    np.testing.assert_array_equal(turned.array(turned.fields[0]), values.T)
+
+
+@pytest.mark.parametrize(
+    ("mark", "words"),
+    [
+        ("Grid00000042/Density", "piece of an output of Enzo"),
+        ("DataContainers/ImageDataContainer/CellData/Phases", r"DREAM\.3D"),
+        ("s00/resolutions", "BigDataViewer"),
+        ("HDFEOS INFORMATION/StructMetadata.0", "HDF-EOS"),
+    ],
+)
+def test_layouts_of_other_programs_are_said(tmp_path, mark, words):
+    values = np.arange(24.0).reshape(2, 3, 4)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["rho"], file[mark] = values, np.zeros(3)
+    with pytest.raises(vm.FileFormatError, match=words + r".*axes='zyx'"):
+        vm.open(tmp_path / "a.h5")
+    volume = vm.open(tmp_path / "a.h5", "rho", axes="xyz")
+    np.testing.assert_array_equal(volume.array("rho"), values)
+
+
+def test_times_are_no_components(tmp_path):
+    """Dedalus writes (t, x, y, z), and may have three times in a file."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["tasks/b"] = np.zeros((3, 4, 5, 6))
+        for axis, name in enumerate("txyz"):
+            file["tasks/b"].dims[axis].label = name
+    with pytest.raises(vm.FileFormatError, match="expected a three-dimensional"):
+        vm.open(tmp_path / "a.h5")

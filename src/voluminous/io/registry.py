@@ -14,7 +14,7 @@ from ..files import MissingPathError, as_path
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npy import NPYReader
 from .arrays.npz import NPZReader
-from .athena import AthenaReader
+from .athena import AthenaReader, PlutoReader
 from .compressed import PackedReader
 from .contract import Reader
 from .fits.casa import CASAReader
@@ -24,6 +24,8 @@ from .hdf5 import check, is_hdf5
 from .labelled.netcdf import NetCDFReader
 from .listing import openable
 from .native.reader import NativeReader
+from .nexus import NeXusReader
+from .openpmd import OpenPMDReader
 from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
 from .particles.phantom import PhantomReader
@@ -60,9 +62,12 @@ READERS: tuple[Reader, ...] = (
     CASAReader(),
     FITSReader(),
     AthenaReader(),
+    PlutoReader(),
     GadgetReader(),
     PhantomReader(),
+    OpenPMDReader(),
     YtReader(),
+    NeXusReader(),
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),

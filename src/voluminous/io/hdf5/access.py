@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .trial import check
 
@@ -38,3 +38,14 @@ def opened(path: Path) -> Iterator[h5py.File]:
     check(path)
     with h5py.File(path, "r") as file:
         yield file
+
+
+def holds(path: Path, head: bytes, mark: Callable[[h5py.File], Any]) -> bool:
+    """Return whether a file is HDF5 that has a mark; False if it is damaged."""
+    if not is_hdf5(head):
+        return False
+    try:
+        with opened(path) as file:
+            return bool(mark(file))
+    except Exception:  # whoever reads it says what is wrong
+        return False
