@@ -36,12 +36,15 @@ class Part:
         Its cards.
     start, size : int
         Where the data begin in the (unpacked) file, and their bytes.
+    path : Path
+        The file.
     """
 
     number: int
     header: Any
     start: int
     size: int
+    path: Path
 
     @property
     def name(self) -> str:
@@ -96,7 +99,7 @@ def _walk(file: IO[bytes], path: Path) -> Iterator[Part]:
         header, at = _header(file, number, at)
         if header is None:
             return
-        part = Part(number, header, at, _data_size(Part(number, header, at, 0)))
+        part = Part(number, header, at, _data_size(Part(number, header, at, 0, path)), path)
         end = at + part.size
         file.seek(end if length is None else min(end, length))
         # Behind the end of a packed file nothing is found: it stays where that is.

@@ -6,7 +6,8 @@ import json
 from typing import Any
 
 from ...errors import FileFormatError
-from .layout import META, WCS
+from ..fits.table_axis import table_hdu, tables_of
+from .layout import META, TABLES, WCS
 
 
 def write_extras(file: Any, volume: Any) -> None:
@@ -17,6 +18,9 @@ def write_extras(file: Any, volume: Any) -> None:
     if volume.wcs is not None:
         file[WCS] = _header(volume.wcs)
         file[WCS].attrs["about"] = "a FITS header with the world coordinates of the grid's axes"
+        for table in tables_of(volume.wcs):
+            for column in table.columns:
+                file[f"{TABLES}/{table.name}/{column.name}"] = column.array[0]
 
 
 def read_extras(file: Any, volume: Any) -> None:
@@ -33,7 +37,7 @@ def read_extras(file: Any, volume: Any) -> None:
             raise FileFormatError(f"/{META} must be a table in JSON, got {meta!r:.40}")
         volume.meta.update(meta)
     if WCS in file:
-        volume.wcs = _wcs(_text(file, WCS))
+        volume.wcs = _wcs(_text(file, WCS), file.get(TABLES, {}))
 
 
 def _text(file: Any, name: str) -> str:
@@ -65,8 +69,12 @@ def _header(wcs: Any) -> str:
     return text
 
 
-def _wcs(text: str) -> Any:
-    from astropy.io.fits import Header
+def _wcs(text: str, tables: Any) -> Any:
+    from astropy.io.fits import HDUList, Header, PrimaryHDU
     from astropy.wcs import WCS as AstropyWCS
 
-    return AstropyWCS(Header.fromstring(text, sep="\n"))
+    hdus = [PrimaryHDU()]
+    for name, table in tables.items():
+        columns = {title: values[()] for title, values in table.items()}
+        hdus.append(table_hdu(name, columns))
+    return AstropyWCS(Header.fromstring(text, sep="\n"), HDUList(hdus))
