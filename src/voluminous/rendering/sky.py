@@ -77,12 +77,7 @@ def _of_slit(
 def _third(grid: Any, wcs: Any, z: float) -> tuple[tuple[str, Any, float], float]:
     """Return kind, unit and value of the third coordinate at z, and how fast it grows with z."""
     single = wcs.sub([3])
-    last = grid.shape[2] - 1
-    if wcs.wcs.ctype[2].endswith("-TAB"):  # a table may end at the last centre
-        low, second, before, high = single.wcs_pix2world([[0], [1], [last - 1], [last]], 0)[:, 0]
-        low, high = low - 0.5 * (second - low), high + 0.5 * (high - before)
-    else:
-        low, high = single.wcs_pix2world([[-0.5], [last + 0.5]], 0)[:, 0]
+    low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
     scale = float((high - low) / np.ptp(grid.edges[2]))
     # In what z is proportional to: not in what channels are even in, which the rest tells.
     kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]

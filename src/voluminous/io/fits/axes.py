@@ -8,7 +8,6 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...units import parse_unit, plain
-from ..edges import edges_of_centers
 from ..names import field_name
 from .blocks import card
 from .units import lenient_unit
@@ -47,10 +46,7 @@ def edges_along(wcs: Any, axis: int) -> tuple[np.ndarray, Any]:
         If they do not increase.
     """
     count = wcs.pixel_shape[axis]
-    if wcs.wcs.ctype[axis].endswith("-TAB"):  # a table may end at the last centre
-        edges = edges_of_centers(_along(wcs, axis, np.arange(count)))
-    else:
-        edges = _along(wcs, axis, np.arange(count + 1) - 0.5)
+    edges = _along(wcs, axis, np.arange(count + 1) - 0.5)
     if _is_linear(wcs, axis):  # as even as can be
         edges = np.linspace(edges[0], edges[-1], count + 1)
     if not np.all(np.isfinite(edges)) or not np.all(np.diff(edges) > 0):

@@ -7,9 +7,11 @@ import re
 import warnings
 from typing import Any
 
+import numpy as np
+
 from ...errors import FileFormatError, InputError
 from .blocks import Part, card
-from .table_axis import skirt_table
+from .table_axis import put_centers, skirt_centers
 from .units import fits_name, lenient_unit
 from .values import image_shape, is_compressed, number
 
@@ -42,15 +44,25 @@ def wcs_of(part: Part, rest: str | None) -> Any:
     from astropy.io import fits
     from astropy.wcs import WCS
 
+    sides = image_shape(part)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        header, tables = _mended(part, rest)
+        header = _mended(part, rest)
+        kinds = [str(card(header, f"CTYPE{k + 1}", "")).strip() for k in range(len(sides))]
+        tabled = [k for k, kind in enumerate(kinds) if kind.endswith("-TAB")]
         try:
-            if any(str(kind).strip().endswith("-TAB") for kind in header["CTYPE*"].values()):
-                with tables or fits.open(part.path, memmap=False) as hdus:
+            centers = skirt_centers(part, header)
+            if tabled:
+                with fits.open(part.path, memmap=False) as hdus:
                     wcs = WCS(header, hdus)
-            else:
-                wcs = WCS(header)
+                for k in tabled:
+                    pixels = np.arange(sides[k])[:, None]
+                    centers[k] = wcs.sub([k + 1]).wcs_pix2world(pixels, 0)[:, 0]
+            tables = [put_centers(header, k, values) for k, values in centers.items()]
+            _put_one_matrix(part, header)
+            wcs = WCS(header, fits.HDUList([fits.PrimaryHDU(), *tables]) if tables else None)
+        except FileFormatError:
+            raise
         except Exception as error:  # wcslib and astropy raise many kinds
             told = str(error).strip().splitlines()[-1]
             raise FileFormatError(f"{part.name}: its WCS is wrong ({told}){HINT}") from error
@@ -59,8 +71,7 @@ def wcs_of(part: Part, rest: str | None) -> Any:
     return wcs
 
 
-def _mended(part: Part, rest: str | None) -> tuple[Any, Any]:
-    """Return a header as wcslib takes it, and the tables it needs that are not in the file."""
+def _mended(part: Part, rest: str | None) -> Any:
     header = part.header.copy()
     if is_compressed(part):  # its own axes are those of a table
         for k, side in enumerate(image_shape(part), start=1):
@@ -78,12 +89,10 @@ def _mended(part: Part, rest: str | None) -> tuple[Any, Any]:
             header[f"CTYPE{k}"] = _TYPES[kind]
     if rest is not None:
         _put_rest(header, rest)
-    tables = skirt_table(part, header)
-    _put_one_matrix(part, header, count)
-    return header, tables
+    return header
 
 
-def _put_one_matrix(part: Part, header: Any, count: int) -> None:
+def _put_one_matrix(part: Part, header: Any) -> None:
     """Describe axes with CDi_j cards and axes without them by CDi_j cards alone.
 
     wcslib takes one way for all axes, and steps of 1 for those that are described in another.
@@ -93,7 +102,8 @@ def _put_one_matrix(part: Part, header: Any, count: int) -> None:
         ends = found[2].split("_") if "_" in found[2] else (found[2][:3], found[2][3:])
         cards[found[1], int(ends[0]), int(ends[1])] = found[0]
     values = {place: number(part, key, 0.0) for place, key in cards.items()}
-    axes, sides = range(1, count + 1), image_shape(part)
+    sides = image_shape(part)
+    axes = range(1, max(part.whole("WCSAXES", 0), len(sides)) + 1)
     by_matrix = {i for (kind, i, _), value in values.items() if kind == "CD" and value}
     if not by_matrix:
         for key in cards.values() if "CDELT1" in header else ():

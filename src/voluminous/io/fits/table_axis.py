@@ -1,7 +1,6 @@
-"""A third axis whose coordinates are in a table: ``-TAB`` of FITS paper III (section 6), and SKIRT.
+"""Axes whose coordinates are in a table: ``-TAB`` of FITS paper III (section 6), and SKIRT's.
 
-SKIRT writes the centres along the third axis as an extension beside the cube; they are passed to
-wcslib as a ``-TAB`` axis.
+All become a ``-TAB`` axis with one coordinate per pixel and no index, whatever the file has.
 """
 
 from __future__ import annotations
@@ -20,67 +19,73 @@ _TABLE, _COLUMN = "VOLTABLE", "CENTERS"
 _KINDS = {"length": "WAVE", "frequency": "FREQ", "energy": "ENER"}
 
 
-def skirt_table(part: Part, header: Any) -> Any:
-    """Make the third axis of a header ``-TAB`` if SKIRT's table of its coordinates is in the file.
+def skirt_centers(part: Part, header: Any) -> dict[int, np.ndarray]:
+    """Return ``{2: coordinates}`` if SKIRT's table of the third axis is in the file, else nothing.
 
-    Returns
-    -------
-    HDUList or None
-        With the table that the header names.
+    The header gets the kind and the unit of the axis.
 
     Raises
     ------
     FileFormatError
-        If the table is not one of strictly ascending or descending numbers, one per plane.
+        If the table has other columns.
     """
     from astropy.io import fits
 
     if header.get("NAXIS") != 3 or str(card(header, "CTYPE3", "")).strip():
-        return None
+        return {}
     with fits.open(part.path, memmap=False) as hdus:
         table = next((hdu for hdu in hdus if hdu.name == _SKIRT), None)
         if table is None:
-            return None
+            return {}
         if len(table.columns) != 1:
             raise FileFormatError(f"{_SKIRT} has {len(table.columns)} columns, expected one")
         centers = np.asarray(table.data.field(0), np.float64)
-        text = table.columns[0].unit or str(card(header, "CUNIT3", ""))
-    steps = np.diff(centers)
-    if centers.shape != (header["NAXIS3"],) or not (np.all(steps > 0) or np.all(steps < 0)):
-        raise FileFormatError(
-            f"{_SKIRT} has values {centers}, expected {header['NAXIS3']} that rise or fall"
-        )
-    unit = lenient_unit(text)
-    for key in [k for k in header if k[:2] in ("CD", "PC") and k[2:4] == "3_"] + ["CROTA3"]:
-        header.remove(key, ignore_missing=True)
+        unit = lenient_unit(table.columns[0].unit or str(card(header, "CUNIT3", "")))
     kinds = (k for m, k in _KINDS.items() if unit is not None and unit.physical_type == m)
-    header["CTYPE3"] = next(kinds, "ZVAL") + "-TAB"
-    header["CUNIT3"] = fits_name(unit)
-    header["CRPIX3"] = header["CRVAL3"] = header["CDELT3"] = 1.0
-    header["PS3_0"], header["PS3_1"] = _TABLE, _COLUMN
-    header["PV3_1"] = header["PV3_2"] = header["PV3_3"] = 1.0
-    return fits.HDUList([fits.PrimaryHDU(), table_hdu(_TABLE, {_COLUMN: centers[:, None]})])
+    header["CTYPE3"], header["CUNIT3"] = next(kinds, "ZVAL") + "-TAB", fits_name(unit)
+    return {2: centers}
 
 
-def tables_of(wcs: Any) -> list[Any]:
-    """Return the tables of a WCS as HDUs, each for an axis of its own."""
+def put_centers(header: Any, axis: int, centers: np.ndarray) -> Any:
+    """Make an axis (from 0) of a header that of coordinates at pixels; return the table of these.
+
+    Raises
+    ------
+    FileFormatError
+        If they are not one per pixel, ascending or descending.
+    """
+    k, steps = axis + 1, np.diff(centers)
+    count = header[f"NAXIS{k}"]
+    if centers.shape != (count,) or not (np.all(steps > 0) or np.all(steps < 0)):
+        raise FileFormatError(
+            f"the coordinates of axis {k} in a table are {centers}, expected {count} that rise or "
+            "fall"
+        )
+    for key in [key for key in header if key.startswith((f"CD{k}_", f"PC{k}_", f"PS{k}_"))]:
+        del header[key]
+    header.remove(f"CROTA{k}", ignore_missing=True)
+    for key in ("CRPIX", "CRVAL", "CDELT"):
+        header[f"{key}{k}"] = 1.0
+    header[f"PS{k}_0"], header[f"PS{k}_1"] = f"{_TABLE}{k}", _COLUMN
+    header[f"PV{k}_1"] = header[f"PV{k}_2"] = header[f"PV{k}_3"] = 1.0
+    return _hdu(f"{_TABLE}{k}", _COLUMN, centers)
+
+
+def tables_of(wcs: Any) -> dict[tuple[str, str], np.ndarray]:
+    """Return the coordinates in the tables of a WCS, by the names of table and column."""
     texts = {(axis, m): text for axis, m, text in wcs.wcs.get_ps()}
-    made = []
-    for table in wcs.wcs.tab:
-        axis = int(table.map[0]) + 1
-        columns = {texts[axis, 1]: np.reshape(table.coord, (-1, 1))}
-        if texts.get((axis, 2), "").strip():
-            columns[texts[axis, 2]] = np.ravel(table.index[0])
-        made.append(table_hdu(texts[axis, 0], columns))
-    return made
+    axes = [(int(table.map[0]) + 1, np.ravel(table.coord)) for table in wcs.wcs.tab]
+    return {(texts[axis, 0], texts[axis, 1]): centers for axis, centers in axes}
 
 
-def table_hdu(name: str, columns: Mapping[str, np.ndarray]) -> Any:
-    """Return a table of one row: coordinates (n, 1), and perhaps an index (n,)."""
+def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
+    """Return what `tables_of` gives as HDUs."""
+    return [_hdu(name, column, np.asarray(values)) for (name, column), values in tables.items()]
+
+
+def _hdu(name: str, title: str, values: np.ndarray) -> Any:
     from astropy.io import fits
 
-    made = []
-    for title, values in columns.items():
-        dim = None if values.ndim == 1 else f"(1,{len(values)})"
-        made.append(fits.Column(title, f"{values.size}D", dim=dim, array=values[None]))
-    return fits.BinTableHDU.from_columns(made, name=name)
+    n = len(values)
+    column = fits.Column(title, f"{n}D", dim=f"(1,{n})", array=values.reshape(1, n, 1))
+    return fits.BinTableHDU.from_columns([column], name=name)

@@ -11,7 +11,7 @@ from ...errors import InputError
 from ..cartesian import cartesian
 from .axes import axis_name
 from .layout import is_place
-from .table_axis import tables_of
+from .table_axis import table_hdus, tables_of
 from .units import fits_name
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def write(volume: Volume, path: Path) -> None:
         kind = fits.ImageHDU if number else fits.PrimaryHDU
         hdus.append(kind(_storable(volume.array(name)).T, header=header))
     if volume.wcs is not None:
-        hdus += tables_of(volume.wcs)
+        hdus += table_hdus(tables_of(volume.wcs))
     fits.HDUList(hdus).writeto(path, output_verify="fix+ignore")
 
 

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from ...errors import FileFormatError
-from ..fits.table_axis import table_hdu, tables_of
+from ..fits.table_axis import table_hdus, tables_of
 from .layout import META, TABLES, WCS
 
 
@@ -18,9 +18,8 @@ def write_extras(file: Any, volume: Any) -> None:
     if volume.wcs is not None:
         file[WCS] = _header(volume.wcs)
         file[WCS].attrs["about"] = "a FITS header with the world coordinates of the grid's axes"
-        for table in tables_of(volume.wcs):
-            for column in table.columns:
-                file[f"{TABLES}/{table.name}/{column.name}"] = column.array[0]
+        for (table, column), values in tables_of(volume.wcs).items():
+            file[f"{TABLES}/{table}/{column}"] = values
 
 
 def read_extras(file: Any, volume: Any) -> None:
@@ -73,8 +72,6 @@ def _wcs(text: str, tables: Any) -> Any:
     from astropy.io.fits import HDUList, Header, PrimaryHDU
     from astropy.wcs import WCS as AstropyWCS
 
-    hdus = [PrimaryHDU()]
-    for name, table in tables.items():
-        columns = {title: values[()] for title, values in table.items()}
-        hdus.append(table_hdu(name, columns))
-    return AstropyWCS(Header.fromstring(text, sep="\n"), HDUList(hdus))
+    found = {(name, title): values[()] for name in tables for title, values in tables[name].items()}
+    hdus = HDUList([PrimaryHDU(), *table_hdus(found)])
+    return AstropyWCS(Header.fromstring(text, sep="\n"), hdus if found else None)
