@@ -21,6 +21,7 @@ from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
 from .hdf5 import check, is_hdf5
+from .labelled.engines import EngineReader
 from .labelled.netcdf import NetCDFReader
 from .listing import openable
 from .native.reader import NativeReader
@@ -77,6 +78,7 @@ READERS: tuple[Reader, ...] = (
     NPZReader(),
     NPYReader(),
     HDF5Reader(),
+    EngineReader(),
     RawReader(),
     PackedReader(lambda path: find_reader(path), lambda *asked: check_options(*asked)),
     AnyYtReader(lambda path: reader_for_suffix(path)),

@@ -5,12 +5,12 @@ All become a ``-TAB`` axis with one coordinate per pixel and no index, whatever 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ...errors import FileFormatError
+from ...image.sky import table_hdus
 from .blocks import Part, card
 from .units import fits_name, lenient_unit
 
@@ -68,24 +68,4 @@ def put_centers(header: Any, axis: int, centers: np.ndarray) -> Any:
         header[f"{key}{k}"] = 1.0
     header[f"PS{k}_0"], header[f"PS{k}_1"] = f"{_TABLE}{k}", _COLUMN
     header[f"PV{k}_1"] = header[f"PV{k}_2"] = header[f"PV{k}_3"] = 1.0
-    return _hdu(f"{_TABLE}{k}", _COLUMN, centers)
-
-
-def tables_of(wcs: Any) -> dict[tuple[str, str], np.ndarray]:
-    """Return the coordinates in the tables of a WCS, by the names of table and column."""
-    texts = {(axis, m): text for axis, m, text in wcs.wcs.get_ps()}
-    axes = [(int(table.map[0]) + 1, np.ravel(table.coord)) for table in wcs.wcs.tab]
-    return {(texts[axis, 0], texts[axis, 1]): centers for axis, centers in axes}
-
-
-def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
-    """Return what `tables_of` gives as HDUs."""
-    return [_hdu(name, column, np.asarray(values)) for (name, column), values in tables.items()]
-
-
-def _hdu(name: str, title: str, values: np.ndarray) -> Any:
-    from astropy.io import fits
-
-    n = len(values)
-    column = fits.Column(title, f"{n}D", dim=f"(1,{n})", array=values.reshape(1, n, 1))
-    return fits.BinTableHDU.from_columns([column], name=name)
+    return table_hdus({(f"{_TABLE}{k}", _COLUMN): centers})[0]

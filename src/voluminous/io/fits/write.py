@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
+from ...image.sky import table_hdus, tables_of
 from ..cartesian import cartesian
 from .axes import axis_name
 from .layout import is_place
-from .table_axis import table_hdus, tables_of
 from .units import fits_name
 
 if TYPE_CHECKING:

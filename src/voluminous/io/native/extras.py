@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from ...errors import FileFormatError
-from ..fits.table_axis import table_hdus, tables_of
+from ...image.sky import table_hdus, tables_of
 from .layout import META, TABLES, WCS
 
 
