@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import MissingPathError, as_path
+from ..files import as_path, missing
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npy import NPYReader
 from .arrays.npz import NPZReader
@@ -224,7 +224,7 @@ def _head(path: Path) -> bytes:
         with builtins.open(path, "rb") as file:
             return file.read(HEAD_LENGTH)
     except FileNotFoundError:
-        raise MissingPathError(f"there is no file {path}") from None
+        raise missing(path) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
 
