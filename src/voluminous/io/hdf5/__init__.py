@@ -5,8 +5,8 @@ forever; no error can be caught then, and what the user has in memory is lost. S
 own goes through the file first (`trial`), and only a file that it survives is opened.
 """
 
-from .access import MAGIC, is_hdf5, opened
+from .access import MAGIC, filters, is_hdf5, opened
 from .data_sets import data_set, read
 from .trial import check
 
-__all__ = ["MAGIC", "check", "data_set", "is_hdf5", "opened", "read"]
+__all__ = ["MAGIC", "check", "data_set", "filters", "is_hdf5", "opened", "read"]
