@@ -52,7 +52,8 @@ class EngineReader(LabelledReader):
         xarray = require("xarray", "arrays", "reading by an engine of xarray")
         with open(path, "rb") as file:
             engine = "cfgrib" if file.read(len(_GRIB)) == _GRIB else _engine(path)
-        grib, options = engine == "cfgrib", {"engine": engine, "cache": False}
+        grib = engine == "cfgrib"
+        options: dict[str, Any] = {"engine": engine, "cache": False}
         if grib:
             cfgrib = require("cfgrib", "grib", "reading GRIB")
             options["decode_timedelta"] = False
