@@ -39,7 +39,9 @@ def require(module: str, extra: str, purpose: str) -> Any:
 
 def install_line(extra: str) -> str:
     """Return what brings the packages of an extra."""
-    return f'pip install "voluminous[{extra}]"  (in a clone of voluminous: pip install ".[{extra}]")'
+    return (
+        f'pip install "voluminous[{extra}]"  (in a clone of voluminous: pip install ".[{extra}]")'
+    )
 
 
 def is_installed(module: str) -> bool:
