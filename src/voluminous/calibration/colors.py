@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,8 @@ from ..expressions.interval import Interval
 from ..media import Colormap, Medium
 from ..media.bounds import RangeContext
 from ..volume import Volume
+from .checks import nothing_to_show
+from .histogram import is_constant
 from .samples import pieces
 
 # What is between the ends of the range, of what shows, is all but these parts.
@@ -53,9 +54,9 @@ def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]])
     if color is None or not color.range.is_open:
         return part
     shown = _Shown(volume, part.names, part.visible_in, part.visible_key())
-    modulation = copy.copy(part.modulation)
-    modulation.color = _closed(color, shown, known)
-    return part.changed(modulation=modulation)
+    closed = _closed(color, shown, known)
+    (name,) = (name for name, given in part.arguments().items() if given is color)
+    return part.replace(**{name: closed})
 
 
 @dataclass
@@ -94,6 +95,8 @@ def _range(shown: _Shown, color: Any) -> tuple[float, float]:
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(sizes[order])
     places = np.searchsorted(reached, np.array([_LOWEST, _HIGHEST]) * reached[-1])
+    if isinstance(color, Colormap) and is_constant(float(values.min()), float(values.max())):
+        raise nothing_to_show(color.expr, float(values[0]))
     low, high = values[order[np.minimum(places, len(values) - 1)]]
     return _rounded(float(low), float(high), _ROUNDINGS * _eps(shown.volume, color.expr))
 

@@ -405,5 +405,7 @@ class Medium(Value):
         return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
 
     def __repr__(self) -> str:
-        described = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
-        return f"{type(self).__name__}({described})"
+        given = self.arguments()
+        told = {k: v for k, v in self.describe().items() if k != "type"}
+        told |= {k: given[k] for k in told if isinstance(given.get(k), Value)}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in told.items())})"
