@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import copy
 import functools
+import html
 import inspect
+import reprlib
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -74,10 +76,23 @@ class Value:
         told = ", ".join(f"{name}={value!r}" for name, value in self.arguments().items())
         return f"{type(self).__name__}({told})"
 
+    def _swatch(self) -> str:
+        """Return what a notebook shows of it before its arguments."""
+        return ""
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{name}</th>"
+            f"<td style='text-align:left'>{html.escape(reprlib.repr(value))}</td></tr>"
+            for name, value in self.arguments().items()
+            if value is not None
+        )
+        return f"<b>{type(self).__name__}</b>{self._swatch()}<table>{rows}</table>"
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not self._done:
             return self is other
-        return _same(self._given, other._given)  # type: ignore[attr-defined]
+        return _same(self._given, other._given)
 
     def __hash__(self) -> int:
         if not self._done:
