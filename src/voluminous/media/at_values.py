@@ -54,6 +54,9 @@ def coefficients_at(
         name: real(np.ascontiguousarray(np.broadcast_to(array, shape)).ravel())
         for name, array in numbers.items()
     }
+    lengths = (part.path_length for part in medium.components())
+    if unit is None:  # j and α are per this unit
+        unit = next((unit_of(v) for v in lengths if not isinstance(v, str) and unit_of(v)), None)
     context = _Given(
         real,
         lambda value: dr.opaque(real, value),

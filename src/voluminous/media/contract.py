@@ -391,7 +391,7 @@ class Medium(Value):
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __call__(self, values: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return emissivity and extinction per unit length: what it is at given values.
+        """Return emissivity and extinction at given values, per unit of the path length.
 
         Parameters
         ----------
