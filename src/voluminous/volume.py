@@ -346,3 +346,8 @@ class Volume(Evaluation, OnOtherCells):
             for name, told in self.describe()["fields"].items()
         )
         return f"<Volume on {self.grid!r}: {listed or 'no fields'}>"
+
+    def _repr_html_(self) -> str:
+        from .regrid.thumbnail import volume_html
+
+        return volume_html(self)

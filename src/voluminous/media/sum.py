@@ -185,6 +185,9 @@ class Sum(Medium):
         """Return the parts as plain values."""
         return {"type": "sum", "parts": [part.describe() for part in self.parts]}
 
+    def _repr_html_(self) -> str:
+        return "".join(part._repr_html_() for part in self.parts)
+
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)
 

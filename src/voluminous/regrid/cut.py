@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -107,6 +108,17 @@ class Slice:
         pairs = zip(("vmin", "vmax"), limits, strict=True)
         unit = self.unit or None
         return [None if v is None else float(plain(v, unit, what)) for what, v in pairs]
+
+    def _repr_png_(self) -> bytes | None:
+        if self.values.ndim != 2:
+            return None
+        from matplotlib.figure import Figure
+
+        stream = io.BytesIO()
+        figure = Figure(layout="constrained")
+        self.plot(figure.add_subplot())
+        figure.savefig(stream, format="png", dpi=80)
+        return stream.getvalue()
 
     def __repr__(self) -> str:
         ny, nx = self.values.shape[-2:]
