@@ -39,6 +39,7 @@ from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
 from .scanners.pictures import PicturesReader
 from .scanners.tiff import TIFFReader
+from .vtk.anything import PyVistaReader
 from .vtk.hdf import VTKHDFReader
 from .vtk.legacy import VTKReader
 from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
@@ -69,6 +70,7 @@ READERS: tuple[Reader, ...] = (
     OpenPMDReader(),
     YtReader(),
     NeXusReader(),
+    PyVistaReader(),  # CGNS and Exodus are in HDF5 and NetCDF
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),
