@@ -26,7 +26,6 @@ _PUBLIC = {
     "DeviceError": "errors",
     "Expression": "expressions",
     "ExpressionError": "errors",
-    "Extreme": "measuring",
     "FileFormatError": "errors",
     "Gaussian": "media",
     "Image": "image",
@@ -61,8 +60,6 @@ _PUBLIC = {
     "calibrate": "calibration",
     "column": "measuring",
     "demo": "cli.demo",
-    "extreme": "measuring",
-    "first_hit": "measuring",
     "framed": "rendering",
     "from_particles": "particles",
     "from_pyvista": "io.vtk.objects",
@@ -73,8 +70,15 @@ _PUBLIC = {
     "open": "io",
     "plot_row": "image.row",
     "probe": "measuring",
+    "project": "measuring",
     "render": "rendering",
     "tau_surface": "measuring",
+}
+# Names of earlier versions, and what to write in their place.
+_RENAMED = {
+    "extreme": "vm.project(..., how='max') or how='min'",
+    "Extreme": "vm.project(..., how='max', depth=True), which returns two images",
+    "first_hit": "vm.project(..., how='first')",
 }
 _MODULES = ("io", "math", "models", "regions")
 
@@ -87,7 +91,6 @@ __all__ = [
     "DeviceError",
     "Expression",
     "ExpressionError",
-    "Extreme",
     "FileFormatError",
     "Gaussian",
     "Image",
@@ -123,8 +126,6 @@ __all__ = [
     "calibrate",
     "column",
     "demo",
-    "extreme",
-    "first_hit",
     "framed",
     "from_particles",
     "from_pyvista",
@@ -138,6 +139,7 @@ __all__ = [
     "open",
     "plot_row",
     "probe",
+    "project",
     "regions",
     "render",
     "tau_surface",
@@ -167,17 +169,15 @@ if TYPE_CHECKING:
     from .io.vtk.objects import from_pyvista
     from .io.yt import from_yt
     from .measuring import (
-        Extreme,
         Measurement,
         Moments,
         Probe,
         TauSurface,
         column,
-        extreme,
-        first_hit,
         measure,
         moments,
         probe,
+        project,
         tau_surface,
     )
     from .media import (
@@ -209,6 +209,8 @@ def __getattr__(name: str) -> Any:
         return value
     if name in _MODULES:
         return importlib.import_module(f".{name}", __name__)
+    if name in _RENAMED:
+        raise AttributeError(f"voluminous.{name} is now {_RENAMED[name]}")
     from .errors import unknown_name
 
     raise AttributeError(f"voluminous: {unknown_name('name', name, __all__)}")
