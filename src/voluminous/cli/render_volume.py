@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..cameras.views import view_angles
 from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
 from .data import DataFile
@@ -122,14 +121,17 @@ def scene_of(
 
 def _camera(args: argparse.Namespace, given: Mapping[str, Any], volume: Volume) -> dict[str, Any]:
     """Return the camera; without angles that the user does not choose, if it is another one."""
+    from ..cameras.views import view_angles
+
+    view = getattr(args, "view", None)
     other = "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
     own = any(getattr(args, name, None) is not None for name in _ANGLES)
     own = own or any(f"camera.{name}" in given for name in _ANGLES)
-    if args.view is not None and (other or own):
+    if view is not None and (other or own):
         raise InputError("--view takes the place of --incl, --phi and another camera")
     angles: dict[str, Any] = {}
     if not other and not own:
-        angles = dict(zip(_ANGLES, view_angles(volume.meta, args.view), strict=True))
+        angles = dict(zip(_ANGLES, view_angles(volume.meta, view), strict=True))
         if not angles["posang"]:
             del angles["posang"]
     elif not other:
