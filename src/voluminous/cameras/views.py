@@ -65,7 +65,7 @@ def view_angles(meta: Mapping[str, Any], view: str | None) -> tuple[float, float
 
 def _axes_of(code: Any) -> dict[str, np.ndarray] | None:
     """Return where each letter points in the volume; None if they do not make sense."""
-    axes = {}
+    axes: dict[str, np.ndarray] = {}
     for letter, axis in zip(str(code).upper(), np.eye(3), strict=False):
         if letter in _OPPOSITE:
             axes |= {letter: axis, _OPPOSITE[letter]: -axis}
