@@ -17,12 +17,16 @@ def first_medium(volume: Volume) -> Medium:
     """
     found = Store(volume).get(_key(volume))
     if found is None:
-        channels = volume.meta.get("channels") or {}
-        several = len(channels) > 1 and all(name in channels for name in volume.fields)
-        found = presets.fluorescence(volume) if several else auto(volume)
+        found = presets.fluorescence(volume) if has_channels(volume) else auto(volume)
         Store(volume).keep(_key(volume), found)  # fields may have been read only now
     medium: Medium = found
     return medium
+
+
+def has_channels(volume: Volume) -> bool:
+    """Return whether all fields are channels of a microscope, several of them."""
+    channels = volume.meta.get("channels") or {}
+    return len(channels) > 1 and all(name in channels for name in volume.fields)
 
 
 def _key(volume: Volume) -> Any:
