@@ -40,7 +40,7 @@ def test_an_alpha_of_one_is_dropped_and_any_other_refused(door):
     np.testing.assert_array_equal(DOORS[door](RED), expected)
     np.testing.assert_array_equal(DOORS[door](np.array(RED)), expected)
     np.testing.assert_array_equal(DOORS[door]("#ff0000ff"), expected)
-    for color in (PALE, np.array(PALE), "#ff000080"):
+    for color in (PALE, np.array(PALE), "#ff000080", ("red", 0.5)):
         with pytest.raises(InputError, match="opacity="):
             DOORS[door](color)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,12 @@ def get_color(name: str) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
+def is_name_and_alpha(color: Any) -> bool:
+    """Return whether it is what matplotlib writes as ``("red", 0.5)``."""
+    pair = isinstance(color, tuple) and len(color) == 2
+    return pair and isinstance(color[0], str) and isinstance(color[1], Real)
+
+
 def without_alpha(colors: Any, what: str) -> Any:
     """Return colours without matplotlib's alpha; what are no such colours as they are.
 
@@ -73,6 +80,8 @@ def without_alpha(colors: Any, what: str) -> Any:
     InputError
         If an alpha is not 1.
     """
+    if is_name_and_alpha(colors):
+        return without_alpha((*get_color(colors[0]), colors[1]), what)
     if isinstance(colors, list):
         return [without_alpha(color, what) for color in colors]
     if not isinstance(colors, (tuple, np.ndarray)) or hasattr(colors, "unit"):

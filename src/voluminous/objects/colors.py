@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..colormaps import get_color, without_alpha
+from ..colormaps import get_color, is_name_and_alpha, without_alpha
 from ..errors import InputError
 from ..units import plain, unit_of
 
@@ -75,6 +75,8 @@ def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: A
 
 
 def _named(colors: Any) -> bool:
+    if is_name_and_alpha(colors):  # which is refused, or a colour
+        return False
     return isinstance(colors, str) or (
         isinstance(colors, (list, tuple, np.ndarray))
         and np.ndim(colors) > 0
