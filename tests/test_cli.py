@@ -69,7 +69,10 @@ def test_the_process_renders_and_fails_as_it_should(scene, tmp_path):
     assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
     failed = process("render", "scene.tomm", cwd=tmp_path)
     assert (failed.returncode, failed.stdout) == (2, "")
-    assert failed.stderr == "voluminous: error: there is no file scene.tomm\n"
+    assert (
+        failed.stderr
+        == "voluminous: error: there is no file scene.tomm; did you mean scene.toml?\n"
+    )
 
 
 def test_help_and_version_import_nothing_heavy(tmp_path):

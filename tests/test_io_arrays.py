@@ -8,6 +8,8 @@ import io
 import lzma
 import os
 import struct
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -405,3 +407,26 @@ def test_times_are_no_components(tmp_path):
             file["tasks/b"].dims[axis].label = name
     with pytest.raises(vm.FileFormatError, match="expected a three-dimensional"):
         vm.open(tmp_path / "a.h5")
+
+
+def test_filters_of_hdf5plugin(tmp_path):
+    plugin = pytest.importorskip("hdf5plugin")
+    values = np.random.default_rng(0).random((8, 9, 10))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, packing in (("rho", plugin.Zstd()), ("t", plugin.Blosc()), ("v", plugin.LZ4())):
+            file.create_dataset(name, data=values, **packing)
+    # In a process that has registered no filters yet.
+    script = (
+        "import sys, voluminous as vm\n"
+        "if sys.argv[1] == 'without': sys.modules['hdf5plugin'] = None\n"
+        "try: print(*(vm.open('a.h5').array(n).sum() for n in ('rho', 't', 'v')))\n"
+        "except vm.MissingPackageError as error: print(error)\n"
+    )
+
+    def said(how):
+        command = [sys.executable, "-c", script, how]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+
+    assert np.allclose([float(word) for word in said("with").stdout.split()], values.sum())
+    assert "a.h5: values are packed" in said("without").stdout
+    assert "pip install hdf5plugin" in said("without").stdout

@@ -169,7 +169,7 @@ def _emission(part: Any, volume: Volume) -> Any:
 def _is_dark(part: Any) -> bool:
     if isinstance(part, Coefficients):
         return all(e == Expression(0) for e in part.emissivity)
-    return not any(np.any(part.color)) if hasattr(part, "color") else False
+    return not np.any(part.color) if hasattr(part, "color") else False
 
 
 def _plain(expression: Expression, volume: Volume) -> tuple[Expression, Any]:

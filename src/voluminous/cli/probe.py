@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     for path in args.output:
         _check(path)
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
-    scene = scene_from(args, given, is_volume(args.scene, args.format))
+    scene = scene_from(args, given, is_volume(args.scene, args.format, given))
     found = _probe(scene, args)
     say(args.quiet, found.text(None if args.all else 20))
     for what in _left_out(scene):

@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     from ..image.changed import changed
 
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
-    of_data = is_volume(args.scene, args.format)
+    of_data = is_volume(args.scene, args.format, given)
     chosen = args.output or [_default_output(args.scene, of_data)]
     outputs = [check_output(path) for path in chosen]
     scene = scene_from(args, given, of_data)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
-from ..files import MissingPathError, as_path, replacing
+from ..files import as_path, missing, replacing
 from ..io.guard import placed
 from . import toml
 from .sections import (
@@ -250,7 +250,7 @@ def _text_of(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
     except FileNotFoundError:
-        raise MissingPathError(f"there is no file {path}") from None
+        raise missing(path) from None
     except UnicodeDecodeError as error:
         raise FileFormatError(
             f"{path}: expected a scene in TOML (UTF-8 text), byte {error.start} is none"

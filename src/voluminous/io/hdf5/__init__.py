@@ -5,7 +5,7 @@ forever; no error can be caught then, and what the user has in memory is lost. S
 own goes through the file first (`trial`), and only a file that it survives is opened.
 """
 
-from .access import MAGIC, holds, is_hdf5, opened
+from .access import MAGIC, filters, holds, is_hdf5, opened
 from .data_sets import check_place, data_set, data_sets, is_own, read, text
 from .trial import check
 
@@ -15,6 +15,7 @@ __all__ = [
     "check_place",
     "data_set",
     "data_sets",
+    "filters",
     "holds",
     "is_hdf5",
     "is_own",
