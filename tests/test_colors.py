@@ -64,8 +64,12 @@ def test_colormaps_with_alpha_are_refused():
     np.testing.assert_array_equal(vm.Table("a", [1, 2], rows, [0, 1]).colors, rows[:, :3])
 
 
-def test_a_list_of_four_is_four_channels():
-    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 1.0], 1).channels == 4
+def test_a_list_of_four_is_four_channels_unless_it_ends_in_one():
+    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 0.5], 1).channels == 4
+    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 1.0], 1).color == (0.1, 0.2, 0.3)
+    assert vm.Table("a", [1, 2], [[0, 0, 0, 1], [1, 1, 1, 1]], 1).channels == 3
+    assert vm.Table("a", [1, 2], [[0, 0, 0, 0.5], [1, 1, 1, 1]], 1).channels == 4
+    assert vm.Table("a", [1, 2, 3, 4], [0.1, 0.2, 0.3, 1.0], 1).channels == 1
     assert vm.Gaussian("a", 1, 1, (0.1, 0.2, 0.3, 5.0), 1).channels == 4
     assert vm.Table("a", [1, 2, 3, 4], (0.1, 0.2, 0.3, 1.0), 1).channels == 1
 
