@@ -157,7 +157,7 @@ def transfer(target: Path, pixels: int) -> None:
     media = (vm.auto(core), vm.Colormap("density", "inferno", norm="log", opacity=lambda p: p**2))
     for medium, axes in zip(media, figure.subplots(1, 2), strict=True):
         medium.plot(core, axes)
-    saved(figure, target, max(20, pixels // 4))
+    saved(figure, target, max(40, pixels // 4))
 
 
 MEDIA_FIGURES: dict[str, Callable[[Path, int], None]] = {

@@ -75,7 +75,11 @@ def test_a_list_of_four_is_four_channels_unless_it_ends_in_one():
 
 
 @pytest.mark.parametrize(
-    ("value", "told"), [(0.0, "density is 0 everywhere"), (3.5, "density is 3.5 everywhere")]
+    ("value", "told"),
+    [
+        (0.0, "density is 0 everywhere: there is nothing to see"),
+        (3.5, "density is 3.5 everywhere: there is nothing to see"),
+    ],
 )
 def test_a_constant_volume_has_nothing_to_show(value, told):
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), density=np.full((4, 4, 4), value))
