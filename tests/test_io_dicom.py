@@ -46,7 +46,7 @@ def test_dicom_values_are_rescaled_and_stay_integers(tmp_path, pydicom):
     assert volume.fields == ("ct",)
     assert volume.array("ct").dtype == np.int16
     np.testing.assert_array_equal(volume.array("ct"), stored.astype(int) - 1024)
-    told = {"modality": "CT", "series": "thorax", "rescale_type": "HU", "space": "LPS"}
+    told = {"modality": "CT", "series": "thorax", "rescale_type": "HU", "orientation": "LPS"}
     assert volume.meta == told
 
 
@@ -301,8 +301,13 @@ def test_slices_without_a_place_go_by_their_numbers(tmp_path, pydicom):
         head.save_as(path / f"IM{3 * k % 11:02d}")
     volume = vm.open(path)
     np.testing.assert_array_equal(volume.array("ct"), VALUES)
-    assert "space" not in volume.meta
+    assert "orientation" not in volume.meta
     np.testing.assert_array_equal(volume.grid.bounds[:, 0], -WIDTHS / 2)
+
+
+def test_animals_on_four_legs_have_other_axes(tmp_path):
+    volume = vm.open(series(tmp_path, AnatomicalOrientationType="QUADRUPED"))
+    assert "orientation" not in volume.meta
 
 
 def test_a_directory_without_slices_is_not_ours(tmp_path):

@@ -107,7 +107,7 @@ def test_nrrd_in_space_and_time(tmp_path, space):
     volume = vm.open(path, time=2)
     np.testing.assert_array_equal(volume.array("v"), values[..., 2])
     np.testing.assert_allclose(volume.grid.bounds[:, 0], [-10.25, 19.625, 29])
-    assert volume.meta.get("space") == (None if space == "4" else "LPS")
+    assert volume.meta.get("orientation") == (None if space == "4" else "LPS")
     path.write_bytes(path.read_bytes().replace(b"(0,0,2,0)", b"(0,0,2,1)"))
     with pytest.raises(vm.FileFormatError, match="along space or time"):
         vm.open(path)
@@ -265,7 +265,28 @@ def test_nifti_without_orientation_has_no_space(tmp_path):
     image.set_qform(None, code=0)
     nib.save(image, tmp_path / "cell.nii")
     volume = vm.open(tmp_path / "cell.nii")
-    assert "space" not in volume.meta
+    assert "orientation" not in volume.meta
     assert volume.unit == "um"
     np.testing.assert_array_equal(volume.array("cell"), VALUES)
     np.testing.assert_array_equal(volume.grid.bounds, [[-0.5, 3.5], [-1, 9], [-1.5, 16.5]])
+
+
+@pytest.mark.parametrize(
+    ("lines", "orientation"),
+    [
+        ("AnatomicalOrientation = RAI\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n", "LPS"),
+        ("AnatomicalOrientation = ASL\nTransformMatrix = 0 1 0 0 0 -1 -1 0 0\n", "LPS"),
+        ("AnatomicalOrientation = RAI\n", "LPS"),
+        ("AnatomicalOrientation = ILP\n", None),  # which ends are meant, nobody says
+        ("AnatomicalOrientation = ???\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n", None),
+        ("TransformMatrix = 1 0 0 0 1 0 0 0 1\n", None),
+    ],
+)
+def test_metaimages_are_patients_where_they_say_so(tmp_path, lines, orientation):
+    head = "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n"
+    path = tmp_path / "scan.mha"
+    path.write_bytes(f"{head}{lines}ElementDataFile = LOCAL\n".encode() + bytes(range(8)))
+    volume = vm.open(path)
+    assert volume.meta.get("orientation") == orientation
+    vm.io.save(volume, tmp_path / "again.mha")
+    assert vm.open(tmp_path / "again.mha").meta.get("orientation") == orientation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,8 @@ class DICOMReader(VoxelReader):
         """Return what the heads of all slices tell."""
         head, frames = _frames(path, series)
         slices, placement, times = stacked(frames, time)
+        if head.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
+            placement = replace(placement, space="")
         shape = (int(head.Columns), int(head.Rows), len(slices))
         dtype = value_type(head, slices)
         return Voxels(

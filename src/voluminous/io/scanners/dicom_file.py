@@ -17,6 +17,7 @@ from ..guard import reading
 PREAMBLE, MAGIC = 128, b"DICM"
 # All that is looked at: parsing the rest of a head takes most of the time.
 _KEYWORDS = (
+    "AnatomicalOrientationType",
     "BitsAllocated",
     "BitsStored",
     "Columns",

@@ -14,7 +14,7 @@ from ...deferred import Deferred
 from ...errors import InputError
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
-from .placement import SIGNS, Arrangement, Placement, arranged
+from .placement import LPS, SIGNS, Arrangement, Placement, arranged
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -158,7 +158,7 @@ def _load(voxels: Voxels, arrangement: Arrangement, number: int, sign: float) ->
 
 
 def _orientation(placement: Placement, arrangement: Arrangement) -> dict[str, Any]:
-    told: dict[str, Any] = {"space": "LPS"} if placement.space else {}
+    told: dict[str, Any] = {"orientation": LPS} if placement.space else {}
     if arrangement.direction is not None:
         told["direction"] = arrangement.direction.tolist()
     return told
