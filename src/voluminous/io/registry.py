@@ -32,6 +32,7 @@ from .raw.reader import RawReader
 from .scanners.dicom import DICOMReader
 from .scanners.itk import ITKReader
 from .scanners.metaimage import MetaImageReader
+from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
 from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
 from .scanners.pictures import PicturesReader
@@ -63,6 +64,7 @@ READERS: tuple[Reader, ...] = (
     GadgetReader(),
     PhantomReader(),
     YtReader(),
+    MINCReader(),
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),
@@ -70,6 +72,9 @@ READERS: tuple[Reader, ...] = (
     DICOMReader(),
     ITKReader(),
     NIfTIReader(),
+    MGHReader(),
+    AFNIReader(),
+    PARRECReader(),
     NRRDReader(),
     MetaImageReader(),
     TIFFReader(),
