@@ -88,7 +88,7 @@ def test_minc_in_hdf5_has_axes_widths_and_true_values(tmp_path):
     # World coordinates are RAS: x and y change sign. The second slice lies below the first.
     steps = np.array([[0, 0, -4.0], [0, -3.0, 0], [-2.0, 0, 0]])
     check_places(volume, values.astype(np.float32), np.array([-5.0, -6.0, 7.0]), steps)
-    assert volume.shape == (4, 3, 2)
+    assert volume.grid.shape == (4, 3, 2)
 
 
 @pytest.mark.parametrize("ending", ["mgh", "mgz"])
