@@ -97,6 +97,67 @@ def test_imagej_and_ome_tell_the_size_of_voxels(tmp_path):
     assert given.unit == "mm"
 
 
+def test_ome_channels_have_names_and_colours(tmp_path):
+    values = RNG.integers(0, 200, (5, 3, 20, 30)).astype(np.uint16)
+    told = {"Name": ["DAPI", "GFP 2", ""], "Color": [65535, 16711935, -16776961]}
+    path = tiff(
+        tmp_path / "cell.ome.tif", values, ome=True, metadata={"axes": "ZCYX", "Channel": told}
+    )
+    volume = vm.open(path)
+    assert volume.fields == ("DAPI", "GFP_2", "cell_2")
+    for k, name in enumerate(volume.fields):
+        np.testing.assert_array_equal(volume.array(name), of_pages(values[:, k]))
+    assert volume.meta["channels"] == {
+        "DAPI": {"label": "DAPI", "color": [0, 0, 1]},
+        "GFP_2": {"label": "GFP 2", "color": [0, 1, 0]},
+        "cell_2": {"color": [1, 0, 0]},
+    }
+    assert volume.meta["y_down"] is True
+    asked = vm.open(path, {"green": "GFP_2"})
+    assert asked.meta["channels"] == {"green": {"label": "GFP 2", "color": [0, 1, 0]}}
+    assert vm.open(path, name="a").fields == ("a_0", "a_1", "a_2")
+    vm.io.save(volume, tmp_path / "kept.h5")
+    assert vm.open(tmp_path / "kept.h5").meta == volume.meta
+
+
+def test_equal_names_of_channels_are_numbered(tmp_path):
+    values = RNG.integers(0, 200, (5, 2, 20, 30)).astype(np.uint16)
+    told = {"axes": "ZCYX", "Channel": {"Name": ["GFP+", "GFP-"]}}
+    volume = vm.open(tiff(tmp_path / "cell.ome.tif", values, ome=True, metadata=told))
+    assert volume.meta["channels"] == {"cell_0": {"label": "GFP+"}, "cell_1": {"label": "GFP-"}}
+
+
+def test_voxels_and_channels_of_the_series_that_is_read(tmp_path):
+    import tifffile
+
+    path, stack = tmp_path / "cell.ome.tif", VALUES.astype(np.uint16)
+    with tifffile.TiffWriter(path, ome=True) as file:
+        file.write(stack[0], metadata={"PhysicalSizeX": 9.0, "Channel": {"Name": ["overview"]}})
+        file.write(stack, metadata={"axes": "ZYX", "PhysicalSizeX": 0.5, "Channel": {"Name": "a"}})
+    volume = vm.open(path)
+    assert volume.fields == ("a",)
+    assert volume.grid.bounds[0].tolist() == [0, 0.5 * stack.shape[2]]
+
+
+def test_imagej_colours_and_ranges(tmp_path):
+    values = RNG.integers(0, 200, (5, 3, 20, 30)).astype(np.uint16)
+    tables = np.zeros((3, 3, 256), np.uint8)
+    tables[0, 0] = np.arange(256)
+    tables[1, 1:] = np.arange(256)
+    tables[2] = RNG.integers(0, 256, (3, 256))  # no ramp: it stands for no single colour
+    told = {"axes": "ZCYX", "mode": "composite", "LUTs": list(tables)}
+    told["Ranges"] = (0.0, 100.0, 5.0, 150.0, 7.0, 7.0)
+    volume = vm.open(tiff(tmp_path / "cell.tif", values, imagej=True, metadata=told))
+    assert volume.meta["channels"] == {
+        "cell_0": {"color": [1, 0, 0], "window": [0, 100]},
+        "cell_1": {"color": [0, 1, 1], "window": [5, 150]},
+        "cell_2": {},
+    }
+    told = {"axes": "ZYX", "min": 3.0, "max": 99.0}
+    single = vm.open(tiff(tmp_path / "one.tif", values[:, 0], imagej=True, metadata=told))
+    assert single.meta["channels"] == {"one": {"window": [3, 99]}}
+
+
 @pytest.mark.parametrize("planes", ["contig", "separate"])
 @pytest.mark.parametrize("packing", [None, "zlib"])
 def test_colored_stacks(tmp_path, planes, packing):
@@ -108,6 +169,7 @@ def test_colored_stacks(tmp_path, planes, packing):
     volume = vm.open(path)
     for k, name in enumerate(("red", "green", "blue")):
         np.testing.assert_array_equal(volume.array(f"c_{name}"), of_pages(values[..., k]))
+        assert volume.meta["channels"][f"c_{name}"] == {"color": [float(k == n) for n in range(3)]}
 
 
 def test_two_axes_without_names_are_refused(tmp_path):

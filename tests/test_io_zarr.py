@@ -38,6 +38,12 @@ def put(group, name, values, **options):
     return array
 
 
+CHANNELS = [
+    {"label": "DAPI", "color": "0000FF", "window": {"min": 0, "max": 9, "start": 1, "end": 5}},
+    {"label": "GFP 2", "color": "00ff00"},
+]
+
+
 def plain(path, version):
     array = put(group_at(path, version), "gas/rho" if LATER else "rho", RHO, chunks=(1, 2, 2))
     array.attrs["units"] = "g/cm3"
@@ -59,7 +65,7 @@ def microscope(path, version):
     axes += [{"name": a, "type": "space", "unit": unit} for a, unit in units.items()]
     told = {
         "multiscales": [{"axes": axes, "datasets": levels}],
-        "omero": {"channels": [{"label": "DAPI"}, {"label": "GFP 2"}, {}]},
+        "omero": {"channels": [*CHANNELS, {"color": "no colour", "window": {"start": "low"}}]},
     }
     group.attrs.update({"ome": {"version": "0.5", **told}} if version == 3 else told)
     return path
@@ -128,6 +134,12 @@ def test_channels_times_and_sizes(tmp_path, version):
     for place in (path, zipped(path)):
         volume = vm.open(place, time=1)
         assert volume.fields == ("DAPI", "GFP_2", "channel_2")
+        assert volume.meta["y_down"] is True
+        assert volume.meta["channels"] == {
+            "DAPI": {"label": "DAPI", "color": [0, 0, 1], "window": [1, 5]},
+            "GFP_2": {"label": "GFP 2", "color": [0, 1, 0]},
+            "channel_2": {},
+        }
         np.testing.assert_array_equal(volume.array("GFP_2"), CELLS[1, 1].T)
         assert volume.array("GFP_2").dtype == np.uint8
         assert volume.unit == u.um

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
+from ..channels import Y_DOWN, of_samples
 from ..guard import reading
 from .tiff_chain import check_chain
 from .tiff_pages import STACK_OPTIONS, cells_from_zero, single_picture
@@ -73,6 +74,8 @@ class PicturesReader(VoxelReader):
             if samples == 1
             else components(samples, COLORS if samples > 2 else _BRIGHTNESS),
             name=path.resolve().name,
+            channels=of_samples(samples),
+            meta=Y_DOWN,
         )
 
 

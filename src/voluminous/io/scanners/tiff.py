@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
+from ..channels import Y_DOWN, of_samples
 from .tiff_chain import MAGICS, check_chain, holds_stack
 from .tiff_pages import STACK_OPTIONS, cells_from_zero, opened, part_of
-from .tiff_scale import scale_of
+from .tiff_scale import channels_of, scale_of
 from .voxels import COLORS, VoxelReader, Voxels, components, time_step
 
 # What becomes the third axis of a volume, the first that there is: z; pictures one after the other;
@@ -45,7 +46,8 @@ class TIFFReader(VoxelReader):
             number, series = _stack(file)
             sizes = _sizes(series)
             third = _third(sizes)
-            widths, own = scale_of(file)
+            widths, own = scale_of(file, number)
+            listed = channels_of(file, number, sizes.get("C", 1) if third != "C" else 0)
             dtype = np.dtype(series.dtype)
         times = sizes.get("T", 1) if third != "T" else 1
         step = time_step(time, times)
@@ -65,7 +67,8 @@ class TIFFReader(VoxelReader):
             placement=cells_from_zero(shape, widths if spacing is None else spacing, unit or own),
             load=load,
             components=("",) if count == 1 else components(count, COLORS if channels == 1 else ()),
-            meta={} if times == 1 else {"times": times, "time_step": step},
+            channels=of_samples(samples) * channels if samples > 1 else listed,
+            meta=Y_DOWN | ({} if times == 1 else {"times": times, "time_step": step}),
         )
 
 

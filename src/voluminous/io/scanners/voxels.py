@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import InputError
+from ..channels import Channel, channel_fields, channel_meta
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
 from .placement import LPS, SIGNS, Arrangement, Placement, arranged
@@ -47,6 +48,8 @@ class Voxels:
         Of the field, where the file or its format tells better than the file's own name.
     unit : str
         Of the values.
+    channels : sequence of dict
+        Label, colour and window of each component, see `channels`.
     meta : dict
         What else the volume's `meta` shall hold.
     """
@@ -58,6 +61,7 @@ class Voxels:
     components: tuple[str, ...] = ("",)
     name: str = ""
     unit: str = ""
+    channels: Sequence[Channel] = ()
     meta: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -82,10 +86,13 @@ class VoxelReader(Reader):
         known = _known(path, named, voxels, arrangement)
         volume = Volume(arrangement.grid)
         volume.meta |= dict(voxels.meta) | _orientation(voxels.placement, arrangement)
+        entries = []
         for name, place in chosen_fields({place: place for place in known}, fields).items():
             number, sign = known[place]
             load = functools.partial(_load, voxels, arrangement, number, sign)
             volume[name] = Deferred(load, _dtype(voxels, sign), voxels.unit)
+            entries.append((name, voxels.channels[number] if voxels.channels else {}))
+        volume.meta |= channel_meta(entries)
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
@@ -144,7 +151,9 @@ def _known(
         signs = SIGNS[voxels.placement.space]
         # Along the coordinates, not along the grid's axes: x, y and z would promise too much.
         endings = components(len(endings)) if arrangement.direction is not None else endings
-    return {base + end: (k, s) for k, (end, s) in enumerate(zip(endings, signs, strict=True))}
+    names = [base + end for end in endings]
+    names = channel_fields(() if named else voxels.channels, names)
+    return {name: (k, s) for k, (name, s) in enumerate(zip(names, signs, strict=True))}
 
 
 def _dtype(voxels: Voxels, sign: float) -> np.dtype[Any]:

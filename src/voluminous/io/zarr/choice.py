@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...memory import available_memory
 from ..arrays.layout import AXES, equal_cells
+from ..channels import channel_fields
 from ..names import field_name
 from .multiscale import Level, Multiscale
 
@@ -76,9 +77,7 @@ def channel_names(image: Multiscale, shape: Sequence[int], stem: str, asked: Any
     """
     count = int(shape[image.axes.index("c")]) if "c" in image.axes else 1
     numbered = [field_name(stem)] if count == 1 else [f"channel_{k}" for k in range(count)]
-    labels = (*image.channels[:count], *[""] * (count - len(image.channels)))
-    names = [field_name(t) if t else n for t, n in zip(labels, numbered, strict=True)]
-    names = names if len(set(names)) == count else numbered
+    names = channel_fields(image.channels, numbered)
     chosen = range(count) if asked is None else [_numbered("channel", asked, count)]
     return {k: names[k] for k in chosen}
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import FileFormatError
+from ..channels import Channel, omero_channels
 from ..unit_texts import known_unit
 
 _OLD_AXES = ("t", "c", "z", "y", "x")
@@ -39,15 +40,15 @@ class Multiscale:
         Unit of z, y and x over that of x.
     levels : tuple of Level
         The resolutions.
-    channels : tuple of str
-        Labels, as far as they are told.
+    channels : tuple of dict
+        Labels, colours and windows, see `channels`.
     """
 
     axes: tuple[str, ...]
     unit: str
     ratios: dict[str, float]
     levels: tuple[Level, ...]
-    channels: tuple[str, ...]
+    channels: tuple[Channel, ...]
 
 
 def multiscale_in(attributes: Mapping[str, Any]) -> Mapping[str, Any] | None:
@@ -89,7 +90,7 @@ def parsed(attributes: Mapping[str, Any], place: str) -> Multiscale:
     if not levels or len(set(axes)) < len(axes) or not {"x", "y", "z"} <= set(axes):
         raise FileFormatError(f"expected an image with axes z, y and x, got {', '.join(axes)}")
     unit, ratios = _common_unit(units)
-    return Multiscale(axes, unit, ratios, levels, _channels(attributes))
+    return Multiscale(axes, unit, ratios, levels, omero_channels(attributes))
 
 
 def _axis_name(axis: Any) -> str:
@@ -145,11 +146,3 @@ def _numbers(values: Sequence[Any], count: int) -> list[float]:
     if len(values) != count:
         raise ValueError(f"expected {count} numbers, got {len(values)}")
     return [float(value) for value in values]
-
-
-def _channels(attributes: Mapping[str, Any]) -> tuple[str, ...]:
-    omero = attributes.get("omero")
-    listed = omero.get("channels") if isinstance(omero, Mapping) else None
-    if not isinstance(listed, list):
-        return ()
-    return tuple(str(c.get("label") or "") if isinstance(c, Mapping) else "" for c in listed)

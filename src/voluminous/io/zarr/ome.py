@@ -12,6 +12,7 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError, unknown_name
 from ..arrays.layout import AXES
+from ..channels import Y_DOWN, channel_meta
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields
 from .choice import channel_names, counts, level_number, time_number, voxels
@@ -68,7 +69,9 @@ class OMEZarrReader(Reader):
         for name, place in chosen.items():
             load = functools.partial(_values, path, level.place, image.axes, time, int(place))
             volume[name] = Deferred(load, dtype)
-        volume.meta |= {"level": number, "levels": len(arrays), "time_number": time}
+        entries = dict(enumerate(image.channels))
+        volume.meta |= {"level": number, "levels": len(arrays), "time_number": time, **Y_DOWN}
+        volume.meta |= channel_meta((n, entries.get(int(k), {})) for n, k in chosen.items())
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:

@@ -1,0 +1,82 @@
+"""Channels of microscopes: their names, colours and display windows, kept in ``volume.meta``.
+
+``meta["channels"]`` is ``{field: {"label": str, "color": [r, g, b], "window": [low, high]}}`` with
+one entry for each field that is a channel; what the file does not give is left out of the entry.
+Colours are from 0 to 1 as displays take them (sRGB), windows are values of the field that are shown
+black and in full colour.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from .names import field_name
+
+Channel = dict[str, Any]
+# Rows of pictures run downwards: the volume's y axis points down on the screen, and z away.
+Y_DOWN = {"y_down": True}
+
+
+def channel(label: Any = "", color: Any = None, window: Any = None) -> Channel:
+    """Return the entry of a channel; leaves out what makes no sense.
+
+    Parameters
+    ----------
+    label : str
+        Name of the channel.
+    color : sequence of three numbers
+        Red, green and blue, from 0 to 255.
+    window : sequence of two numbers
+        Values that are black and of full colour.
+    """
+    entry: Channel = {"label": str(label).strip()} if label and str(label).strip() else {}
+    if color is not None and len(color) == 3:
+        entry["color"] = [round(min(max(int(c), 0), 255) / 255, 4) for c in color]
+    if window is not None and len(window) == 2:
+        low, high = (float(v) for v in window)
+        if math.isfinite(low) and math.isfinite(high) and low < high:
+            entry["window"] = [low, high]
+    return entry
+
+
+def channel_fields(channels: Sequence[Mapping[str, Any]], numbered: Sequence[str]) -> list[str]:
+    """Return the names of fields: labels of the channels, or names with numbers.
+
+    All are numbered where labels are equal, or would be as names of fields.
+    """
+    labels = [str(entry.get("label", "")) for entry in channels]
+    labels = (labels + [""] * len(numbered))[: len(numbered)]
+    names = [field_name(t) if t else n for t, n in zip(labels, numbered, strict=True)]
+    return names if len(set(names)) == len(names) else list(numbered)
+
+
+def channel_meta(entries: Iterable[tuple[str, Mapping[str, Any]]]) -> dict[str, Any]:
+    """Return what `meta` shall hold of fields and their channels; nothing if nothing is given."""
+    entries = [(name, dict(entry)) for name, entry in entries]
+    return {"channels": dict(entries)} if any(entry for _, entry in entries) else {}
+
+
+def of_samples(count: int) -> list[Channel]:
+    """Return the entries of the samples of a pixel: of three or four, red, green and blue first."""
+    primaries = [channel(color=[255 * (k == n) for k in range(3)]) for n in range(3)]
+    return [*primaries, *[{}] * (count - 3)] if count > 2 else [{}] * count
+
+
+def omero_channels(attributes: Mapping[str, Any]) -> tuple[Channel, ...]:
+    """Return the channels of OME-Zarr's ``omero``, which gives colours as RRGGBB."""
+    omero = attributes.get("omero")
+    listed = omero.get("channels") if isinstance(omero, Mapping) else None
+    entries = listed if isinstance(listed, list) else []
+    return tuple(_omero(entry if isinstance(entry, Mapping) else {}) for entry in entries)
+
+
+def _omero(entry: Mapping[str, Any]) -> Channel:
+    window = entry.get("window")
+    try:
+        code = bytes.fromhex(str(entry.get("color", "")).lstrip("#"))
+        ends = [window["start"], window["end"]] if isinstance(window, Mapping) else None
+        return channel(entry.get("label"), code if len(code) == 3 else None, ends)
+    except (KeyError, TypeError, ValueError):  # a name is worth more than a wrong colour
+        return channel(entry.get("label"))
