@@ -30,6 +30,7 @@ from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
 from .raw.reader import RawReader
 from .scanners.dicom import DICOMReader
+from .scanners.imaris import ImarisReader
 from .scanners.itk import ITKReader
 from .scanners.metaimage import MetaImageReader
 from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
@@ -71,6 +72,7 @@ READERS: tuple[Reader, ...] = (
     ZarrReader(),
     DICOMReader(),
     ITKReader(),
+    ImarisReader(),
     NIfTIReader(),
     MGHReader(),
     AFNIReader(),
