@@ -13,7 +13,7 @@ from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit
 from ..guard import reading
 from .dicom_directory import images_named, is_directory
-from .dicom_file import MAGIC, PREAMBLE, is_dicom, quiet, read_head
+from .dicom_file import is_dicom, quiet, read_head, starts_dicom
 from .dicom_frames import Frame, frames_of
 from .dicom_pixels import read_values, value_type
 from .dicom_stack import stacked
@@ -46,7 +46,7 @@ class DICOMReader(VoxelReader):
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a DICOM file, or a directory in which they lie."""
         if head:
-            return head[PREAMBLE:].startswith(MAGIC)
+            return starts_dicom(head)
         try:
             return path.is_dir() and any(is_dicom(file) for file in islice(_files(path), _FEW))
         except OSError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import mmap
+import struct
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +14,16 @@ from typing import Any
 from ...errors import FileFormatError
 from ...packages import require
 from ..guard import reading
+from .dicom_mosaic import CSA_TAGS, describe_slices, is_mosaic
 
 PREAMBLE, MAGIC = 128, b"DICM"
+# Bytes that tell whether a file without a preamble is DICOM; the groups that come first; kinds of
+# values (VR) whose length takes four bytes.
+_START, _FIRST_GROUPS, _LONG = (
+    1024,
+    (2, 8),
+    (b"OB", b"OW", b"OF", b"SQ", b"UN", b"UT", b"UC", b"UR"),
+)
 # All that is looked at: parsing the rest of a head takes most of the time.
 _KEYWORDS = (
     "AnatomicalOrientationType",
@@ -25,6 +34,7 @@ _KEYWORDS = (
     "DoseUnits",
     "GridFrameOffsetVector",
     "HighBit",
+    "ImageType",
     "ImageOrientationPatient",
     "ImagePositionPatient",
     "InstanceNumber",
@@ -70,9 +80,37 @@ def is_dicom(path: Path) -> bool:
     """Return True for a file that starts as DICOM files do."""
     try:
         with open(path, "rb") as file:
-            return file.read(PREAMBLE + len(MAGIC))[PREAMBLE:] == MAGIC
+            return starts_dicom(file.read(_START))
     except OSError:
         return False
+
+
+def starts_dicom(head: bytes) -> bool:
+    """Return True for the first bytes of a DICOM file, with its preamble or without.
+
+    Without, there have to be two elements of low groups in their order.
+    """
+    return head[PREAMBLE:].startswith(MAGIC) or _is_bare(head)
+
+
+def _is_bare(head: bytes) -> bool:
+    for order in ("<", ">"):
+        at, found = 0, []
+        while len(found) < 3 and at + 12 <= len(head):
+            group, element = struct.unpack_from(f"{order}2H", head, at)
+            explicit = head[at + 4 : at + 6].isalpha() and head[at + 4 : at + 6].isupper()
+            if explicit and head[at + 4 : at + 6] not in _LONG:
+                (size,) = struct.unpack_from(f"{order}H", head, at + 6)
+                at += 8 + size
+            else:
+                (size,) = struct.unpack_from(f"{order}I", head, at + (8 if explicit else 4))
+                at += (12 if explicit else 8) + size
+            if group not in _FIRST_GROUPS or (group, element) <= max(found, default=(0, 0)):
+                break
+            found.append((group, element))
+        if len(found) > 1:
+            return True
+    return False
 
 
 def read_head(path: Path) -> Any:
@@ -83,7 +121,10 @@ def read_head(path: Path) -> Any:
     FileFormatError
         If it is damaged.
     """
-    return _read(path, _KEYWORDS, stop_before_pixels=True)
+    head = _read(path, _KEYWORDS, stop_before_pixels=True)
+    if is_mosaic(head):
+        describe_slices(head, _read(path, CSA_TAGS, stop_before_pixels=True))
+    return head
 
 
 def read_whole(path: Path) -> Any:
@@ -119,13 +160,22 @@ def check_size(path: Path, head: Any, frames: int) -> None:
         )
 
 
-def _read(path: Path, keywords: tuple[str, ...], **options: Any) -> Any:
+def _read(path: Path, keywords: tuple[str | int, ...], **options: Any) -> Any:
     pydicom = require("pydicom", "medical", "reading DICOM")
     with reading(path, "a DICOM file"), _bounded(path) as file:
-        head = pydicom.dcmread(file, specific_tags=list(keywords), **options)
+        bare = not file[PREAMBLE:].startswith(MAGIC) and starts_dicom(file[:_START])
+        head = pydicom.dcmread(file, specific_tags=list(keywords), force=bare, **options)
+        if "TransferSyntaxUID" not in head.file_meta:
+            head.file_meta.TransferSyntaxUID = _NATIVE[_encoding(head)]
         if str(head.file_meta.get("TransferSyntaxUID", "")) == _DEFLATED:
             raise FileFormatError("deflated DICOM is not read; convert it with 'dcmconv +te'")
     return head
+
+
+def _encoding(head: Any) -> int:
+    """Return which of the native encodings a head without group 2 is in, as pydicom has seen."""
+    implicit, little = head.original_encoding
+    return 0 if implicit else 1 if little else 2
 
 
 @contextlib.contextmanager

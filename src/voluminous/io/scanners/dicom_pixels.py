@@ -14,6 +14,7 @@ from ...packages import require
 from ..guard import reading
 from .dicom_file import is_native, quiet, read_whole
 from .dicom_frames import Frame
+from .dicom_mosaic import is_mosaic, tiles
 
 # The smallest of these that holds all values is taken.
 _WHOLE = ("u1", "i1", "u2", "i2", "u4", "i4", "i8")
@@ -63,6 +64,8 @@ def _stored_pixels(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     whole = read_whole(path)
     _check_decoder(whole)
     pixels = np.asarray(whole.pixel_array)
+    if is_mosaic(whole):
+        pixels = tiles(pixels, shape[1::-1])
     pixels = pixels if pixels.ndim == 3 else pixels[None]
     if pixels.shape[1:] != shape[1::-1]:
         raise FileFormatError(
