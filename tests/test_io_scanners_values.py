@@ -290,3 +290,35 @@ def test_metaimages_are_patients_where_they_say_so(tmp_path, lines, orientation)
     assert volume.meta.get("orientation") == orientation
     vm.io.save(volume, tmp_path / "again.mha")
     assert vm.open(tmp_path / "again.mha").meta.get("orientation") == orientation
+
+
+@pytest.mark.parametrize(
+    ("fields", "bounds"),
+    [
+        # Walls of cells: 4, 5 and 6 of them between these positions.
+        ({"centers": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
+        ({"centerings": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
+        ({}, [(0, 8), (10, 15), (-3, 3)]),  # Teem's default
+        # First and last nodes: cells reach half a step beyond.
+        ({"centers": "node node node"}, [(-4 / 3, 28 / 3), (9.375, 15.625), (-3.6, 3.6)]),
+        ({"centers": "node cell ???"}, [(-4 / 3, 28 / 3), (10, 15), (-3, 3)]),
+        ({"centers": "node cell cell", "spacings": "2 3 4"}, [(-1, 7), (10, 25), (-3, 21)]),
+        ({"axis_mins": "nan nan nan", "spacings": "2 3 4"}, [(0, 8), (0, 15), (-21, 3)]),
+    ],
+)
+def test_nrrd_axes_between_positions(tmp_path, fields, bounds):
+    fields = {"axis_mins": "0 10 -3", "axis_maxs": "8 15 3"} | fields
+    path = tmp_path / "box.nrrd"
+    path.write_bytes(nrrd_text(**fields).encode() + b"\n" + VALUES.tobytes("F"))
+    volume = vm.open(path)
+    np.testing.assert_allclose(volume.grid.bounds, bounds, atol=1e-12)
+    np.testing.assert_array_equal(volume.array("box"), VALUES)
+
+
+def test_nrrd_axes_that_run_backwards_are_flipped(tmp_path):
+    path = tmp_path / "box.nrrd"
+    head = nrrd_text(axis_mins="8 10 -3", axis_maxs="0 15 3", centers="cell cell cell")
+    path.write_bytes(head.encode() + b"\n" + VALUES.tobytes("F"))
+    volume = vm.open(path)
+    np.testing.assert_allclose(volume.grid.bounds, [(0, 8), (10, 15), (-3, 3)])
+    np.testing.assert_array_equal(volume.array("box"), VALUES[::-1])
