@@ -33,6 +33,7 @@ from .scanners.dicom import DICOMReader
 from .scanners.imaris import ImarisReader
 from .scanners.itk import ITKReader
 from .scanners.metaimage import MetaImageReader
+from .scanners.mrc import MRCReader
 from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
 from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
@@ -74,6 +75,7 @@ READERS: tuple[Reader, ...] = (
     ITKReader(),
     ImarisReader(),
     NIfTIReader(),
+    MRCReader(),
     MGHReader(),
     AFNIReader(),
     PARRECReader(),

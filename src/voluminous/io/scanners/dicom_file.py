@@ -95,7 +95,8 @@ def starts_dicom(head: bytes) -> bool:
 
 def _is_bare(head: bytes) -> bool:
     for order in ("<", ">"):
-        at, found = 0, []
+        at = 0
+        found: list[tuple[int, int]] = []
         while len(found) < 3 and at + 12 <= len(head):
             group, element = struct.unpack_from(f"{order}2H", head, at)
             explicit = head[at + 4 : at + 6].isalpha() and head[at + 4 : at + 6].isupper()
