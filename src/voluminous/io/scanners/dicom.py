@@ -17,6 +17,7 @@ from .dicom_file import is_dicom, quiet, read_head, starts_dicom
 from .dicom_frames import Frame, frames_of
 from .dicom_pixels import read_values, value_type
 from .dicom_stack import stacked
+from .heads import by_library
 from .voxels import VoxelReader, Voxels
 
 # So many files of a directory are looked at: other directories are left alone quickly.
@@ -89,7 +90,7 @@ def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
     common = _common_head(heads)
     frames: list[Frame] = []
     for file, head in heads:
-        with reading(file, "a DICOM file"):
+        with reading(file, "a DICOM file"), by_library("pydicom"):
             frames += frames_of(file, head)
     return common, frames
 

@@ -15,6 +15,7 @@ from ...errors import FileFormatError
 from ...packages import require
 from ..guard import reading
 from .dicom_mosaic import CSA_TAGS, describe_slices, is_mosaic
+from .heads import by_library
 
 PREAMBLE, MAGIC = 128, b"DICM"
 # Bytes that tell whether a file without a preamble is DICOM; the groups that come first; kinds of
@@ -90,28 +91,22 @@ def starts_dicom(head: bytes) -> bool:
 
     Without, there have to be two elements of low groups in their order.
     """
-    return head[PREAMBLE:].startswith(MAGIC) or _is_bare(head)
+    return head[PREAMBLE:].startswith(MAGIC) or any(_is_bare(head, order) for order in "<>")
 
 
-def _is_bare(head: bytes) -> bool:
-    for order in ("<", ">"):
-        at = 0
-        found: list[tuple[int, int]] = []
-        while len(found) < 3 and at + 12 <= len(head):
-            group, element = struct.unpack_from(f"{order}2H", head, at)
-            explicit = head[at + 4 : at + 6].isalpha() and head[at + 4 : at + 6].isupper()
-            if explicit and head[at + 4 : at + 6] not in _LONG:
-                (size,) = struct.unpack_from(f"{order}H", head, at + 6)
-                at += 8 + size
-            else:
-                (size,) = struct.unpack_from(f"{order}I", head, at + (8 if explicit else 4))
-                at += (12 if explicit else 8) + size
-            if group not in _FIRST_GROUPS or (group, element) <= max(found, default=(0, 0)):
-                break
-            found.append((group, element))
-        if len(found) > 1:
-            return True
-    return False
+def _is_bare(head: bytes, order: str) -> bool:
+    at, last, found = 0, (0, 0), 0
+    while found < 3 and at + 12 <= len(head):
+        tag = struct.unpack_from(f"{order}2H", head, at)
+        kind = head[at + 4 : at + 6]
+        explicit = kind.isalpha() and kind.isupper()
+        long = explicit and kind in _LONG
+        where = (8 if long else 6 if explicit else 4) + at
+        (size,) = struct.unpack_from(order + ("H" if explicit and not long else "I"), head, where)
+        if tag[0] not in _FIRST_GROUPS[: None if found else 2] or tag <= last:
+            return False
+        at, last, found = at + (12 if long else 8) + size, tag, found + 1
+    return found > 1
 
 
 def read_head(path: Path) -> Any:
@@ -124,7 +119,9 @@ def read_head(path: Path) -> Any:
     """
     head = _read(path, _KEYWORDS, stop_before_pixels=True)
     if is_mosaic(head):
-        describe_slices(head, _read(path, CSA_TAGS, stop_before_pixels=True))
+        private = _read(path, CSA_TAGS, stop_before_pixels=True)
+        with by_library("nibabel"):
+            describe_slices(head, private)
     return head
 
 
@@ -163,7 +160,7 @@ def check_size(path: Path, head: Any, frames: int) -> None:
 
 def _read(path: Path, keywords: tuple[str | int, ...], **options: Any) -> Any:
     pydicom = require("pydicom", "medical", "reading DICOM")
-    with reading(path, "a DICOM file"), _bounded(path) as file:
+    with reading(path, "a DICOM file"), by_library("pydicom"), _bounded(path) as file:
         bare = not file[PREAMBLE:].startswith(MAGIC) and starts_dicom(file[:_START])
         head = pydicom.dcmread(file, specific_tags=list(keywords), force=bare, **options)
         if "TransferSyntaxUID" not in head.file_meta:

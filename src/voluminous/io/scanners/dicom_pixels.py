@@ -15,6 +15,7 @@ from ..guard import reading
 from .dicom_file import is_native, quiet, read_whole
 from .dicom_frames import Frame
 from .dicom_mosaic import is_mosaic, tiles
+from .heads import by_library
 
 # The smallest of these that holds all values is taken.
 _WHOLE = ("u1", "i1", "u2", "i2", "u4", "i4", "i8")
@@ -52,7 +53,7 @@ def read_values(frames: Sequence[Frame], shape: tuple[int, ...], dtype: Any) -> 
     out = np.empty(shape[::-1], dtype)
     ordered = sorted(enumerate(frames), key=lambda pair: str(pair[1].path))
     for path, group in groupby(ordered, key=lambda pair: pair[1].path):
-        with reading(path, "a DICOM image"):
+        with reading(path, "a DICOM image"), by_library("pydicom"):
             stored = _stored_pixels(path, shape)
         for k, frame in group:
             _rescale(stored[frame.number], frame, out[k])

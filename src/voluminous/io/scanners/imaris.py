@@ -12,7 +12,7 @@ from ...errors import FileFormatError, InputError
 from ..channels import Channel, channel
 from ..hdf5 import data_set, is_hdf5, opened, read
 from ..payload import checked_shape
-from .heads import real_numbers
+from .heads import by_library, real_numbers
 from .lengths import length_unit
 from .placement import Placement
 from .voxels import VoxelReader, Voxels, components, time_step
@@ -44,7 +44,7 @@ class ImarisReader(VoxelReader):
 
     def voxels(self, path: Path, *, time: int = 0, level: int = 0) -> Voxels:
         """Return what the attributes say; they are arrays of characters."""
-        with opened(path) as file:
+        with by_library("h5py"), opened(path) as file:
             levels, info = file["DataSet"], file[_IMAGE]
             if f"ResolutionLevel {level}" not in levels:
                 raise InputError(f"level must be from 0 to {len(levels) - 1}, got {level!r}")

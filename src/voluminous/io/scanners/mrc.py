@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ...packages import require
 from ..payload import checked_shape
+from .heads import by_library
 from .placement import Placement
 from .stored import Stored
 from .voxels import VoxelReader, Voxels, time_step
@@ -44,7 +45,7 @@ class MRCReader(VoxelReader):
         mrcfile = require("mrcfile", self.extra, f"reading {self.description}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is checked here
-            with mrcfile.open(path, header_only=True, permissive=True) as file:
+            with by_library("mrcfile"), mrcfile.open(path, "r", True, header_only=True) as file:
                 head = file.header
         columns = checked_shape([head.nx, head.ny, head.nz], "nx, ny, nz")
         order = [int(head[name]) - 1 for name in ("mapc", "mapr", "maps")]

@@ -12,7 +12,7 @@ from ...memory import check_memory
 from ...packages import require
 from ..hdf5 import is_hdf5, opened
 from ..payload import checked_shape
-from .nifti import plain_start
+from .heads import by_library, unpacked_start
 from .placement import Placement
 from .voxels import VoxelReader, Voxels, time_step
 
@@ -33,7 +33,9 @@ class _ByNibabel(VoxelReader):
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         """Return what the head tells."""
-        image = self._image(path)
+        with by_library("nibabel"):
+            image = self._image(path)
+            dtype, affine = _dtype(path, image), np.array(image.affine, float)
         sizes = checked_shape(image.shape)
         if len(sizes) not in (3, 4):
             raise FileFormatError(f"expected three dimensions, and time at most, got {sizes}")
@@ -41,17 +43,17 @@ class _ByNibabel(VoxelReader):
         times = 1 if axis is None else sizes[axis]
         step = time_step(time, times)
         chosen = tuple(step if k == axis else slice(None) for k in range(len(sizes)))
-        dtype = _dtype(path, image)
         shape = tuple(n for k, n in enumerate(sizes) if k != axis)
 
         def load(_: int) -> np.ndarray:
             check_memory(int(np.prod(shape, dtype=object)) * 8, f"reading {path.name}", "use NIfTI")
-            return np.asarray(self._image(path).dataobj[chosen], dtype)
+            with by_library("nibabel"):
+                return np.asarray(self._image(path).dataobj[chosen], dtype)
 
         return Voxels(
             shape=shape,
             dtype=dtype,
-            placement=Placement(image.affine[:3, 3], image.affine[:3, :3].T, "mm", "RAS"),
+            placement=Placement(affine[:3, 3], affine[:3, :3].T, "mm", "RAS"),
             load=load,
             meta={} if times == 1 else {"times": times, "time_step": step},
         )
@@ -123,7 +125,7 @@ class MGHReader(_ByNibabel):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for version 1, sizes, a known type and the flag of a sound position."""
-        start = plain_start(head)[:30]
+        start = unpacked_start(head, 30)[:30]
         if len(start) < 30 or not start.startswith(b"\0\0\0\1"):
             return False
         *sizes, kind = np.frombuffer(start, ">i4", 5, 4)

@@ -16,6 +16,7 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...packages import require
 from ..payload import checked_shape, unpacked
+from .heads import by_library, unpacked_start
 from .placement import Placement
 from .stored import GZIP, PLAIN, Stored
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
@@ -58,14 +59,17 @@ class NIfTIReader(VoxelReader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a head of any version, packed or not, or for data beside one."""
-        return bool(_kind(plain_start(head))) or (_is_data(path) and _has_head(path))
+        return bool(_kind(unpacked_start(head, _SECOND))) or (_is_data(path) and _has_head(path))
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         """Return what the head tells."""
         head_path, data_path = _pair(path)
         head = _read_head(head_path)
-        shape, times, count = _sizes(head)
-        dtype = head.get_data_dtype()
+        with by_library("nibabel"):
+            shape, times, count = _sizes(head)
+            dtype, placement = head.get_data_dtype(), _placement(head)
+            slope, intercept = head.get_slope_inter()
+            slope, intercept = (1.0, 0.0) if slope is None else (slope, intercept or 0.0)
         colors = len(dtype.names or (0,))
         dtype = np.dtype(np.uint8) if colors > 1 else dtype
         if dtype.kind not in "iuf" or dtype.itemsize > 8:
@@ -75,8 +79,6 @@ class NIfTIReader(VoxelReader):
         size = math.prod(shape) * colors
         stored = _stored(data_path, head, dtype, size * times * count).check()
         step = time_step(time, times)
-        slope, intercept = head.get_slope_inter()
-        slope, intercept = (1.0, 0.0) if slope is None else (slope, intercept or 0.0)
 
         def load(number: int) -> np.ndarray:
             part, color = divmod(number, colors)
@@ -88,7 +90,7 @@ class NIfTIReader(VoxelReader):
         return Voxels(
             shape=shape,
             dtype=scaled.dtype,
-            placement=_placement(head),
+            placement=placement,
             load=load,
             components=("",)
             if count * colors == 1
@@ -116,16 +118,6 @@ class NIfTIReader(VoxelReader):
         image.header.set_xyzt_units("mm")
         with (gzip.open if path.suffix.lower() == ".gz" else open)(path, "wb") as file:
             image.to_stream(file)
-
-
-def plain_start(head: bytes) -> bytes:
-    """Return the first bytes as they are when unpacked."""
-    if not head.startswith(_GZIP_MAGIC):
-        return head
-    try:
-        return zlib.decompressobj(wbits=31).decompress(head, _SECOND)
-    except zlib.error:
-        return b""
 
 
 def _kind(start: bytes) -> str:
@@ -161,9 +153,14 @@ def _beside(path: Path, ending: str) -> Path | None:
 def _has_head(path: Path) -> bool:
     head = _beside(path, ".hdr")
     try:
-        return head is not None and bool(_kind(plain_start(head.read_bytes()[:_SECOND])))
-    except OSError:
+        return head is not None and bool(_kind(_start(head)))
+    except (OSError, EOFError, zlib.error):
         return False
+
+
+def _start(path: Path) -> bytes:
+    with unpacked(path) as file:
+        return file.read(_SECOND)
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
@@ -182,8 +179,8 @@ def _pair(path: Path) -> tuple[Path, Path]:
 
 
 def _read_head(path: Path) -> Any:
-    with unpacked(path) as file:
-        start = file.read(_SECOND)
+    with by_library("gzip"):
+        start = _start(path)
     kind = _kind(start)
     size = _SECOND if kind == _NIFTI2 else _FIRST
     if kind and len(start) >= size:
