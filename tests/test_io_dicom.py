@@ -395,6 +395,21 @@ def test_mosaics_without_their_private_header_are_refused(tmp_path, pydicom):
         vm.open(path)
 
 
+def test_mosaics_of_other_makers_and_films_are_refused(tmp_path, pydicom):
+    head = dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT)
+    head.ImageType = ["ORIGINAL", "PRIMARY", "M", "VFRAME"]
+    head.save_as(tmp_path / "epi.dcm", enforce_file_format=True)
+    with pytest.raises(vm.FileFormatError, match="United Imaging"):
+        vm.open(tmp_path / "epi.dcm")
+    del head.ImageType
+    head.NumberOfFrames, head.FrameTime = 6, 40
+    head.FrameIncrementPointer = 0x00181063
+    head.PixelData = VALUES.transpose(2, 1, 0).tobytes()
+    head.save_as(tmp_path / "heart.dcm", enforce_file_format=True)
+    with pytest.raises(vm.FileFormatError, match="film, no volume"):
+        vm.open(tmp_path / "heart.dcm")
+
+
 def test_animals_on_four_legs_have_other_axes(tmp_path):
     volume = vm.open(series(tmp_path, AnatomicalOrientationType="QUADRUPED"))
     assert "orientation" not in volume.meta

@@ -33,6 +33,7 @@ _KEYWORDS = (
     "Columns",
     "DoseGridScaling",
     "DoseUnits",
+    "FrameIncrementPointer",
     "GridFrameOffsetVector",
     "HighBit",
     "ImageType",

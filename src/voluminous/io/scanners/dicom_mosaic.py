@@ -16,12 +16,12 @@ from ...packages import require
 
 # Where the private header can be, and what announces it.
 CSA_TAGS = (0x00290010, 0x00290011, 0x00291010, 0x00291110)
-_CREATOR, _ELEMENT = "SIEMENS CSA HEADER", 0x10
+_CREATOR, _ELEMENT, _OTHER = "SIEMENS CSA HEADER", 0x10, "VFRAME"
 
 
 def is_mosaic(head: Any) -> bool:
     """Return True for the head of a mosaic."""
-    return "MOSAIC" in (head.get("ImageType") or ())
+    return bool({"MOSAIC", _OTHER} & set(head.get("ImageType") or ()))
 
 
 def describe_slices(head: Any, private: Any) -> None:
@@ -32,6 +32,10 @@ def describe_slices(head: Any, private: Any) -> None:
     FileFormatError
         If the private header, which alone says how many slices there are, is not there.
     """
+    if _OTHER in head.ImageType:
+        raise FileFormatError(
+            "mosaics of United Imaging (VFRAME) are not read; convert them with 'dcm2niix'"
+        )
     csareader = require("nibabel.nicom.csareader", "medical", "reading Siemens mosaics")
     try:
         csa = csareader.read(private.private_block(0x0029, _CREATOR)[_ELEMENT].value)
