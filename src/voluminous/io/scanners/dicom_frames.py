@@ -82,7 +82,7 @@ def _offset_frames(head: Any, count: int) -> list[Any]:
     """Return stand-ins for the frames of files that tell where the first is: doses, for one."""
     if _FILM & {int(tag) for tag in np.atleast_1d(head.get("FrameIncrementPointer") or 0)}:
         raise FileFormatError(
-            f"its {count} frames were taken one after the other (FrameTime): it is a film, no volume"
+            f"its {count} frames were taken one after the other (FrameTime): a film, no volume"
         )
     offsets = _numbers(head, "GridFrameOffsetVector")
     first, axes = _numbers(head, "ImagePositionPatient", 3), _axes(head)
