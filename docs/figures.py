@@ -67,7 +67,9 @@ def axes(target: Path, pixels: int) -> None:
     figure = Figure(figsize=(11, 3.1), layout="constrained")
     for place, (incl, phi) in zip(figure.subplots(1, len(views)), views, strict=True):
         camera = vm.Orthographic(incl=incl, phi=phi, width=4.0, resolution=pixels)
-        vm.render(volume, medium, camera, samples=2).plot(place, exposure=1.0, gamut="clip")
+        vm.render(volume, medium, camera, samples=2).plot(
+            place, exposure=1.0, gamut="clip", colorbar=False
+        )
         place.set_title(f"incl={incl}, phi={phi}")
         place.set(xlabel="image x", ylabel="image y")
         name_axes(place, image_axes(incl, phi, 0))
@@ -114,7 +116,7 @@ def moving(target: Path, pixels: int) -> None:
             channels=3,
             parameters={"v0": v0, "width": 3.0},
         )
-        vm.render(volume, medium, camera).plot(place, exposure=1.5, stretch="sqrt")
+        vm.render(volume, medium, camera).plot(place, exposure=1.5, stretch="sqrt", colorbar=False)
         place.set_title(f"velocity_z around {v0:g} km/s", fontsize=10)
         place.label_outer()
     saved(figure, target)
@@ -128,7 +130,7 @@ def stretches(target: Path, pixels: int) -> None:
     names = ("linear", "sqrt", "asinh", "log")
     figure = Figure(figsize=(9.6, 2.7), layout="constrained")
     for place, stretch in zip(figure.subplots(1, len(names)), names, strict=True):
-        image.plot(place, stretch=stretch)
+        image.plot(place, stretch=stretch, colorbar=False)
         place.set_title(f'stretch="{stretch}"', fontsize=10)
         place.set_axis_off()
     saved(figure, target)
@@ -144,7 +146,9 @@ def perspectives(target: Path, pixels: int) -> None:
         camera = vm.Perspective(
             (-0.9, -1.5, 1.2), (0, 0, 0), fov, projection=projection, resolution=pixels
         )
-        vm.render(volume, medium, camera, samples=2).plot(place, exposure=1.0, gamut="clip")
+        vm.render(volume, medium, camera, samples=2).plot(
+            place, exposure=1.0, gamut="clip", colorbar=False
+        )
         place.set_title(f'projection="{projection}", fov={fov}', fontsize=10)
     saved(figure, target)
 

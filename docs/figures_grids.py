@@ -33,7 +33,7 @@ def gallery_disc(target: Path, pixels: int) -> None:
     grid = GridSpec(2, 2, figure, 0, 0, 1, 1, wspace=0.01, hspace=0.01, height_ratios=(2, 1))
     for name, where in zip(images, (grid[0, :], grid[1, 0], grid[1, 1]), strict=True):
         place = figure.add_subplot(where)
-        images[name].plot(place, stretch="asinh", exposure=0.8)
+        images[name].plot(place, stretch="asinh", exposure=0.8, colorbar=False)
         place.set_axis_off()
     saved(figure, target, 100, colors=None)
 
@@ -44,7 +44,7 @@ def row(target: Path, panels: dict[str, vm.Image]) -> None:
     places = figure.subplots(1, len(panels))
     figure.subplots_adjust(0, 0, 1, 1, wspace=0.01)
     for place, (title, image) in zip(places, panels.items(), strict=True):
-        image.plot(place, exposure=1)
+        image.plot(place, exposure=1, colorbar=False)
         place.set_axis_off()
         place.text(0.04, 0.94, title, color="white", transform=place.transAxes, fontsize=9)
     saved(figure, target, 100, colors=None)

@@ -39,7 +39,7 @@ def gallery_shells(target: Path, pixels: int) -> None:
     figure = Figure(figsize=(8, 4), facecolor="black")
     figure.subplots_adjust(0, 0, 1, 1, wspace=0.01)
     for place, image in zip(figure.subplots(1, 2), (left, right), strict=True):
-        image.plot(place, scale_bar=True)
+        image.plot(place, scale_bar=True, colorbar=False)
         place.set_axis_off()
     saved(figure, target, 100, colors=None)
 
@@ -50,7 +50,7 @@ def gallery_totals(target: Path, pixels: int) -> None:
     volume = volume_of(script, OUTFLOW, pixels) if fine else script["stand_in"](levels=0)
     figure = Figure(figsize=(8, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
-    script["picture"](volume, pixels).plot(left, exposure=1)
+    script["picture"](volume, pixels).plot(left, exposure=1, colorbar=False)
     left.set_axis_off()
     views = script["cameras"](20 if fine else 2, pixels=min(pixels, 200))
     script["plot"](script["diagnosed"](volume, views), right)

@@ -35,7 +35,7 @@ def thin_shell(target: Path, pixels: int) -> None:
     images["Isosurface, post-classified"] = 3 * vm.render(core, surface, camera).intensity
     figure = Figure(figsize=(10, 5.4), layout="constrained")
     for place, (title, intensity) in zip(figure.subplots(2, 4).flat, images.items(), strict=True):
-        vm.Image(intensity).plot(place, exposure=OPACITY / COLOR.max())
+        vm.Image(intensity).plot(place, exposure=OPACITY / COLOR.max(), colorbar=False)
         place.set_title(title, fontsize=10)
         place.set_axis_off()
     saved(figure, target, dpi=100)
@@ -76,7 +76,9 @@ def raw_or_derived(target: Path, pixels: int) -> None:
     camera = vm.Orthographic(20, 30, width=1.25, resolution=pixels)
     for place, expr in zip(places, ("log10(density)", "logn"), strict=True):
         surface = vm.Isosurface(expr, 2.0, (0.65, 0.8, 1.0), opacity=1, shading=1)
-        vm.render(volume, surface, camera, samples="adaptive").plot(place, exposure=1)
+        vm.render(volume, surface, camera, samples="adaptive").plot(
+            place, exposure=1, colorbar=False
+        )
         angle = np.linspace(0, 2 * np.pi, 200)
         place.plot(0.5 * np.cos(angle), 0.5 * np.sin(angle), "w:", linewidth=1)
         place.set_title(f'Isosurface("{expr}", 2)', fontsize=10)

@@ -199,7 +199,7 @@ def test_zeros_under_a_logarithm_do_not_matter():
 def test_pieces_tell_the_same_as_the_whole(monkeypatch):
     from voluminous.calibration import samples
 
-    core, expr = vm.models.prestellar_core(12), Expression("log10(density) + x / 1e18")
+    core, expr = vm.models.prestellar_core(12), Expression("log10(density) + x / (1e18 cm)")
     whole = list(pieces(core, expr))
     monkeypatch.setattr(samples, "_PIECE", 300)
     parts = list(pieces(core, expr))

@@ -69,7 +69,10 @@ def test_the_process_renders_and_fails_as_it_should(scene, tmp_path):
     assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
     failed = process("render", "scene.tomm", cwd=tmp_path)
     assert (failed.returncode, failed.stdout) == (2, "")
-    assert failed.stderr == "voluminous: error: there is no file scene.tomm\n"
+    assert (
+        failed.stderr
+        == "voluminous: error: there is no file scene.tomm; did you mean scene.toml?\n"
+    )
 
 
 def test_help_and_version_import_nothing_heavy(tmp_path):
@@ -216,7 +219,7 @@ def test_ctrl_c_leaves_no_half_written_file(scene, tmp_path, capsys, monkeypatch
     (tmp_path / "scene.png").write_bytes(b"old")
 
     @contextlib.contextmanager
-    def interrupted(label, *, show):
+    def interrupted(*_):
         def report(done, total):
             raise KeyboardInterrupt
 
@@ -260,19 +263,26 @@ class Terminal:
 
 
 def test_a_bar_on_a_terminal_only(monkeypatch):
-    with progress_bar("core") as report:
-        assert report is None  # the tests' error stream is no terminal
     terminal = Terminal()
+    terminal.isatty = lambda: False
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr(progress, "_DELAY", 0.0)
     monkeypatch.setenv("COLUMNS", "80")
-    with progress_bar("core") as report:
-        report(0, 1)
-        report(50, 200)
-        report(200, 200)
-    assert "core" in terminal.text
-    with progress_bar("core", show=False) as report:
-        assert report is None
+
+    def shown(wanted):
+        terminal.text = ""
+        with progress_bar(wanted, "core") as report:
+            report(0, 1)
+            report(50, 200)
+            report(20, 100)
+            report(100, 100)
+        return "core" in terminal.text
+
+    assert (shown(None), shown(True), shown(False)) == (False, True, False)
+    terminal.isatty = lambda: True
+    assert (shown(None), shown(True), shown(False)) == (True, True, False)
+    monkeypatch.setattr(progress, "_DELAY", 60.0)
+    assert (shown(None), shown(True), shown(False)) == (False, True, False)
 
 
 # demo
@@ -285,12 +295,30 @@ def test_demo_draws_three_panels_and_says_so(tmp_path, monkeypatch, capsys):
     names = ["core-1.png", "core-2.png", "core-3.png", "core.png"]
     assert sorted(p.name for p in tmp_path.iterdir()) == names
     assert all(name in out for name in names)
-    assert out.count("40 x 40 pixels, 3 channels, post-classified, single precision") == 3
+    assert out.count("40 x 40 pixels, 3 channels, first-order, single precision") == 1
+    assert out.count("40 x 40 pixels, 3 channels, second-order, single precision") == 2
     assert "s in all" in out
     first, second, third = (vm.Image.load(name).intensity for name in names[:3])
     assert first.shape == (40, 40, 3)
     assert not np.array_equal(first, second)
     assert not np.array_equal(first, third)
+
+
+def test_demo_in_python_gives_the_panels(tmp_path):
+    images = vm.demo(tmp_path / "figure.png", resolution=20, cells=10)
+    assert [i.provenance["scheme"] for i in images] == ["first-order", *["second-order"] * 2]
+    _, second, third = (i.intensity[10, 10] for i in images)
+    assert third[0] < second[0]  # what is inside absorbs
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *(f"figure-{k}.png" for k in (1, 2, 3)),
+        "figure.png",
+    ]
+    # One exposure: the note's panels can be compared.
+    again = vm.Image.load(tmp_path / "figure-3.png").intensity
+    shown = images[2].to_rgb(exposure=images[0].exposure)
+    np.testing.assert_allclose(again, shown, atol=0.5 / 255 + 1e-6)
+    with pytest.raises(vm.InputError, match="is a PNG"):
+        vm.demo(tmp_path / "figure.pdf")
 
 
 def test_demo_shows_more_when_asked_for_all(tmp_path, monkeypatch):

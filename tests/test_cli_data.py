@@ -687,3 +687,67 @@ def test_fields_can_be_derived_where_a_picture_is_made_of_data(snapshot):
     derived = ["--set", "volume.derived.twice=2 * rho", "--set", "medium.1.expr=log10(twice)"]
     assert run("render", "snapshot.h5", "-q", "-o", "a.npz", *FAST, *derived) == 0
     assert vm.Scene.load("a.npz").volume()["twice"].unit == u.g / u.cm**3
+
+
+# Format and fields among the options
+
+
+def bare():
+    """Write a file whose format nothing but the user says, with bytes that make another, too."""
+    np.arange(60, dtype=np.uint8).reshape(5, 4, 3).tofile("cells.bin")
+    return ["--set", "shape=[3, 4, 5]", "--set", "dtype=uint8"]
+
+
+@pytest.mark.parametrize("place", ["format", "volume.format"])
+def test_the_format_can_be_set(capsys, place):
+    options = [*bare(), "--set", f"{place}=raw"]
+    assert "format raw" in told(capsys, "info", "cells.bin", *options)
+    told(capsys, "convert", "cells.bin", "cells.npz", *options)
+    np.testing.assert_array_equal(vm.open("cells.npz").array("cells").max(), 59)
+    told(capsys, "render", "cells.bin", "-o", "a.png", *FAST, *options)
+    assert "unknown format 'rw'" in refused(
+        capsys, "info", "cells.bin", *options[:-1], f"{place}=rw"
+    )
+
+
+def test_fields_can_be_set_and_a_path_cannot(capsys, snapshot):
+    said = told(capsys, "info", "snapshot.h5", "--set", "fields=rho")
+    assert "rho: float32" in said
+    assert "velocity_x:" not in said
+    told(capsys, "render", "snapshot.h5", "-o", "a.png", *FAST, "--set", "fields=rho")
+    render = ("render", "snapshot.h5", "-o", "b.png", *FAST)
+    assert "did you mean 'rho'?" in refused(capsys, *render, "--set", "fields=rhoo")
+    assert "argument of the command" in refused(
+        capsys, "info", "snapshot.h5", "--set", "path=other.h5"
+    )
+    both = ("--format", "hdf5", "--set", "format=raw")
+    assert "give one of them" in refused(capsys, "info", "snapshot.h5", *both)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("snapshto.h5", "snapshot.h5"),
+        ("Snapshot.H5", "snapshot.h5"),
+        ("snapshot.hdf5", "snapshot.h5"),
+        ("rusn/a/x.toml", "runs/a/x.toml"),
+    ],
+)
+def test_a_mistyped_path_is_told_the_nearest(capsys, snapshot, typed, meant):
+    Path("runs/a").mkdir(parents=True)
+    Path("runs/a/x.toml").touch()
+    said = f"there is no file {Path(typed)}; did you mean {Path(meant)}?"
+    if not Path(typed).exists():  # where names in capitals are other names
+        for command in ("info", "render"):
+            assert said in refused(capsys, command, typed)
+        for load in (vm.open, vm.Scene.load):
+            with pytest.raises(FileNotFoundError, match=re.escape(said)):
+                load(typed)
+
+
+def test_a_mistyped_image_is_told_the_nearest():
+    vm.Image(np.ones((2, 3, 3))).save("face.png")
+    with pytest.raises(FileNotFoundError, match=r"no file fase\.png; did you mean face\.png\?"):
+        vm.Image.load("fase.png")
+    with pytest.raises(FileNotFoundError, match=r"the directory nowhere does not exist"):
+        vm.open("nowhere/a.h5")

@@ -307,7 +307,7 @@ def test_maps_say_what_they_are():
 
 def test_maps_of_a_cube_know_the_sky():
     volume = vm.Volume(vm.CartesianGrid.uniform((6, 5, 4), (-1, 1), unit="deg"))
-    volume["a"] = "1 + x"
+    volume["a"] = "1 deg + x"
     wcs = WCS(naxis=3)
     wcs.wcs.ctype, wcs.wcs.crval = ["RA---TAN", "DEC--TAN", "VRAD"], [12.5, -30, 1000]
     wcs.wcs.cunit, wcs.wcs.crpix, wcs.wcs.cdelt = ["deg", "deg", "m/s"], [3.5, 3, 1], [-1, 1, 10]

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 
 from expression_trees import expressions
 from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
-from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names
+from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names, resolve
 from voluminous.expressions.language import FOREIGN_FUNCTIONS
-from voluminous.expressions.with_units import converted, dropped
+from voluminous.expressions.quantities import marked
+from voluminous.expressions.text import text as text_of
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +174,7 @@ REFUSED = [  # the text up to where the caret must be, the rest, and a part of t
     ("2 ", "a", "write 2*a and log10(a)"),
     ("", "2a", "write 2*a and log10(a)"),
     ("log10 ", "x", "write 2*a and log10(a)"),
-    ("v - 5 ", "km/s > 0", "units stand after numbers that are compared"),
+    ("v - 5 ", "kmm/s > 0", "a unit that astropy knows"),
     ("a > 3 ", "? 1 : 0", "where(condition, a, b)"),
     ("a +", "", "ends too early"),
     ("", "(a", "never closed"),
@@ -691,28 +692,50 @@ def test_numbers_with_units_wait_for_a_volume():
     assert expression != Expression("2 * v > 5 m/s and (w < 3 K or 1e3 m/s <= v)")
     with pytest.raises(UnitsError, match="only a volume can convert"):
         expression.evaluate(NumpyOps(), {"v": np.ones(2), "w": np.ones(2)})
-    units = {"2 * v": "km/s", "w": "mK", "v": "km/s"}
-    plain = expression.without_units(lambda other: u.Unit(units[other.text]))
-    assert plain == Expression("2 * v > 5 and (w < 3000 or 1 <= v)")
-    assert plain.without_units(units.get) is plain
+    units = (u.km / u.s, u.mK)
+    plain, unit = resolve(expression, units)
+    assert unit is None
+    for v, w in [(2.4, 2), (2.6, 3001), (2.6, 2999), (0.9, 2), (1.1, 4000)]:
+        value = plain.evaluate(NumpyOps(), {"v": np.array(v), "w": np.array(w)})
+        assert value == (2 * v > 5 and (w < 3000 or v >= 1))
+    assert resolve(plain, units) == (plain, None)
 
 
 @given(expressions())
 def test_expressions_without_units_are_taken_as_they_are(text):
-    assert dropped(text) == text
+    assert marked(text) == text
+    expression = Expression(text)
+    assert resolve(expression, (None,) * len(expression.names)) == (expression, None)
 
 
 @pytest.mark.parametrize("text", ["a < 1e5", "a < 0x10", "1 if a > 2 else 3", "a<5"])
 def test_what_is_no_unit(text):
-    assert dropped(text) == text
+    assert marked(text) == text
     Expression(text).evaluate(NumpyOps(), {"a": np.ones(2)})
 
 
 @pytest.mark.parametrize(
-    ("text", "left"),
-    [("a<b<2 m", "b"), ("f(a, b) > 2 m", "f(a, b)"), ("(c and a*(b+1)<2 m)", "a*(b+1)")],
+    ("text", "unit", "fields"),
+    [
+        ("x / (0.2 km/s)", "km/s", ()),
+        ("exp(-20 K/temperature)", "K", ()),
+        ("20 K/T", "K/T", ()),
+        ("20 K/T", "K", ("T",)),
+        ("20 K*min(x, y)", "K", ()),
+        ("x + 3 cm**-2 - 1", "cm**-2", ()),
+        ("x > 5 pc-3", "pc-3", ()),
+        ("x + 1e-13 1/cm", "1/cm", ()),
+        ("3 erg / (s cm2 Hz sr) * x", "erg / (s cm2 Hz sr)", ()),
+        ("3 g/cm^3 if x else 0", "g/cm^3", ()),
+    ],
 )
-def test_a_number_is_compared_with_what_is_beside_it(text, left):
-    seen = []
-    converted(text, lambda other: seen.append(other) or u.m)
-    assert seen == [left]
+def test_units_after_numbers(text, unit, fields):
+    (found,) = marked(text, fields).split('"')[1::2]
+    assert found == unit
+    expression = Expression(text).among(fields)
+    assert Expression(text_of(expression.tree)) == expression  # also as part of another's name
+
+
+def test_a_field_that_is_a_unit_too_is_no_unit_before_it_is_clear():
+    with pytest.raises(ExpressionError, match="'T' is a field and the name of a unit"):
+        Expression("2 T").among(("T",))

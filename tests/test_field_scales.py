@@ -45,7 +45,7 @@ def test_shading_shows_in_cgs_units():
 def test_lengths_in_cm_make_gradients_small():
     lengths = [3e18 * edges for edges in EDGES]
     volume = vm.Volume(vm.CartesianGrid(*lengths, unit="cm"))
-    volume["d"] = "1e-24*exp(-4*(r/3e18)**2)"
+    volume["d"] = "1e-24*exp(-4*(r/(3e18 cm))**2)"
     steepness = float(np.median(volume.evaluate("gradmag(d)")))
     assert 0 < steepness < 1e-42
     shell = vm.Gaussian("gradmag(d)", steepness, 0.3 * steepness, 1, 0.3)

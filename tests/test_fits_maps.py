@@ -350,11 +350,11 @@ def test_maps_that_do_not_add_up_are_not_convolved():
     ("known", "unit", "beam", "message"),
     [
         ({"intensity_unit": ""}, "Jy/beam", 1 * u.arcsec, "have no unit"),
-        ({"intensity_unit": "g / cm2"}, "Jy/beam", 1 * u.arcsec, "cannot be told"),
+        ({"intensity_unit": "g / cm2"}, "Jy/beam", 1 * u.arcsec, "cannot be converted"),
         ({}, "Jy/beam", None, "give beam="),
         ({}, "Jy/beam", 4 * u.au, "on_sky"),
         ({}, "Jy/pix", None, "on_sky"),
-        ({}, "Jy", None, "cannot be told"),
+        ({}, "Jy", None, "cannot be converted"),
         ({}, "no unit", None, "not a unit"),
     ],
 )

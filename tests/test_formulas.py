@@ -156,7 +156,9 @@ def test_other_functions_are_drawn(name):
 
 
 def test_numbers_with_units_are_left_to_the_volume():
-    assert Function(lambda hot: (hot, hot), ["t > 5 K"], 1).formulas() is None
+    formulas = Function(lambda hot: (hot, hot), ["t > 5 K"], 1).formulas()
+    with pytest.raises(vm.UnitsError, match="only a volume can convert"):
+        formulas.emissivity[0].evaluate(NumpyOps(), {"t": np.array([4.0, 6.0])})
 
 
 def jumping(n, t, edge):
@@ -314,10 +316,12 @@ def test_another_table_does_not_compile_again():
     assert all(k["cache_hit"] for k in kernels)
 
 
-def test_units_of_fields_are_no_matter():
+def test_functions_get_plain_numbers_in_the_units_of_their_fields():
     scene = vm.Volume(GRID, n=np.full(GRID.shape, 2.0), t=np.full(GRID.shape, 3.0))
     scene.set_unit("n", "km/s")
     scene.set_unit("t", "K")
-    medium = vm.Medium.from_function(lambda n, t: (n + t, 0.0 * n), ["n", "t"], 1)
+    medium = vm.Medium.from_function(
+        lambda n, t: (n + t, 0.0 * n), ["n", "t"], 1, units=(None, None)
+    )
     centre = vm.render(scene, medium, vm.Orthographic(0, 0, width=0.1, resolution=1))
     np.testing.assert_allclose(centre.intensity, 2.0 * 5.0, rtol=1e-6)

@@ -1,6 +1,8 @@
 """The class Image: shapes, coordinates, units, drawing."""
 
+import copy
 import io
+import pickle
 import sys
 
 import numpy as np
@@ -323,3 +325,105 @@ def test_round_lengths_are_the_greatest_that_fit(longest):
     assert length > longest / 2.5 * (1 - 1e-12)
     mantissa = f"{length:.12e}".split("e")[0]
     assert float(mantissa) in (1, 2, 5)
+
+
+# units
+
+
+def many_planes(**units):
+    values = np.linspace(1, 2, 24, dtype=np.float32).reshape(3, 4, 2)
+    planes = {"error": 0.1 * values[..., 0], "lower": values - 0.5, "upper": values + 0.5}
+    centres = {"x": 1e18 * np.arange(4.0), "y": 2e18 * np.arange(3.0)}
+    return Image(values, transparency=0.25, optical_depth=0.5, **planes, **centres, **units)
+
+
+def test_to_a_length_converts_coordinates_and_nothing_else():
+    image = many_planes(unit="cm", intensity_unit="g / cm2")
+    there = image.to("pc")
+    factor = u.cm.to(u.pc)
+    assert there.unit == "pc"
+    np.testing.assert_allclose(there.x, factor * image.x, rtol=1e-14)
+    np.testing.assert_allclose(there.extent, factor * np.array(image.extent), rtol=1e-14)
+    np.testing.assert_allclose(there.pixel_size, factor * np.array(image.pixel_size), rtol=1e-14)
+    assert there.intensity_unit == image.intensity_unit
+    for name in ("intensity", "transparency", "optical_depth", "error", "lower", "upper"):
+        np.testing.assert_array_equal(getattr(there, name), getattr(image, name))
+    assert image.unit == "cm"
+
+
+def test_to_another_unit_converts_intensities_their_errors_and_bounds():
+    image = many_planes(unit="cm", intensity_unit="g / cm2")
+    there = image.to(u.kg / u.m**2)
+    assert there.intensity_unit == "kg / m2"
+    for name in ("intensity", "error", "lower", "upper"):
+        np.testing.assert_allclose(getattr(there, name), 10 * getattr(image, name), rtol=1e-6)
+    assert (there.transparency, there.unit) == (pytest.approx(image.transparency), "cm")
+    np.testing.assert_array_equal(there.x, image.x)
+
+
+def test_maps_of_lengths_have_both_converted_and_angles_are_lengths_of_a_screen():
+    depth = many_planes(unit="cm", intensity_unit="cm").to("km")
+    assert (depth.unit, depth.intensity_unit) == ("km", "km")
+    assert depth.intensity.max() == pytest.approx(2e-5)
+    screen = Image(np.ones((2, 2)), x=[0, 1e-3], y=[0, 1e-3], unit="rad").to("arcsec")
+    assert screen.pixel_size[0] == pytest.approx(206.265, rel=1e-5)
+
+
+def test_to_a_unit_that_the_image_has_not_is_refused():
+    with pytest.raises(UnitsError, match=r"no unit, and its plane is in pc"):
+        Image(np.ones((2, 2)), unit="pc").to("kg")
+    with pytest.raises(UnitsError, match="no unit"):
+        Image(np.ones((2, 2))).to("pc")
+    with pytest.raises(UnitsError, match="cannot be converted to kg"):
+        many_planes(unit="cm", intensity_unit="K").to("kg")
+
+
+@pytest.mark.parametrize("name", ["unit", "intensity", "intensity_unit", "x", "error", "other"])
+def test_assigning_an_attribute_says_how_to_convert(name):
+    image = many_planes(unit="cm")
+    with pytest.raises(InputError, match=rf"Image.{name} cannot be changed; image.to\(unit\)"):
+        setattr(image, name, "pc")
+    with pytest.raises(AttributeError, match="cannot be changed"):
+        delattr(image, name)
+    assert image.unit == "cm"
+    again = pickle.loads(pickle.dumps(copy.deepcopy(image)))
+    np.testing.assert_array_equal(again.upper, image.upper)
+
+
+def test_plot_converts_what_it_shows():
+    image = many_planes(unit="cm", intensity_unit="g / cm2")
+    ax = image.plot(unit="pc", channels=0, scale_bar=True)
+    assert ax.get_xlabel() == "x [pc]"
+    assert ax.images[0].get_extent() == pytest.approx(image.to("pc").extent)
+    assert ax.texts[0].get_text() == "0.2 pc"
+    ax = image.plot(unit="kg / m2", channels=0, vmax=1 * u.g / u.cm**2)
+    assert ax.images[0].colorbar.ax.get_ylabel() == "intensity [kg m⁻²]"
+    assert ax.images[0].get_clim()[1] == pytest.approx(10)
+
+
+# as an array
+
+
+def test_an_array_of_an_image_is_the_picture_with_its_top_row_first():
+    image = Image(np.random.default_rng(1).random((3, 4, 3)))
+    picture = np.asarray(image)
+    np.testing.assert_array_equal(picture, image.to_rgb()[::-1])
+    assert np.asarray(image, dtype=float).dtype == float
+    with pytest.raises(InputError, match=r"give image\.intensity"):
+        Image(image)
+    with pytest.raises(TypeError, match="ufunc"):
+        np.log10(image)
+    with pytest.raises(ValueError, match="copy"):
+        image.__array__(copy=False)
+
+
+def test_imshow_shows_an_image_upright():
+    from matplotlib.figure import Figure
+
+    values = np.zeros((4, 6, 3))
+    values[-1, 0] = 1.0  # the upper left
+    ax = Figure().add_subplot()
+    shown = ax.imshow(Image(values))
+    assert shown.origin == "upper"
+    np.testing.assert_array_equal(shown.get_array()[0, 0], 1.0)
+    assert shown.get_array().sum() == 3

@@ -735,3 +735,31 @@ def test_nothing_heavy_is_imported_before_it_is_used():
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".jpeg"])
+def test_jpeg_holds_the_display_values(folder, suffix):
+    y, x = np.mgrid[0:1:40j, 0:1:50j]
+    image = Image(np.stack([x, y, 1 - x], axis=-1))
+    image.save(folder / f"image{suffix}", exposure="rgb")
+    again = Image.load(folder / f"image{suffix}").intensity
+    np.testing.assert_allclose(again, image.intensity, atol=0.03)
+    with pytest.raises(InputError, match="quality"):
+        image.save(folder / f"image{suffix}", quality=0)
+    with pytest.raises(UnknownNameError, match="transparent"):
+        image.save(folder / f"image{suffix}", transparent=True)
+    image.save(folder / f"image{suffix}", annotate={"title": "x"})
+    assert Image.load(folder / f"image{suffix}").shape[0] > 40
+
+
+@pytest.mark.parametrize(("suffix", "start"), [(".pdf", b"%PDF"), (".svg", b"<?xml")])
+def test_pages_hold_the_picture_and_are_not_read(folder, suffix, start):
+    path = folder / f"image{suffix}"
+    image = Image(np.random.default_rng(1).random((20, 30, 3)), transparency=0.5)
+    image.save(path, stretch="sqrt", transparent=True)
+    assert path.read_bytes().startswith(start)
+    plain = path.stat().st_size
+    image.save(path, annotate={"title": "A title"})
+    assert path.stat().st_size > plain
+    with pytest.raises(FileFormatError, match="holds a page"):
+        Image.load(path)

@@ -8,6 +8,8 @@ import io
 import lzma
 import os
 import struct
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -358,3 +360,73 @@ def test_arrays_are_turned_where_coordinates_decrease(tmp_path, down, walls, way
     turns = tuple(slice(None, None, -1 if axis in down else None) for axis in "xyz")
     np.testing.assert_array_equal(volume.array("s"), values[turns])
     assert volume.grid.bounds.tolist() == [[10, 11], [10, 11.5], [10, 12]]
+
+
+@pytest.mark.parametrize("program", ["MATLAB", "Octave"])
+def test_arrays_of_matlab_are_as_matlab_shows_them(tmp_path, program):
+    """Both write their columns first, which HDF5 shows backwards."""
+    values, path = np.arange(24.0).reshape(2, 3, 4), tmp_path / "a.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        place = "rho" if program == "MATLAB" else "rho/value"
+        file[place] = values.T
+        if program == "Octave":
+            file["rho"].attrs["OCTAVE_NEW_FORMAT"] = np.uint8(1)
+    if program == "MATLAB":
+        with open(path, "r+b") as file:
+            file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(128))
+    volume = vm.open(path)
+    np.testing.assert_array_equal(volume.array(volume.fields[0]), values)
+    turned = vm.open(path, axes="zyx")
+    np.testing.assert_array_equal(turned.array(turned.fields[0]), values.T)
+
+
+@pytest.mark.parametrize(
+    ("mark", "words"),
+    [
+        ("Grid00000042/Density", "piece of an output of Enzo"),
+        ("DataContainers/ImageDataContainer/CellData/Phases", r"DREAM\.3D"),
+        ("s00/resolutions", "BigDataViewer"),
+        ("HDFEOS INFORMATION/StructMetadata.0", "HDF-EOS"),
+    ],
+)
+def test_layouts_of_other_programs_are_said(tmp_path, mark, words):
+    values = np.arange(24.0).reshape(2, 3, 4)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["rho"], file[mark] = values, np.zeros(3)
+    with pytest.raises(vm.FileFormatError, match=words + r".*axes='zyx'"):
+        vm.open(tmp_path / "a.h5")
+    volume = vm.open(tmp_path / "a.h5", "rho", axes="xyz")
+    np.testing.assert_array_equal(volume.array("rho"), values)
+
+
+def test_times_are_no_components(tmp_path):
+    """Dedalus writes (t, x, y, z), and may have three times in a file."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["tasks/b"] = np.zeros((3, 4, 5, 6))
+        for axis, name in enumerate("txyz"):
+            file["tasks/b"].dims[axis].label = name
+    with pytest.raises(vm.FileFormatError, match="expected a three-dimensional"):
+        vm.open(tmp_path / "a.h5")
+
+
+def test_filters_of_hdf5plugin(tmp_path):
+    plugin = pytest.importorskip("hdf5plugin")
+    values = np.random.default_rng(0).random((8, 9, 10))
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, packing in (("rho", plugin.Zstd()), ("t", plugin.Blosc()), ("v", plugin.LZ4())):
+            file.create_dataset(name, data=values, **packing)
+    # In a process that has registered no filters yet.
+    script = (
+        "import sys, voluminous as vm\n"
+        "if sys.argv[1] == 'without': sys.modules['hdf5plugin'] = None\n"
+        "try: print(*(vm.open('a.h5').array(n).sum() for n in ('rho', 't', 'v')))\n"
+        "except vm.MissingPackageError as error: print(error)\n"
+    )
+
+    def said(how):
+        command = [sys.executable, "-c", script, how]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+
+    assert np.allclose([float(word) for word in said("with").stdout.split()], values.sum())
+    assert "a.h5: values are packed" in said("without").stdout
+    assert "pip install hdf5plugin" in said("without").stdout

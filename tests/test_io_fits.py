@@ -455,6 +455,165 @@ def test_coordinates_that_no_grid_has_are_refused_and_can_be_left(tmp_path, card
     assert vm.open(path, wcs=False).unit is None
 
 
+# Steps of some axes by CD cards, of others by CDELT
+
+
+STEPS = {
+    "CDELT": {"CDELT1": -0.01, "CDELT2": 0.01},
+    "CD": {"CD1_1": -0.01, "CD2_2": 0.01},
+    "CD of zero": {"CD1_2": 0.0, "CDELT1": -0.01, "CDELT2": 0.01},
+    "CD before CDELT": {
+        "CD1_1": -0.01,
+        "CD2_2": 0.01,
+        "CDELT1": -3.0,
+        "CDELT2": 3.0,
+        "CROTA2": 0.0,
+    },
+    "PC": {"CDELT1": -0.02, "CDELT2": 0.02, "PC1_1": 0.5, "PC2_2": 0.5},
+    "old PC": {"CDELT1": -0.02, "CDELT2": 0.02, "PC001001": 0.5, "PC002002": 0.5},
+    "PC and CD": {"CD1_1": -0.01, "CD2_2": 0.01, "PC1_1": 1.0, "CDELT1": -0.01, "CDELT2": 0.01},
+}
+THIRD_STEPS = {
+    "CDELT": {"CDELT3": 250.0},
+    "CD": {"CD3_3": 250.0},
+    "both": {"CDELT3": 500.0, "CD3_3": 250.0},
+    "PC": {"CDELT3": 125.0, "PC3_3": 2.0},
+    "CD of zero": {"CDELT3": 250.0, "CD3_1": 0.0, "CD3_3": 0.0},
+}
+
+
+@pytest.mark.parametrize("third", THIRD_STEPS)
+@pytest.mark.parametrize("sky", STEPS)
+def test_each_axis_has_the_step_of_its_own_cards(tmp_path, sky, third):
+    start = {key: v for key, v in {**SKY, **VELOCITY}.items() if not key.startswith("CDELT")}
+    mixed = header(start, STEPS[sky], THIRD_STEPS[third])
+    if third == "both" and ("PC" in sky):
+        mixed["CDELT3"] = 250.0  # of PC and CD cards the standard prefers neither
+    one = vm.open(written(tmp_path / "mixed.fits", cards=mixed))
+    two = vm.open(written(tmp_path / "plain.fits", cards=header(SKY, VELOCITY)))
+    np.testing.assert_allclose(sky_of_cells(one), sky_of_cells(two), rtol=1e-12)
+    np.testing.assert_allclose(one.array("velocity"), two.array("velocity"), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [
+        {"CD1_1": -0.01, "CD2_2": 0.01},  # and nothing of the third axis
+        {"CD3_3": 250.0, "CDELT1": -0.01, "CDELT2": 0.01, "CROTA2": 30.0},
+        {"CD1_1": -0.01, "CD2_2": 0.01, "CD3_3": 250.0, "CDELT3": 500.0, "PC3_3": 1.0},
+    ],
+)
+def test_steps_that_are_missing_or_contradict_each_other_are_refused(tmp_path, cards):
+    start = {key: v for key, v in {**SKY, **VELOCITY}.items() if not key.startswith("CDELT")}
+    with pytest.raises(vm.FileFormatError, match="wcs=False"):
+        vm.open(written(tmp_path / "cube.fits", cards=header(start, cards)))
+
+
+# A third axis in a table
+
+
+def skirt(path, centers, unit):
+    """Write a cube as SKIRT does, in whose header the third axis has a unit only."""
+    cards = header({"CUNIT1": "pc", "CUNIT2": "pc", "CUNIT3": unit, "CTYPE1": " ", "CTYPE2": " "})
+    for k in (1, 2):
+        cards[f"CRPIX{k}"], cards[f"CRVAL{k}"], cards[f"CDELT{k}"] = 1.0, 0.0, 2.0
+    data = numbers((len(centers), 4, 5))
+    column = fits.Column("GRID_POINTS", "E16.9", unit=unit, array=np.array(centers))
+    table = fits.TableHDU.from_columns([column], name="Z-axis coordinate values")
+    fits.HDUList([fits.PrimaryHDU(data, cards), table]).writeto(path, overwrite=True)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "shown"),
+    [
+        ("wavelength", "micron", "um"),
+        ("frequency", "GHz", "GHz"),
+        ("energy", "eV", "eV"),
+        ("zval", "1", ""),
+    ],
+)
+@pytest.mark.parametrize("centers", [[1.0, 2.0, 4.0, 8.0], [8.0, 4.0, 2.0, 1.0]])
+def test_skirt_has_the_third_axis_in_a_table(tmp_path, name, unit, shown, centers):
+    path = tmp_path / "cube.fits"
+    data = skirt(path, centers, unit)
+    volume = vm.open(path, depth="6.5 pc")
+    assert volume.unit == "pc"
+    assert volume.units[name] == shown
+    np.testing.assert_allclose(volume.array(name)[0, 0], [1, 2, 4, 8])
+    # Cells end midway between centres: 0.5, 1.5, 3, 6, 10 of the axis over 6.5 pc.
+    edges = np.array([0.5, 1.5, 3, 6, 10]) * 6.5 / 9.5
+    np.testing.assert_allclose(np.diff(volume.grid.edges[2]), np.diff(edges))
+    order = np.argsort(centers)
+    np.testing.assert_array_equal(volume.array("intensity"), data[order].T)
+    for copy in (tmp_path / "copy.fits", tmp_path / "copy.h5"):
+        vm.io.save(volume, copy)
+        again = vm.open(copy)
+        np.testing.assert_array_equal(again.array("intensity"), data[order].T)
+        np.testing.assert_allclose(again.array(name), volume.array(name))
+        np.testing.assert_allclose(again.grid.edges[2], volume.grid.edges[2])
+        np.testing.assert_allclose(
+            again.wcs.wcs_pix2world([[0, 0, 2]], 0)[0, 2], 4 * 1.0, rtol=1e-6
+        )
+
+
+@pytest.mark.parametrize("centers", [[1.0, 2.0, 2.0, 3.0], [1.0, np.nan, 2.0, 3.0]])
+def test_a_table_that_is_no_axis_is_refused(tmp_path, centers):
+    skirt(tmp_path / "cube.fits", centers, "micron")
+    with pytest.raises(vm.FileFormatError, match="that rise or fall"):
+        vm.open(tmp_path / "cube.fits")
+
+
+def tabled(path, centers, index=None, **cards):
+    """Write a cube with a ``-TAB`` axis of FITS paper III, section 6."""
+    third = {"CTYPE3": "WAVE-TAB", "CRVAL3": 1.0, "CRPIX3": 1.0, "CDELT3": 1.0, "CUNIT3": "um"}
+    third |= {"PS3_0": "WCS-TABLE", "PS3_1": "WAVELENGTH", "PV3_1": 1, "PV3_2": 1, "PV3_3": 1}
+    n = len(centers)
+    columns = [
+        fits.Column("WAVELENGTH", f"{n}D", dim=f"(1,{n})", array=np.reshape(centers, (1, n, 1)))
+    ]
+    if index is not None:
+        third["PS3_2"] = "INDEX"
+        columns.append(fits.Column("INDEX", f"{n}D", array=np.reshape(index, (1, n))))
+    hdus = [fits.PrimaryHDU(numbers((5, 4, 6)), header(SKY, third, cards))]
+    hdus.append(fits.BinTableHDU.from_columns(columns, name="WCS-TABLE"))
+    fits.HDUList(hdus).writeto(path, overwrite=True)
+    with fits.open(path) as opened:
+        return WCS(opened[0].header, opened)
+
+
+@pytest.mark.parametrize("falling", [False, True])
+@pytest.mark.parametrize("index", [None, [0.0, 1.0, 2.0, 4.0, 8.0]])
+def test_tables_of_the_standard(tmp_path, falling, index):
+    centers = [1.0, 2.0, 4.0, 8.0, 16.0][:: -1 if falling else 1]
+    cards = {} if index is None else {"CRVAL3": 0.0, "CDELT3": 2.0}
+    wcs = tabled(tmp_path / "cube.fits", centers, index, **cards)
+    expected = np.sort(wcs.wcs_pix2world([[0, 0, k] for k in range(5)], 0)[:, 2])
+    volume = vm.open(tmp_path / "cube.fits")
+    np.testing.assert_allclose(volume.array("wavelength")[0, 0], expected)
+    assert volume.units["wavelength"] == "um"
+    values = numbers((5, 4, 6))[:: -1 if falling else 1].T
+    np.testing.assert_array_equal(volume.array("intensity"), values)
+    medium = vm.Gaussian("intensity", 1.0, 0.5, "red", 0.5)
+    slit = vm.render(volume, medium, vm.Orthographic(incl=90, resolution=64))
+    third = slit.wcs.wcs_pix2world([[0, 0], [0, slit.shape[0] - 1]], 0)[:, 1] * 1e6
+    assert third.min() < expected[0]  # the whole axis is in the picture
+    assert third.max() > expected[-1]
+    for copy in (tmp_path / "copy.fits", tmp_path / "copy.h5"):
+        vm.io.save(volume, copy)
+        again = vm.open(copy)
+        np.testing.assert_allclose(again.array("wavelength"), volume.array("wavelength"))
+        np.testing.assert_allclose(sky_of_cells(again), sky_of_cells(volume))
+
+
+def test_a_missing_table_is_told(tmp_path):
+    tabled(tmp_path / "cube.fits", [1.0, 2.0, 4.0, 8.0, 16.0])
+    with fits.open(tmp_path / "cube.fits") as hdus:
+        hdus[0].writeto(tmp_path / "alone.fits")
+    with pytest.raises(vm.FileFormatError, match="WCS-TABLE"):
+        vm.open(tmp_path / "alone.fits")
+
+
 # Axes and parts
 
 

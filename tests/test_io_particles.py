@@ -461,6 +461,55 @@ def test_phantom_with_records_of_several_parts_is_refused(tmp_path):
         vm.open(path)
 
 
+def phantom_hdf5(path):
+    """Write a sound dump in HDF5 with what is no field beside what is one."""
+    with h5py.File(path, "w") as file:
+        head = file.create_group("header")
+        head.attrs.update(udist=1e13, umass=2e33, utime=1e6, hfact=1.2, time=1.0)
+        head.attrs.update(fileident="FT:Phantom", nothing=h5py.Empty("f8"))
+        head["massoftype"] = np.full(7, 1e-3)
+        head["text"], head["empty"], head["none"] = "words", h5py.Empty("f8"), np.zeros(0)
+        head.create_group("deeper")["x"] = np.ones(3)
+        dust = file.create_group("particles")
+        dust["xyz"], dust["vxyz"], dust["h"] = POSITIONS, VELOCITIES, LENGTHS
+        dust["itype"] = np.ones(COUNT, int)
+        dust["label"], dust["words"] = "words", np.array([b"a"] * COUNT)
+        dust["empty"], dust["none"] = h5py.Empty("f8"), np.zeros(0)
+        dust.create_group("deeper")["x"] = np.ones(3)
+        dust["tensor"], dust["short"] = np.ones((COUNT, 3, 3)), np.ones(3)
+        dust["alias"] = h5py.SoftLink("/particles/h")
+        dust["abundance"] = np.arange(5.0) * np.ones((COUNT, 1))
+        dust["dustfrac"], dust["deltav"] = np.ones((COUNT, 1)), VELOCITIES
+        file.create_group("sinks")["words"] = "none"
+    return path
+
+
+def test_phantom_in_hdf5_with_texts_groups_and_columns(tmp_path):
+    volume = vm.open(phantom_hdf5(tmp_path / "dump.h5"), cell_width=3)
+    fields = {"density", "smoothing_length", "dustfrac"}
+    fields |= {f"{v}_{a}" for v in ("velocity", "deltav") for a in "xyz"}
+    assert set(volume.fields) == fields | {f"abundance_{k}" for k in range(5)}
+    dense = volume.array("density") > 0
+    np.testing.assert_allclose(volume.array("abundance_3")[dense], 3, rtol=1e-12)
+    left = volume.meta["left_out"]
+    assert left.keys() == {"label", "words", "empty", "none", "deeper", "tensor", "short", "alias"}
+    assert "(9, 3, 3)" in left["tensor"]
+
+
+def test_what_a_snapshot_has_besides_is_left_out_by_name(tmp_path):
+    path = gadget(tmp_path / "s.hdf5", smoothed())
+    with h5py.File(path, "a") as file:
+        gas = file["PartType0"]
+        gas["Words"], gas["Empty"], gas["Short"] = "words", h5py.Empty("f8"), np.ones(3)
+        gas["Table"], gas["Wide"] = np.ones((COUNT, 2, 2)), np.ones((COUNT, 65))
+        gas["Metals"] = np.ones((COUNT, 2))
+        gas.create_group("Deeper")
+    volume = vm.open(path)
+    assert {"metals_0", "metals_1", "internal_energy"} < set(volume.fields)
+    left = volume.meta["left_out"]
+    assert left.keys() == {"Words", "Empty", "Short", "Table", "Wide", "Deeper"}
+
+
 # --- real data --------------------------------------------------------------------------------
 
 

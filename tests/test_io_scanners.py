@@ -187,7 +187,7 @@ def test_nrrd_keeps_units(tmp_path):
     again = vm.open(tmp_path / "density.nrrd")
     assert (again.unit, again.units["density"]) == ("kpc", "g / cm3")
     np.testing.assert_array_equal(again.grid.bounds, volume.grid.bounds)
-    assert "space" not in again.meta
+    assert "orientation" not in again.meta
 
 
 @pytest.mark.parametrize("ending", ["mha", "nii"])

@@ -120,6 +120,16 @@ def test_ome_channels_have_names_and_colours(tmp_path):
     assert vm.open(tmp_path / "kept.h5").meta == volume.meta
 
 
+def test_named_channels_are_no_slices(tmp_path):
+    values = RNG.integers(0, 200, (3, 20, 30)).astype(np.uint16)
+    plain = tiff(tmp_path / "a.ome.tif", values, ome=True, metadata={"axes": "CYX"})
+    np.testing.assert_array_equal(vm.open(plain).array("a"), of_pages(values))  # so called only
+    told = {"axes": "CYX", "Channel": {"Name": ["DAPI", "GFP", "RFP"]}}
+    path = tiff(tmp_path / "b.ome.tif", values, ome=True, metadata=told)
+    with pytest.raises(vm.FileFormatError, match=r"of 3 channels \(DAPI, GFP, RFP\)"):
+        vm.open(path)
+
+
 def test_equal_names_of_channels_are_numbered(tmp_path):
     values = RNG.integers(0, 200, (5, 2, 20, 30)).astype(np.uint16)
     told = {"axes": "ZCYX", "Channel": {"Name": ["GFP+", "GFP-"]}}

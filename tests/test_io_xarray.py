@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
+from voluminous.io import find_reader
 from voluminous.io.axis_names import axis_of
 from voluminous.io.edges import edges_of_centers
 from voluminous.io.unit_texts import known_unit
@@ -456,3 +457,95 @@ def test_a_table_of_cells_is_a_volume_as_the_error_says():
     table = array.to_dataframe().reset_index().sample(frac=1, random_state=1)
     volume = vm.from_xarray(table.set_index(["x", "y", "z"]).to_xarray())
     np.testing.assert_array_equal(volume.array("f"), array.values)
+
+
+# Variables that describe others, quantities, packed numbers
+
+
+def described():
+    """Return a field and all kinds of variables that CF lets it name."""
+    rng, dims = np.random.default_rng(3), ("z", "y", "x")
+    told = {"cell_measures": "volume: vol", "ancillary_variables": "error flag"}
+    told |= {"coordinates": "height lat", "grid_mapping": "crs", "units": "K"}
+    variables = {
+        "temperature": (dims, rng.random((3, 4, 5)), told),
+        "height": (dims, rng.random((3, 4, 5)), {"bounds": "height_bounds"}),
+        "height_bounds": ((*dims, "corner"), rng.random((3, 4, 5, 8))),
+        "lat": (dims[1:], rng.random((4, 5)), {"bounds": "lat_bounds"}),
+        "lat_bounds": ((*dims[1:], "four"), rng.random((4, 5, 4))),
+        "crs": ((), 0),
+        "z_bounds": (("z", "two"), np.array([[0.0, 1], [1, 3], [3, 7]])),
+        **{name: (dims, rng.random((3, 4, 5))) for name in ("vol", "error", "flag", "pressure")},
+    }
+    z = {"units": "m", "bounds": "z_bounds", "formula_terms": "a: a p: pressure"}
+    coords = {"z": ("z", [0.5, 2.0, 5.0], z)}
+    coords |= {d: (d, np.arange(float(n)), {"units": "m"}) for d, n in (("y", 4), ("x", 5))}
+    return xr.Dataset(variables, coords)
+
+
+@pytest.mark.parametrize("kind", ["memory", "nc", "zarr"])
+def test_variables_that_describe_others_are_no_fields(tmp_path, kind):
+    data, path = described(), tmp_path / f"a.{kind}"
+    if kind == "nc":
+        pytest.importorskip("h5netcdf")
+        data.to_netcdf(path, engine="h5netcdf")
+    elif kind == "zarr":
+        pytest.importorskip("zarr")
+        data.to_zarr(path, consolidated=False)
+
+    def opened(fields=None):
+        return vm.from_xarray(data, fields) if kind == "memory" else vm.open(path, fields)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        volume = opened()
+    assert volume.fields == ("temperature",)
+    assert volume.grid.edges[2].tolist() == [0, 1, 3, 7]
+    asked = opened(["vol", "error"])
+    np.testing.assert_array_equal(asked.array("vol"), data.vol.values.T)
+    if kind != "memory":
+        assert [field.name for field in find_reader(path).info(path)] == ["temperature"]
+
+
+def quantities():
+    values = np.random.default_rng(5).random((2, 3, 4))
+    pint = pytest.importorskip("pint")
+    unyt = pytest.importorskip("unyt")
+    yield pint.UnitRegistry().Quantity(values, "g/cm**3"), "g / cm3", values
+    yield pint.UnitRegistry().Quantity(values, "degC"), "deg_C", values
+    yield unyt.unyt_array(values, "g/cm**3"), "g / cm3", values
+    yield values * u.Unit("Msun/pc3"), "solMass / pc3", values
+
+
+def test_quantities_in_arrays_keep_their_unit():
+    for quantity, unit, values in quantities():
+        volume = vm.from_xarray(xr.DataArray(quantity, dims=("z", "y", "x"), name="q"))
+        assert volume.units["q"] == unit
+        np.testing.assert_array_equal(volume.array("q"), values.T)
+
+
+def test_a_unit_that_astropy_lacks_is_not_dropped():
+    pint = pytest.importorskip("pint")
+    registry = pint.UnitRegistry()
+    registry.define("smoot = 1.7018 m")
+    values = registry.Quantity(np.ones((2, 3, 4)), "smoot")
+    with pytest.raises(vm.UnitsError, match="smoot"):
+        vm.from_xarray(xr.DataArray(values, dims=("z", "y", "x"), name="q"))
+
+
+def test_units_in_attributes_may_be_objects():
+    for unit in ("kg/m3", u.Unit("kg/m3")):
+        data = xr.DataArray(np.ones((2, 3, 4)), dims=("z", "y", "x"), attrs={"units": unit})
+        assert vm.from_xarray(data).units["data"] == "kg / m3"
+
+
+def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():
+    stored = np.arange(24, dtype=np.int16).reshape(2, 3, 4)
+    stored[0, 0, 0] = -9
+    told = {"scale_factor": 0.5, "add_offset": 3.0, "_FillValue": np.int16(-9), "units": "K"}
+    data = xr.Dataset({"t": (("z", "y", "x"), stored, told)})
+    expected = np.where(stored == -9, np.nan, 0.5 * stored + 3).T
+    for packed in (data, data.t):
+        volume = vm.from_xarray(packed)
+        np.testing.assert_allclose(volume.array("t"), expected)
+        assert volume.units["t"] == "K"

@@ -92,15 +92,20 @@ def test_options(tmp_path):
         vm.open(path, unitz={})
 
 
-def write_amrex(directory):
-    """Write a plotfile of two levels, by hand: text headers, and boxes of x-fastest numbers."""
-    boxes = [((0, 0, 0), ROOT), ((4, 4, 4), FINE)]
-    lines = ["HyperCLaw-V1.1", "1", "density", "3", "0.5", "1", "0 0 0", "1 1 1", "2"]
-    lines += ["((0,0,0) (7,7,7) (0,0,0)) ((0,0,0) (15,15,15) (0,0,0))", "3 6"]
-    lines += ["0.125 0.125 0.125", "0.0625 0.0625 0.0625", "0", "0"]
-    for level, (low, values) in enumerate(boxes):
-        width, place = 0.125 / 2**level, directory / f"Level_{level}"
+def write_amrex(directory, ratios=(2,)):
+    """Write a plotfile by hand: text headers, and boxes of x-fastest numbers."""
+    boxes = [((0, 0, 0), ROOT), ((2, 2, 2), FINE)]
+    boxes += [((2, 2, 2), RNG.uniform(1, 2, (4,) * 3))] * (len(ratios) - 1)
+    sizes = [int(np.prod(ratios[:level])) for level in range(len(ratios) + 1)]
+    lines = ["HyperCLaw-V1.1", "1", "density", "3", "0.5", str(len(ratios)), "0 0 0", "1 1 1"]
+    lines += [" ".join(map(str, ratios))]
+    lines += [" ".join(f"((0,0,0) ({8 * n - 1},{8 * n - 1},{8 * n - 1}) (0,0,0))" for n in sizes)]
+    lines += [" ".join(f"{1000 * n}" for n in sizes)]  # steps of each level
+    lines += [" ".join([repr(0.125 / n)] * 3) for n in sizes] + ["0", "0"]
+    for level, (size, (first, values)) in enumerate(zip(sizes, boxes, strict=True)):
+        width, place = 0.125 / size, directory / f"Level_{level}"
         place.mkdir(parents=True)
+        low = [size * a for a in first]
         lines += [f"{level} 1 0.5", "3"]
         lines += [f"{a * width} {(a + n) * width}" for a, n in zip(low, values.shape, strict=True)]
         lines.append(f"Level_{level}/Cell")
@@ -114,11 +119,11 @@ def write_amrex(directory):
         extremes = f"1,1\n{values.min()},\n\n1,1\n{values.max()},\n"
         (place / "Cell_H").write_text(head + extremes)
     (directory / "Header").write_text("\n".join(lines) + "\n")
-    return directory
+    return directory, [values for _, values in boxes]
 
 
 def test_an_amrex_plotfile(tmp_path):
-    path = write_amrex(tmp_path / "plt00010")
+    path, _ = write_amrex(tmp_path / "plt00010")
     volume = vm.open(path)
     assert find_reader(path).name == "yt"
     assert find_reader(path / "Header").name == "yt"
@@ -134,6 +139,128 @@ def test_an_amrex_plotfile(tmp_path):
             vm.open(path)
 
 
+@pytest.mark.parametrize("ratios", [(4,), (2, 2), (4, 2), (2, 4), (4, 2, 4)])
+def test_amrex_levels_of_different_ratios(tmp_path, ratios):
+    path, boxes = write_amrex(tmp_path / "plt00020", ratios)
+    volume = vm.open(path)
+    levels = volume.grid.unpack(volume.array("density"))
+    for found, values in zip(levels[:2], boxes, strict=False):
+        seen = np.isfinite(found)
+        assert seen.any()
+        np.testing.assert_array_equal(found[seen], values[seen])
+    np.testing.assert_array_equal(levels[-1], boxes[-1])
+
+
+def test_any_kind_of_yt_is_known_in_a_fresh_process(tmp_path):
+    """yt registers its kinds when it first loads; one that fails must not hide the others."""
+    (tmp_path / "any.abc").write_bytes(bytes(range(256)))
+    program = (
+        "import voluminous.io.yt.reader as r; from pathlib import Path\n"
+        "import yt.utilities.object_registries as o\n"
+        f"path = Path({str(tmp_path / 'any.abc')!r})\n"
+        "r._kinds(path); print(len(o.output_type_registry))\n"
+        "from yt.data_objects.static_output import Dataset\n"
+        "class Failing(Dataset):\n    def _is_valid(filename, *a, **k): raise IndexError\n"
+        "class Mine(Dataset):\n    def _is_valid(filename, *a, **k): return True\n"
+        "print(r._kinds(path) == [Mine])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert int(done.stdout.split()[0]) > 60, done.stderr
+    assert done.stdout.split()[1] == "True"
+
+
+def write_parthenon(path, ghosts=0):
+    """Write eight blocks in place of one of eight: values x + 10 y + 100 z, times 1 to 5."""
+    corners = [(i, j, k) for k in range(2) for j in range(2) for i in range(2)]
+    blocks = [(1, c) for c in corners] + [(0, c) for c in corners[1:]]
+    with h5py.File(path, "w") as file:
+        info = file.create_group("Info").attrs
+        names = ["prim_density", *(f"prim_velocity_{k}" for k in (1, 2, 3)), "prim_pressure"]
+        info.update(OutputFormatVersion=3, NumMeshBlocks=len(blocks), MeshBlockSize=[4] * 3)
+        info.update(MaxLevel=1, RootGridSize=[8] * 3, Coordinates="UniformCartesian", Time=0.5)
+        info.update(RootGridDomain=[0.0, 1, 1, -1, 1, 1, 0, 4, 1], IncludesGhost=ghosts)
+        info.update(BoundaryConditions=["periodic"] * 6, OutputDatasetNames=["prim"])
+        info.update(NumComponents=np.array([5], np.uint64), ComponentNames=names)
+        code = {"length": 3.0856775814913674e18, "mass": 2e33, "time": 3.15e13}
+        file.create_group("Params").attrs.update(
+            {f"Hydro/code_{name}_cgs": value for name, value in code.items()}
+        )
+        file["Levels"], file["LogicalLocations"] = (
+            np.array([block[k] for block in blocks]) for k in (0, 1)
+        )
+        faces = [
+            [
+                low + width / 2 ** (1 + level) * (place[axis] + np.linspace(0, 1, 5))
+                for axis, (low, width) in enumerate(((0, 1), (-1, 2), (0, 4)))
+            ]
+            for level, place in blocks
+        ]
+        for axis, name in enumerate("xyz"):
+            file[f"Locations/{name}"] = np.array([block[axis] for block in faces])
+        middles = [[(e[1:] + e[:-1]) / 2 for e in block] for block in faces]
+        values = [z[:, None, None] * 100 + y[:, None] * 10 + x for x, y, z in middles]
+        file["prim"] = np.array([[v * k for k in range(1, 6)] for v in values])
+    return path
+
+
+def test_a_parthenon_output(tmp_path):
+    path = write_parthenon(tmp_path / "parthenon.out0.00001.phdf")
+    assert find_reader(path).name == "yt"
+    volume = vm.open(path, unit="pc")
+    assert volume.grid.cells_per_level == (448, 512)
+    x, y, z = volume.grid.cell_centers()
+    density = 2e33 / 3.0856775814913674e18**3
+    np.testing.assert_allclose(volume.array("density"), density * (x + 10 * y + 100 * z), rtol=1e-4)
+    assert volume.units["velocity_y"] == "cm / s"
+    with pytest.raises(vm.InputError, match="ghost"):
+        vm.open(write_parthenon(tmp_path / "ghosts.phdf", ghosts=1))
+
+
+def test_chombo_grids_of_pluto_that_are_bent(tmp_path):
+    path = tmp_path / "data.0001.hdf5"
+    with h5py.File(path, "w") as file:
+        file.attrs["num_levels"] = 1
+        file.create_group("Chombo_global").attrs["SpaceDim"] = 3
+        file.create_group("level_0").attrs.update(geometry=4, logr=1, g_x2stretch=1.0)
+    with pytest.raises(vm.InputError, match="Cartesian with equal cells, got geometry = 4, logr"):
+        vm.open(path)
+    with h5py.File(path, "a") as file:
+        file["level_0"].attrs.update(geometry=1, logr=0, domBeg1=-1.0)
+    with pytest.raises(vm.InputError, match=r"begins at .*-1\.0.*pluto\.ini"):
+        vm.open(path)
+
+
+@pytest.mark.parametrize(
+    ("error", "told", "untold"),
+    [
+        (OSError("truncated file"), "damaged", "report"),
+        (EOFError("end"), "damaged", "report"),
+        (
+            IndexError("index 3 is out"),
+            "voluminous failed on it with IndexError.*report",
+            "damaged",
+        ),
+        (KeyError("Header"), "failed on it with KeyError.*report", "damaged"),
+        (FileNotFoundError("piece 2"), "cannot be opened", "damaged"),
+    ],
+)
+def test_only_damage_is_called_damage(tmp_path, error, told, untold):
+    from voluminous.io.guard import reading
+
+    with pytest.raises(vm.FileFormatError, match=told) as failure, reading(tmp_path, "a file"):
+        raise error
+    assert untold not in str(failure.value)
+    assert failure.value.__cause__ is error
+
+
+def test_failures_of_yt_are_called_so(tmp_path):
+    path, _ = write_amrex(tmp_path / "plt00010", (4, 3))
+    with pytest.raises(vm.FileFormatError, match=r"yt's amrex frontend failed.*report"):
+        vm.open(path)
+
+
 @pytest.mark.parametrize(
     ("items", "attributes"),
     [
@@ -141,8 +268,8 @@ def test_an_amrex_plotfile(tmp_path):
         (("Chombo_global",), {"num_levels": 1}),
         (("gridded_data_format",), {}),
         (("Info/KeyInfo",), {}),
+        (("Info", "Levels", "LogicalLocations", "Locations/x"), {}),
         ((), {"bounds": 1, "domain": 1, "dims": 1}),
-        ((), {"openPMD": "1.1.0", "openPMDextension": 0, "basePath": "/data/%T/"}),
     ],
 )
 def test_layouts_are_told_without_yt(items, attributes, tmp_path):
@@ -160,7 +287,7 @@ def test_layouts_are_told_without_yt(items, attributes, tmp_path):
 
 
 def test_without_yt_it_is_said_how_to_get_it(tmp_path):
-    path = write_amrex(tmp_path / "plt00010")
+    path, _ = write_amrex(tmp_path / "plt00010")
     program = (
         "import sys; sys.modules['yt'] = None\n"
         "import voluminous as vm\n"

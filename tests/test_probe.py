@@ -248,9 +248,9 @@ def test_empty_cells_are_told_and_wide_steps_are_those_of_the_picture():
 
 def test_tables_and_plots(tmp_path):
     volume = volume_on(vm.CartesianGrid(WALLS, WALLS, WALLS, unit="pc"))
-    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), also=["a + x", "r"], scheme="first-order")
+    found = vm.probe(volume, MEDIUM, SIDE, (3, 2), also=["a * x", "r"], scheme="first-order")
     center = volume.grid.cell_centers()[:, found.cell]
-    np.testing.assert_allclose(found.fields["a + x"], found.fields["a"] + center[0])
+    np.testing.assert_allclose(found.fields["a * x"], found.fields["a"] * center[0])
     assert found.units["r"] == "pc"
     for name in ("ray.ecsv", "ray.fits", "ray.csv"):
         found.save(tmp_path / name)

@@ -62,7 +62,7 @@ def test_all_of_the_volume_is_in_a_slice_by_default():
 
 def test_vectors_and_lines_of_sight_in_slices():
     volume = vm.Volume(GRID)
-    volume["v_x"], volume["v_y"], volume["v_z"] = "x", "1", "z"
+    volume["v_x"], volume["v_y"], volume["v_z"] = "x", "1 pc", "z"
     whole = volume.slice("vector(v_x, v_y, v_z)", resolution=(4, 4))
     assert whole.values.shape == (3, 4, 4)
     assert np.all(whole.values[1] == 1)
@@ -152,7 +152,7 @@ def test_numbers_in_conditions_have_units(where, plain):
     assert 0 < len(found) < 24
     volume["chosen"] = f"where({where}, 1, 0)"
     assert volume["chosen"].sum() == len(found)
-    with pytest.raises(vm.UnitsError, match="'5 km' is no quantity that 'a', in K"):
+    with pytest.raises(vm.UnitsError, match="'5 km' is in km, expected K"):
         volume.cells(where="a > 5 km")
 
 
@@ -176,7 +176,7 @@ def test_angles_in_conditions_have_units(where, plain):
 @pytest.mark.parametrize("where", ["cos(theta) > 60 deg", "theta > 1 pc", "f > 60 deg"])
 def test_what_is_no_angle_is_not_compared_with_one(where):
     grid = vm.SphericalGrid([1, 2, 3], [0, 1, 2, 3], unit="pc")
-    with pytest.raises(UnitsError, match="can be compared with"):
+    with pytest.raises(UnitsError, match="cannot be derived"):
         vm.Volume(grid, f=np.ones(grid.shape)).cells(where=where)
 
 

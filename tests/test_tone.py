@@ -299,7 +299,7 @@ def test_colours_near_the_ends_of_single_precision():
 
 
 @pytest.mark.parametrize(
-    "options", [{"vmax": 1.0}, {"exposure": 1.0}, {"stretch": "sqrt"}, {"vmin": -1.0}]
+    "options", [{"vmax": 1.0}, {"exposure": "rgb"}, {"stretch": "sqrt"}, {"vmin": -1.0}]
 )
 def test_who_says_how_a_signed_map_is_shown_has_it_so(options):
     rgb = Image(signed_map()).to_rgb(**options)
@@ -315,3 +315,37 @@ def test_what_is_hardly_or_all_below_zero_is_grey(values):
 def test_three_channels_of_both_signs_are_colours():
     rgb = Image(np.stack([signed_map()] * 3, axis=-1)).to_rgb()
     assert (rgb[:, :15] == 0).all()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("scale", [1.0, 1e-30, 3e35])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("signed", [False, True])
+def test_the_exposure_that_was_taken_repeats_the_picture(channels, scale, dtype, signed):
+    rng = np.random.default_rng(channels)
+    values = scale * rng.lognormal(size=(20, 30, channels))
+    values *= rng.choice([-1, 1], size=values.shape) if signed else 1
+    values[3, 4] = np.nan
+    image = Image(values.astype(dtype))
+    np.testing.assert_array_equal(image.to_rgb(exposure=image.exposure), image.to_rgb())
+
+
+def test_the_exposure_of_one_frame_shows_equal_intensities_of_another_alike():
+    first, second = Image(np.full((2, 2, 3), 0.5)), Image([[[0.25] * 3, [1.0] * 3]])
+    assert first.exposure == 2.0
+    np.testing.assert_array_equal(second.to_rgb(exposure=first.exposure)[0, 0], 0.5)
+    assert Image(np.zeros((2, 2))).exposure == 1.0
+
+
+def test_intensities_are_shown_as_they_are():
+    values = np.array([[[0.2, 0.5, 0.9], [0.5, 2.0, -1.0]]])
+    rgb = Image(values).to_rgb(exposure="rgb")
+    np.testing.assert_array_equal(rgb, np.clip(values, 0, 1).astype(np.float32))
+    grey = Image(values[..., 0]).to_rgb(exposure="rgb")
+    np.testing.assert_array_equal(grey[..., 1], values[..., 0].astype(np.float32))
+
+
+@pytest.mark.parametrize("option", [{"vmax": 2}, {"stretch": "sqrt"}, {"colormap": "gray"}])
+def test_intensities_as_they_are_take_no_other_option(option):
+    with pytest.raises(InputError, match="leave out"):
+        Image(np.ones((2, 2))).to_rgb(exposure="rgb", **option)

@@ -51,7 +51,7 @@ def test_values_that_are_not_there(volume, medium, told, tolerance):
 @pytest.mark.parametrize("offset", [8, 20])
 def test_tails_alone_are_told_though_a_display_brightens_them(volume, offset):
     shell = vm.Gaussian("log10(density)", 2.4 + 0.1 * offset, 0.1, (1, 1, 1), 0.5, 1)
-    with pytest.warns(UserWarning, match=r"only the faintest edge .* from 0 to 2.33445 in this"):
+    with pytest.warns(UserWarning, match=r"only the faintest edge .* from 0 to 2.33445 dex"):
         image = vm.render(volume, shell, CAMERA, precision="double")
     assert image.intensity.max() > 0
 

@@ -60,6 +60,7 @@ _PUBLIC = {
     "boxes": "objects",
     "calibrate": "calibration",
     "column": "measuring",
+    "demo": "cli.demo",
     "extreme": "measuring",
     "first_hit": "measuring",
     "framed": "rendering",
@@ -70,6 +71,7 @@ _PUBLIC = {
     "measure": "measuring",
     "moments": "measuring",
     "open": "io",
+    "plot_row": "image.row",
     "probe": "measuring",
     "render": "rendering",
     "tau_surface": "measuring",
@@ -120,6 +122,7 @@ __all__ = [
     "boxes",
     "calibrate",
     "column",
+    "demo",
     "extreme",
     "first_hit",
     "framed",
@@ -133,6 +136,7 @@ __all__ = [
     "models",
     "moments",
     "open",
+    "plot_row",
     "probe",
     "regions",
     "render",
@@ -143,6 +147,7 @@ if TYPE_CHECKING:
     from . import io, math, models, regions
     from .calibration import auto, calibrate
     from .cameras import Orthographic, Perspective
+    from .cli.demo import demo
     from .errors import (
         DeviceError,
         ExpressionError,
@@ -157,6 +162,7 @@ if TYPE_CHECKING:
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
     from .image import Image
+    from .image.row import plot_row
     from .io import from_xarray, open
     from .io.vtk.objects import from_pyvista
     from .io.yt import from_yt

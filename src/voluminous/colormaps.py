@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .errors import InputError, unknown_name
 
 
@@ -53,10 +55,52 @@ def get_color(name: str) -> tuple[float, float, float]:
     import matplotlib.colors
 
     try:
-        red, green, blue = matplotlib.colors.to_rgb(name)
+        rgba = matplotlib.colors.to_rgba(name)
     except ValueError:
         raise unknown_name("color", name, matplotlib.colors.CSS4_COLORS) from None
+    red, green, blue = without_alpha(rgba, repr(name))
     return float(red), float(green), float(blue)
+
+
+def without_alpha(colors: Any, what: str) -> Any:
+    """Return colours without matplotlib's alpha; what are no such colours as they are.
+
+    Four numbers from 0 to 1, in a tuple or an array, are red, green, blue and alpha, as matplotlib
+    writes them. In a list they are four channels.
+
+    Raises
+    ------
+    InputError
+        If an alpha is not 1.
+    """
+    if isinstance(colors, list):
+        return [without_alpha(color, what) for color in colors]
+    if not isinstance(colors, (tuple, np.ndarray)) or hasattr(colors, "unit"):
+        return colors
+    try:
+        array = np.asarray(colors, dtype=np.float64)
+    except (TypeError, ValueError):  # of different lengths, or with names or units in it
+        return colors
+    if array.ndim == 0 or array.shape[-1] != 4 or not np.all((array >= 0.0) & (array <= 1.0)):
+        return colors
+    if not np.all(array[..., 3] == 1.0):
+        raise InputError(
+            f"{what}: a colour has no opacity here, got alpha {array[..., 3].min():g}; give red, "
+            "green and blue, and how opaque it is with opacity=…. Four channels are given as a list"
+        )
+    return array[..., :3]
+
+
+def mapped_colors(colormap: Any, positions: Any) -> np.ndarray:
+    """Return red, green and blue at places from 0 to 1 in a matplotlib colormap, shape (n, 3).
+
+    Raises
+    ------
+    InputError
+        If it is not opaque.
+    """
+    found = np.asarray(colormap(positions), dtype=np.float64)
+    return np.asarray(without_alpha(found, f"colormap {colormap.name!r}"))
 
 
 def is_color(name: str) -> bool:

@@ -33,6 +33,10 @@ class FileFormatError(InputError):
     """A file is not what it claims to be; names the file, the place and the expectation."""
 
 
+class ImmutableError(InputError, AttributeError):
+    """An attribute of something that does not change was assigned or deleted."""
+
+
 class UnknownNameError(VoluminousError, KeyError):
     """A name (field, scheme, colormap, key …) that does not exist; names the nearest one."""
 
@@ -51,6 +55,15 @@ class DeviceError(VoluminousError, RuntimeError):
 
 class MissingPackageError(VoluminousError, ImportError):
     """An optional package is needed; says how to install it."""
+
+
+def immutable(cls: Any, advice: str) -> None:
+    """Make assigning and deleting attributes of a class raise an error that says what to do."""
+
+    def refuse(self: Any, name: str, *value: Any) -> None:
+        raise ImmutableError(f"{type(self).__name__}.{name} cannot be changed; {advice}")
+
+    cls.__setattr__ = cls.__delattr__ = refuse
 
 
 # Lists of more names than this are a screenful: of these so many are shown.

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from .derivatives import component_of_cells, is_component
-from .errors import UnknownNameError, unknown_name
-from .expressions import Expression, NumpyOps, components, required_names, unit_of
+from .errors import UnitsError, UnknownNameError, unknown_name
+from .expressions import Expression, NumpyOps, components, has_units, required_names, resolve
 from .fields import coordinates, is_angle
 from .geometry import CARTESIAN
 from .units import parse_unit
@@ -28,7 +28,7 @@ class Evaluation:
         expression : str or Expression
             May use the coordinates ``x, y, z`` of the cell centres and their distance ``r`` from
             the origin, in the volume's unit; and the grid's own, such as ``theta`` and ``phi``.
-            Numbers that are compared may have units: ``"velocity_z > 5 km/s"``.
+            Numbers may have units: ``"velocity_z / (5 km/s)"``.
         camera : camera, optional
             From where it is seen, for components along the line of sight such as
             ``los("velocity")``; positive away from the observer.
@@ -43,15 +43,11 @@ class Evaluation:
         UnknownNameError
             If it names a field that does not exist.
         UnitsError
-            If a number in it has a unit that does not fit what it is compared with, or fields of
-            one kind, but in different units, are added or compared.
+            If its unit cannot be derived; see `expression_unit`.
         """
         if camera is not None:
             return self.seen_by(camera).evaluate(expression)
         parts = tuple(self.without_units(part) for part in components(expression))
-        for part in parts:
-            self.check_names(part)
-            self.expression_unit(part)  # refuses what would have to be converted
         self.refresh()
         if len(parts) == 1:
             return self._evaluate_whole(parts[0])
@@ -76,6 +72,7 @@ class Evaluation:
 
         Computed in double precision whatever the fields are, if `double` is true: for sums.
         """
+        expression = self.without_units(expression)
         others = [n for n in expression.names if n in self.coordinates and n not in self._fields]
         values = coordinates(self.grid, others, first, last) if others else {}
         for name in expression.names:
@@ -100,46 +97,45 @@ class Evaluation:
                 raise _unknown(name, known)
 
     def without_units(self: Any, expression: Expression) -> Expression:
-        """Return a condition with plain numbers for those with units, ``velocity_z > 5 km/s``.
+        """Return an expression in plain numbers of the fields' own units.
 
-        Each is converted to the unit of what it is compared with.
+        ``los(velocity)/(0.2 km/s)`` has 2e4 in it where velocities are in cm/s.
 
         Raises
         ------
         UnitsError
-            If it cannot be.
+            If its unit cannot be derived; see `expression_unit`.
         UnknownNameError
-            If it is compared with a field that does not exist.
+            If it names a field that does not exist.
         """
-
-        def unit_of_other(other: Expression) -> Any:
-            self.check_names(other)
-            return self._angle_unit(other) or self.expression_unit(other)
-
-        return expression.without_units(unit_of_other)
-
-    def _angle_unit(self: Any, expression: Expression) -> Any:
-        """Return radian if an expression is an angle of the grid, in any other case None.
-
-        Such coordinates are plain numbers elsewhere: ``r * theta`` is a length.
-        """
-        angles = [name in self.coordinates and is_angle(name) for name in expression.names]
-        if not any(angles):
-            return None
-        rad = parse_unit("rad")
-        own = [self.field_unit(name) for name in expression.names]
-        units = [rad if angle else unit for angle, unit in zip(angles, own, strict=True)]
-        return rad if unit_of(expression, tuple(units)) == rad else None
+        return self._resolved(expression)[0]
 
     def expression_unit(self: Any, expression: Expression) -> Any:
-        """Return the unit of an expression, None where it has none (``log10(density)``).
+        """Return the unit of an expression (astropy), None for a plain number.
 
         Raises
         ------
         UnitsError
-            If numbers of one kind, but in different units, are added or compared.
+            If it cannot be derived: a length is added to a mass or to a plain number, or ``exp`` is
+            asked of a density. The message shows where, and how to write it. Only what is made of
+            coordinates and fields without a unit is then a plain number.
         """
-        return unit_of(expression, tuple(self.field_unit(name) for name in expression.names))
+        return self._resolved(expression)[1]
+
+    def _resolved(self: Any, expression: Expression) -> tuple[Expression, Any]:
+        expression = expression.among((*self._fields, *self.coordinates))
+        self.check_names(expression)
+        try:
+            return resolve(expression, tuple(map(self._unit_in_expressions, expression.names)))
+        except UnitsError:
+            if has_units(expression) or any(self._units[n] for n in self.given(expression.names)):
+                raise
+            return expression, None  # of coordinates alone, such as exp(-r**2)
+
+    def _unit_in_expressions(self: Any, name: str) -> Any:
+        """Return the unit of a field; radian of the grid's angles, which lengths may multiply."""
+        angle = is_angle(name) and name in self.coordinates
+        return parse_unit("rad") if angle else self.field_unit(name)
 
 
 def _unknown(name: str, known: tuple[str, ...]) -> UnknownNameError:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
-from .units import is_quantity, parse_unit, plain
+from .units import as_quantity, is_quantity, parse_unit, plain
 
 # Cells looked at at once.
 _CHUNK = 1 << 20
@@ -75,6 +75,9 @@ def split_unit(value: Any) -> tuple[Any, Any]:
     UnitsError
         If parts of a list have units that cannot be converted into each other, or some have none.
     """
+    value = as_quantity(value)
+    if isinstance(value, (list, tuple)):
+        value = [as_quantity(part) for part in value]
     if is_quantity(value):
         return value.value, parse_unit(value.unit)
     if isinstance(value, (list, tuple)) and any(is_quantity(part) for part in value):
@@ -172,7 +175,6 @@ def packed(name: str, values: Any, grid: Any) -> np.ndarray:
     InputError
         If it is none, such as lists of different lengths.
     """
-    _check_order(name, values)
     try:
         array: np.ndarray = grid.pack(values)
     except VoluminousError:
@@ -182,7 +184,7 @@ def packed(name: str, values: Any, grid: Any) -> np.ndarray:
     return array
 
 
-def _check_order(name: str, values: Any) -> None:
+def check_order(name: str, values: Any) -> None:
     """Refuse arrays that know the names of their axes, in another order (xarray).
 
     Where there are as many cells along all axes, their shape does not tell.

@@ -9,6 +9,8 @@ from typing import Any
 _BAR_WIDTH = 0.05
 # Of a bar beside a flat picture: in widths of the picture, so that its numbers can be read.
 _BAR_HEIGHT = 0.4
+# From one bar to the next: room for its numbers and label.
+_BAR_ROOM = 0.3
 
 
 def new_figure() -> Any:
@@ -25,15 +27,16 @@ def new_figure() -> Any:
 
 
 def _layout() -> Any:
-    """Return a constrained layout that is made twice each time.
+    """Return a constrained layout that is made three times each time.
 
     Where the room for labels decides whether a picture is as wide or as high as can be, labels are
-    cut off after the first time: of pictures of 6 by 7.
+    cut off after the first time: of pictures of 6 by 7; beside two bars after the second.
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     class Settled(ConstrainedLayoutEngine):
         def execute(self, fig: Any) -> Any:
+            super().execute(fig)
             super().execute(fig)
             return super().execute(fig)
 
@@ -43,30 +46,37 @@ def _layout() -> Any:
     return Settled()
 
 
-def add_color_bar(axes: Any, shown: Any, label: str, *, own: bool) -> None:
+def add_color_bar(axes: Any, shown: Any, label: str, *, own: bool, number: int = 0) -> Any:
     """Put a colour bar beside a picture.
 
     Parameters
     ----------
-    axes : matplotlib Axes
-        In which there is nothing but the picture.
+    axes : matplotlib Axes or list of them
+        In which there is nothing but the picture; the bar of several takes its room from all.
     shown : matplotlib ScalarMappable
     label : str
     own : bool
         Whether nothing else is in the figure. The bar is as high as the picture then, and no label
         is cut off: next to a bar that is an axes of its own, the layout moves axes of a fixed
-        aspect to one side after it has made room for their labels. In other figures only such a bar
-        takes its room from `axes`, and nothing from others.
+        aspect to one side after it has made room for their labels. In figures with others, too, if
+        they have a layout; else such a bar takes its room from `axes`, and nothing from others.
+    number : int
+        How many there are already.
+
+    Returns
+    -------
+    matplotlib Colorbar
     """
+    if isinstance(axes, list):
+        return axes[0].get_figure().colorbar(shown, ax=axes, label=label)
     figure = axes.get_figure()
-    if not own:
-        figure.colorbar(shown, ax=axes, label=label)
-        return
+    if not own and not figure.get_layout_engine():
+        return figure.colorbar(shown, ax=axes, label=label)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     steep = abs((top - bottom) / (right - left)) * float(axes.get_aspect())
     width, height = _BAR_WIDTH * max(1.0, steep), max(1.0, _BAR_HEIGHT / steep)
-    place = (1.0 + width, 0.5 * (1.0 - height), width, height)
-    figure.colorbar(shown, cax=axes.inset_axes(place), label=label)
+    place = (1.0 + width + _BAR_ROOM * number, 0.5 * (1.0 - height), width, height)
+    return figure.colorbar(shown, cax=axes.inset_axes(place), label=label)
 
 
 def _in_notebook() -> bool:

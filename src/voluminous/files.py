@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import difflib
 import errno
 import os
 import re
 import secrets
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from itertools import islice
 from pathlib import Path
 
 from .errors import FileFormatError, InputError, VoluminousError, how_to_take
 
 # How systems, and libraries that do not pass on their numbers, say that a disk is full.
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# Names in a directory that are compared with a mistyped one.
+_MOST = 10_000
 _SPACE = re.compile("no space left|not enough space|quota exceeded|file too large", re.IGNORECASE)
 
 
@@ -37,6 +41,25 @@ class UnwritablePathError(InputError, OSError):
 
 class MissingPathError(InputError, FileNotFoundError):
     """A file or a directory that does not exist."""
+
+
+def missing(path: Path) -> MissingPathError:
+    """Return the error for a path that does not exist; names the nearest that does."""
+    parts = [path, *path.parents]
+    first = next((k for k, part in enumerate(parts) if part.exists()), len(parts))
+    if not 0 < first < len(parts):
+        return MissingPathError(f"there is no file {path}")
+    wrong, rest = parts[first - 1], parts[: first - 1]
+    with suppress(OSError):
+        names = {entry.name.lower(): entry.name for entry in islice(parts[first].iterdir(), _MOST)}
+        for name in difflib.get_close_matches(wrong.name.lower(), names, n=3):
+            near = parts[first] / names[name]
+            for part in reversed(rest):
+                near = near / part.name
+            if near.exists():
+                return MissingPathError(f"there is no file {path}; did you mean {near}?")
+    told = f": the directory {wrong} does not exist" if rest else ""
+    return MissingPathError(f"there is no file {path}{told}")
 
 
 @contextmanager
@@ -152,7 +175,7 @@ def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
         with open(path, "rb") as file:
             start = file.read(max(len(m) for m in magic))
     except FileNotFoundError:
-        raise MissingPathError(f"there is no file {path}") from None
+        raise missing(path) from None
     except IsADirectoryError:
         raise InputError(f"{path} is a directory; give the name of a file in it") from None
     if not start:

@@ -1,42 +1,129 @@
-"""A progress bar on a terminal, and silence everywhere else."""
+"""Progress of long work: a bar on a terminal and in a notebook, or a function of the caller."""
 
 from __future__ import annotations
 
+import functools
 import sys
+import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, ParamSpec, TypeVar
+
+from .errors import InputError
 
 Report = Callable[[int, int], None]
-# What is over before this many seconds needs no bar.
-_DELAY = 0.5
+Progress = bool | Report | None
+P = ParamSpec("P")
+T = TypeVar("T")
+# Work that is over before this many seconds needs no bar.
+_DELAY = 2.0
+# Where loops that know no caller report.
+_current: ContextVar[Report | None] = ContextVar("report", default=None)
 
 
 @contextmanager
-def progress_bar(label: str = "", *, show: bool | None = None) -> Iterator[Report | None]:
-    """Give a function for ``render(..., progress=...)`` that draws a bar with the time left.
+def progress_bar(progress: Progress = None, label: str = "") -> Iterator[Report]:
+    """Give a function of (done, total) that reports progress.
 
     Parameters
     ----------
+    progress : bool, callable or None
+        True draws a bar, False none; None draws one after two seconds, on a terminal and in a
+        notebook. A function is called itself; it may raise to cancel.
     label : str
         What is going on.
-    show : bool, optional
-        By default, if the error stream is a terminal. If not shown, None is given.
+
+    Raises
+    ------
+    InputError
+        If `progress` is something else.
 
     Examples
     --------
-    >>> with progress_bar("core") as progress:
-    ...     image = vm.render(volume, medium, camera, progress=progress)
+    >>> with progress_bar(True, "core") as report:
+    ...     image = vm.render(volume, medium, camera, progress=report)
     """
-    if not (sys.stderr.isatty() if show is None else show):
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(desc=label, total=1, unit="ray", unit_scale=True, leave=False, delay=_DELAY) as bar:
-
-        def report(done: int, total: int) -> None:
-            if total != bar.total:
-                bar.reset(total)
-            bar.update(done - bar.n)
-
+    if not callable(progress) and progress not in (True, False, None):
+        raise InputError(
+            f"progress must be True, False, None or a function of done and total, got {progress!r}"
+        )
+    bar = None if callable(progress) else _Bar(label, progress)
+    report: Any = progress if bar is None else bar.report
+    token = _current.set(report)
+    try:
         yield report
+    finally:
+        _current.reset(token)
+        if bar is not None:
+            bar.close()
+
+
+def with_progress(function: Callable[P, T]) -> Callable[P, T]:
+    """Make a function with an argument ``progress`` take all that `progress_bar` does."""
+
+    @functools.wraps(function)
+    def reporting(*args: P.args, **kwargs: P.kwargs) -> T:
+        progress: Any = kwargs.get("progress")
+        with progress_bar(progress, function.__name__) as report:
+            kwargs["progress"] = report
+            return function(*args, **kwargs)
+
+    return reporting
+
+
+def reported_range(size: int, step: int) -> Iterator[int]:
+    """Yield what ``range(0, size, step)`` does, and report how far it is."""
+    report = reporter()
+    for first in range(0, size, step):
+        yield first
+        report(min(first + step, size), size)
+
+
+def reporter() -> Report:
+    """Return where a loop reports that is not given a function."""
+    return _current.get() or silent
+
+
+def silent(done: int, total: int) -> None:
+    """Report nothing."""
+
+
+class _Bar:
+    """A bar of tqdm that appears when work lasts."""
+
+    def __init__(self, label: str, wanted: bool | None) -> None:
+        self.label, self.start = label, time.monotonic()
+        self.bar: Any = None
+        self.shown = (_is_seen() if wanted is None else wanted) is True
+        self.delay = 0.0 if wanted else _DELAY
+
+    def report(self, done: int, total: int) -> None:
+        if not self.shown or time.monotonic() - self.start < self.delay:
+            return
+        if self.bar is None:
+            self.bar = _tqdm()(desc=self.label, total=total, unit_scale=True, leave=False)
+            self.bar.start_t -= time.monotonic() - self.start
+        if total != self.bar.total or done < self.bar.n:
+            self.bar.total, self.bar.n = total, min(self.bar.n, done)
+        self.bar.update(done - self.bar.n)
+
+    def close(self) -> None:
+        if self.bar is not None:
+            self.bar.close()
+
+
+def _tqdm() -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a notebook without widgets has bars of letters
+        from tqdm.auto import tqdm
+    return tqdm
+
+
+def _is_seen() -> bool:
+    """Return True on a terminal and in a notebook."""
+    shell: Any = sys.modules.get("IPython")
+    shell = None if shell is None else shell.get_ipython()
+    notebook = shell is not None and "IPKernelApp" in shell.config
+    return notebook or sys.stderr.isatty()

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from .errors import InputError
-from .units import is_quantity, plain, unit_of
+from .units import as_given, is_quantity, plain, unit_of
+from .value import Value
 
 
-class Region:
+class Region(Value):
     """A part of space. Regions combine with ``&`` (both), ``|`` (either) and ``~`` (outside)."""
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
@@ -259,6 +260,7 @@ def _point(value: Any, what: str) -> Any:
 
 def _length(value: Any, what: str) -> Any:
     """Return a positive length, with the unit it came with."""
+    value = as_given(value, what)
     number = plain(value, unit_of(value), what)
     if np.ndim(number) or not 0 < number < np.inf:
         raise InputError(f"{what} must be positive, got {value!r}")

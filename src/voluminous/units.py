@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Sized
+from collections.abc import Callable, Sized
 from numbers import Real
 from typing import Any
 
@@ -19,6 +19,13 @@ from .errors import UnitsError
 # A value in an error message is written out up to so many characters.
 _LONGEST = 100
 _ANGLES = ("deg", "rad")
+# What has no unit, whatever it looks like.
+_PLAIN = (str, bytes, int, float, complex, list, tuple, dict, type(None))
+_NO_UNIT = ("", "1", "dimensionless")
+_UNKNOWN = (
+    "a quantity of {0}.{1} in {2!s} cannot be converted to astropy's; convert it to a unit that "
+    "astropy knows, or give plain numbers with an astropy unit: numbers * astropy.units.pc"
+)
 _NUMBER_THEN_UNIT = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -26,6 +33,50 @@ def is_quantity(value: Any) -> bool:
     """Return True if `value` carries a unit (astropy or anything that looks like it)."""
     # An image has a unit and can be converted, too, but is no number of them.
     return hasattr(value, "unit") and hasattr(value, "to") and hasattr(value, "value")
+
+
+def as_quantity(value: Any) -> Any:
+    """Return a quantity of another package (unyt, pint, xarray) as astropy's.
+
+    Everything else is returned as it is: plain numbers, arrays, texts, astropy's own quantities.
+
+    Raises
+    ------
+    UnitsError
+        If the value has a unit that cannot be converted, rather than dropping it.
+    """
+    if isinstance(value, _PLAIN) or is_quantity(value) or not hasattr(value, "__array__"):
+        return value
+    if hasattr(value, "to_astropy"):  # unyt, yt
+        return _converted(value, lambda: value.to_astropy())
+    if hasattr(value, "to_base_units") and hasattr(value, "magnitude"):  # pint
+        return _converted(value, lambda: _of_pint(value))
+    attributes: Any = getattr(value, "attrs", None)
+    if hasattr(value, "dims") and hasattr(attributes, "get"):  # xarray
+        inner = as_quantity(value.data)
+        name = "" if is_quantity(inner) else str(attributes.get("units", ""))
+        return inner if name in _NO_UNIT else _converted(value, lambda: inner * parse_unit(name))
+    unit = getattr(value, "units", getattr(value, "unit", None))
+    if unit is not None and str(unit) not in _NO_UNIT:
+        raise UnitsError(_UNKNOWN.format(type(value).__module__, type(value).__name__, unit))
+    return value
+
+
+def _converted(value: Any, convert: Callable[[], Any]) -> Any:
+    try:
+        return convert()
+    except Exception as error:  # other packages and astropy each raise errors of their own
+        unit = getattr(value, "units", "units")
+        told = _UNKNOWN.format(type(value).__module__, type(value).__name__, unit)
+        raise UnitsError(told) from error
+
+
+def _of_pint(value: Any) -> Any:
+    try:
+        return value.magnitude * (parse_unit(f"{value.units:~}") or 1.0)
+    except UnitsError:  # a name that only pint has
+        base = value.to_base_units()
+        return base.magnitude * (parse_unit(f"{base.units:~}") or 1.0)
 
 
 def split_text(text: str) -> tuple[float, str] | None:
@@ -54,6 +105,8 @@ def quantity_in(text: str) -> Any:
 def as_given(value: Any, what: str = "value", like: str = "0.1 pc") -> Any:
     """Return the quantity in a text such as "0.1 pc", or in each text of a list; else the value.
 
+    Quantities of other packages become astropy's (`as_quantity`).
+
     Parameters
     ----------
     value : object
@@ -68,10 +121,10 @@ def as_given(value: Any, what: str = "value", like: str = "0.1 pc") -> Any:
     UnitsError
         If a text is no number with a unit that astropy knows.
     """
-    if isinstance(value, (list, tuple)) and any(isinstance(v, str) for v in value):
+    if isinstance(value, (list, tuple)) and any(_is_special(v) for v in value):
         return [as_given(v, what, like) for v in value]
     if not isinstance(value, str):
-        return value
+        return as_quantity(value)
     try:
         found = quantity_in(value)
     except UnitsError as error:
@@ -81,6 +134,11 @@ def as_given(value: Any, what: str = "value", like: str = "0.1 pc") -> Any:
             f"{what} must be a number, a quantity, or a text such as {like!r}, got {value!r}"
         )
     return found
+
+
+def _is_special(value: Any) -> bool:
+    """Return True for texts, and for what `as_quantity` has to look at."""
+    return not isinstance(value, _PLAIN[1:]) and not is_quantity(value)
 
 
 def parse_unit(unit: Any) -> Any:
@@ -143,12 +201,13 @@ def unit_name(unit: Any) -> str:
 
 def unit_of(value: Any) -> Any:
     """Return the unit of `value`, or of what has one in a sequence; None for plain numbers."""
+    value = as_quantity(value)
     if is_quantity(value):
         return parse_unit(value.unit)
     if isinstance(value, str):
         return unit_of(quantity_in(value))
     if isinstance(value, (list, tuple)):
-        return next((unit_of(v) for v in value if is_quantity(v) or isinstance(v, str)), None)
+        return next((unit for unit in map(unit_of, value) if unit is not None), None)
     return None
 
 
@@ -178,6 +237,8 @@ def plain(value: Any, unit: Any, what: str) -> Any:
     from astropy import units as u
 
     target = u.dimensionless_unscaled if unit is None else u.Unit(unit)
+    if hasattr(target, "physical_unit") and value.unit in (u.dex, u.dimensionless_unscaled):
+        return _as_float(value.value, what)  # a difference of logarithms, such as a width
     try:
         converted = value.to(target).value
     except u.UnitConversionError as error:

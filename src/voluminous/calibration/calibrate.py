@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +12,7 @@ from ..media import Medium
 from ..volume import Volume
 from .checks import check_medium, check_volume
 from .colors import with_color_ranges
-from .gates import with_plain_gates
+from .plain import in_plain_numbers
 from .profile import Profile
 from .samples import pieces
 from .thickness import thicknesses
@@ -25,7 +24,7 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this volume,
     so that one crossing of the shell shows its colour and its opacity; what is not given of the
     range of a `ColorBy` or `Colormap` such that 99 % of what the medium shows, by volume, is
-    between. Units in ``where=`` are converted. The same volume gives the same numbers, on every
+    between. Units in expressions are converted. The same volume gives the same numbers, on every
     machine.
 
     Parameters
@@ -38,7 +37,7 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     Returns
     -------
     Medium
-        Path lengths are plain numbers in the volume's unit, and so are numbers in conditions such
+        Path lengths are plain numbers in the volume's unit, and so are numbers in expressions such
         as ``where="velocity_z > 5 km/s"``. What has none of all these is returned as it is.
 
     Raises
@@ -48,7 +47,7 @@ def calibrate(medium: Medium, volume: Volume) -> Medium:
     UnknownNameError
         If a medium looks at a field that does not exist.
     UnitsError
-        If a number in a condition has a unit that does not fit what it is compared with.
+        If the unit of an expression cannot be derived.
 
     Notes
     -----
@@ -82,7 +81,7 @@ def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, An
     known : callable
         Returns what is known of expressions in this volume: it is looked up there, and added.
     """
-    plain = with_plain_gates(medium, volume)
+    plain = in_plain_numbers(medium, volume)
     return _with_lengths(with_color_ranges(plain, volume, known), volume, known)
 
 
@@ -146,6 +145,4 @@ def extent_of(volume: Volume, expr: Expression) -> tuple[float, float]:
 def _with_length(medium: Medium, length: float | None) -> Any:
     if length is None:
         return medium
-    other: Any = copy.copy(medium)
-    other.path_length = length
-    return other
+    return medium.changed(path_length=length)

@@ -69,3 +69,11 @@ def positive_opacity(opacity: Any) -> float:
     if not 0 < depth <= sys.float_info.max:
         raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
     return float(depth)
+
+
+def nothing_to_show(expr: Any, value: float) -> InputError:
+    """Return the error for an expression that has one value in all of a volume."""
+    return InputError(
+        f"{expr.text} is {value:g} everywhere: nothing to show. Look at another field, or give a "
+        "medium with numbers of your own, such as vm.Rectangle, or vm.Colormap with vmin and vmax"
+    )

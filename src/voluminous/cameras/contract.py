@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..grids.contract import Ray
 from ..units import is_count
+from ..value import Value
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Frame:
         return x, y
 
 
-class Camera:
+class Camera(Value):
     """Where rays come from. A camera is plain data until it meets a volume."""
 
     #: Unit of the image plane: "" stands for the volume's length unit.

@@ -49,7 +49,7 @@ def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
     from ..progress import progress_bar
 
     start = time.perf_counter()
-    with progress_bar(label, show=False if quiet else None) as progress:
+    with progress_bar(False if quiet else None, label) as progress:
         image = scene.render(progress=progress)
     return image, time.perf_counter() - start
 
@@ -75,12 +75,13 @@ def check_output(path: Path) -> Path:
 
 
 def told(image: Image, seconds: float) -> str:
-    """Return size, scheme, precision, device and time of a picture in words."""
+    """Return size, scheme, precision, device, time and automatic exposure of a picture in words."""
     ny, nx, channels = image.shape
     how = image.provenance or {}
     return (
         f"{nx} x {ny} pixels, {channels} channel{'s' * (channels > 1)}, {how.get('scheme')}, "
-        f"{how.get('precision')} precision, {how.get('device')}, {seconds:.2f} s"
+        f"{how.get('precision')} precision, {how.get('device')}, {seconds:.2f} s, "
+        f"automatic exposure {image.exposure:.4g}"
     )
 
 

@@ -37,6 +37,32 @@ class DataFile:
     options: Mapping[str, Any] = field(default_factory=dict)
     fields: Any = None
 
+    @classmethod
+    def given(
+        cls, path: Path, format: str | None, options: Mapping[str, Any], fields: Any = None
+    ) -> DataFile:
+        """Return a file of which ``--set`` may give format and fields, with ``volume.`` or without.
+
+        Raises
+        ------
+        InputError
+            If one is given twice, or of the wrong kind, or for a path.
+        """
+        rest = {key.removeprefix("volume."): value for key, value in options.items()}
+        own = {"format": format, "fields": fields}
+        for key, value in own.items():
+            if key not in rest:
+                continue
+            told = rest.pop(key)
+            if value is not None and value != told:
+                raise InputError(f"--{key} and --set {key}={told}: give one of them")
+            if key == "format" and not isinstance(told, str):
+                raise InputError(f"--set format expects the name of a format, got {told!r}")
+            own[key] = chosen_fields([told]) if key == "fields" and isinstance(told, str) else told
+        for key in {"path", "model"} & rest.keys():
+            raise InputError(f"--set {key}: the file is the argument of the command, {path}")
+        return cls(path, own["format"], rest, own["fields"])
+
     def open(self, fields: Any = None) -> Volume:
         """Return the volume, with fields that are read when they are first used."""
         from ..io.registry import open_lazily
@@ -96,7 +122,7 @@ def add_fields_option(parser: Any, what: str) -> None:
 def data_file(path: Path, args: argparse.Namespace) -> DataFile:
     """Return the file that arguments speak of, read with ``--format``, ``--set``, ``--fields``."""
     options = dict(assignment(text, "unit=pc") for text in args.set)
-    return DataFile(path, args.format, options, chosen_fields(getattr(args, "fields", None)))
+    return DataFile.given(path, args.format, options, chosen_fields(getattr(args, "fields", None)))
 
 
 def assignment(text: str, example: str) -> tuple[str, Any]:

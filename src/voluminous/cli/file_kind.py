@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from ..errors import FileFormatError, VoluminousError
+
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 def is_image(path: Path) -> bool:
@@ -20,8 +25,10 @@ def is_image(path: Path) -> bool:
         return True
 
 
-def is_volume(path: Path, format: str | None = None) -> bool:
+def is_volume(path: Path, format: str | None = None, given: Mapping[str, Any] = _NONE) -> bool:
     """Return True for a file with data; False for a scene, or an image with one in it.
+
+    The format may be among what ``--set`` gives, too.
 
     Raises
     ------
@@ -33,8 +40,9 @@ def is_volume(path: Path, format: str | None = None) -> bool:
 
     if format is None and (path.suffix.lower() == ".toml" or is_image(path)):
         return False
+    told = given.get("format", given.get("volume.format"))
     try:
-        find_reader(path, format)
+        find_reader(path, format or (told if isinstance(told, str) else None))
     except FileFormatError:
         if _is_text(path) and reader_for_suffix(path) is None:  # a scene by another name
             return False

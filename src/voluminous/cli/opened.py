@@ -34,6 +34,8 @@ def opened(data: DataFile, expr: str | None) -> Opened:
     try:
         return Opened(data.open())
     except VoluminousError:
+        if data.fields is not None:
+            raise
         for places in _alternatives(data, expr):
             try:
                 return Opened(data.open(places), places)

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     for path in args.output:
         _check(path)
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
-    scene = scene_from(args, given, is_volume(args.scene, args.format))
+    scene = scene_from(args, given, is_volume(args.scene, args.format, given))
     found = _probe(scene, args)
     say(args.quiet, found.text(None if args.all else 20))
     for what in _left_out(scene):
@@ -118,7 +118,7 @@ def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
     if isinstance(options.get("background"), str):
         options["background"] = _background(scene, options["background"])
     options |= {"pixel": args.pixel, "at": _point(args.at), "also": args.also}
-    with progress_bar(args.scene.name, show=False if args.quiet else None) as progress:
+    with progress_bar(False if args.quiet else None, args.scene.name) as progress:
         return probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
 
 

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--annotate",
         action="store_true",
-        help="add a scale bar, axes, colour bars with histograms and the time (.png)",
+        help="add a scale bar, axes, colour bars with histograms and the time (.png, .jpg, .pdf)",
     )
     render_volume.add_arguments(parser)
     add_render_options(parser)
@@ -66,8 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
+    from ..image.changed import changed
+
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
-    of_data = is_volume(args.scene, args.format)
+    of_data = is_volume(args.scene, args.format, given)
     chosen = args.output or [_default_output(args.scene, of_data)]
     outputs = [check_output(path) for path in chosen]
     scene = scene_from(args, given, of_data)
@@ -75,10 +77,8 @@ def run(args: argparse.Namespace) -> int:
         _annotate(scene, outputs)
     image, seconds = render_scene(scene, args.scene.name, args.quiet)
     for path in outputs:
-        image.provenance = {
-            **(image.provenance or {}),
-            "scene": scene.to_dict(path.resolve().parent),
-        }
+        told_scene = {"scene": scene.to_dict(path.resolve().parent)}
+        image = changed(image, provenance={**(image.provenance or {}), **told_scene})
         scene.save_image(image, path)
         say(args.quiet, f"{path}: {told(image, seconds)}")
     return 0
@@ -130,7 +130,7 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
     from ..image.formats import format_of
 
     if not any("annotate" in format_of(path).options for path in outputs):
-        raise InputError("--annotate is for pictures to look at: give a .png with -o")
+        raise InputError("--annotate is for pictures to look at: give a .png or .pdf with -o")
     given = scene.image_options.get("annotate")
     known = {"volume": scene.volume().seen_by(scene.camera), "medium": scene.medium}
     annotations = {**known, **(given if isinstance(given, dict) else {})}

@@ -21,8 +21,8 @@ LEVELS = 4
 PIXELS, _TYPE = 800, "orthographic"
 # Options that belong to data files: a scene says all this itself.
 _OPTIONS = ("field", "levels", "incl", "phi", "format")
-# Keys of [volume] that are no options of a reader.
-_NO_OPTIONS = ("path", "model", "format", "fields", "derived", "units")
+# Keys of [volume] that do not say how its file is read.
+_NO_OPTIONS = ("path", "model", "fields", "derived", "units")
 _SHOWN = 8
 
 
@@ -88,7 +88,7 @@ def scene_of(
     from ..scene import Scene
     from .choice import first_field
 
-    data = DataFile(args.scene, args.format, options)
+    data = DataFile.given(args.scene, args.format, options)
     found = opened(data, args.field)
     volume, there = found.volume, found.volume.fields
     shown = args.field or first_field(volume)

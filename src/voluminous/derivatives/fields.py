@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..expressions import DerivedField, required_names
+from ..expressions import DerivedField, is_dex, required_names
 from ..memory import fits
 from ..units import parse_unit
 from .differentiated import differentiated
@@ -55,16 +55,15 @@ class Derivatives:
         if is_component(derived):
             return common_unit(volume, derived)[0]
         unit = volume.expression_unit(derived.arguments[0])
+        if is_dex(unit):  # a logarithm changes by a plain number
+            unit = None
         if unit is None and volume.unit is None:
             return None
         from astropy import units as u
 
         power = 2 if derived.operation == "laplacian" else 1
         length = u.dimensionless_unscaled if volume.unit is None else volume.unit
-        try:
-            return parse_unit((u.dimensionless_unscaled if unit is None else unit) / length**power)
-        except (u.UnitsError, TypeError):  # such as a magnitude per length
-            return None
+        return parse_unit((u.dimensionless_unscaled if unit is None else unit) / length**power)
 
     def forget(self, field: str) -> None:
         """Forget the derivatives made of a field."""

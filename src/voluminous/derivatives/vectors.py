@@ -80,7 +80,7 @@ def _directions(volume: Any, derived: DerivedField, first: int, last: int) -> Se
 def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     """Return the unit of a vector, None if it has none, and what its components are times.
 
-    A component without a unit, such as 0, is taken as it is, but then the whole has none.
+    A component that is 0 needs no unit.
 
     Raises
     ------
@@ -89,10 +89,14 @@ def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     """
     units = [volume.expression_unit(argument) for argument in derived.arguments]
     own = next((unit for unit in units if unit is not None), None)
+    if own is None:
+        return None, [1.0, 1.0, 1.0]
     from astropy import units as u
 
+    zero = Expression(0)
+    given = [own if e == zero else unit for e, unit in zip(derived.arguments, units, strict=True)]
     try:
-        factors = [1.0 if unit in (None, own) else float(unit.to(own)) for unit in units]
+        factors = [float((unit or u.dimensionless_unscaled).to(own)) for unit in given]
     except u.UnitConversionError as error:
         told = ", ".join(
             f"{argument.text} in {unit_name(unit) or 'no unit'}"
@@ -102,7 +106,7 @@ def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
             f"the components of a vector must have units of one kind, got {told}; "
             "use volume.set_unit(...), or multiply angular velocities by their radius"
         ) from error
-    return None if None in units else own, factors
+    return own, factors
 
 
 def _unit_vector(grid: Any, axis: str, first: int, last: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from .interval_ops import IntervalOps
 from .jumps import Margin
 from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
-from .unit_ops import unit_of
+from .units import has_units, is_dex, product, resolve, shifted, times, without_unit
 
 __all__ = [
     "CONSTANTS",
@@ -31,6 +31,12 @@ __all__ = [
     "check_names",
     "components",
     "derived_field",
+    "has_units",
+    "is_dex",
+    "product",
     "required_names",
-    "unit_of",
+    "resolve",
+    "shifted",
+    "times",
+    "without_unit",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from numbers import Real
 from typing import Any
 
@@ -14,11 +14,11 @@ from .jumps import Margin, is_partial, is_smooth, is_stepped, margins, may_peak
 from .monotone import Kind, kind_of
 from .ops import Ops
 from .parser import parse
+from .quantities import marked
 from .source import one_line
 from .text import text
 from .tree import Node
 from .vectors import Vector
-from .with_units import WithUnits, converted, dropped
 
 
 class Expression:
@@ -55,8 +55,8 @@ class Expression:
     in quotes, is the vector of the fields ``velocity_x``, ``velocity_y`` and ``velocity_z``.
     ``//`` and ``%`` have Python's signs. ``and`` and ``or`` give true or false, not an operand.
 
-    A number that is compared may have a unit, ``"velocity_z > 5 km/s"``; such an expression has a
-    value in a volume only: `without_units`.
+    A number may be followed by a unit, ``"exp(-20 K/temperature)"``; such an expression has a value
+    in a volume only, whose fields have units.
 
     Two expressions are equal if they mean the same tree: ``a+b`` equals ``(a + b)``.
 
@@ -82,21 +82,28 @@ class Expression:
         if isinstance(source, Expression):
             return source
         shown = _source_text(source)
-        tree, names = _parsed(shown)
-        return cls.of_tree(tree, shown, names)
+        return cls.of_tree(*parse(marked(shown)), shown)
+
+    def among(self, fields: tuple[str, ...]) -> Expression:
+        """Return it as it is meant where there are these fields: one hides a unit of its name.
+
+        In ``20 K/T`` T is the tesla, unless there is a field T.
+        """
+        plain = marked(self.text, fields)
+        return self if plain == marked(self.text) else self.of_tree(*parse(plain), self.text)
 
     @classmethod
-    def of_tree(cls, tree: Node, shown: str, names: tuple[str, ...]) -> Expression:
+    def of_tree(cls, tree: Node, names: tuple[str, ...], shown: str) -> Expression:
         """Return the expression of a tree of which there is no text in the language.
 
         Parameters
         ----------
         tree : Node
             What it means.
-        shown : str
-            What stands for it: of no other expression of the same fields.
         names : tuple of str
             The fields in it, at least.
+        shown : str
+            What stands for it: of no other expression of the same fields.
         """
         self = super().__new__(cls)
         for attribute, value in (("text", shown), ("names", names), ("tree", tree)):
@@ -137,24 +144,6 @@ class Expression:
         """
         return kind_of(self.tree, curved)
 
-    def without_units(self, unit_of: Callable[[Expression], Any]) -> Expression:
-        """Return it with plain numbers for those with units; itself if there are none.
-
-        Parameters
-        ----------
-        unit_of : callable
-            Returns the unit of an expression, or None. A number is converted to that of the other
-            side of its comparison.
-
-        Raises
-        ------
-        UnitsError
-            If a number's unit does not exist, or does not fit.
-        """
-        if not isinstance(self.tree, WithUnits):
-            return self
-        return Expression(converted(self.text, lambda other: unit_of(Expression(other))))
-
     def evaluate(self, ops: Ops, values: Mapping[str, Any]) -> Any:
         """Return the value of the expression.
 
@@ -176,7 +165,7 @@ class Expression:
         UnknownNameError
             If a field is missing; names the nearest.
         UnitsError
-            If there are numbers with units in it; see `without_units`.
+            If there are numbers with units in it: a volume converts them.
         """
         check_names(self, values)
         fitted, fields = ops.prepare({name: values[name] for name in self.names})
@@ -208,18 +197,11 @@ def components(source: str | float | Expression) -> tuple[Expression, ...]:
     ExpressionError
         If the text is not in the language.
     """
-    if isinstance(source, str) and dropped(source) == source:
-        tree, _ = parse(one_line(source), vectors=True)
+    if isinstance(source, str):
+        tree, _ = parse(marked(one_line(source)), vectors=True)
         if isinstance(tree, Vector):
             return tuple(Expression(text(component)) for component in tree.components)
     return (Expression(source),)
-
-
-def _parsed(shown: str) -> tuple[Node, tuple[str, ...]]:
-    """Return the tree of a text, and the names in it."""
-    plain = dropped(shown)
-    tree, names = parse(plain)
-    return tree if plain == shown else WithUnits(tree, shown), names
 
 
 def check_names(expr: Expression, known: Iterable[str]) -> None:

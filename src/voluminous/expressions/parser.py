@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from ..errors import InputError, unknown_name
+from ..units import parse_unit
 from .language import (
     ARITHMETIC,
     COMPARISONS,
@@ -21,7 +23,18 @@ from .language import (
 )
 from .source import MAX_DEPTH, fail, fail_too_deep, python_tree
 from .tables import table
-from .tree import Call, Comparison, Constant, Field, IntegerPower, Interpolation, Logic, Node, Where
+from .tree import (
+    Call,
+    Comparison,
+    Constant,
+    Field,
+    IntegerPower,
+    Interpolation,
+    Logic,
+    Node,
+    Quantity,
+    Where,
+)
 from .vector_builder import VECTOR_CALLS, VectorBuilder
 
 MAX_INTEGER_POWER = 8
@@ -71,6 +84,15 @@ class _Builder(VectorBuilder):
             self._fail(node, "the number is larger than double precision can hold")
         return Constant(value)
 
+    def _quantity(self, node: ast.Subscript) -> Node:
+        """Return a number with a unit; `quantities.marked` has written it so."""
+        number, unit = node.value, node.slice
+        if not (isinstance(number, ast.Constant) and isinstance(unit, ast.Constant)):
+            self._fail(node, FOREIGN[ast.Subscript])
+        constant, parsed = self._constant(number), parse_unit(unit.value)
+        assert isinstance(constant, Constant)
+        return constant if parsed is None else Quantity(constant.value, parsed)
+
     def _name(self, node: ast.Name) -> Node:
         if node.id in FUNCTIONS:
             self._fail(node, f"{node.id} is a function; call {FUNCTIONS[node.id].signature}")
@@ -83,8 +105,8 @@ class _Builder(VectorBuilder):
         operand = self.build(node.operand)
         operator = type(node.op)
         if operator in ARITHMETIC:
-            if operator is ast.USub and isinstance(operand, Constant):
-                return Constant(-operand.value)
+            if operator is ast.USub and isinstance(operand, (Constant, Quantity)):
+                return replace(operand, value=-operand.value)
             return Call(ARITHMETIC[operator], (operand,))
         return Logic((LOGIC | TIGHT_LOGIC)[operator], (operand,))
 
@@ -146,20 +168,33 @@ class _Builder(VectorBuilder):
 
     def _interpolation(self, node: ast.Call) -> Node:
         argument = self.build(node.args[0])
-        given = [self._numbers(table) for table in node.args[1:]]
+        (places, unit), (entries, entries_unit) = map(self._numbers, node.args[1:])
+        if unit is not None:
+            argument = Call("divide", (argument, Quantity(1.0, unit)))
         try:
-            return interpolation(argument, *given)
+            found = interpolation(argument, places, entries)
         except InputError as error:
             self._fail(node, str(error))
+        if entries_unit is None:
+            return found
+        return Call("multiply", (found, Quantity(1.0, entries_unit)))
 
-    def _numbers(self, node: ast.expr) -> list[float]:
+    def _numbers(self, node: ast.expr) -> tuple[list[float], Any]:
+        """Return the numbers in a list, and the unit of the first that has one."""
         if not isinstance(node, ast.List):
             self._fail(node, f"here a list of numbers is needed: {FUNCTIONS['interp'].signature}")
         built = [(self.build(element), element) for element in node.elts]
         for number, element in built:
-            if not isinstance(number, Constant):
+            if not isinstance(number, (Constant, Quantity)):
                 self._fail(element, "the tables of interp hold numbers only")
-        return [number.value for number, _ in built if isinstance(number, Constant)]
+        given = [number for number, _ in built if isinstance(number, Quantity)]
+        unit = given[0].unit if given else None
+        if given and any(not number.unit.is_equivalent(unit) for number in given):
+            self._fail(node, f"the numbers of a table need units of one kind, such as {unit}")
+        if given and len(given) < len(built):
+            self._fail(node, f"give all numbers of the table a unit, such as {unit}, or none")
+        factors = [number.unit.to(unit) for number in given] or [1.0] * len(built)
+        return [n.value * f for (n, _), f in zip(built, factors, strict=True)], unit  # type: ignore[attr-defined]
 
 
 def interpolation(argument: Node, places: Any, entries: Any) -> Node:
@@ -194,4 +229,5 @@ _HANDLERS: dict[type[ast.AST], Callable[[_Builder, Any], Node]] = {
     ast.IfExp: _Builder._if_else,
     ast.Call: _Builder._call,
     ast.Attribute: _Builder._component,
+    ast.Subscript: _Builder._quantity,
 }

@@ -42,12 +42,12 @@ def _decided(expression: Expression, sides: dict[Node, Side]) -> Expression:
         own = in_steps(before, node)
         if own not in sides:
             name = f"%side {len(sides)}"
-            condition = Expression.of_tree(own, f"{expression.text}: {name}", _fields(own))
+            condition = Expression.of_tree(own, _fields(own), f"{expression.text}: {name}")
             sides[own] = Side(name, condition)
         return Field(sides[own].name)
 
     new = _replaced(tree, side_of)
-    return Expression.of_tree(new, f"{expression.text}: on one side", _fields(new))
+    return Expression.of_tree(new, _fields(new), f"{expression.text}: on one side")
 
 
 def _fields(tree: Node) -> tuple[str, ...]:

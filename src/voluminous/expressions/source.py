@@ -24,8 +24,8 @@ _HINTS = {
 }
 # Two names or numbers with nothing between them: `2 a`, `log10 a`, `v - 5 km`.
 _NO_OPERATOR = (
-    "an operator or brackets are missing here: write 2*a and log10(a); units stand after numbers "
-    "that are compared, as in 'v > 5 km/s'"
+    "an operator or brackets are missing here: write 2*a and log10(a); a number may be followed by "
+    "a unit that astropy knows, as in 'v / (5 km/s)'"
 )
 
 

@@ -17,7 +17,6 @@ from .parser import interpolation, power
 from .steps import in_steps
 from .text import text
 from .tree import Call, Comparison, Constant, Earlier, Field, Literal, Logic, Node, Where
-from .with_units import WithUnits
 
 
 class UnreadableError(TypeError):
@@ -71,7 +70,7 @@ class Recorder:
     def expression(self, value: Any, names: tuple[str, ...]) -> Expression:
         """Return a value of the function as an expression of fields."""
         tree = in_steps(tuple(self._numbers), _node(value))
-        return Expression.of_tree(tree, text(tree), names)
+        return Expression.of_tree(tree, names, text(tree))
 
 
 def is_symbolic(*values: Any) -> bool:
@@ -114,12 +113,10 @@ def read(
     Raises
     ------
     UnreadableError
-        If the inputs have numbers with units in them; besides, what the function raises.
+        If the function does what no expression can; besides, whatever it raises itself.
     """
     recorder = Recorder()
     names = tuple(dict.fromkeys(name for e in inputs for name in e.names))
-    if any(isinstance(e.tree, WithUnits) for e in inputs):
-        raise UnreadableError("numbers with units have a value in a volume only")
     arguments = [recorder.symbol(e.tree) for e in inputs]
     numbers = {
         name: recorder.symbol(Constant(_finite(value))) for name, value in parameters.items()

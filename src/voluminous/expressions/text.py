@@ -12,8 +12,10 @@ from .tree import (
     Field,
     IntegerPower,
     Interpolation,
+    InUnit,
     Logic,
     Node,
+    Quantity,
     Steps,
     Where,
 )
@@ -36,11 +38,15 @@ _INFIX = {
     "logical_and": "and",
     "logical_or": "or",
 }
+# What needs no parentheses wherever it stands.
+_CLOSED = (Field, Earlier, Where, Interpolation, Quantity)
 
 
 def text(node: Node) -> str:
     """Return a text that is parsed into this very tree; steps, which no text has, one by one."""
     match node:
+        case Quantity(value, unit) | InUnit(value, unit):
+            return f"({text(Constant(value))} {unit})"
         case Constant(value):
             return repr(value).removesuffix(".0")
         case Field(name):  # a derivative too
@@ -82,11 +88,7 @@ def _operand(node: Node) -> str:
     shown = text(node)
     simple = isinstance(node, Constant) and not shown.startswith("-")
     function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
-    return (
-        shown
-        if simple or function or isinstance(node, (Field, Earlier, Where, Interpolation))
-        else f"({shown})"
-    )
+    return shown if simple or function or isinstance(node, _CLOSED) else f"({shown})"
 
 
 def _numbers(values: tuple[float, ...]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import UnitsError
 from .ops import Ops
 
 Fields = Mapping[str, Any]
@@ -51,6 +52,29 @@ class Literal(Constant):
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
         """Return the number in the evaluator's type."""
         return ops.literal(self.value)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity(Node):
+    """A number with a unit, which has no value before the units of the fields are known."""
+
+    value: float
+    unit: Any
+
+    def evaluate(self, ops: Ops, fields: Fields) -> Any:
+        """Raise the error that says what to do."""
+        raise UnitsError(
+            f"'{self.value:g} {self.unit}' is a number with a unit, which only a volume can "
+            "convert: volume.evaluate, media, and measurements do; here write the number in the "
+            "unit of the fields"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class InUnit(Constant):
+    """A plain number whose unit fits those of the fields it is combined with."""
+
+    unit: Any
 
 
 @dataclass(frozen=True, slots=True)

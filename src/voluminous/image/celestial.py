@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, UnitsError
-from ..units import degrees, is_quantity, parse_unit
+from ..units import as_quantity, degrees, is_quantity, parse_unit
 from .changed import changed
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def _length(distance: Any, unit: str) -> float:
     """Return a distance in the unit of the plane."""
     from astropy import units as u
 
+    distance = as_quantity(distance)
     try:
         given = u.Quantity(distance) if is_quantity(distance) or isinstance(distance, str) else None
         own = u.Unit(unit or "")

@@ -22,7 +22,11 @@ def changed(image: Image, **changes: Any) -> Image:
     """
     names = ("intensity", "x", "y", "unit", "intensity_unit", "pixel_size", "wcs")
     known = {name: getattr(image, name) for name in (*names, "camera", "provenance")}
-    known |= {name: plane(image, name) for name in PLANES if name not in changes}
+    beside = [name for name in PLANES if name not in changes]
+    if image.waits_for_depth and "optical_depth" in beside:  # it takes a picture to compute
+        beside.remove("optical_depth")
+        known["optical_depth"] = lambda: plane(image, "optical_depth")
+    known |= {name: plane(image, name) for name in beside}
     return type(image)(**{**known, **changes})
 
 

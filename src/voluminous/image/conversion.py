@@ -1,4 +1,4 @@
-"""Intensities in other units: per beam, per pixel, per solid angle."""
+"""Images in other units: of lengths on their plane, and of intensities, per beam or per pixel."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from ..errors import UnitsError
 from ..units import parse_unit
 from .beam import as_beam, beam_area, sky_matrix
 from .changed import changed, plane
+from .coordinates import known_unit
 
 if TYPE_CHECKING:
     from .image import Image
@@ -19,12 +20,27 @@ _SCALED = ("error", "lower", "upper")
 
 
 def to_unit(image: Image, unit: Any, beam: Any = None) -> Image:
-    """Return the image with intensities in another unit; see `Image.to`."""
-    own, target = parse_unit(image.intensity_unit), parse_unit(unit)
+    """Return the image in another unit; see `Image.to`."""
+    target, on_plane = parse_unit(unit), known_unit(image.unit)
+    if on_plane is None or target is None or not on_plane.is_equivalent(target):
+        return _to_intensity(image, target, unit, beam)
+    factor = float(on_plane.to(target))
+    size = (factor * image.pixel_size[0], factor * image.pixel_size[1])
+    axes = {"x": factor * image.x, "y": factor * image.y, "pixel_size": size}
+    image = changed(image, unit=str(target), **axes)
+    own = known_unit(image.intensity_unit)
+    lengths = own is not None and own.is_equivalent(target)  # a map of depths
+    return _to_intensity(image, target, unit, beam) if lengths else image
+
+
+def _to_intensity(image: Image, target: Any, unit: Any, beam: Any) -> Image:
+    """Return the image with its intensities, their errors and bounds in another unit."""
+    own = parse_unit(image.intensity_unit)
     if own is None:
+        plane_unit = f", and its plane is in {image.unit}" if image.unit else ""
         raise UnitsError(
-            f"the image's intensities have no unit, so they cannot be told in {unit}; give "
-            "Image(..., intensity_unit=), or emissivities with units (vm.Coefficients)"
+            f"the image's intensities have no unit{plane_unit}, so there is no {unit}; "
+            "give Image(..., intensity_unit=, unit=), or emissivities with units (vm.Coefficients)"
         )
     factor = _factor(image, own, target, beam)
     planes = {name: plane(image, name) for name in _SCALED}
@@ -51,7 +67,7 @@ def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
     target = u.dimensionless_unscaled if target is None else target
     if own.is_equivalent(target):  # per beam is both, or neither
         return float(own.to(target))
-    told = f"intensities in {own} cannot be told in {target or 'no unit'}"
+    told = f"intensities in {own} cannot be converted to {target or 'no unit'}"
     for base, area in ((u.beam, _beam_area), (u.pix, _pixel_area)):
         powers = [_power(unit, base) for unit in (own, target)]
         if any(powers):

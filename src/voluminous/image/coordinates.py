@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..units import is_quantity, plain, unit_of
+from ..errors import InputError, UnitsError
+from ..units import parse_unit, plain, unit_of
 
 Axis = NDArray[np.float64]
 
@@ -17,8 +17,16 @@ def length_unit(unit: Any, x: Any, y: Any) -> str:
     """Return the name of the unit of the image plane: `unit`, or else that of `x` or `y`."""
     if unit:
         return unit if isinstance(unit, str) else str(unit)
-    found = unit_of(x) if is_quantity(x) else unit_of(y)
+    found = unit_of(x) or unit_of(y)
     return "" if found is None else str(found)
+
+
+def known_unit(unit: Any) -> Any:
+    """Return the unit of a picture; None for one that is not known, as another program may name."""
+    try:
+        return parse_unit(unit)
+    except UnitsError:
+        return None
 
 
 def axis(values: Any, count: int, unit: str, name: str) -> Axis:

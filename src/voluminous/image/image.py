@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..errors import immutable
 from . import coordinates, planes, sky
 from .made import Made
 from .metadata import json_value
@@ -67,6 +68,20 @@ class Image(Made):
     <Image 2×2 pixels, 1 channel, 2×2 pc, intensity 0 … 2>
     """
 
+    intensity: Array
+    intensity_unit: str
+    unit: str
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    _pending: Callable[[], ArrayLike] | None
+    _planes: dict[str, Array | None]
+    pixel_size: tuple[float, float]
+    wcs: Any
+    camera: Any
+    provenance: Any
+    # NumPy's functions would take display values for intensities.
+    __array_ufunc__ = None
+
     def __init__(
         self,
         intensity: ArrayLike,
@@ -85,27 +100,36 @@ class Image(Made):
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
     ) -> None:
-        self.intensity, self.intensity_unit = planes.intensity(intensity, intensity_unit)
-        self._transparency = planes.plane(transparency, self.shape, "transparency")
-        self._optical_depth: Array | None = None
-        self._pending = optical_depth if callable(optical_depth) else None
-        if self._pending is None:
-            self._optical_depth = planes.plane(optical_depth, self.shape, "optical_depth")
-        self._planes = {
-            name: planes.plane(values, self.shape, name)
-            for name, values in (("error", error), ("lower", lower), ("upper", upper))
+        values, intensity_unit = planes.intensity(intensity, intensity_unit)
+        ny, nx, _ = shape = values.shape
+        name = coordinates.length_unit(unit, x, y)
+        x, y = coordinates.axis(x, nx, name, "x"), coordinates.axis(y, ny, name, "y")
+        pending = optical_depth if callable(optical_depth) else None
+        beside = {
+            "transparency": transparency,
+            "optical_depth": None if pending else optical_depth,
+            "error": error,
+            "lower": lower,
+            "upper": upper,
         }
-        self.unit = coordinates.length_unit(unit, x, y)
-        self.x = coordinates.axis(x, self.shape[1], self.unit, "x")
-        self.y = coordinates.axis(y, self.shape[0], self.unit, "y")
-        self.pixel_size = coordinates.pixel_size(self.x, self.y, pixel_size, self.unit)
-        self.wcs = sky.as_wcs(wcs, self.shape)
-        self.camera = json_value(camera, "camera")
-        self.provenance = json_value(provenance, "provenance")
+        vars(self).update(
+            intensity=values,
+            intensity_unit=intensity_unit,
+            _planes={name: planes.plane(p, shape, name) for name, p in beside.items()},
+            _pending=pending,
+            unit=name,
+            x=x,
+            y=y,
+            pixel_size=coordinates.pixel_size(x, y, pixel_size, name),
+            wcs=sky.as_wcs(wcs, shape),
+            camera=json_value(camera, "camera"),
+            provenance=json_value(provenance, "provenance"),
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles hold: optical depths that wait are computed."""
-        return {**vars(self), "_optical_depth": self.optical_depth, "_pending": None}
+        _ = self.optical_depth
+        return dict(vars(self))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -121,15 +145,21 @@ class Image(Made):
     @property
     def transparency(self) -> Array | None:
         """Part of the light from behind that comes through, (ny, nx, channel); None if unknown."""
-        return planes.spread(self._transparency, self.shape)
+        return planes.spread(self._planes["transparency"], self.shape)
 
     @property
     def optical_depth(self) -> Array | None:
         """Optical depth along each ray, (ny, nx, channel); None if unknown."""
         if self._pending is not None:
-            self._optical_depth = planes.plane(self._pending(), self.shape, "optical_depth")
-            self._pending = None
-        return planes.spread(self._optical_depth, self.shape)
+            depth = planes.plane(self._pending(), self.shape, "optical_depth")
+            self._planes["optical_depth"] = depth
+            vars(self)["_pending"] = None
+        return planes.spread(self._planes["optical_depth"], self.shape)
+
+    @property
+    def waits_for_depth(self) -> bool:
+        """True until an optical depth that takes another picture is asked for."""
+        return self._pending is not None
 
     @property
     def error(self) -> Array | None:
@@ -157,9 +187,28 @@ class Image(Made):
         """Area of a pixel, in `unit` squared."""
         return abs(self.pixel_size[0] * self.pixel_size[1])
 
+    @property
+    def exposure(self) -> float:
+        """The automatic exposure of all channels: ``to_rgb(exposure=…)`` shows the same again.
+
+        Given to other frames (`to_rgb`, `save`, `plot`, …), it shows equal intensities alike.
+        """
+        from .signed import exposure_of
+
+        return exposure_of(self.intensity)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return the picture: display values of `to_rgb`, (ny, nx, 3), with its top row first.
+
+        So ``plt.imshow(image)`` shows it upright. The numbers themselves are `intensity`.
+        """
+        if copy is False:
+            raise ValueError("the display values of an Image are made anew: copy=False is no way")
+        return self.to_rgb()[::-1].astype(dtype or np.float32)
+
     def to_rgb(
         self,
-        exposure: float | None = None,
+        exposure: float | str | None = None,
         stretch: str | float = "linear",
         gamut: str = "hue",
         *,
@@ -179,10 +228,12 @@ class Image(Made):
 
         Parameters
         ----------
-        exposure : float, optional
+        exposure : float or "rgb", optional
             Intensities are multiplied by it; 1 / exposure is as bright as a display can show.
             Default: 1 / w, where 99.9 % of the pixels that are not black stay below w in their
-            brightest colour. Give a number to the frames of a movie.
+            brightest colour; `Image.exposure` is this number, for the frames of a movie. "rgb"
+            takes intensities as red, green and blue from 0 to 1 and shows them as they are, each
+            limited to 1, as in Peters (2014): ``exposure=1, gamut="clip"``.
         stretch : {"linear", "sqrt", "asinh", "log", "gamma"} or float
             Curve between black (0) and white (1), which brings out what is faint. A number g is
             v**(1/g); "gamma" is 2.2; "asinh" and "log" are linear far below `softening` and
@@ -227,11 +278,11 @@ class Image(Made):
         of both signs, such as a map of velocities, is shown from blue over white (zero) to red, if
         no option says how.
         """
-        from .options import plain_limits
+        from .options import plain_options
         from .signed import with_colormap
         from .tone import display
 
-        options = {
+        options: dict[str, Any] = {
             "exposure": exposure,
             "stretch": stretch,
             "gamut": gamut,
@@ -244,7 +295,7 @@ class Image(Made):
             "background": background,
             "softening": softening,
         }
-        shown = with_colormap(self.intensity, plain_limits(options, self.intensity_unit))
+        shown = with_colormap(self.intensity, plain_options(options, self.intensity_unit))
         return display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
@@ -258,10 +309,11 @@ class Image(Made):
         path : str or Path
             ``.png`` holds display values; ``.tif``, ``.exr`` the intensities rounded to float32;
             ``.fits``, ``.npz`` everything as it is. All carry coordinates, units, camera and
-            provenance.
+            provenance. ``.jpg``, ``.pdf`` and ``.svg`` hold the display values alone.
         **options
             PNG: all of `to_rgb`, ``bits=16``, ``transparent=True`` (alpha from the transparency),
-            and ``annotate``: True, or options of `annotate`. EXR: ``half=True`` (16-bit floats).
+            and ``annotate``: True, or options of `annotate`. JPEG, PDF, SVG: the same without bits;
+            JPEG: ``quality=95`` in place of ``transparent``. EXR: ``half=True`` (16-bit floats).
             FITS: ``distance``, ``position`` and ``position_angle`` of `on_sky`.
 
         Raises
@@ -295,8 +347,16 @@ class Image(Made):
 
         return load(as_path(path), cls)
 
-    def plot(self, ax: Axes | None = None, *, scale_bar: bool = False, **options: Any) -> Axes:
-        """Draw the image with axes in its unit; a colour bar where one channel is shown.
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        unit: Any = None,
+        scale_bar: bool = False,
+        colorbar: bool = True,
+        **options: Any,
+    ) -> Axes:
+        """Draw the image with axes in its unit, and a colour bar.
 
         An image with world coordinates is drawn in these, unless `ax` is an ordinary one.
 
@@ -305,8 +365,13 @@ class Image(Made):
         ax : matplotlib Axes, optional
             Where to draw. Default: a new figure, shown by notebooks and ``plt.show()`` if pyplot
             is in use; otherwise a figure without a window, for ``ax.figure.savefig(...)``.
+        unit : str or unit, optional
+            Show the image so, as `to` converts it: its axes in ``"pc"``, its values in ``"Jy/sr"``.
         scale_bar : bool
-            Add a bar of a round length.
+            Add a bar of a round length, in the same unit.
+        colorbar : bool
+            Of the intensities where one channel is shown, else of the medium's colours, if
+            `provenance` tells them.
         **options
             Those of `to_rgb`.
 
@@ -316,7 +381,8 @@ class Image(Made):
         """
         from .plot import plot
 
-        return plot(self, ax, scale_bar=scale_bar, **options)
+        shown = self if unit is None else self.to(unit)
+        return plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
 
     def _repr_png_(self) -> bytes:
         """Return the picture for notebooks."""
@@ -335,3 +401,9 @@ class Image(Made):
             + f", intensity {span} {self.intensity_unit}".rstrip()
             + ">"
         )
+
+
+immutable(
+    Image,
+    "image.to(unit) converts it, image.plot(unit=) shows it so; Image(...) makes a new one",
+)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from astropy.io.fits import PrimaryHDU
 
-    from .annotate import Annotated
     from .image import Image
 
 
@@ -93,12 +92,14 @@ class Made:
         return convolve(self, beam)
 
     def to(self: Any, unit: Any, *, beam: Any = None) -> Image:
-        """Return the image with its intensities in another unit.
+        """Return the image in another unit: of its plane (`unit`), or of its intensities.
 
         Parameters
         ----------
         unit : str or unit
-            Such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``.
+            A length (or an angle, if the plane has angles) converts `x`, `y` and `pixel_size`; any
+            other, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``, intensities, errors and
+            bounds. Maps whose values are lengths too (depths) have both converted.
         beam : optional
             As in `convolve`, for units per beam. Default: the one the image was convolved with.
 
@@ -110,13 +111,13 @@ class Made:
         Raises
         ------
         UnitsError
-            If the image has no unit, it cannot be converted, or a solid angle is not known.
+            If the image has no such unit, it cannot be converted, or a solid angle is not known.
         """
         from .conversion import to_unit
 
         return to_unit(self, unit, beam)
 
-    def annotate(self: Any, **options: Any) -> Annotated:
+    def annotate(self: Any, **options: Any) -> Any:
         """Return the picture with a scale bar, axes, colour bars …, its own pixels unchanged.
 
         Annotations that the image knows nothing for are left out. What stands in the picture takes
@@ -124,6 +125,11 @@ class Made:
 
         Parameters
         ----------
+        ax : matplotlib Axes, optional
+            Draw into these, with lines and letters of matplotlib's sizes, and return them.
+        unit : str or unit, optional
+            Show the image so, as `to` converts it. Default: units that suit its size; with `ticks`
+            the scale bar has the unit of the axes.
         scale_bar : bool, Quantity, str or float
             A bar of 1, 2 or 5 · 10ⁿ of a unit that suits its length; or of this length, such as
             ``"100 au"``. Perspective pictures wider than 0.2 radians have no one scale, and get
@@ -158,7 +164,7 @@ class Made:
 
         Returns
         -------
-        Annotated
+        Annotated or matplotlib Axes
             With `save` (PNG; PDF and SVG with sharp text), ``rgba`` and ``figure``.
 
         Raises

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..units import is_quantity, plain
+from ..units import as_quantity, is_quantity, plain
 
 Array = NDArray[np.floating[Any]]
 
@@ -24,6 +24,7 @@ def intensity(values: Any, unit: Any) -> tuple[Array, str]:
     InputError
         If they do not have two or three axes, are empty, or are not real numbers.
     """
+    values = as_quantity(values)
     if is_quantity(values):
         unit = unit or values.unit
         converted = values.value if values.unit == unit else plain(values, unit, "intensity")
@@ -47,6 +48,7 @@ def plane(values: Any, shape: tuple[int, ...], what: str) -> Array | None:
     """
     if values is None:
         return None
+    values = as_quantity(values)
     array = _floats(plain(values, None, what) if is_quantity(values) else values, what)
     array = array[..., None] if array.ndim == 2 else array
     grey = array.ndim == 0 or array.shape[-1] == 1
@@ -72,6 +74,10 @@ def gathered(array: Array) -> Array:
 
 
 def _floats(values: Any, what: str) -> Array:
+    if hasattr(values, "to_rgb"):
+        raise InputError(
+            f"{what} is an Image, and its array is the picture it shows; give image.intensity"
+        )
     try:
         array = np.asarray(values)
     except ValueError as error:  # rows of several lengths

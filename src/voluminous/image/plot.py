@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ..colormaps import get_colormap
 from ..figures import add_color_bar, new_figure
 from . import mixing
-from .colormap import scale
-from .options import check_options, plain_limits
+from .colormap import scale as norm_of
+from .options import check_options, plain_options
 from .signed import with_colormap
 from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .stretch import curve, finite
@@ -26,13 +26,16 @@ if TYPE_CHECKING:
 Extent = tuple[float, float, float, float]
 _BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
 _MARGIN = 0.05
+_LONG_NUMBERS = (1e4, 1e6)  # longer ones are told as powers of ten
 
 
-def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> Axes:
+def plot(
+    image: Image, ax: Axes | None, *, scale_bar: bool, colorbar: bool = True, **options: Any
+) -> Axes:
     """Draw `image` into `ax`, or into a new figure; see `Image.plot`."""
     check_options("display option", options, OPTIONS)
-    options = plain_limits(options, image.intensity_unit)
-    axes = _new_axes(image.wcs) if ax is None else ax
+    options = plain_options(options, image.intensity_unit)
+    axes = new_axes(image) if ax is None else ax
     extent, labels = _coordinates(image, axes)
     place: dict[str, Any] = {"origin": "lower", "extent": extent}
     place["aspect"] = _aspect(image, extent)
@@ -42,14 +45,14 @@ def plot(image: Image, ax: Axes | None, *, scale_bar: bool, **options: Any) -> A
             # The layout makes room for their labels before it knows of the fixed aspect: beside a
             # picture in the middle there is too little for the bar.
             axes.set_anchor("W")
-        # Maps of what was measured say what they are.
-        name = str((image.provenance or {}).get("map", "intensity"))
-        add_color_bar(axes, drawn, _label(name, image.intensity_unit), own=ax is None)
     else:
         shown = with_colormap(image.intensity, options)
-        axes.imshow(display(image.intensity, image.transparency, **shown), **place)
+        drawn = axes.imshow(display(image.intensity, image.transparency, **shown), **place)
+    if colorbar:
+        add_bars(axes, image, options, drawn, own=ax is None)
     if labels:
         axes.set(xlabel=labels[0], ylabel=labels[1])
+        _thin_out(axes, extent)
     else:
         label_axes(axes, image.wcs)
     if scale_bar and (image.wcs is None or has_lengths(image.wcs)):
@@ -67,6 +70,15 @@ def _coordinates(image: Image, axes: Axes) -> tuple[Extent, list[str]]:
     return image.extent, [_label("x", image.unit), _label("y", image.unit)]
 
 
+def _thin_out(axes: Axes, extent: Extent) -> None:
+    """Take fewer ticks along x where numbers are so long that they would meet."""
+    from matplotlib.ticker import AutoLocator
+
+    locator, (low, high) = axes.xaxis.get_major_locator(), _LONG_NUMBERS
+    if isinstance(locator, AutoLocator) and low <= max(map(abs, extent[:2])) < high:
+        locator.set_params(nbins=4)
+
+
 def _aspect(image: Image, extent: Extent) -> float:
     """Return the height of a unit of y over the width of a unit of x."""
     if extent == image.extent:
@@ -76,13 +88,49 @@ def _aspect(image: Image, extent: Extent) -> float:
     return abs((y1 - y0) / (x1 - x0) * (right - left) / (top - bottom))
 
 
-def _new_axes(wcs: Any) -> Axes:
-    figure = new_figure()
-    if wcs is None:
-        return cast("Axes", figure.add_subplot())
+def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
+    """Return axes for an image, in a new figure or at a place in one."""
+    figure = new_figure() if figure is None else figure
+    if image.wcs is None:
+        return cast("Axes", figure.add_subplot(*place))
     from astropy.visualization.wcsaxes import WCSAxes
 
-    return cast("Axes", figure.add_subplot(axes_class=WCSAxes, wcs=wcs))
+    return cast("Axes", figure.add_subplot(*place, axes_class=WCSAxes, wcs=image.wcs))
+
+
+def intensity_label(image: Image) -> str:
+    """Return the label of a colour bar: maps of measurements say what they are."""
+    name = str((image.provenance or {}).get("map", "intensity"))
+    from .annotate.lengths import pretty_unit
+
+    return _label(name, pretty_unit(image.intensity_unit))
+
+
+def add_bars(
+    axes: Any, image: Image, options: dict[str, Any], drawn: Any, *, own: bool, **known: Any
+) -> None:
+    """Add a colour bar of what was drawn of one channel, or else of each scalar of the medium.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes or list of them
+        From which the bars take their room.
+    image, options, **known
+        As for `scales_of`.
+    drawn : matplotlib AxesImage
+    own : bool
+        As for `add_color_bar`.
+    """
+    from .annotate.medium_scales import scales_of
+
+    if shows_one_channel(image, options):
+        bars = [(drawn, intensity_label(image))]
+    else:
+        bars = [(scale.mappable, scale.label) for scale in scales_of(image, options, **known)]
+    for number, (mappable, label) in enumerate(bars):
+        bar = add_color_bar(axes, mappable, label, own=own, number=number)
+        # What a medium leaves dark is dark in the picture.
+        bar.ax.set_facecolor(options.get("background") or "black")
 
 
 def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
@@ -97,7 +145,7 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
-    options = with_colormap(image.intensity, plain_limits(options, image.intensity_unit))
+    options = with_colormap(image.intensity, plain_options(options, image.intensity_unit))
     index = mixing.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))
@@ -105,7 +153,7 @@ def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     colormap = options.get("colormap")
     if colormap is None:
         limits = _grey_limits(values, *limits)
-    norm = scale(values, bend, options.get("norm"), *limits)
+    norm = norm_of(values, bend, options.get("norm"), *limits)
     return {
         "X": values,
         "norm": norm,

@@ -8,14 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import mixing
+from .stretch import positive
+from .tone import automatic_exposure, mixed_channels
 
 # Blue comes, red goes, and white stands still, as astronomers draw it.
 _SIGNED = "RdBu_r"
 # Below zero by so much of what is above, at least: less is what a sum left over.
 _SHARE = 0.1
-_PERCENT_WITHIN = 99.9
 # Who gives one of these has said how.
-_DECIDING = ("background", "exposure", "vmin", "vmax", "softening")
+_DECIDING = ("background", "vmin", "vmax", "softening")
 
 
 def with_colormap(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str, Any]:
@@ -38,16 +39,31 @@ def with_colormap(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str,
         return options
     if options.get("norm") is not None:
         return {**options, "colormap": "gray"}
-    if options.get("stretch", "linear") != "linear":
+    if (options.get("stretch", "linear"), options.get("gamut", "hue")) != ("linear", "hue"):
         return options
     if any(options.get(name) is not None for name in _DECIDING):
         return options
-    values = intensity[..., shown[0]]
+    automatic = signed_exposure(intensity[..., shown[0]])
+    if automatic is None:
+        return options
+    given = options.get("exposure")
+    reach = 1.0 / (automatic if given is None else positive(given, "exposure"))
+    # Alike on both sides.
+    return {**options, "colormap": _SIGNED, "exposure": None, "vmin": -reach, "vmax": reach}
+
+
+def exposure_of(intensity: NDArray[Any]) -> float:
+    """Return the automatic exposure of a picture; see `Image.exposure`."""
+    found = signed_exposure(intensity) if intensity.shape[-1] == 1 else None
+    if found is not None:
+        return found
+    return automatic_exposure(mixed_channels(intensity, None, None)[1])
+
+
+def signed_exposure(values: NDArray[Any]) -> float | None:
+    """Return the automatic exposure of values of both signs; None if they are not."""
     known = values[np.isfinite(values)]
     least, most = (known.min(), known.max()) if known.size else (0.0, 0.0)
     if most <= 0 or -least < _SHARE * most:
-        return options
-    # As the automatic white, and alike on both sides.
-    sizes = np.abs(known[known != 0])
-    reach = float(np.percentile(sizes, _PERCENT_WITHIN))
-    return {**options, "colormap": _SIGNED, "vmin": -reach, "vmax": reach}
+        return None
+    return automatic_exposure(np.abs(known))

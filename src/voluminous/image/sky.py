@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,25 @@ def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
 def text_of(wcs: Any) -> str:
     """Return a WCS as the text of a FITS header."""
     return str(wcs.to_header_string(relax=True))
+
+
+def tables_of(wcs: Any) -> dict[tuple[str, str], np.ndarray]:
+    """Return the coordinates in a WCS's tables (``-TAB``), by the names of table and column."""
+    texts = {(axis, m): text for axis, m, text in wcs.wcs.get_ps()}
+    axes = [(int(table.map[0]) + 1, np.ravel(table.coord)) for table in wcs.wcs.tab]
+    return {(texts[axis, 0], texts[axis, 1]): centers for axis, centers in axes}
+
+
+def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
+    """Return what `tables_of` gives as HDUs."""
+    from astropy.io import fits
+
+    made = []
+    for (name, title), values in tables.items():
+        n = len(values)
+        column = fits.Column(title, f"{n}D", dim=f"(1,{n})", array=np.reshape(values, (1, n, 1)))
+        made.append(fits.BinTableHDU.from_columns([column], name=name))
+    return made
 
 
 def _from_text(text: str) -> Any:

@@ -18,6 +18,7 @@ from .stretch import Curve, curve, finite, positive
 _LARGE = 1e150
 _HUGE = 1e30
 _PERCENT_BELOW_WHITE = 99.9
+_FAINTEST = float(np.finfo(np.float64).tiny)
 GAMUTS = ("hue", "clip")
 
 
@@ -62,6 +63,19 @@ def _exposed(
     intensity: NDArray[Any], channels: Any, mix: Any, exposure: Any, vmin: Any, vmax: Any
 ) -> NDArray[np.float32]:
     """Mix the channels and scale so that black is 0 and white is 1; still beyond the gamut."""
+    mixed, brightest = mixed_channels(intensity, channels, mix)
+    black = 0.0 if vmin is None else finite(vmin, "vmin")
+    white = white_level(brightest, exposure, black, vmax)
+    mixed -= black
+    mixed /= white - black
+    np.clip(mixed, 0.0, _HUGE, out=mixed)
+    return mixed.astype(np.float32)
+
+
+def mixed_channels(
+    intensity: NDArray[Any], channels: Any, mix: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return red, green and blue (ny, nx, 3), and their brightest where finite (n,)."""
     indices = mixing.chosen(channels, intensity.shape[-1])
     colors = mixing.matrix(mix, len(indices))
     shown = intensity if channels is None else intensity[..., indices]
@@ -70,13 +84,7 @@ def _exposed(
     np.nan_to_num(mixed, copy=False, nan=0.0, posinf=_LARGE, neginf=0.0)
     if not np.array_equal(colors, np.eye(3)):
         mixed = mixed @ colors
-    black = 0.0 if vmin is None else finite(vmin, "vmin")
-    known = np.isfinite(_brightest(shown))
-    white = white_level(_brightest(mixed)[known], exposure, black, vmax)
-    mixed -= black
-    mixed /= white - black
-    np.clip(mixed, 0.0, _HUGE, out=mixed)
-    return mixed.astype(np.float32)
+    return mixed, _brightest(mixed)[np.isfinite(_brightest(shown))]
 
 
 def _brightest(colors: NDArray[Any]) -> NDArray[Any]:
@@ -95,7 +103,7 @@ def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any)
     if exposure is not None and vmax is not None:
         raise InputError("give exposure or vmax, not both: they set the same thing")
     if exposure is None and vmax is None:
-        white = automatic_white(brightest)
+        white = 1.0 / automatic_exposure(brightest)
         return white if white > black else black + 1.0
     white = finite(vmax, "vmax") if exposure is None else 1.0 / positive(exposure, "exposure")
     if white <= black:
@@ -103,8 +111,8 @@ def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any)
     return white
 
 
-def automatic_white(brightest: NDArray[Any]) -> float:
-    """Return the level that 99.9 % of the lit pixels stay below.
+def automatic_exposure(brightest: NDArray[Any]) -> float:
+    """Return 1 / w, where 99.9 % of the lit pixels stay below w.
 
     Pixels are lit that are above zero, so a small object in front of black is exposed like a large
     one; one in a thousand may be overexposed, so a star does not darken all else.
@@ -118,7 +126,7 @@ def automatic_white(brightest: NDArray[Any]) -> float:
     if lit.size == 0:
         return 1.0
     white = float(np.percentile(lit, _PERCENT_BELOW_WHITE))
-    return max(white, float(np.finfo(np.float64).tiny))
+    return 1.0 / min(max(white, _FAINTEST), 1.0 / _FAINTEST)
 
 
 def fit(linear: NDArray[np.float32], bend: Curve, gamut: str) -> NDArray[np.float32]:

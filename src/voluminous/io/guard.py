@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any
 
-from ..errors import FileFormatError, VoluminousError
+from ..errors import FileFormatError, UnitsError, VoluminousError
 
+# Errors of Python that mean damage, besides those of classes that libraries have for it.
+_DAMAGE = (OSError, EOFError, UnicodeDecodeError)
+_OWN = ("builtins", "voluminous", "numpy", "yt.", "unyt.")
 # Characters of a library's own message that are shown.
 _LONGEST = 400
 
@@ -40,8 +44,11 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
     ------
     VoluminousError
         Of the same class, if it was one.
+    UnitsError
+        If units cannot be converted: one is not of the kind that was asked for.
     FileFormatError
-        In place of any other error.
+        In place of any other error. It blames the file only for errors that libraries raise over
+        damage; others are faults of the program that reads.
     """
     try:
         with placed(path):
@@ -49,11 +56,26 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
     except (VoluminousError, MemoryError, ImportError):
         raise  # the file is not to blame
     except Exception as error:
-        # A damaged file makes its library raise nearly anything, from KeyError to zlib.error.
-        raise FileFormatError(
-            f"{path}: expected {expectation}, but it is damaged, cut short or of another kind "
-            f"({type(error).__name__}: {_shortened(str(error))})"
-        ) from error
+        if type(error).__module__.startswith("astropy.units"):
+            raise UnitsError(f"{path}: {error}; give other units") from error
+        raise FileFormatError(f"{path}: expected {expectation}, but {_blame(error)}") from error
+
+
+def _blame(error: Exception) -> str:
+    told = f"{type(error).__name__}: {_shortened(str(error))}"
+    if isinstance(error, (FileNotFoundError, PermissionError)):
+        return f"a file cannot be opened ({told})"
+    if isinstance(error, _DAMAGE) or not type(error).__module__.startswith(_OWN):
+        return f"it is damaged, cut short or of another kind ({told})"
+    return f"{_culprit(error)} failed on it with {told}. If the file is sound, please report it"
+
+
+def _culprit(error: Exception) -> str:
+    """Return who raised an error: voluminous, or a frontend of yt."""
+    frames = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
+    of_yt = [name for name in frames if name.startswith("yt.")]
+    frontend = next((n.split(".")[2] for n in of_yt if n.startswith("yt.frontends.")), "")
+    return f"yt's {frontend} frontend".replace("  ", " ") if of_yt else "voluminous"
 
 
 def _shortened(text: str) -> str:

@@ -10,20 +10,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import MissingPathError, as_path
+from ..files import as_path, missing
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npy import NPYReader
 from .arrays.npz import NPZReader
-from .athena import AthenaReader
+from .athena import AthenaReader, PlutoReader
 from .compressed import PackedReader
 from .contract import Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
 from .hdf5 import check, is_hdf5
+from .labelled.engines import EngineReader
 from .labelled.netcdf import NetCDFReader
 from .listing import openable
 from .native.reader import NativeReader
+from .nexus import NeXusReader
+from .openpmd import OpenPMDReader
 from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
 from .particles.phantom import PhantomReader
@@ -39,6 +42,7 @@ from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
 from .scanners.pictures import PicturesReader
 from .scanners.tiff import TIFFReader
+from .vtk.anything import PyVistaReader
 from .vtk.hdf import VTKHDFReader
 from .vtk.legacy import VTKReader
 from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
@@ -63,10 +67,14 @@ READERS: tuple[Reader, ...] = (
     CASAReader(),
     FITSReader(),
     AthenaReader(),
+    PlutoReader(),
     GadgetReader(),
     PhantomReader(),
+    OpenPMDReader(),
     YtReader(),
     MINCReader(),
+    NeXusReader(),
+    PyVistaReader(),  # CGNS and Exodus are in HDF5 and NetCDF
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),
@@ -86,6 +94,7 @@ READERS: tuple[Reader, ...] = (
     NPZReader(),
     NPYReader(),
     HDF5Reader(),
+    EngineReader(),
     RawReader(),
     PackedReader(lambda path: find_reader(path), lambda *asked: check_options(*asked)),
     AnyYtReader(lambda path: reader_for_suffix(path)),
@@ -231,7 +240,7 @@ def _head(path: Path) -> bytes:
         with builtins.open(path, "rb") as file:
             return file.read(HEAD_LENGTH)
     except FileNotFoundError:
-        raise MissingPathError(f"there is no file {path}") from None
+        raise missing(path) from None
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from error
 

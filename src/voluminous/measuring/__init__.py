@@ -1,5 +1,6 @@
 """Measurements: what the same integral along rays says of mass, momentum, energy and columns."""
 
+from ..errors import immutable
 from .columns import column
 from .extremes import Extreme, extreme, first_hit
 from .probing import Probe, probe
@@ -21,3 +22,6 @@ __all__ = [
     "probe",
     "tau_surface",
 ]
+
+for _result in (Extreme, Measurement, Moments, Probe, TauSurface):
+    immutable(_result, "its images and quantities are converted by their own .to(unit)")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..expressions import Expression
+from ..expressions import product
+from ..progress import Progress, with_progress
 from .integrals import integrals
 from .maps import as_map
 from .quantity import Quantity, check_volume, column_unit, converted
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ..image import Image
 
 
+@with_progress
 def column(
     volume: Any,
     quantity: Any,
@@ -27,7 +28,7 @@ def column(
     unit: Any = None,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Image:
     """Return a map of ∫ q ds, or of ∫ q w ds / ∫ w ds, along the lines of sight.
 
@@ -82,18 +83,18 @@ def column(
     }
     check_volume(volume)
     what = Quantity.of(volume.seen_by(camera), quantity)
-    told = {"quantity": what.expression.text, "method": method, "samples": samples}
-    told["map"] = f"{'column' if weight is None else 'mean'} of {what.expression.text}"
+    told = {"quantity": what.text, "method": method, "samples": samples}
+    told["map"] = f"{'column' if weight is None else 'mean'} of {what.text}"
     if weight is None:
         own, factor = column_unit(what.unit, volume.unit)
-        values = integrals(volume, [what.expression], camera, **how)[0]
+        values = integrals(volume, [what.number], camera, **how)[0]
     else:
         by = Quantity.of(volume.seen_by(camera), weight, "weight")
-        told["weight"] = by.expression.text
+        told["weight"] = by.text
         own, factor = what.unit, 1.0
-        weighed = Expression(f"({what.expression.text}) * ({by.expression.text})")
-        total, weights = integrals(volume, [weighed, by.expression], camera, **how)
+        weighed = product(what.number, by.number)
+        total, weights = integrals(volume, [weighed, by.number], camera, **how)
         with np.errstate(invalid="ignore", divide="ignore"):
             values = np.where(weights != 0, total / weights, np.nan)
-    target, more = converted(own, unit, f"the column of {what.expression.text!r}")
+    target, more = converted(own, unit, f"the column of {what.text!r}")
     return as_map(factor * more * values, target, volume, camera, told)

@@ -8,7 +8,7 @@ from .quantity import Quantity
 
 
 def condition(volume: Any, text: Any, what: str = "where") -> Quantity:
-    """Return a condition without units, as an expression that is zero where it does not hold.
+    """Return a condition, an expression that is zero where it does not hold.
 
     Raises
     ------
@@ -17,8 +17,7 @@ def condition(volume: Any, text: Any, what: str = "where") -> Quantity:
     ExpressionError, UnknownNameError
         If it cannot be understood.
     """
-    given = Quantity.of(volume, text, what)
-    return Quantity.of(volume, volume.without_units(given.expression), what)
+    return Quantity.of(volume, text, what)
 
 
 def holds(volume: Any, what: Quantity, first: int, last: int) -> Any:

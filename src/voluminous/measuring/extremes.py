@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +10,7 @@ import numpy as np
 from ..backend import dr
 from ..errors import check_name
 from ..media import Coefficients
+from ..progress import Progress, with_progress
 from .conditions import condition as converted_condition
 from .known import with_known
 from .maps import as_map, depth_map
@@ -40,6 +40,7 @@ class Extreme:
     depth: Image
 
 
+@with_progress
 def extreme(
     volume: Any,
     quantity: Any,
@@ -48,7 +49,7 @@ def extreme(
     *,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Extreme:
     """Return the largest or smallest value of a quantity on every line of sight, and its depth.
 
@@ -72,13 +73,14 @@ def extreme(
     options = {"precision": precision, "device": device, "progress": progress}
     found = _scanned(volume, what, camera, scheme, **options)
     value, depth = found.unit * found.values[0], found.length * found.values[1]
-    quantity = what.expression.text
+    quantity = what.text
     told = {"quantity": quantity, "kind": kind, "map": f"{kind} of {quantity}"}
     return Extreme(
         as_map(value, what.unit, volume, camera, told), depth_map(depth, volume, camera, told)
     )
 
 
+@with_progress
 def first_hit(
     volume: Any,
     condition: Any,
@@ -86,7 +88,7 @@ def first_hit(
     *,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Image:
     """Return how deep the first cell lies in which a condition holds; NaN where it never does.
 
@@ -106,7 +108,7 @@ def first_hit(
     options = {"precision": precision, "device": device, "progress": progress}
     found = _scanned(volume, what, camera, _First(), **options)
     depth = found.length * found.values[0]
-    return depth_map(depth, volume, camera, {"condition": what.expression.text})
+    return depth_map(depth, volume, camera, {"condition": what.text})
 
 
 def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..cameras import Orthographic
 from ..cameras.contract import check_camera
 from ..errors import InputError, unknown_name
 from ..media import Coefficients
+from ..progress import Progress, reported_range
 from ..rendering import render
 from .known import check_finite, with_known
 from .shadows import Screen, onto_pixels
@@ -32,7 +33,7 @@ def integrals(
     samples: int = 1,
     precision: str = "single",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> np.ndarray:
     """Return ∫ q ds for each expression q: plain numbers, lengths in the volume's unit.
 
@@ -74,7 +75,7 @@ def integrals(
         warnings.warn(
             f"{told}: zero along every ray of this camera, which looks elsewhere, or whose pixels "
             "meet nothing of what is small",
-            stacklevel=3,
+            stacklevel=4,
         )
     return np.moveaxis(image.intensity, -1, 0).astype(np.float64)
 
@@ -103,7 +104,7 @@ def exact_maps(
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), screen_of(frame)
     total = np.zeros((len(expressions), *frame.pixels[::-1]))
-    for first in range(0, grid.size, _CHUNK):
+    for first in reported_range(grid.size, _CHUNK):
         last = min(first + _CHUNK, grid.size)
         sizes = np.asarray(grid.cell_sizes(first, last))
         # In units of the scale: products of three lengths and a density may be too large, or small.

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, UnitsError
-from ..expressions import Expression, components
+from ..expressions import Expression, components, is_dex, without_unit
 from ..units import parse_unit, unit_name
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """An expression of a volume's fields with its unit, None where it has none."""
+    """An expression in plain numbers of a volume's fields, and its unit (None: a plain number)."""
 
     expression: Expression
     unit: Any
+    text: str
 
     @classmethod
     def of(cls, volume: Any, expression: Any, what: str = "quantity") -> Quantity:
@@ -29,6 +30,8 @@ class Quantity:
             If it is no expression, or a vector.
         UnknownNameError
             If it names a field that does not exist.
+        UnitsError
+            If its unit cannot be derived.
         """
         if not isinstance(expression, (str, Expression, int, float)):
             raise InputError(
@@ -38,8 +41,13 @@ class Quantity:
         parts = components(expression)
         if len(parts) != 1:
             raise InputError(f"{what} must be one number per cell, got the vector {expression!r}")
-        volume.check_names(parts[0])
-        return cls(parts[0], volume.expression_unit(parts[0]))
+        plain, unit = volume.without_units(parts[0]), volume.expression_unit(parts[0])
+        return cls(plain, unit, parts[0].text)
+
+    @property
+    def number(self) -> Expression:
+        """The quantity divided by its unit: what rays add up."""
+        return without_unit(self.expression, self.unit, self.text)
 
 
 def _told(value: Any) -> str:
@@ -81,6 +89,12 @@ def total_unit(unit: Any, length: Any) -> tuple[Any, float]:
 
 
 def _times_lengths(unit: Any, length: Any, power: int) -> tuple[Any, float]:
+    if is_dex(unit):
+        raise UnitsError(
+            f"numbers in {unit_name(unit)} depend on the unit of what the logarithm is taken of, "
+            "and so does their integral; divide by a number with a unit, as in "
+            f"'log10(a / (1 {unit_name(unit.physical_unit)}))'"
+        )
     if length is None or unit is None:
         return (unit if length is None else length**power), 1.0
     powers = zip(unit.bases, unit.powers, strict=True)

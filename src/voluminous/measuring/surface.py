@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError
+from ..progress import Progress, with_progress
 from ..rendering.options import refuse_unusable
 from ..schemes import get_scheme
 from ..schemes.contract import carried_beyond
@@ -42,6 +42,7 @@ class TauSurface:
     tau: float
 
 
+@with_progress
 def tau_surface(
     volume: Any,
     medium: Any,
@@ -51,7 +52,7 @@ def tau_surface(
     scheme: Any = "first-order",
     precision: str = "double",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> TauSurface:
     """Return where the optical depth, counted from the observer, reaches `tau`.
 

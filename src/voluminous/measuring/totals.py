@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, UnknownNameError, unknown_name
+from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
 from ..units import parse_unit
 from .aperture import Aperture
@@ -69,6 +70,7 @@ class Measurement(Mapping[str, Any]):
         return "\n".join([*lines, f"in {self.cells} cells, volume {self.volume:.6g}"])
 
 
+@with_progress
 def measure(
     volume: Any,
     quantities: Any = None,
@@ -80,6 +82,7 @@ def measure(
     maps: bool = False,
     samples: int = 4,
     device: str = "auto",
+    progress: Progress = None,
 ) -> Any:
     """Return totals over cells, ∫ q dV = Σ q V: the mass of a density, the energy of its density.
 
@@ -115,6 +118,8 @@ def measure(
         See `region`.
     device : str
         For maps.
+    progress
+        As for `render`.
 
     Returns
     -------
@@ -139,7 +144,7 @@ def measure(
         raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
     if camera is not None and not hasattr(camera, "frame"):
         options = {"region": region, "aperture": aperture, "maps": maps}
-        options |= {"samples": samples, "device": device}
+        options |= {"samples": samples, "device": device, "progress": progress}
         return _table(volume, quantities, where, camera, options)
     volume.refresh()  # derivatives of fields that were changed in place
     seen = volume if camera is None else volume.seen_by(camera)
@@ -183,7 +188,7 @@ def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measureme
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
     space, cells, grid = 0.0, 0, volume.grid
     volumes = np.asarray(grid.cell_volumes).reshape(-1)
-    for first in range(0, grid.size, CHUNK):
+    for first in reported_range(grid.size, CHUNK):
         last = min(first + CHUNK, grid.size)
         share = parts.of(first, last) * volumes[first:last]
         space, cells = space + float(share.sum()), cells + int(np.count_nonzero(share))
@@ -224,7 +229,7 @@ def _in_pixels(
     images = {}
     for (name, q), column in zip(what.items(), columns, strict=False):
         unit, factor = column_unit(q.unit, volume.unit)
-        text = q.expression.text
+        text = q.text
         told = {"quantity": text, "method": "exact", "map": f"column of {text}"}
         images[name] = as_map(factor * column * counts, unit, volume, camera, told)
     space = _with_unit(volume, sums[-1], None)

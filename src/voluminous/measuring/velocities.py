@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
-from ..expressions import Expression
+from ..expressions import product, shifted
+from ..progress import Progress, with_progress
 from .integrals import integrals
 from .maps import as_map
 from .quantity import Quantity, check_volume, column_unit
@@ -47,6 +48,7 @@ class Moments:
         return iter([m for m in (self.column, self.mean, self.dispersion) if m is not None])
 
 
+@with_progress
 def moments(
     volume: Any,
     quantity: Any,
@@ -58,7 +60,7 @@ def moments(
     samples: int = 1,
     precision: str = "double",
     device: str = "auto",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Moments:
     """Return the first moments of a velocity along the lines of sight.
 
@@ -90,11 +92,10 @@ def moments(
     seen = volume.seen_by(camera)
     weight, speed = Quantity.of(seen, quantity), _along(seen, velocity)
     middle = _typical(seen, weight, speed)
-    w, v = f"({weight.expression.text})", f"(({speed.expression.text}) - ({middle!r}))"
-    texts = [w, *("*".join([w, *[v] * k]) for k in range(1, n + 1))]
+    w, v = weight.number, shifted(speed.number, -middle)
     sums = integrals(
         volume,
-        [Expression(text) for text in texts],
+        [product(w, *[v] * k) for k in range(n + 1)],
         camera,
         method=method,
         samples=samples,
@@ -104,8 +105,8 @@ def moments(
     )
     unit, factor = column_unit(weight.unit, volume.unit)
     told = {
-        "quantity": weight.expression.text,
-        "velocity": speed.expression.text,
+        "quantity": weight.text,
+        "velocity": speed.text,
         "method": method,
         "samples": samples,
     }

@@ -41,22 +41,39 @@ class Coefficients(Medium):
     emissivity : sequence of str (or one str)
         One expression per channel.
     extinction : str or sequence of str
-        One expression (grey) or one per channel. Where its unit is an inverse length, it is
-        converted to the volume's; a plain number is per unit length of the volume.
+        One expression (grey) or one per channel: inverse lengths, or plain numbers per unit length
+        of the volume.
+
+    For the integral of a field along rays, such as a column density, take `voluminous.column` or
+    `voluminous.measure`: an extinction absorbs, and a density needs an opacity to be one.
 
     Raises
     ------
     InputError
         If the numbers of expressions do not fit.
     UnitsError
-        When rendering, if the extinction has a unit that is not an inverse length.
+        When rendering, if an expression has no unit, an extinction one that is not an inverse
+        length, or emissivities have units of different kinds.
+
+    Notes
+    -----
+    To see how much there is of a field along each ray, with α = ρ in mind, use `voluminous.column`;
+    for its sum `voluminous.measure`.
     """
 
     def __init__(self, emissivity: Any, extinction: Any) -> None:
         self.emissivity = _expressions(emissivity, "emissivity")
         self.extinction = _expressions(extinction, "extinction")
         self.channels = len(self.emissivity)
-        if len(self.extinction) not in (1, self.channels):
+        count = len(self.extinction)
+        if self.channels == 1 and count > 1:
+            words = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
+            example = ", ".join([repr(self.emissivity[0].text)] * count)
+            raise InputError(
+                f"one emissivity goes with one extinction, got {count}: give {words} emissivities, "
+                f"one per channel, such as [{example}]"
+            )
+        if count not in (1, self.channels):
             raise InputError(
                 f"extinction must be one expression (grey) or {self.channels} (one per channel), "
                 f"got {len(self.extinction)}"
@@ -174,7 +191,8 @@ class Coefficients(Medium):
 
     def intensity_unit(self, context: Context) -> Any:
         """Return the unit of emissivity times the volume's length unit."""
-        unit = context.unit_of(self.emissivity[0])
+        units = (context.unit_of(e) for e in self.emissivity)
+        unit = next((unit for unit in units if unit is not None), None)
         return unit if unit is None or context.unit is None else unit * context.unit
 
     def key(self) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from ..units import plain
+from ..value import Value
 from .color_scale import SAMPLES, ColorScale, OpenRange
 from .context import Context
 from .given import channel_values
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .stretch import Stretch
 
 
-class ColorBy:
+class ColorBy(Value):
     """Colours from a colormap of an expression: three channels, red, green and blue.
 
     Parameters
@@ -94,9 +94,8 @@ class ColorBy:
 
     def within(self, low: float, high: float, unit: Any) -> ColorBy:
         """Return it with what is not given of the range, in the unit of the expression."""
-        other = copy.copy(self)
-        other.range = self.range.closed(low, high, unit)
-        return other
+        closed = self.range.closed(low, high, unit)
+        return self.replace(vmin=closed.vmin, vmax=closed.vmax)
 
     def colors(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""

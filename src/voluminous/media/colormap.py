@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from typing import Any
 
@@ -75,10 +74,8 @@ class Colormap(Table):
 
     def within(self, low: float, high: float, unit: Any) -> Colormap:
         """Return it with what is not given of the range, in the unit of the expression."""
-        other = copy.copy(self)
-        other.range = self.range.closed(low, high, unit)
-        other.set_values(_values(other.range.scale))
-        return other
+        closed = self.range.closed(low, high, unit)
+        return self.replace(vmin=closed.vmin, vmax=closed.vmax)
 
     def nodes(self, context: Context) -> np.ndarray:
         """Return the values of the entries in the unit of the expression.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..value import Value
 from .context import Context, no_unit
 
 if TYPE_CHECKING:
@@ -43,7 +45,7 @@ class Coefficients:
         return [*self.emissivity, *self.extinction]
 
 
-class Medium:
+class Medium(Value):
     """A rule from field values to (j, α); media add with ``+``.
 
     Attributes
@@ -388,6 +390,55 @@ class Medium:
         # sum([...]) starts from 0.
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
+    def __call__(self, values: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Return emissivity and extinction at given values, per unit of the path length.
+
+        Parameters
+        ----------
+        values : array_like, Quantity or dict of str to these
+            Values of the expression that it is a function of, in the unit of its numbers; or of all
+            fields that it looks at, by their names.
+
+        Returns
+        -------
+        j : float64 array, shape (…, channel)
+        alpha : float64 array, shape (…,) if it is grey, else (…, channel)
+
+        Raises
+        ------
+        InputError
+            If its path length is still ``"auto"``, or it looks at other fields than those given.
+        """
+        from .at_values import coefficients_at
+
+        return coefficients_at(self, values)
+
+    def plot(self, volume: Any, ax: Any = None) -> Any:
+        """Draw it as a transfer function, over the histogram of what it looks at in a volume.
+
+        Emissivity per channel is in red, green and blue if there are three; extinction is dashed.
+        Of a sum with several expressions there is one panel for each. Of what a gate or colours of
+        another field vary, the whole is drawn. A medium of several fields is a mean over cells.
+
+        Parameters
+        ----------
+        volume : Volume
+        ax : matplotlib Axes, optional
+            Where to draw, if there is one panel. Default: a new figure.
+
+        Returns
+        -------
+        matplotlib Axes, or an array of them if there are several panels
+
+        Raises
+        ------
+        InputError
+            If there is nothing to see in the volume, or several panels do not fit into one `ax`.
+        """
+        # Measuring in volumes is above: imported by name when it is asked for.
+        drawn = importlib.import_module("voluminous.calibration.transfer")
+        return drawn.plot(self, volume, ax)
+
     @staticmethod
     def from_function(
         function: Callable[..., Any],
@@ -396,12 +447,31 @@ class Medium:
         *,
         grey: bool = True,
         parameters: dict[str, float] | None = None,
+        units: Any = None,
     ) -> Medium:
         """Return a medium from any Python function of the fields; see `media.Function`."""
         from .function import Function
 
-        return Function(function, fields, channels, grey=grey, parameters=parameters)
+        return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
+
+    def _swatch(self) -> str:
+        """Return its colours, as bright as they are beside each other; of other channels nothing.
+
+        The brightest is shown in full.
+        """
+        rows = np.asarray(getattr(self, "colors", [getattr(self, "color", ())]), dtype=np.float64)
+        if rows.ndim != 2 or rows.shape[1] not in (1, 3) or not rows.max() > 0.0:
+            return ""
+        every = rows[:: max(1, len(rows) // 32)]
+        shown = np.broadcast_to(every, (len(every), 3)).clip(0.0) / rows.max()
+        stops = [f"rgb{tuple((255 * row).astype(int).tolist())}" for row in shown]
+        return (
+            "<div style='width:240px;height:16px;background:linear-gradient(to right,"
+            f"{','.join(stops if len(stops) > 1 else stops * 2)})'></div>"
+        )
 
     def __repr__(self) -> str:
-        described = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
-        return f"{type(self).__name__}({described})"
+        given = self.arguments()
+        told = {k: v for k, v in self.describe().items() if k != "type"}
+        told |= {k: given[k] for k in told if isinstance(given.get(k), Value)}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in told.items())})"

@@ -41,8 +41,9 @@ class Formulas(Coefficients):
         )
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return None: a function returns plain numbers."""
-        return None
+        """Return what the function says of it, or what follows from the units of its fields."""
+        told = self.function.units is not None
+        return self.function.intensity_unit(context) if told else super().intensity_unit(context)
 
     def key(self) -> Any:
         """Return the formulas, with all numbers in them."""

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.symbols import read
+from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Coefficients, Medium
 from .formulas import Formulas
@@ -37,6 +38,11 @@ class Function(Medium):
     parameters : dict of float, optional
         Numbers given to the function as keyword arguments. Turning one never compiles again, while
         a number written in the function does.
+    units : (unit, unit), optional
+        Of the emissivity and the extinction that it returns for plain numbers in the fields' own
+        units, such as ``("erg/(s cm3)", "1/cm")``; None is a plain number, of the extinction per
+        unit length of the volume. Needed for fields with units, unless the function can be read,
+        and units can be derived for all that it computes.
 
     Raises
     ------
@@ -59,6 +65,7 @@ class Function(Medium):
         *,
         grey: bool = True,
         parameters: dict[str, float] | None = None,
+        units: Any = None,
     ) -> None:
         if not callable(function):
             raise InputError(f"from_function needs a function, got {function!r}")
@@ -69,6 +76,7 @@ class Function(Medium):
         self.channels = whole_number(channels, "channels", 1, _MOST_CHANNELS)
         self.grey = grey
         self.parameters = {name: _number(name, v) for name, v in (parameters or {}).items()}
+        self.units = None if units is None else _two_units(units)
         self.names = tuple(dict.fromkeys(n for e in self.inputs for n in e.names))
 
     def formulas(self) -> Formulas | None:
@@ -91,7 +99,7 @@ class Function(Medium):
         except (RuntimeError, TypeError) as error:
             told = str(error).strip().partition("\n")[0].rstrip(".")
             raise InputError(
-                f"{self._name} fails: {told}. It is called with arrays that stand for all places "
+                f"{self.title} fails: {told}. It is called with arrays that stand for all places "
                 "at once: use voluminous.math (vm.math.exp, vm.math.where, …) in place of NumPy's "
                 "functions and of `if`"
             ) from error
@@ -101,7 +109,7 @@ class Function(Medium):
         """Return what the function returned as lists of the emissivities and the extinctions."""
         if not isinstance(result, tuple) or len(result) != 2:
             raise InputError(
-                f"{self._name} must return (emissivity, extinction), got {type(result).__name__}"
+                f"{self.title} must return (emissivity, extinction), got {type(result).__name__}"
             )
         count = 1 if self.grey else self.channels
         return (
@@ -113,13 +121,19 @@ class Function(Medium):
         parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value]
         if len(parts) != count:
             raise InputError(
-                f"{self._name} returned {len(parts)} values of {what}, expected {count}"
+                f"{self.title} returned {len(parts)} values of {what}, expected {count}"
             )
         return parts
 
     @property
-    def _name(self) -> str:
+    def title(self) -> str:
+        """What it is called in messages."""
         return f"the function {getattr(self.function, '__name__', 'given')!r} of the medium"
+
+    def intensity_unit(self, context: Context) -> Any:
+        """Return the unit of emissivity times the volume's length unit."""
+        unit = None if self.units is None else self.units[0]
+        return unit if unit is None or context.unit is None else unit * context.unit
 
     def key(self) -> Any:
         """Return None: what a function closes over may change unseen."""
@@ -133,7 +147,7 @@ class Function(Medium):
             "fields": [e.text for e in self.inputs],
             "channels": self.channels,
             "parameters": self.parameters,
-        }
+        } | ({} if self.units is None else {"units": [unit_name(unit) for unit in self.units]})
 
 
 def _listed(fields: Any) -> tuple[Any, ...]:
@@ -144,6 +158,15 @@ def _listed(fields: Any) -> tuple[Any, ...]:
         return tuple(fields) if not isinstance(fields, bytes) else (fields,)
     except TypeError:
         raise InputError(f"fields must be a list of names or expressions, got {fields!r}") from None
+
+
+def _two_units(units: Any) -> tuple[Any, Any]:
+    if not isinstance(units, (list, tuple)) or len(units) != 2:
+        raise InputError(
+            "units must be that of the emissivity and that of the extinction, such as "
+            f"('erg/(s cm3)', '1/cm'), got {units!r}"
+        )
+    return parse_unit(units[0]), parse_unit(units[1])
 
 
 def _number(name: str, value: Any) -> float:

@@ -18,6 +18,9 @@ from .shape_middles import gaussian_middle
 if TYPE_CHECKING:
     from ..expressions.traced_interval import TracedInterval
 
+# Where nothing is too faint, the Gaussian ends where double precision does.
+_LEAST = float(np.finfo(np.float64).tiny)
+
 
 class Gaussian(SampledShaped):
     """A Gaussian shell: T = h/path_length · exp(-((x - center)/sigma)²/2).
@@ -108,4 +111,4 @@ class Gaussian(SampledShaped):
 
     def reach(self, faint: float) -> float:
         """Return how many σ away it is below `faint`."""
-        return math.sqrt(-2.0 * math.log(faint))
+        return math.sqrt(-2.0 * math.log(max(faint, _LEAST)))

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_color
+from ..colormaps import get_color, without_alpha
 from ..errors import InputError
-from ..units import as_given, is_quantity, parse_unit, unit_name
+from ..units import as_given, is_quantity, parse_unit, unit_name, unit_of
 
 
 def scalar(value: Any, what: str) -> Any:
@@ -93,12 +93,14 @@ def color_values(color: Any) -> tuple[float, ...]:
     InputError, UnknownNameError
         If it is neither.
     """
-    return get_color(color) if isinstance(color, str) else channel_values(color, "color")
+    if isinstance(color, str):
+        return get_color(color)
+    return channel_values(without_alpha(color, "color"), "color")
 
 
 def check_plain(value: Any, what: str) -> None:
     """Refuse quantities where NumPy would drop the unit."""
-    if is_quantity(value):
+    if unit_of(value) is not None or is_quantity(value):
         raise InputError(
             f"{what} must be plain numbers, got {value}; units belong to expr and path_length"
         )

@@ -12,7 +12,6 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -218,11 +217,8 @@ class Isosurface(Medium):
 
     def _level(self, k: int) -> Isosurface:
         """Return one of several surfaces."""
-        one = copy.copy(self)
-        one.levels, one.colors, one.opacities = (
-            every[k : k + 1] for every in (self.levels, self.colors, self.opacities)
-        )
-        return one
+        every = {"levels": self.levels, "colors": self.colors, "opacities": self.opacities}
+        return self.changed(**{name: values[k : k + 1] for name, values in every.items()})
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
         """Return the means of j and α over a panel: what is crossed, over its length."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +38,5 @@ class Shell:
 
     def ungated(self) -> Any:
         """Return its medium without that condition."""
-        whole = copy.copy(self.medium)
-        whole.modulation = Modulation(None, whole.modulation.color, whole.channels)
-        return whole
+        color = self.medium.modulation.color
+        return self.medium.changed(modulation=Modulation(None, color, self.medium.channels))

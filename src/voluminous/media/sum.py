@@ -172,9 +172,9 @@ class Sum(Medium):
         )
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return the unit of the parts' intensity, if they agree."""
-        units = {part.intensity_unit(context) for part in self.parts}
-        return units.pop() if len(units) == 1 else None
+        """Return the unit of the parts' intensity; those without one emit nothing beside others."""
+        units = (part.intensity_unit(context) for part in self.parts)
+        return next((unit for unit in units if unit is not None), None)
 
     def key(self) -> Any:
         """Return the keys of all parts."""
@@ -184,6 +184,9 @@ class Sum(Medium):
     def describe(self) -> dict[str, Any]:
         """Return the parts as plain values."""
         return {"type": "sum", "parts": [part.describe() for part in self.parts]}
+
+    def _repr_html_(self) -> str:
+        return "".join(part._repr_html_() for part in self.parts)
 
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_color, get_colormap, is_color
+from ..colormaps import get_color, get_colormap, is_color, mapped_colors
 from ..errors import InputError, UnknownNameError
 from .color_by import ColorBy
 from .given import channel_values, check_extinction, color_values, listed, scalar
@@ -70,7 +70,7 @@ def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
             return (get_color(name),) * count
         raise
     places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
-    return tuple(tuple(map(float, row[:3])) for row in colormap(places))
+    return tuple(tuple(map(float, row)) for row in mapped_colors(colormap, places))
 
 
 def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[float, ...], ...]:

@@ -76,7 +76,7 @@ class Table(Medium):
         where: Any = None,
     ) -> None:
         self.expr = Expression(expr)
-        self.set_values(values)
+        self.unit, self.values = self.plain_values(values)
         n = len(self.values)
         self.opacities = given_columns(opacities, n, "opacities")
         by = colors if isinstance(colors, ColorBy) else None
@@ -95,10 +95,11 @@ class Table(Medium):
         self.sensitivity = self.modulation.sensitivity
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
-    def set_values(self, values: Any) -> None:
-        """Set the values of the entries."""
-        self.unit = unit_of(values)
-        self.values = given_values(plain(values, self.unit, "values"))
+    @staticmethod
+    def plain_values(values: Any) -> tuple[Any, np.ndarray]:
+        """Return the unit of the entries' values, and plain numbers."""
+        unit = unit_of(values)
+        return unit, given_values(plain(values, unit, "values"))
 
     @property
     def color(self) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..colormaps import get_color
+from ..colormaps import get_color, without_alpha
 from ..errors import InputError
 from ..units import plain, unit_of
 
@@ -28,6 +28,7 @@ def check_colors(colors: Any, count: int, what: str) -> None:
     if _named(colors):
         _rgb(colors, count, what)
         return
+    colors = without_alpha(colors, what)
     array = np.asarray(plain(colors, unit_of(colors), what), dtype=np.float64)
     if not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be finite")
@@ -59,7 +60,7 @@ def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: A
             raise InputError(f"colors: names are red, green and blue; in {place} give numbers")
         array = _rgb(colors, count, "colors")
     else:
-        array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
+        array = np.asarray(plain(without_alpha(colors, "colors"), unit, "colors"), dtype=np.float64)
     own = view.channels if thing.channel is None else 1
     array = array if array.ndim else np.full(own, float(array))
     if array.shape[-1] not in (1, own):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, check_name
+from ..value import Value
 from .values import MANY, options_of
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ class Points:
     sigma: np.ndarray
 
 
-class SceneObject:
+class SceneObject(Value):
     """Something that is drawn into a picture.
 
     Parameters

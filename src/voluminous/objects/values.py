@@ -35,7 +35,7 @@ def merged(value: Any) -> Any:
 def _without_texts(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return type(value)(_without_texts(v) for v in value)
-    return as_given(value) if isinstance(value, str) else value
+    return as_given(value)
 
 
 def positions_of(value: Any, what: str, shape: tuple[Any, ...]) -> Any:

@@ -7,6 +7,7 @@ from numbers import Real
 from typing import Any
 
 from ..errors import InputError
+from ..progress import Progress, with_progress
 from ..volume import Volume
 from .deposition import deposit
 from .inputs import carried, particles
@@ -15,6 +16,7 @@ from .inputs import carried, particles
 _DENSITY = "density"
 
 
+@with_progress
 def from_particles(
     positions: Any,
     masses: Any,
@@ -32,6 +34,7 @@ def from_particles(
     max_level: int = 20,
     empty: float = 0.0,
     unit: Any = None,
+    progress: Progress = None,
 ) -> Volume:
     """Return a volume of particles, on an octree that is fine where they are.
 
@@ -74,6 +77,8 @@ def from_particles(
         The value of `fields` in cells without mass, where the density is zero. NaN hides them.
     unit : str or unit, optional
         Length unit of plain positions.
+    progress
+        As for `render`.
 
     Returns
     -------

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..grids import OctreeGrid
+from ..progress import reported_range
 from .base import Base
 from .deposit import Deposit
 from .images import with_images
@@ -78,8 +81,9 @@ class CellsDeposit(Deposit):
         return found
 
 
-def _parts(size: int) -> list[slice]:
-    return [slice(first, min(first + _CHUNK, size)) for first in range(0, size, _CHUNK)]
+def _parts(size: int) -> Iterator[slice]:
+    for first in reported_range(size, _CHUNK):
+        yield slice(first, min(first + _CHUNK, size))
 
 
 def _at_walls(grid: OctreeGrid) -> np.ndarray:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..progress import reported_range
 from .base import Base
 
 # Particles looked at at once: temporary arrays stay small.
@@ -37,7 +38,7 @@ def claimed_cells(
     """
     offsets = _offsets(steps)
     found: list[list[np.ndarray]] = [[np.empty(0, np.uint64)] for _ in range(most)]
-    for first in range(0, len(points), _CHUNK):
+    for first in reported_range(len(points), _CHUNK):
         part = slice(first, first + _CHUNK)
         for level, numbers in _claims(base, points[part], reach[part], widest[part], most, offsets):
             found[level].append(numbers)

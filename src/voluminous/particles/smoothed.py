@@ -10,6 +10,7 @@ import numpy as np
 from ..backend import get_backend
 from ..grids import OctreeGrid
 from ..memory import fits
+from ..progress import reporter
 from .base import Base
 from .deposit import Deposit
 from .images import crossing, with_images
@@ -85,7 +86,7 @@ class SmoothedDeposit(Deposit):
     def _found(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
         """Yield a first point, numbers of nodes for it and those that follow, nodes, weights."""
         ends = np.cumsum(self.counts, dtype=np.int64)
-        first = 0
+        first, report = 0, reporter()
         while first < len(ends):
             done = ends[first - 1] if first else 0
             last = max(int(np.searchsorted(ends, done + _PAIRS, "right")), first + 1)
@@ -93,6 +94,7 @@ class SmoothedDeposit(Deposit):
             pairs = self.overlaps.pairs(first, counts)
             yield first, counts, pairs.node, self.weights.of(pairs)
             first = last
+            report(last, len(ends))
 
     def amounts(self, *carried: np.ndarray) -> list[np.ndarray]:
         """Return how much is in each cell of what particles carry."""

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from ..progress import reported_range
+
 # Boxes cut at once.
 _CHUNK = 1 << 18
 # Of a cell's width: thinner slices are what rounding makes of walls that coincide.
@@ -69,7 +71,7 @@ def overlaps(cells: Any, others: Any) -> Iterator[Overlap]:
         Of what they share. A pair may come more than once.
     """
     centers, half = others.cell_centers(0, others.size), 0.5 * others.cell_sizes(0, others.size)
-    for first in range(0, cells.size, _CHUNK):
+    for first in reported_range(cells.size, _CHUNK):
         waiting = [_clipped(_boxes(cells, first, min(first + _CHUNK, cells.size)), others.bounds)]
         while waiting:
             boxes = waiting.pop()

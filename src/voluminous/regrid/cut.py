@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..colormaps import get_colormap
-from ..errors import InputError
+from ..errors import InputError, immutable
 from ..figures import add_color_bar, new_figure
 from ..units import plain, unit_name
 
@@ -108,6 +109,17 @@ class Slice:
         unit = self.unit or None
         return [None if v is None else float(plain(v, unit, what)) for what, v in pairs]
 
+    def _repr_png_(self) -> bytes | None:
+        if self.values.ndim != 2:
+            return None
+        from matplotlib.figure import Figure
+
+        stream = io.BytesIO()
+        figure = Figure(layout="constrained")
+        self.plot(figure.add_subplot())
+        figure.savefig(stream, format="png", dpi=80)
+        return stream.getvalue()
+
     def __repr__(self) -> str:
         ny, nx = self.values.shape[-2:]
         finite = self.values[np.isfinite(self.values)]
@@ -122,6 +134,9 @@ class Slice:
         along = np.flatnonzero(way >= _ALONG)
         rounded = ", ".join(f"{part:.2g}" for part in way)
         return _with_unit("xyz"[along[0]] if along.size else f"({rounded})", self.length_unit)
+
+
+immutable(Slice, "make another by volume.slice(...); `values` are in its `unit`")
 
 
 def make_slice(

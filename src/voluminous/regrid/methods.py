@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
+from ..progress import Progress, with_progress
 from ..units import plain, shown
 from .around import divided
 from .cut import Slice, make_slice
@@ -21,6 +22,7 @@ from .unfolded import unfolded
 class OnOtherCells:
     """Resampling, slices and tables of a volume."""
 
+    @with_progress
     def resample(
         self: Any,
         grid: Any,
@@ -28,6 +30,7 @@ class OnOtherCells:
         *,
         fill: float = 0.0,
         samples: int = 4,
+        progress: Progress = None,
     ) -> Any:
         """Return a volume with the same fields on another grid: means over its cells.
 
@@ -43,6 +46,8 @@ class OnOtherCells:
             that are not entirely inside have no value.
         samples : int
             Points per axis and cell where cells are no boxes.
+        progress
+            As for `render`.
 
         Returns
         -------

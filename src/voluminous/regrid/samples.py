@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry import metric, mirror_images, position
+from ..progress import reported_range
 
 # Points looked at at once.
 _CHUNK = 1 << 20
@@ -66,7 +67,7 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
     steps = [(np.arange(n) + 0.5) / n - 0.5 for n in counts]
     offsets = np.array(np.meshgrid(*steps, indexing="ij")).reshape(3, 1, -1)
     step = max(1, _CHUNK // (offsets.shape[2] * len(images)))
-    for first in range(0, grid.size, step):
+    for first in reported_range(grid.size, step):
         last = min(first + step, grid.size)
         own, weight = _within(grid, offsets, first, last)
         share = weight / weight.sum(axis=1, keepdims=True) * volumes[first:last, None]

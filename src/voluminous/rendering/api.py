@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -13,6 +14,7 @@ from ..image import Image
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
 from ..objects.values import MANY
+from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
@@ -22,12 +24,14 @@ from .framing import framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
-from .options import background_array, refuse_unusable
-from .prepare import prepare, silent
+from .options import FINEST_SINGLE, background_array, refuse_unusable
+from .prepare import prepare
 from .sky import image_wcs
+from .slow import name_slow_choices
 from .unseen import warn_of_unseen
 
 
+@with_progress
 def render(
     volume: Volume,
     medium: Medium | None = None,
@@ -43,7 +47,7 @@ def render(
     samples: Any = 1,
     bounds: bool | int = False,
     objects: Any = (),
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Image:
     """Solve the transfer equation along every ray of a camera.
 
@@ -91,8 +95,10 @@ def render(
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
         `Star`, `Stars`, `Spheres`, `Lines`, `boxes`, `axes`.
-    progress : callable, optional
-        Called as ``progress(done, total)`` now and then; may raise to cancel.
+    progress : bool or callable, optional
+        True shows a bar, False none; by default one appears on a terminal and in a notebook when
+        it takes longer than two seconds. A function is called as ``progress(done, total)`` now and
+        then; it may raise to cancel.
 
     Returns
     -------
@@ -132,6 +138,7 @@ def render(
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
     budget = check_bounds(bounds, job)
+    start = time.monotonic()
     planes = job.run(float(np.max(np.abs(behind))))
     if not planes.finite:
         refuse_unusable(job.backend.precision)
@@ -144,7 +151,11 @@ def render(
         told["objects"] = [one.describe(MANY) for one in things]
     if missing:
         told["missing"] = missing
-    return _image(job, planes, behind, budget, told)
+    image = _image(job, planes, behind, budget, told)
+    slow = {"adaptive": job.adaptive, "bounds": budget > 0, "double": precision == "double"}
+    fine = job.scheme.controlled and job.tolerance < FINEST_SINGLE
+    name_slow_choices(time.monotonic() - start, tolerance=fine, **slow)
+    return image
 
 
 def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:

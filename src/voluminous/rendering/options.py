@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..colormaps import without_alpha
 from ..errors import InputError, check_name, unknown_name
 from ..geometry import CARTESIAN, many_valued
 from ..memory import check_memory
-from ..units import is_quantity
+from ..units import as_quantity, is_quantity
 
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
@@ -87,20 +88,6 @@ def refuse_unusable(precision: str) -> None:
         "visit; scheme='first-order' names the first of them, and `volume.evaluate(...)` shows "
         "fields and expressions"
     )
-
-
-def check_progress(progress: Any) -> None:
-    """Refuse what cannot be told how far a picture is.
-
-    Raises
-    ------
-    InputError
-        If it cannot be called.
-    """
-    if progress is not None and not callable(progress):
-        raise InputError(
-            f"progress must be a function of done and total, or None, got {progress!r}"
-        )
 
 
 def check_tolerance(tolerance: Any) -> float:
@@ -230,11 +217,13 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
     InputError
         If it is neither a number, nor one per channel, nor an image of the right size.
     """
-    given = getattr(background, "intensity", background)
+    given = as_quantity(getattr(background, "intensity", background))
     if is_quantity(given):  # NumPy would drop the unit
         raise InputError(
             f"background must be plain numbers, in the unit of the image's intensity, got {given}"
         )
+    if np.shape(given) == (4,) and channels == 3:
+        given = without_alpha(given, "background")
     try:
         array = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from ..backend import get_backend
 from ..calibration import calibrated
 from ..cameras.contract import check_camera
-from ..errors import InputError, how_to_take
+from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
+from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
 from .coefficients.classify import check_fields
@@ -24,7 +24,6 @@ from .options import (
     check_order,
     check_parallel,
     check_pixels,
-    check_progress,
     check_tolerance,
     check_walk,
     is_recursive,
@@ -45,14 +44,13 @@ def prepare(
     order: str = "front-to-back",
     cutoff: float | None = None,
     samples: Any = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> tuple[Job, dict[str, int]]:
     """Return everything a picture is made of, and how many values each field lacks.
 
     See `voluminous.render` for the arguments and errors.
     """
     _check_types(volume, medium, camera)
-    check_progress(progress)
     check_parallel(samples, camera)
     scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
@@ -60,7 +58,7 @@ def prepare(
     volume = volume.seen_by(camera)
     volume.refresh()  # derivatives of fields that were changed in place
     store = Store(volume)
-    medium = calibrated(with_formulas(medium), volume, store.known)
+    medium = with_formulas(calibrated(medium, volume, store.known))
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):
@@ -83,7 +81,7 @@ def prepare(
         backward=check_order(order),
         cutoff=check_cutoff(cutoff),
         tolerance=check_tolerance(tolerance),
-        progress=progress or silent,
+        progress=progress if callable(progress) else silent,
     )
     check_pixels(job.frame.pixels, medium.channels, job.backend)
     job.adaptive = isinstance(samples, str) and samples == "adaptive"
@@ -104,15 +102,19 @@ def _usual_scheme(medium: Medium) -> str:
 
 
 def _check_units(volume: Volume, medium: Medium) -> None:
-    """Refuse expressions of fields that would have to be converted.
+    """Refuse expressions that are not in plain numbers: those of media that others have written.
 
     Raises
     ------
     UnitsError
-        If numbers of one kind, but in different units, are added or compared.
+        If their units cannot be derived, or numbers would have to be converted.
     """
     for expr, _ in medium.known_expressions():
-        volume.expression_unit(expr)
+        if volume.without_units(expr) is not expr:
+            raise UnitsError(
+                f"{expr.text!r} combines numbers in different units, which this kind of medium "
+                "cannot convert; make it a derived field first: volume['name'] = expression"
+            )
 
 
 def _needs_double(completed: Completed, medium: Medium) -> bool:
@@ -136,7 +138,3 @@ def _check_types(volume: Any, medium: Any, camera: Any) -> None:
             + ("; media are added: first + second" if isinstance(medium, (list, tuple)) else "")
         )
     check_camera(camera, "render")
-
-
-def silent(done: int, total: int) -> None:
-    """Report nothing."""

@@ -56,7 +56,7 @@ def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
         told = "; ".join(filter(None, [_NOT_MET, told]))
     lacks = "shows only the faintest edge" if everything else "lacks a part"
     what = "shows nothing" if nothing else lacks
-    warnings.warn(f"the picture {what} of the medium: {told}", stacklevel=3)
+    warnings.warn(f"the picture {what} of the medium: {told}", stacklevel=4)
 
 
 class _Values:

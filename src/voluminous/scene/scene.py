@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
-from ..files import MissingPathError, as_path, replacing
+from ..files import as_path, missing, replacing
 from ..io.guard import placed
 from . import toml
 from .sections import (
@@ -147,6 +147,7 @@ class Scene:
             Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
             gives it back, wherever it is saved.
         """
+        from ..image.changed import changed
         from ..rendering import render
 
         objects = overrides.pop("objects", self.objects)
@@ -161,8 +162,7 @@ class Scene:
         told["render"] = _held({**self._settings["render"], **overrides})
         there = self.directory.absolute()
         told = with_paths(told, lambda path: str(there / os.path.expanduser(path)))
-        image.provenance = {**(image.provenance or {}), "scene": told}
-        return image
+        return changed(image, provenance={**(image.provenance or {}), "scene": told})
 
     def _background(self, path: str) -> Image:
         from ..image import Image
@@ -250,7 +250,7 @@ def _text_of(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark in front
     except FileNotFoundError:
-        raise MissingPathError(f"there is no file {path}") from None
+        raise missing(path) from None
     except UnicodeDecodeError as error:
         raise FileFormatError(
             f"{path}: expected a scene in TOML (UTF-8 text), byte {error.start} is none"

@@ -51,14 +51,14 @@ _RENDER: dict[str, Kind] = {
     "bounds": kinds.WHOLE_OR_BOOLEAN,
 }
 _IMAGE: dict[str, Kind] = {
-    **dict.fromkeys(("exposure", "vmin", "vmax", "softening"), kinds.NUMBER),
+    **dict.fromkeys(("vmin", "vmax", "softening"), kinds.NUMBER),
     **dict.fromkeys(("gamut", "colormap", "norm"), kinds.TEXT),
     **dict.fromkeys(("transparent", "half"), kinds.BOOLEAN),
     "background": kinds.NUMBERS_OR_TEXT,
     "bits": kinds.WHOLE,
     "channels": kinds.WHOLES,
     "mix": kinds.NUMBERS,
-    "stretch": kinds.NUMBER_OR_TEXT,
+    **dict.fromkeys(("exposure", "stretch"), kinds.NUMBER_OR_TEXT),
 }
 
 

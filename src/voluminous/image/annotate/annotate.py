@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from .. import mixing
 from ..options import check_options
-from ..plot import shows_one_channel
+from ..plot import add_bars, plot
 from ..tone import OPTIONS as DISPLAY
 from .arrows import compass, draw_arrows, triad
 from .color_bar import draw_color_bar
 from .histogram import FieldValues, counts
-from .medium_scales import of_medium
+from .medium_scales import scales_of
 from .picture import Annotated
 from .scale_bar import draw_scale_bar, scale_bar
-from .scales import Scale, field_units, of_intensity, with_units
-from .sheet import Sheet, letter_height
+from .sheet import AxesSheet, Sheet, letter_height
 from .texts import draw_time, draw_title, time_text
-from .ticks import draw_ticks
+from .ticks import draw_ticks, readable_axes
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -50,18 +49,23 @@ class Wanted:
     paper: Any = None
     font_size: float | None = None
     transparent: bool = False
+    unit: Any = None
+    ax: Any = None
 
 
 OPTIONS = frozenset(inspect.signature(Wanted).parameters)
 
 
-def annotate(image: Image, **options: Any) -> Annotated:
-    """Return the picture with annotations; see `Image.annotate`."""
+def annotate(image: Image, **options: Any) -> Any:
+    """Return the picture with annotations, or the axes they are drawn into; `Image.annotate`."""
     check_options("annotation", options, OPTIONS | DISPLAY)
     wanted = Wanted(**{k: v for k, v in options.items() if k in OPTIONS})
     _check_kinds(wanted)
+    image = image if wanted.unit is None else image.to(wanted.unit)
     shown = {k: v for k, v in options.items() if k in DISPLAY}
     pixels = _pixels(image, wanted.transparent, shown)
+    if wanted.ax is not None:
+        return _in_axes(image, wanted, shown, pixels)
     letters = _letters(wanted.font_size, pixels)
     paper = _paper(wanted, shown)
     parts = _parts(image, wanted, shown)
@@ -74,6 +78,25 @@ def annotate(image: Image, **options: Any) -> Annotated:
 
     # How far letters reach is known when they are drawn.
     return Annotated(image, drawn(drawn((0, 0, 0, 0)).overhang()))
+
+
+def _in_axes(image: Image, wanted: Wanted, shown: dict[str, Any], pixels: NDArray[np.uint8]) -> Any:
+    """Draw the picture and its annotations into axes of a figure."""
+    if wanted.paper is not None or wanted.transparent:
+        raise InputError("paper and transparent are for pictures of their own; leave out ax=")
+    axes = plot(image, wanted.ax, scale_bar=False, colorbar=False, **shown)
+    if not wanted.ticks:
+        axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
+    if wanted.title:
+        axes.set_title(str(wanted.title))
+    if wanted.color_bar:
+        fields = None if wanted.volume is None else FieldValues(wanted.volume)
+        told = None if wanted.medium is None else wanted.medium.describe()
+        add_bars(axes, image, shown, axes.images[-1], own=False, told=told, fields=fields)
+    sheet = AxesSheet(axes, pixels, wanted.font_size)
+    for draw in _inside(image, wanted, (1.0, image.unit) if wanted.ticks or wanted.unit else None):
+        draw(sheet)
+    return axes
 
 
 def _check_kinds(wanted: Wanted) -> None:
@@ -121,8 +144,23 @@ def _paper(wanted: Wanted, shown: dict[str, Any]) -> tuple[float, ...] | None:
 
 def _parts(image: Image, wanted: Wanted, shown: dict[str, Any]) -> list[Draw]:
     """Return what draws the annotations, from the picture outwards: the title has the last word."""
+    # One unit for the axes and the scale bar.
+    unit = (1.0, image.unit) if wanted.unit is not None else readable_axes(image)
+    parts = _inside(image, wanted, unit if wanted.ticks or wanted.unit is not None else None)
+    if wanted.ticks:
+        parts.append(lambda sheet: draw_ticks(sheet, image, unit))
+    if wanted.color_bar:
+        parts.append(_bars(image, wanted, shown))
+    if wanted.title:
+        title = str(wanted.title)
+        parts.append(lambda s: draw_title(s, title, s.overhang()[3]))
+    return parts
+
+
+def _inside(image: Image, wanted: Wanted, unit: tuple[float, str] | None) -> list[Draw]:
+    """Return what draws the annotations that stand in the picture."""
     parts: list[Draw] = []
-    bar = scale_bar(image, wanted.scale_bar)
+    bar = scale_bar(image, wanted.scale_bar, unit)
     if bar is not None:
         parts.append(lambda sheet: draw_scale_bar(sheet, image, *bar))
     for gid, arrows, top in (
@@ -134,20 +172,14 @@ def _parts(image: Image, wanted: Wanted, shown: dict[str, Any]) -> list[Draw]:
     stamp = time_text(wanted.time, wanted.volume)
     if stamp:
         parts.append(lambda sheet: draw_time(sheet, stamp))
-    if wanted.ticks:
-        parts.append(lambda sheet: draw_ticks(sheet, image))
-    if wanted.color_bar:
-        parts.append(_bars(image, wanted, shown))
-    if wanted.title:
-        title = str(wanted.title)
-        parts.append(lambda s: draw_title(s, title, s.overhang()[3]))
     return parts
 
 
 def _bars(image: Image, wanted: Wanted, shown: dict[str, Any]) -> Draw:
     """Return what draws the colour bars beside each other."""
     fields = None if wanted.volume is None else FieldValues(wanted.volume)
-    scales = _scales(image, wanted, shown, fields)
+    told = None if wanted.medium is None else wanted.medium.describe()
+    scales = scales_of(image, shown, told, fields)
     channel = mixing.chosen(shown.get("channels"), image.channels)[0]
     bars = [(scale, counts(scale, image, fields, channel)) for scale in scales]
 
@@ -157,21 +189,3 @@ def _bars(image: Image, wanted: Wanted, shown: dict[str, Any]) -> Draw:
             start = draw_color_bar(sheet, scale, found, start)
 
     return draw
-
-
-def _scales(
-    image: Image, wanted: Wanted, shown: dict[str, Any], fields: FieldValues | None
-) -> list[Scale]:
-    """Return the scale of the one channel that is shown, or else those of the medium."""
-    if shows_one_channel(image, shown):
-        return [of_intensity(image, shown)]
-    told = (image.provenance or {}).get("medium")
-    if wanted.medium is not None:
-        told = wanted.medium.describe()
-    if not isinstance(told, dict):
-        return []
-    scales = of_medium(told, shown, None if fields is None else fields.span)
-    units = field_units(image) if wanted.volume is None else wanted.volume.units
-    for scale in scales:
-        scale.label = with_units(scale, units)
-    return scales

@@ -46,10 +46,7 @@ def _draw_counts(sheet: Sheet, counts: Any, x: float) -> None:
 
 
 def _draw_colors(sheet: Sheet, axes: Any, scale: Scale) -> None:
-    from matplotlib.cm import ScalarMappable
-
-    shown = ScalarMappable(norm=scale.norm, cmap=scale.colormap)
-    bar = sheet.figure.colorbar(shown, cax=axes)
+    bar = sheet.figure.colorbar(scale.mappable, cax=axes)
     bar.outline.set(linewidth=LINE * sheet.em, edgecolor=sheet.ink)
     axes.tick_params(which="both", colors=sheet.ink, labelsize=0.85 * sheet.em)
     axes.tick_params(which="both", width=LINE * sheet.em, pad=0.25 * sheet.em)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ...errors import UnitsError
-from ...units import parse_unit
+from ..coordinates import known_unit
 from ..plot import round_length
 
 # A length is told in the last of these units that it is at least so many of.
@@ -82,23 +81,17 @@ def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
     return float(own.to(ladder[last][0])), ladder[last][1]
 
 
-def known_unit(unit: Any) -> Any:
-    """Return the unit of a picture; None for one that is not known, as another program may name."""
-    try:
-        return parse_unit(unit)
-    except UnitsError:
-        return None
-
-
-def bar_length(longest: float, unit: str) -> tuple[float, str]:
+def bar_length(longest: float, unit: str, shown: tuple[float, str] | None = None) -> Any:
     """Return a round length that is at most `longest`, in `unit`, and its text.
+
+    `shown` is what `readable` gives of the unit to read; by default one that suits the length.
 
     Examples
     --------
     >>> bar_length(0.07, "pc")
     (0.048..., '10000 au')
     """
-    factor, name = readable(longest, unit)
+    factor, name = readable(longest, unit) if shown is None else shown
     number = round_length(longest * factor)
     return number / factor, with_unit(number, name)
 

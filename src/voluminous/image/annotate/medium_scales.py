@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...units import parse_unit
-from .scales import Scale, colormap_of, displayed, full_colors, labelled, limits, table_colors
+from ..plot import shows_one_channel
+from .scales import (
+    Scale,
+    colormap_of,
+    displayed,
+    field_units,
+    full_colors,
+    labelled,
+    limits,
+    of_intensity,
+    table_colors,
+    with_units,
+)
+
+if TYPE_CHECKING:
+    from ..image import Image
+    from .histogram import FieldValues
 
 # Where a kind of shell has its centre, its width, and how wide one is either side in these.
 _SHELLS = {
@@ -28,6 +44,36 @@ _LOGARITHMIC = ("log", "LogNorm")
 _LINEAR = (None, "linear", "Normalize")
 
 Span = tuple[float, float]
+
+
+def scales_of(
+    image: Image,
+    options: dict[str, Any],
+    told: dict[str, Any] | None = None,
+    fields: FieldValues | None = None,
+) -> list[Scale]:
+    """Return the scale of the one channel that is shown, or else those of the medium.
+
+    Parameters
+    ----------
+    image : Image
+    options : dict
+        Of `Image.to_rgb`.
+    told : dict, optional
+        ``medium.describe()``; by default from the image's provenance.
+    fields : FieldValues, optional
+        For ranges and units.
+    """
+    if shows_one_channel(image, options):
+        return [of_intensity(image, options)]
+    told = (image.provenance or {}).get("medium") if told is None else told
+    if not isinstance(told, dict):
+        return []
+    scales = of_medium(told, options, None if fields is None else fields.span)
+    units = field_units(image) if fields is None else fields.volume.units
+    for scale in scales:
+        scale.label = with_units(scale, units)
+    return scales
 
 
 def of_medium(told: dict[str, Any], options: dict[str, Any], spans: Any = None) -> list[Scale]:

@@ -70,12 +70,12 @@ class Annotated:
         suffix = path.suffix.lower()
         if suffix not in SUFFIXES:
             raise unknown_name("format of annotated pictures", suffix, SUFFIXES)
-        content = self.png() if suffix == ".png" else self._vector(suffix[1:])
+        content = self.png() if suffix == ".png" else self.vector(suffix[1:])
         with replacing(path) as temporary:
             temporary.write_bytes(content)
 
-    def _vector(self, format: str) -> bytes:
-        """Return a file with the picture's pixels below lines and text."""
+    def vector(self, format: str) -> bytes:
+        """Return a "pdf" or "svg" file with the picture's pixels below lines and text."""
         left, _, bottom, _ = self.box
         paper, plain = self._sheet.paper or "none", self._sheet.pixels
         below = self.figure.figimage(plain, left, bottom, origin="lower", zorder=-1)

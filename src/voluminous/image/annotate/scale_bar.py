@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ...units import is_quantity, parse_unit, plain
+from ...units import as_quantity, is_quantity, parse_unit, plain
+from ..coordinates import known_unit
 from ..stretch import finite
-from .lengths import bar_length, known_unit, readable, with_unit
+from .lengths import bar_length, readable, with_unit
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -19,7 +20,9 @@ _PART = 0.25
 _WIDE = 0.2
 
 
-def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
+def scale_bar(
+    image: Image, wanted: Any, shown: tuple[float, str] | None = None
+) -> tuple[float, str] | None:
     """Return length in the image's unit, and text; None where no bar says the truth.
 
     Parameters
@@ -27,6 +30,8 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
     image : Image
     wanted : bool, Quantity, str or float
         True: a round length that fits. A length: this one, such as ``"100 au"``.
+    shown : (float, str), optional
+        The unit in which a round length is told; see `bar_length`.
 
     Raises
     ------
@@ -38,7 +43,7 @@ def scale_bar(image: Image, wanted: Any) -> tuple[float, str] | None:
     if wanted is False or wanted is None:
         return None
     if wanted is True:
-        return None if is_wide(image) else bar_length(_PART * across, image.unit)
+        return None if is_wide(image) else bar_length(_PART * across, image.unit, shown)
     length, text = _given(image, wanted)
     if not 0 < length <= across:
         most = f"{across:g} {image.unit}".strip()
@@ -65,6 +70,7 @@ def _given(image: Image, wanted: Any) -> tuple[float, str]:
             raise InputError(
                 f"scale_bar must be a length such as '100 au', got {wanted!r}"
             ) from error
+    wanted = as_quantity(wanted)
     if is_quantity(wanted):
         length = finite(plain(wanted, parse_unit(image.unit), "scale_bar"), "scale_bar")
         # The unit the user chose is the one to read.
@@ -79,7 +85,8 @@ def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None
     """Draw the bar at the lower left, as long as it is in the picture."""
     from matplotlib.patches import Rectangle
 
-    long, thick = length / abs(image.pixel_size[0]), max(1.0, round(0.16 * sheet.em))
+    long = sheet.per_pixel * length / abs(image.pixel_size[0])
+    thick = max(1.0, round(0.16 * sheet.em))
     x = y = float(round(sheet.pad))
     ink, rim = sheet.inks(x, y, long, 2 * sheet.em)
     look: dict[str, Any] = {
@@ -92,7 +99,7 @@ def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None
     place = {"ha": "center", "va": "bottom"}
     up = y + thick + 0.3 * sheet.em
     draft = sheet.text(0.0, up, text, **place)
-    wide = draft.get_window_extent(sheet.canvas.get_renderer()).width
+    wide = sheet.wide(draft)
     draft.remove()
     # In the middle of its bar, unless it is longer than that.
     sheet.rimmed(x + 0.5 * max(long, wide), up, text, (ink, rim), **place)

@@ -48,6 +48,13 @@ class Scale:
     expr: str | None = None
     unit: str = ""
 
+    @property
+    def mappable(self) -> Any:
+        """What matplotlib's ``figure.colorbar`` takes."""
+        from matplotlib.cm import ScalarMappable
+
+        return ScalarMappable(norm=self.norm, cmap=self.colormap)
+
 
 def of_intensity(image: Image, options: dict[str, Any]) -> Scale:
     """Return the scale of a picture that shows one channel."""

@@ -63,9 +63,23 @@ class Sheet:
         wide, high = self.size
         self.figure = Figure(((wide + _WHOLE) / _DPI, (high + _WHOLE) / _DPI), dpi=_DPI)
         self.figure.patch.set_alpha(0.0)
+        self.home: Any = self.figure
         self.canvas = FigureCanvasAgg(self.figure)
         # What stands on the margins; on transparent ones the paper is likely to be white.
         self.ink = _DARK if paper is None or luminance(np.array(paper)) > 0.5 else _LIGHT
+
+    @property
+    def per_pixel(self) -> float:
+        """Units of places on the sheet in a pixel of the picture."""
+        return self.width / self.pixels.shape[1]
+
+    @property
+    def transform(self) -> Any:
+        """From places in the picture to the screen."""
+        from matplotlib.transforms import Affine2D
+
+        left, _, bottom, _ = self.box
+        return Affine2D().translate(left, bottom)
 
     @property
     def pad(self) -> float:
@@ -80,6 +94,7 @@ class Sheet:
 
     def inks(self, x: float, y: float, width: float, height: float) -> tuple[str, str]:
         """Return colours that can be read on a part of the picture: for lines, and their rims."""
+        x, y, width, height = (v / self.per_pixel for v in (x, y, width, height))
         rows = slice(max(0, int(y)), max(1, math.ceil(y + height)))
         columns = slice(max(0, int(x)), max(1, math.ceil(x + width)))
         part = self.pixels[rows, columns] / 255.0
@@ -96,15 +111,14 @@ class Sheet:
 
     def text(self, x: float, y: float, words: str, **look: Any) -> Text:
         """Write at a place in the picture, in its pixels."""
-        from matplotlib.transforms import IdentityTransform
+        given = {"fontsize": self.em, "color": self.ink, "transform": self.transform}
+        text: Text = self.home.text(x, y, words, **given | look)
+        return text
 
-        left, _, bottom, _ = self.box
-        given: dict[str, Any] = {
-            "fontsize": self.em,
-            "color": self.ink,
-            "transform": IdentityTransform(),
-        } | look
-        return self.figure.text(x + left, y + bottom, words, **given)
+    def wide(self, text: Text) -> float:
+        """Return the width of a text, in the same units."""
+        box = text.get_window_extent()
+        return float(box.width) * _DPI / self.figure.dpi
 
     def rimmed(self, x: float, y: float, words: str, inks: tuple[str, str], **look: Any) -> Text:
         """Write in the picture, in letters with a rim: two texts, the upper one is returned.
@@ -123,20 +137,13 @@ class Sheet:
     def line(self, xs: Any, ys: Any, **look: Any) -> Any:
         """Draw a line in pixels of the picture."""
         from matplotlib.lines import Line2D
-        from matplotlib.transforms import IdentityTransform
 
-        left, _, bottom, _ = self.box
-        places = np.asarray(xs) + left, np.asarray(ys) + bottom
-        drawn = Line2D(*places, transform=IdentityTransform(), **look)
-        return self.figure.add_artist(drawn)
+        return self.home.add_artist(Line2D(xs, ys, transform=self.transform, **look))
 
     def patch(self, patch: Any) -> Any:
         """Add a patch in pixels of the picture."""
-        from matplotlib.transforms import Affine2D
-
-        left, _, bottom, _ = self.box
-        patch.set_transform(Affine2D().translate(left, bottom))
-        return self.figure.add_artist(patch)
+        patch.set_transform(self.transform)
+        return self.home.add_artist(patch)
 
     def axes(self, x: float, y: float, width: float, height: float, **kind: Any) -> Axes:
         """Return axes at a place in pixels of the picture, with letters and lines that fit."""
@@ -186,6 +193,39 @@ class Sheet:
         place = base[bottom:top, left:right]
         place[...] = over(self.pixels, place)
         return base
+
+
+class AxesSheet(Sheet):
+    """The part of a figure inside axes that show a picture, in points.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    pixels : uint8 array, shape (ny, nx, 4)
+        The picture; row 0 at the bottom.
+    letters : float or None
+        Height of letters in points; None for matplotlib's.
+    """
+
+    def __init__(self, axes: Axes, pixels: NDArray[np.uint8], letters: float | None) -> None:
+        import matplotlib
+
+        figure: Any = axes.get_figure()
+        # Where the layout puts the axes; later changes of it move and stretch places, not letters.
+        figure.draw_without_rendering()
+        size = axes.get_window_extent()
+        self.pixels, self.paper, self.ink = pixels, None, _LIGHT
+        self.em = letters or float(matplotlib.rcParams["font.size"])
+        self.width, self.height = (v * _DPI / figure.dpi for v in (size.width, size.height))
+        self.home, self.figure, self.canvas = axes, figure, figure.canvas
+        self._to_axes = axes.transAxes
+
+    @property
+    def transform(self) -> Any:
+        """From points to the screen."""
+        from matplotlib.transforms import Affine2D
+
+        return Affine2D().scale(1.0 / self.width, 1.0 / self.height) + self._to_axes
 
 
 def letter_height(pixels: NDArray[np.uint8]) -> float:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
-from ...units import is_quantity
+from ...units import as_quantity, is_quantity
 from .lengths import number_text, readable, with_unit
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def time_text(time: Any, volume: Any) -> str:
         return ""
     if isinstance(time, str):
         return time
+    time = as_quantity(time)
     if is_quantity(time):
         return _stamp(float(time.value), str(time.unit))
     try:

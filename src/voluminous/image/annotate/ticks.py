@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 _ROOM = 6.0
 
 
-def draw_ticks(sheet: Sheet, image: Image) -> None:
+def draw_ticks(sheet: Sheet, image: Image, shown: tuple[float, str]) -> None:
     """Draw a frame with ticks around the picture, outwards, and what they count."""
     beside = max(1.0, LINE * sheet.em)  # so that the frame covers none of its pixels
     place = (-beside, -beside, sheet.width + 2 * beside, sheet.height + 2 * beside)
     if image.wcs is None or is_linear(image.wcs):
-        _plane(sheet, image, sheet.axes(*place), beside)
+        _plane(sheet, image, sheet.axes(*place), beside, shown)
     else:
         _sky(sheet, image, place, beside)
 
@@ -44,10 +44,13 @@ def _sky(sheet: Sheet, image: Image, place: tuple[float, ...], beside: float) ->
     axes.coords.frame.set_linewidth(LINE * sheet.em)
 
 
-def _plane(sheet: Sheet, image: Image, axes: Any, beside: float) -> None:
+def _plane(sheet: Sheet, image: Image, axes: Any, beside: float, shown: tuple[float, str]) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    edges, labels = _readable_edges(image) if image.wcs is None else plain_axes(image.wcs)
+    factor, name = shown
+    edges, labels = tuple(factor * v for v in image.extent), [_label(axis, name) for axis in "xy"]
+    if image.wcs is not None:
+        edges, labels = plain_axes(image.wcs)
     sides = (axes.xaxis, axes.yaxis), (sheet.width, sheet.height), (edges[:2], edges[2:]), labels
     for axis, room, (low, high), label in zip(*sides, strict=True):
         step = beside * (high - low) / room
@@ -57,13 +60,15 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float) -> None:
         axis.get_offset_text().set(fontsize=0.85 * sheet.em, color=sheet.ink)
 
 
-def _readable_edges(image: Image) -> tuple[tuple[float, ...], list[str]]:
-    """Return the outer edges in a unit that suits their size, and labels."""
+def readable_axes(image: Image) -> tuple[float, str]:
+    """Return a unit that suits the size of the picture: how many are one of its own, and a name."""
     left, right, bottom, top = image.extent
     size = 0.5 * max(abs(right - left), abs(top - bottom))
-    factor, name = (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
-    labels = [f"{axis} [{name}]" if name else axis for axis in "xy"]
-    return tuple(factor * v for v in image.extent), labels
+    return (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
+
+
+def _label(axis: str, name: str) -> str:
+    return f"{axis} [{name}]" if name else axis
 
 
 def _is_screen(image: Image) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import unknown_name
 from ...files import check_start, expecting, replacing
 from ..options import check_options
-from . import exr, fits, npz, png, radmc3d, tiff
+from . import exr, fits, npz, pictures, png, radmc3d, tiff
 from .contract import Format
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ FORMATS: tuple[Format, ...] = (
     npz.FORMAT,
     radmc3d.TEXT,
     radmc3d.BINARY,
+    pictures.JPEG,
+    pictures.PDF,
+    pictures.SVG,
 )
 
 

@@ -14,6 +14,7 @@ from . import png_code
 from .contract import Format
 
 if TYPE_CHECKING:
+    from ..annotate import Annotated
     from ..image import Image
 
 _TYPES: dict[int, type[np.uint8] | type[np.uint16]] = {8: np.uint8, 16: np.uint16}
@@ -52,21 +53,20 @@ def encode(
     if bits not in tuple(_TYPES):
         raise InputError(f"bits must be 8 or 16, got {bits!r}")
     if annotate is not False:
-        return _annotated(image, bits, annotate, {**display, "transparent": transparent})
+        if bits != 8:
+            raise InputError("annotated pictures have 8 bits; leave bits= out, or annotate=")
+        return annotated(image, annotate, {**display, "transparent": transparent}).png()
     shown = display_values(image, transparent, display)
     top = 2**bits - 1
     pixels = np.rint(shown[::-1] * np.float32(top)).astype(_TYPES[bits])
     return png_code.encode(pixels, {"Software": metadata.KEY, metadata.KEY: metadata.dumps(image)})
 
 
-def _annotated(
-    image: Image, bits: int, annotate: bool | dict[str, Any], options: dict[str, Any]
-) -> bytes:
-    if bits != 8:
-        raise InputError("annotated pictures have 8 bits; leave bits= out, or annotate=")
+def annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Annotated:
+    """Return what ``annotate=`` of `Image.save` asks for, with other options of the format."""
     if annotate is not True and not isinstance(annotate, dict):
         raise InputError(f"annotate must be True or a dict of options, got {annotate!r}")
-    return image.annotate(**options, **({} if annotate is True else annotate)).png()
+    return image.annotate(**options, **({} if annotate is True else annotate))
 
 
 def display_values(image: Image, transparent: bool, display: dict[str, Any]) -> NDArray[Any]:

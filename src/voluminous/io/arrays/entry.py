@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..axis_names import axis_of
 
 # More are no components of a vector, but a fourth dimension.
 _MOST = 4
@@ -104,6 +105,8 @@ def _component_axis(entry: Entry, where: str | None) -> int | None:
         return None
     if where is not None:
         return _WHERE[where]
-    three = [axis for axis in _WHERE.values() if entry.shape[axis] == 3]
-    few = [axis for axis in _WHERE.values() if 2 <= entry.shape[axis] <= _MOST]
+    # An axis that is called x, y, z or t counts no components.
+    ends = [a for a in _WHERE.values() if not (entry.dims and axis_of(entry.dims[a], {}))]
+    three = [axis for axis in ends if entry.shape[axis] == 3]
+    few = [axis for axis in ends if 2 <= entry.shape[axis] <= _MOST]
     return next((found[0] for found in (three, few) if len(found) == 1), None)

@@ -2,20 +2,37 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError
-from ..hdf5 import is_hdf5, opened
-from ..payload import inside
+from ..hdf5 import check_place, is_hdf5, opened, text
 from ..unit_texts import known_unit
 from .entry import Entry
 from .named_arrays import NamedArraysReader
 
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+# Layouts with an order of axes and places of cells of their own: by a place, or a pattern
+# of names in the root.
+_LAYOUTS = {
+    r"Grid\d{8}": "a piece of an output of Enzo; open its file of parameters or its directory",
+    "DataContainers": "a file of DREAM.3D",
+    "DataStructure": "a file of DREAM3D-NX",
+    "s00/resolutions": "a file of BigDataViewer; export it as OME-Zarr or TIFF",
+    "CGNSLibraryVersion": "a CGNS file; save it as .vtk with ParaView or PyVista",
+    ".silo": "a Silo file; save it as .vtk with VisIt",
+    "Chimera": "a map of UCSF Chimera; save it as .mrc",
+    "HDFEOS INFORMATION": "an HDF-EOS file; open it with xarray, and give that to vm.from_xarray",
+}
+_MATLAB = b"MATLAB 7.3 MAT-file"
+_PLACED_BY = ("axes", "bounds", "spacing", "x", "y", "z")
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
 
 
@@ -24,11 +41,23 @@ class HDF5Reader(NamedArraysReader):
 
     name = "hdf5"
     description = "an HDF5 file"
-    suffixes = (".h5", ".hdf5", ".he5", ".hdf")
+    suffixes = (".h5", ".hdf5", ".he5", ".hdf", ".mat")
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a file that starts as HDF5 files do (a user block may come first)."""
         return is_hdf5(head)
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume; layouts of other programs only if the user says what is where."""
+        if all(options.get(name) is None for name in _PLACED_BY):
+            with opened(path) as file:
+                known = next((what for mark, what in _LAYOUTS.items() if _has(file, mark)), None)
+            if known:
+                raise FileFormatError(
+                    f"expected plain arrays, this is {known}. To read its arrays as they are, say "
+                    "what they are: axes='zyx' (or 'xyz'), bounds=… or spacing=…"
+                )
+        return super().read(path, fields, **options)
 
     @contextmanager
     def entries(
@@ -37,12 +66,14 @@ class HDF5Reader(NamedArraysReader):
         """Give all data sets; each is read when it is asked for."""
         import h5py
 
+        with open(path, "rb") as start:
+            backwards = start.read(len(_MATLAB)) == _MATLAB
         with opened(path) as file:
             found: dict[str, Entry] = {}
 
             def visit(place: str, item: Any) -> None:
                 if isinstance(item, h5py.Dataset) and item.shape is not None:
-                    found[place] = _entry(path, item)
+                    found[place] = _entry(path, item, backwards)
 
             if only is None:
                 file.visititems(visit)  # does not follow links to other places
@@ -51,15 +82,22 @@ class HDF5Reader(NamedArraysReader):
             yield found
 
 
-def _entry(path: Path, item: Any) -> Entry:
+def _has(file: Any, mark: str) -> bool:
+    return mark in file or any(re.fullmatch(mark, name) for name in file)
+
+
+def _entry(path: Path, item: Any, backwards: bool) -> Entry:
+    """Return a data set; its axes run backwards in files of MATLAB and Octave, as they show it."""
     scales, dims = _scales(item)
+    sense = -1 if backwards or "OCTAVE_NEW_FORMAT" in item.parent.attrs else 1
 
     def load(index: Any = ...) -> np.ndarray:
-        _check_place(path, item)
-        values: np.ndarray = item[index]
+        check_place(path, item)
+        values: np.ndarray = item[index] if sense == 1 else item[()].T[index]
         return values
 
-    return Entry(item.shape, item.dtype, _unit(item), load, scales=scales, dims=dims)
+    dims, scales = dims[::sense], scales[::sense]
+    return Entry(item.shape[::sense], item.dtype, _unit(item), load, scales=scales, dims=dims)
 
 
 def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -75,34 +113,7 @@ def _scales(item: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return places, tuple(names)
 
 
-def _check_place(path: Path, item: Any) -> None:
-    """Refuse values that are elsewhere: a file must not make us read any other.
-
-    Raises
-    ------
-    FileFormatError
-        If they are in files of any kind, or in HDF5 files outside of the directory.
-    """
-    if item.external:
-        raise FileFormatError(
-            f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
-            "copy them into one file with h5repack"
-        )
-    if item.is_virtual:
-        for source in item.virtual_sources():
-            if source.file_name != ".":
-                inside(path.parent, source.file_name)
-
-
 def _unit(item: Any) -> str:
     """Return the unit in a data set's attributes; what astropy does not know is left out."""
-    texts = (_text(item.attrs.get(name)) for name in _UNIT_ATTRIBUTES)
+    texts = (text(item.attrs.get(name)) for name in _UNIT_ATTRIBUTES)
     return next((unit for unit in map(known_unit, texts) if unit), "")
-
-
-def _text(attribute: Any) -> str:
-    """Return an attribute that is one text; the empty string for any other."""
-    values = np.ravel(attribute)
-    first = values[0] if values.size == 1 else ""
-    text = first.decode("utf-8", "replace") if isinstance(first, bytes) else first
-    return text.strip() if isinstance(text, str) else ""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
-from ...units import is_quantity, parse_unit, plain, unit_of
+from ...units import as_quantity, is_quantity, parse_unit, plain, unit_of
 from ..axis_names import AXES, axis_of
 from ..edges import edges_of_centers, is_even
 
@@ -166,6 +166,7 @@ def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> 
         edges = _loaded(entries[place])
     else:
         edges = source
+    edges = as_quantity(edges)
     values = edges.value if is_quantity(edges) else edges
     found = np.shape(values)
     if found == (cells,) and cells > 1 and is_even(np.asarray(values, np.float64)):

@@ -1,5 +1,6 @@
-"""Athena++ output (.athdf), read with h5py alone."""
+"""Athena++ (.athdf) and PLUTO (.dbl.h5) output, read with h5py alone."""
 
+from .pluto import PlutoReader
 from .reader import AthenaReader
 
-__all__ = ["AthenaReader"]
+__all__ = ["AthenaReader", "PlutoReader"]

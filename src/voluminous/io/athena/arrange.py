@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,14 +12,14 @@ from ..leaves import placed_values, tree_of_leaves
 from .mesh import Mesh
 
 Arrange = Callable[[np.ndarray], Any]
-_REGULAR: dict[str, Any] = {
+REGULAR: dict[str, Any] = {
     "cartesian": CartesianGrid,
     "spherical": SphericalGrid,
     "cylindrical": CylindricalGrid,
 }
 
 
-def grid_of_mesh(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[Any, Arrange]:
+def grid_of_mesh(mesh: Mesh, edges: Sequence[np.ndarray], unit: Any) -> tuple[Any, Arrange]:
     """Return the grid of a mesh, and what makes a field of values ``[block, ix, iy, iz]``.
 
     Blocks of one level that fill the domain make a regular grid; others patches, or in curvilinear
@@ -28,12 +28,12 @@ def grid_of_mesh(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[
     Parameters
     ----------
     mesh : Mesh
-    edges : tuple of three arrays
+    edges : sequence of three arrays
         The walls of its root cells, lengths in `unit`.
     unit : unit or None
     """
     if not mesh.level.any() and len(mesh.level) * mesh.block.prod() == mesh.counts.prod():
-        return _REGULAR[mesh.kind](*edges, unit=unit), _Joined(mesh)
+        return REGULAR[mesh.kind](*edges, unit=unit), _Joined(mesh)
     if mesh.kind == "cartesian":
         shape = np.broadcast_to(mesh.block, mesh.low.shape)
         ratio = np.where(mesh.counts > 1, 2, 1)
@@ -60,8 +60,8 @@ class _Joined:
         return whole
 
 
-def _tree(mesh: Mesh, edges: tuple[np.ndarray, ...], unit: Any) -> tuple[Any, np.ndarray]:
+def _tree(mesh: Mesh, edges: Sequence[np.ndarray], unit: Any) -> tuple[Any, np.ndarray]:
     local = np.moveaxis(np.indices(mesh.block.tolist()), 0, -1).reshape(-1, 3)
     index = (mesh.low[:, None] + local).reshape(-1, 3)
     level = np.repeat(mesh.level, len(local))
-    return tree_of_leaves(_REGULAR[mesh.kind], edges, level, index, mesh.axes, unit=unit)
+    return tree_of_leaves(REGULAR[mesh.kind], edges, level, index, mesh.axes, unit=unit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import unit_name
 from ..contract import FieldInfo, Reader
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import holds, opened
 from ..lengths import round_unit
 from ..names import chosen_fields
 from .mesh import Mesh, checked, read_mesh
@@ -43,14 +44,7 @@ class AthenaReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for HDF5 with the attributes that Athena++ gives it."""
-        if not is_hdf5(head):
-            return False
-
-        try:
-            with opened(path) as file:
-                return all(mark in file.attrs for mark in _MARKS)
-        except Exception:  # damaged: whoever reads it says so
-            return path.suffix.lower() in self.suffixes
+        return holds(path, head, lambda file: all(mark in file.attrs for mark in _MARKS))
 
     def read(
         self, path: Path, fields: Any = None, *, unit: Any = None, **code_units: Any
@@ -63,7 +57,7 @@ class AthenaReader(Reader):
         with opened(path) as file:
             mesh = read_mesh(file)
             known = {v.place: v for v in variables(file.attrs, mesh.kind)}
-            edges, own = _in_unit(mesh, units, unit)
+            edges, own = in_unit(mesh.kind, mesh.edges, units, unit)
             grid, arrange = grid_of_mesh(mesh, edges, own)
             volume = Volume(grid)
             volume.meta.update(_meta(file, units))
@@ -120,17 +114,17 @@ def _native(dtype: Any) -> Any:
     return np.dtype(dtype).newbyteorder("=")
 
 
-def _in_unit(mesh: Mesh, units: CodeUnits, unit: Any) -> tuple[tuple[np.ndarray, ...], Any]:
-    """Return the edges of the root grid in the unit that the volume shall have, and that."""
+def in_unit(
+    kind: str, edges: Sequence[np.ndarray], units: CodeUnits, unit: Any
+) -> tuple[Sequence[np.ndarray], Any]:
+    """Return the edges of a grid in the unit that the volume shall have, and that."""
     if units.length is None:
-        return mesh.edges, unit
-    lengths = [mesh.edges[axis] for axis in _LENGTHS[mesh.kind]]
-    width = max(float(np.ptp(e)) for e in lengths)
+        return edges, unit
+    lengths = _LENGTHS[kind]
+    width = max(float(np.ptp(edges[axis])) for axis in lengths)
     own = round_unit(width * units.length) if unit is None else unit
     factor = units.length.to(own)
-    return tuple(
-        e * factor if axis in _LENGTHS[mesh.kind] else e for axis, e in enumerate(mesh.edges)
-    ), own
+    return [e * factor if axis in lengths else e for axis, e in enumerate(edges)], own
 
 
 def _meta(file: Any, units: CodeUnits) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What Athena++ calls its variables, and what they are."""
+"""What Athena++ and PLUTO call their variables, and what they are."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ COMPONENTS = {
 Kind = tuple[str, tuple[int, int, int], str]
 _SCALARS: dict[str, Kind] = {
     "rho": ("density", (-3, 1, 0), "g / cm3"),
+    "prs": ("pressure", (-1, 1, -2), "erg / cm3"),
     "press": ("pressure", (-1, 1, -2), "erg / cm3"),
     "dens": ("density", (-3, 1, 0), "g / cm3"),
     "Etot": ("total_energy", (-1, 1, -2), "erg / cm3"),
@@ -28,6 +29,8 @@ _SCALARS: dict[str, Kind] = {
 }
 _VECTORS: dict[str, Kind] = {
     "vel": ("velocity", (1, 0, -1), "cm / s"),
+    "vx": ("velocity", (1, 0, -1), "cm / s"),
+    "Bx": ("magnetic_field", (-1, 1, -2), "G"),
     "mom": ("momentum", (-2, 1, -1), "g / (cm2 s)"),
     # Its square is an energy density.
     "Bcc": ("magnetic_field", (-1, 1, -2), "G"),
@@ -56,14 +59,14 @@ def variables(attrs: Any, kind: str) -> list[Variable]:
     rows = [(d, k) for d, n in zip(datasets, counts, strict=True) for k in range(max(n, 0))]
     found: list[Variable] = []
     for (dataset, row), place in zip(rows, names, strict=True):
-        name, what = _known(place, kind)
+        name, what = known(place, kind)
         taken = {variable.name for variable in found}
         own = field_name(place)
         found.append(Variable(place, dataset, row, own if name in taken else name, what))
     return found
 
 
-def _known(place: str, kind: str) -> tuple[str, Kind | None]:
+def known(place: str, kind: str) -> tuple[str, Kind | None]:
     """Return the common name of a variable, and what it is."""
     if place in _SCALARS:
         return _SCALARS[place][0], _SCALARS[place]
@@ -112,7 +115,7 @@ class CodeUnits:
     def of(self, kind: Kind | None) -> tuple[float, Any]:
         """Return the factor to the unit of what a variable is, and that; 1 and None if not known.
 
-        A field in Athena++ lacks the factor 4π of Gaussian units: B²/2 is its energy density.
+        A field in these codes lacks the factor 4π of Gaussian units: B²/2 is its energy density.
         """
         base: Any = (self.length, self.mass, self.time)
         if kind is None or any(u is None for u, p in zip(base, kind[1], strict=True) if p):

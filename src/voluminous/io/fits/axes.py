@@ -76,7 +76,8 @@ def _shown(wcs: Any, unit: Any, header: Any) -> Any:
         return u.GHz
     if wcs.wcs.spec != 2:
         return unit
-    cards = (lenient_unit(str(card(header, f"CUNIT{k}", ""))) for k in range(1, 10))
+    spectral = (k for k in range(1, 10) if str(card(header, f"CTYPE{k}", ""))[:4] in _NAMES)
+    cards = [lenient_unit(str(card(header, f"CUNIT{k}", ""))) for k in spectral] or [unit]
     own = next((c for c in cards if c is not None and c.is_equivalent(unit)), unit)
     return u.um if own == u.m else own
 
@@ -95,6 +96,7 @@ def axis_name(wcs: Any) -> str:
     kind, measure = str(wcs.wcs.ctype[2]), parse_unit(wcs.wcs.cunit[2])
     if kind[:4] in _NAMES and wcs.wcs.spec == 2:
         return _NAMES[kind[:4]]
-    if measure is not None and str(measure.physical_type) in _KINDS:
-        return _KINDS[str(measure.physical_type)]
-    return field_name(kind.lower() or "third")
+    for quantity, name in _KINDS.items():
+        if measure is not None and measure.physical_type == quantity:
+            return name
+    return field_name(kind.lower().removesuffix("-tab") or "third")

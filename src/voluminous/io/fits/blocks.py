@@ -16,10 +16,6 @@ from ...errors import FileFormatError
 from ..payload import is_packed, unpacked
 
 BLOCK = 2880
-_CARD = 80
-_END = b"END".ljust(_CARD)
-# More than any real header has (a file of one endless header must not fill the memory).
-_MOST_BLOCKS = 8192
 _MOST_PARTS = 100_000
 _MOST_AXES = 999
 
@@ -36,12 +32,15 @@ class Part:
         Its cards.
     start, size : int
         Where the data begin in the (unpacked) file, and their bytes.
+    path : Path
+        The file.
     """
 
     number: int
     header: Any
     start: int
     size: int
+    path: Path
 
     @property
     def name(self) -> str:
@@ -96,7 +95,7 @@ def _walk(file: IO[bytes], path: Path) -> Iterator[Part]:
         header, at = _header(file, number, at)
         if header is None:
             return
-        part = Part(number, header, at, _data_size(Part(number, header, at, 0)))
+        part = Part(number, header, at, _data_size(Part(number, header, at, 0, path)), path)
         end = at + part.size
         file.seek(end if length is None else min(end, length))
         # Behind the end of a packed file nothing is found: it stays where that is.
@@ -120,19 +119,17 @@ def _header(file: IO[bytes], number: int, at: int) -> tuple[Any, int]:
     """Return the header that begins here and where it ends; None if no part follows."""
     from astropy.io import fits
 
-    found = bytearray()
-    for count in range(_MOST_BLOCKS):
-        block = file.read(BLOCK)
-        if count == 0 and number and not block.startswith(b"XTENSION"):
-            return None, at  # the end, or what some programs leave behind the last part
-        if len(block) < BLOCK:
-            raise FileFormatError(f"HDU {number} is cut short: its header has no END card")
-        found += block
-        cards = [block[k : k + _CARD] for k in range(0, BLOCK, _CARD)]
-        if _END in cards:
-            text = found.decode("ascii", "replace").replace("�", "?")
-            return fits.Header.fromstring(text), at + len(found)
-    raise FileFormatError(f"HDU {number}: no END card in the first {len(found)} bytes")
+    start = file.read(8)
+    file.seek(at)
+    if number and start != b"XTENSION":
+        return None, at  # the end, or what some programs leave behind the last part
+    try:
+        header = fits.Header.fromfile(file)
+    except (EOFError, OSError, ValueError, fits.VerifyError) as error:
+        raise FileFormatError(
+            f"HDU {number} is cut short or damaged: there is no END card in its header ({error})"
+        ) from error
+    return header, file.tell()
 
 
 def _data_size(part: Part) -> int:

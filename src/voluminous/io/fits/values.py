@@ -122,10 +122,11 @@ def scaling(part: Part) -> Scaling:
     for key in ("BLANK", "ZBLANK"):
         if stored.kind != "f" and blank is None and key in part.header:
             blank = part.whole(key)
-    return Scaling(stored, _number(part, "BSCALE", 1), _number(part, "BZERO", 0), blank)
+    return Scaling(stored, number(part, "BSCALE", 1), number(part, "BZERO", 0), blank)
 
 
-def _number(part: Part, key: str, default: float) -> float:
+def number(part: Part, key: str, default: float) -> float:
+    """Return a card that must be a finite number."""
     value = card(part.header, key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise FileFormatError(f"{part.name}: {key} is {value!r}, expected a number")

@@ -199,6 +199,10 @@ def _upright(wcs: Any, sides: list[int]) -> tuple[np.ndarray, np.ndarray, list[i
     if abs(linear[0, 1] * linear[1, 0]) > abs(linear[0, 0] * linear[1, 1]):
         own = [1, 0, 2]  # turned by about 90 degrees
     signs = np.sign([linear[k, own[k]] for k in range(3)])
+    for k in range(3):
+        if wcs.wcs.ctype[k].endswith("-TAB"):  # the table may fall
+            ends = wcs.sub([k + 1]).wcs_pix2world([[0], [sides[k] - 1]], 0)[:, 0]
+            signs[k] = np.sign(ends[1] - ends[0])
     if wcs.has_celestial:
         signs[0] *= -1  # x runs to the right: to the west
     matrix, origin = np.zeros((3, 3)), np.zeros(3)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
+from ...image.sky import table_hdus, tables_of
 from ..cartesian import cartesian
 from .axes import axis_name
 from .layout import is_place
@@ -44,6 +45,8 @@ def write(volume: Volume, path: Path) -> None:
         header["BUNIT"] = fits_name(volume.field_unit(name))
         kind = fits.ImageHDU if number else fits.PrimaryHDU
         hdus.append(kind(_storable(volume.array(name)).T, header=header))
+    if volume.wcs is not None:
+        hdus += table_hdus(tables_of(volume.wcs))
     fits.HDUList(hdus).writeto(path, output_verify="fix+ignore")
 
 

@@ -5,8 +5,21 @@ forever; no error can be caught then, and what the user has in memory is lost. S
 own goes through the file first (`trial`), and only a file that it survives is opened.
 """
 
-from .access import MAGIC, is_hdf5, opened
-from .data_sets import data_set, read
+from .access import MAGIC, filters, holds, is_hdf5, opened
+from .data_sets import check_place, data_set, data_sets, is_own, read, text
 from .trial import check
 
-__all__ = ["MAGIC", "check", "data_set", "is_hdf5", "opened", "read"]
+__all__ = [
+    "MAGIC",
+    "check",
+    "check_place",
+    "data_set",
+    "data_sets",
+    "filters",
+    "holds",
+    "is_hdf5",
+    "is_own",
+    "opened",
+    "read",
+    "text",
+]

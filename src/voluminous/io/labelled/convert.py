@@ -12,7 +12,8 @@ from ...deferred import Deferred
 from ...errors import InputError, how_to_take
 from ...packages import require
 from .layout import Layout, layout_of, selected
-from .variables import check_same, check_variable, chosen_variables, unit_in
+from .lines import unit_in
+from .variables import check_same, check_variable, chosen_variables
 
 if TYPE_CHECKING:
     import xarray
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 # Fields that take no more are read at once.
 AT_ONCE = 256 << 20
+# Attributes of variables that were opened without being decoded (CF conventions 2.5.1 and 8.1).
+_PACKED = {"scale_factor", "add_offset", "_FillValue", "missing_value"}
 
 
 def from_xarray(
@@ -118,7 +121,9 @@ def as_dataset(data: Any) -> xarray.Dataset:
     """
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
-        return data
+        packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())
+        # A copy: decoding takes attributes away from what it is given.
+        return xarray.decode_cf(data.copy(), False, decode_times=False) if packed else data
     if not isinstance(data, xarray.DataArray):
         raise InputError(
             f"from_xarray takes an xarray.DataArray or Dataset, got {type(data).__name__}"
@@ -126,7 +131,7 @@ def as_dataset(data: Any) -> xarray.Dataset:
         )
     name = str(data.name or "data")
     taken = name in data.coords or name in data.dims
-    return data.rename(None).to_dataset(name=f"{name}_" if taken else name)
+    return as_dataset(data.rename(None).to_dataset(name=f"{name}_" if taken else name))
 
 
 def volume_of(

@@ -12,7 +12,7 @@ from ...errors import InputError, unknown_name
 from ..axis_names import AXES, axis_of
 from .axes import checked_dims, spatial_dims
 from .box import grid_of
-from .lines import Line, line_of
+from .lines import Line, line_of, plain_values
 
 if TYPE_CHECKING:
     import xarray
@@ -43,7 +43,7 @@ class Layout:
         """Return an array as a field: index [ix, iy, iz], coordinates ascending."""
         # Turned once it is in memory: xarray would look up each value of a file by itself.
         kept = [str(dim) for dim in array.dims if dim in self.dims]
-        values = np.asarray(array.values).reshape([array.sizes[dim] for dim in kept])
+        values = plain_values(array).reshape([array.sizes[dim] for dim in kept])
         senses = tuple(slice(None, None, -1 if line.flipped else None) for line in self.lines)
         return values.transpose([kept.index(dim) for dim in self.dims])[senses]
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, UnitsError
 from ..edges import edges_of_centers
 from ..unit_texts import known_unit
 
@@ -79,8 +79,7 @@ def line_of(data: xarray.Dataset, dim: str, upright: bool = False) -> Line:
         return Line(dim, np.arange(count + 1.0), counted=True)
     coordinate = data.coords[dim]
     attributes = coordinate.attrs
-    unit = known_unit(str(attributes.get("units", "")))
-    values, unit = _numbers(coordinate.values, unit)
+    values, unit = _numbers(plain_values(coordinate), unit_in(coordinate))
     told = str(attributes.get("positive", "")).lower()
     down = upright and (told == "down" or (told != "up" and unit in _PRESSURES))
     sign = -1.0 if down else 1.0
@@ -89,6 +88,30 @@ def line_of(data: xarray.Dataset, dim: str, upright: bool = False) -> Line:
         edges = edges_of_centers(_ascending(dim, sign * values))
     flipped = count > 1 and bool(sign * values[0] > sign * values[-1])
     return Line(dim, edges, unit, flipped, down=down)
+
+
+def unit_in(array: xarray.DataArray) -> str:
+    """Return the unit of an array, or of its attributes as far as astropy knows it.
+
+    Raises
+    ------
+    UnitsError
+        If the values are quantities (of pint, unyt, astropy …) in a unit that astropy lacks.
+    """
+    held = array.variable._data  # `data` would read a file
+    own = str(getattr(held, "units", getattr(held, "unit", "")))
+    if own not in ("", "dimensionless"):
+        unit = known_unit(own)
+        if not unit:
+            raise UnitsError(f"{array.name} has values in {own!r}, which astropy does not know")
+        return unit
+    return known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
+
+
+def plain_values(array: xarray.DataArray) -> np.ndarray:
+    """Return the values without the unit that pint and others keep with them."""
+    held = array.data
+    return np.asarray(getattr(held, "magnitude", held))
 
 
 def _numbers(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:

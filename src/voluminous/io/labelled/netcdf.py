@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import FileFormatError, MissingPackageError, unknown_name
 from ...packages import is_installed, require
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import filters, is_hdf5, opened
 from .classic import check_length
 from .reader import LabelledReader
 
@@ -50,7 +50,7 @@ class NetCDFReader(LabelledReader):
         # Memory is taken by the volume only: xarray would keep what it reads beside it.
         options: dict[str, Any] = {"engine": _engine(head), "cache": False}
         options |= {} if group is None else {"group": group}
-        with _decoded(xarray, path, options) as data:
+        with filters(), _decoded(xarray, path, options) as data:
             if group is None and not _has_fields(data) and is_hdf5(head):
                 _tell_groups(path)
             yield data

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError
 from ..contract import FieldInfo
 from ..names import chosen_fields, field_name
-from ..unit_texts import known_unit
 from .layout import axis_in, dims_of
+from .lines import unit_in
 
 if TYPE_CHECKING:
     import xarray
@@ -24,22 +24,38 @@ def infos(data: xarray.Dataset) -> tuple[FieldInfo, ...]:
     )
 
 
-def unit_in(array: xarray.DataArray) -> str:
-    """Return the unit that the attributes of a variable tell, as far as astropy knows it."""
-    return known_unit(str(array.attrs.get("units", "")))
-
-
 def _name(variable: str) -> str:
     """Return a name that expressions can use: a slash is part of a unit here, not of a path."""
     return field_name(variable.replace("/", "_"))
 
 
+# Attributes by which variables name others that describe them (CF conventions, appendix A).
+_HELPERS = (
+    *("ancillary_variables", "bounds", "cell_measures", "climatology", "coordinates"),
+    *("formula_terms", "grid_mapping", "quantization"),
+)
+
+
 def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
-    return {
+    """Return the variables that can be fields, without those that only describe others."""
+    found = {
         str(name): array
         for name, array in data.data_vars.items()
         if array.ndim >= 3 and array.dtype.kind in "fiub"
     }
+    helpers = _helpers(data)
+    return {name: array for name, array in found.items() if name not in helpers} or found
+
+
+def _helpers(data: xarray.Dataset) -> set[str]:
+    """Return the variables that others name in their attributes: ``"area: cell_area"``."""
+    texts = (
+        str(attributes.get(key, ""))
+        for variable in data.variables.values()
+        for attributes in (variable.attrs, variable.encoding)
+        for key in _HELPERS
+    )
+    return {word for text in texts for word in text.split() if not word.endswith(":")}
 
 
 def chosen_variables(data: xarray.Dataset, fields: Any) -> dict[str, str]:

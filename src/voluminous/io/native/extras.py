@@ -6,7 +6,8 @@ import json
 from typing import Any
 
 from ...errors import FileFormatError
-from .layout import META, WCS
+from ...image.sky import table_hdus, tables_of
+from .layout import META, TABLES, WCS
 
 
 def write_extras(file: Any, volume: Any) -> None:
@@ -17,6 +18,8 @@ def write_extras(file: Any, volume: Any) -> None:
     if volume.wcs is not None:
         file[WCS] = _header(volume.wcs)
         file[WCS].attrs["about"] = "a FITS header with the world coordinates of the grid's axes"
+        for (table, column), values in tables_of(volume.wcs).items():
+            file[f"{TABLES}/{table}/{column}"] = values
 
 
 def read_extras(file: Any, volume: Any) -> None:
@@ -33,7 +36,7 @@ def read_extras(file: Any, volume: Any) -> None:
             raise FileFormatError(f"/{META} must be a table in JSON, got {meta!r:.40}")
         volume.meta.update(meta)
     if WCS in file:
-        volume.wcs = _wcs(_text(file, WCS))
+        volume.wcs = _wcs(_text(file, WCS), file.get(TABLES, {}))
 
 
 def _text(file: Any, name: str) -> str:
@@ -65,8 +68,10 @@ def _header(wcs: Any) -> str:
     return text
 
 
-def _wcs(text: str) -> Any:
-    from astropy.io.fits import Header
+def _wcs(text: str, tables: Any) -> Any:
+    from astropy.io.fits import HDUList, Header, PrimaryHDU
     from astropy.wcs import WCS as AstropyWCS
 
-    return AstropyWCS(Header.fromstring(text, sep="\n"))
+    found = {(name, title): values[()] for name in tables for title, values in tables[name].items()}
+    hdus = HDUList([PrimaryHDU(), *table_hdus(found)])
+    return AstropyWCS(Header.fromstring(text, sep="\n"), hdus if found else None)

@@ -16,6 +16,7 @@ from ..hdf5 import is_hdf5, opened
 MARK = "voluminous volume"
 VERSION = 1
 GRID, FIELDS, META, WCS = "grid", "fields", "meta", "wcs"
+TABLES = "wcs_tables"  # of a WCS with an axis in a table (-TAB)
 ABOUT = (
     "A volume: /grid says where the cells are (its attribute 'order' how they are counted), "
     "/fields/NAME holds one value per cell in 'units'. Read it with voluminous.open(path)."

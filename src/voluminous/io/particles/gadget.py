@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...units import parse_unit
 from ..contract import FieldInfo, Reader
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import MAGIC, holds
 from .columns import OPTIONS, Density, placed, volume_of
 from .gadget_header import first_file
 from .gadget_snapshot import Snapshot
@@ -40,14 +40,10 @@ class GadgetReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for HDF5 with a header and particles, or a directory of its pieces."""
-        try:
-            first = first_file(path)
-            if first == path and not is_hdf5(head):
-                return False
-            with opened(first) as file:
-                return "Header" in file and any(f"PartType{k}" in file for k in range(7))
-        except Exception:  # damaged: whoever reads it says so
-            return False
+        first = first_file(path)
+        types = {f"PartType{k}" for k in range(7)}
+        start = head if first == path else MAGIC
+        return holds(first, start, lambda file: "Header" in file and types & set(file))
 
     def read(
         self,
@@ -67,6 +63,8 @@ class GadgetReader(Reader):
         make = functools.partial(_deposit, snapshot, unit, placing)
         volume = volume_of(make, _density(snapshot), snapshot.columns(), fields, empty)
         volume.meta.update(snapshot.header.meta)
+        if snapshot.left_out:
+            volume.meta["left_out"] = snapshot.left_out
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:

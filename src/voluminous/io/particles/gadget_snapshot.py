@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import FileFormatError, unknown_name
-from ..hdf5 import data_set, opened, read
+from ..hdf5 import data_set, data_sets, opened, read
 from .attributes import number
 from .columns import Column, with_unit
 from .gadget_header import TYPES, files_of, first_file, read_header
@@ -50,6 +50,8 @@ class Snapshot:
         Where the particles are in the file.
     data : dict
         Common name → name of the data set.
+    left_out : dict
+        Why what else is beside the particles can be no field.
     kernel : tuple
         Name of the kernel, and the radius of its support in the file's lengths.
 
@@ -96,19 +98,20 @@ class Snapshot:
 
     def _describe(self) -> None:
         """Look at the data sets of the first file."""
-        import h5py
-
         path, count = self.files[0]
         self.data: dict[str, str] = {}
         self.items: dict[str, Item] = {}
         with opened(path) as file:
-            for name in file[self.group]:
-                item = file[self.group].get(name, getlink=True)
-                item = file[self.group][name] if isinstance(item, h5py.HardLink) else None
-                if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiub":
+            found, self.left_out = data_sets(path, file[self.group])
+            for name, item in found.items():
+                common = common_name(name)
+                rows, *width = item.shape or (0,)
+                if common in (*_NO_FIELDS, "smoothing_length"):
+                    self._check_length(name, item.shape, count)
+                elif rows != count or len(width) > 1 or max(width, default=1) > _WIDEST:
+                    self.left_out[name] = f"shape {item.shape}, columns are at most {_WIDEST}"
                     continue
-                self._check_length(name, item.shape, count)
-                self.data[common_name(name)] = name
+                self.data[common] = name
                 shape = (self.size, *item.shape[1:])
                 self.items[name] = Item(shape, item.dtype, dict(item.attrs))
 
@@ -174,8 +177,6 @@ class Snapshot:
     def _columns_of(self, common: str, name: str, item: Item) -> list[Column]:
         factor, unit = self.header.units.of(common, item.attributes)
         width = item.shape[1] if len(item.shape) == 2 else 0
-        if len(item.shape) > 2 or width > _WIDEST:
-            return []
         columns = [None] if len(item.shape) == 1 else list(range(width))
         endings = _AXES if width == 3 else [str(k) for k in columns]
         return [

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ...units import parse_unit
 from ..contract import FieldInfo, Reader
-from ..hdf5 import MAGIC, is_hdf5, opened
+from ..hdf5 import MAGIC, holds, is_hdf5
 from ..payload import mapped
 from .columns import OPTIONS, placed, volume_of
 from .phantom_columns import columns_of, density_of
@@ -37,14 +37,7 @@ class PhantomReader(Reader):
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a file that starts as native dumps do, or with their names in HDF5."""
-        if not is_hdf5(head):
-            return byte_order(head) is not None
-
-        try:
-            with opened(path) as file:
-                return is_dump(file)
-        except Exception:  # damaged: whoever reads it says so
-            return False
+        return holds(path, head, is_dump) if is_hdf5(head) else byte_order(head) is not None
 
     def read(
         self,
@@ -83,7 +76,7 @@ def _source(path: Path) -> Source:
     for tag in ("x", "y", "z", "h"):
         if tag not in particles:
             raise FileFormatError(f"particles have no {tag!r}; they have {', '.join(particles)}")
-    return Source(dump.header, particles, sinks, "massoftype")
+    return Source(dump.header, particles, sinks, "massoftype", {})
 
 
 def _property(path: Path, tag: str, array: Array) -> Property:
@@ -114,6 +107,8 @@ def _meta(source: Source) -> dict[str, Any]:
     meta: dict[str, Any] = {"code": "Phantom", "time": source.number("time", 0.0) * factor}
     if unit is not None:
         meta["time_unit"] = "s"
+    if source.left_out:
+        meta["left_out"] = source.left_out
     if any(item.shape[0] for item in source.sinks.values()):
         meta["sinks"] = {tag: item.load().tolist() for tag, item in source.sinks.items()}
     if source.units is not None:

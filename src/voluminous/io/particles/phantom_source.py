@@ -39,12 +39,15 @@ class Source:
         By Phantom's tags, vectors as components (x, vx, Bx …).
     mass_place : str
         Where the mass of particles is.
+    left_out : dict of str
+        Why what else is beside the particles can be no field.
     """
 
     header: dict[str, np.ndarray]
     particles: dict[str, Property]
     sinks: dict[str, Property]
     mass_place: str
+    left_out: dict[str, str]
     kind: int = 1
 
     def number(self, tag: str, default: float | None = None) -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError
-from ..channels import Y_DOWN, of_samples
+from ..channels import Y_DOWN, Channel, of_samples
 from .tiff_chain import MAGICS, check_chain, holds_stack
 from .tiff_pages import STACK_OPTIONS, cells_from_zero, opened, part_of
 from .tiff_scale import channels_of, scale_of
@@ -47,7 +47,9 @@ class TIFFReader(VoxelReader):
             sizes = _sizes(series)
             third = _third(sizes)
             widths, own = scale_of(file, number)
-            listed = channels_of(file, number, sizes.get("C", 1) if third != "C" else 0)
+            listed = channels_of(file, number, sizes.get("C", 1))
+            if third == "C":
+                _check_slices(listed)
             dtype = np.dtype(series.dtype)
         times = sizes.get("T", 1) if third != "T" else 1
         step = time_step(time, times)
@@ -67,8 +69,18 @@ class TIFFReader(VoxelReader):
             placement=cells_from_zero(shape, widths if spacing is None else spacing, unit or own),
             load=load,
             components=("",) if count == 1 else components(count, COLORS if channels == 1 else ()),
-            channels=of_samples(samples) * channels if samples > 1 else listed,
+            channels=of_samples(samples) * channels if samples > 1 else listed[:channels],
             meta=Y_DOWN | ({} if times == 1 else {"times": times, "time_step": step}),
+        )
+
+
+def _check_slices(listed: list[Channel]) -> None:
+    """Refuse channels for slices where the file says that they are channels."""
+    names = [str(entry.get("label", "?")) for entry in listed]
+    if any({"label", "color"} & entry.keys() for entry in listed):
+        raise FileFormatError(
+            f"expected a stack of pictures, got one of {len(names)} channels ({', '.join(names)}): "
+            "an image is no volume"
         )
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import importlib.metadata
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
 from ...packages import is_installed, require
 from ...units import parse_unit, unit_name
 from ..contract import FieldInfo, Reader
+from ..hdf5 import is_hdf5
 from .lattice import length_unit
 from .quiet import quiet
 from .signatures import code_output
-from .soundness import check_output
+from .soundness import check_output, check_places
 from .source import source_of
 from .strangers import may_be_of_yt
 from .units import units_of_field
@@ -88,23 +92,62 @@ class AnyYtReader(YtReader):
         try:
             if not may_be_of_yt(path, head):
                 return False
-            with quiet() as yt:
-                kinds = yt.utilities.object_registries.output_type_registry.values()
-                return any(kind._is_valid(str(path)) for kind in kinds)
-        except Exception:  # some of yt's own tests fail over files that are not theirs
+            with quiet():
+                return bool(_kinds(path))
+        except Exception:  # a path that cannot be looked into
             return False
 
 
 def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
     """Return the data set, with its index made."""
-    output = code_output(path, _head(path)) or path
+    head = _head(path)
+    output = code_output(path, head) or path
     check_output(output)
+    if is_hdf5(head):
+        check_places(path)
     options = dict(load or {})
     if units_override is not None:
         options["units_override"] = units_override
-    ds = require("yt", "yt", "reading this file").load(str(output), **options)
+    ds = _kind(output, str(options.pop("hint", "")))(str(output), **options)
     ds.index  # noqa: B018 - what is damaged shows here
     return ds
+
+
+def _kinds(path: Path) -> list[Any]:
+    """Return the classes of yt that claim a file, the most special ones.
+
+    As in yt.load, but one that fails over another's file does not hide the rest.
+    """
+    # yt registers its frontends when it first loads a file.
+    for name in require("yt.frontends", "yt", "reading this file").__all__:
+        with contextlib.suppress(Exception):
+            importlib.import_module(f"yt.frontends.{name}.api")
+    for entry in importlib.metadata.entry_points(group="yt.frontends"):
+        with contextlib.suppress(Exception):
+            entry.load()
+    claiming = []
+    for kind in require("yt.utilities.object_registries", "yt", "").output_type_registry.values():
+        with contextlib.suppress(Exception):
+            if kind._is_valid(str(path)):
+                claiming.append(kind)
+    return [k for k in claiming if not any(o is not k and issubclass(o, k) for o in claiming)]
+
+
+def _kind(path: Path, hint: str) -> Any:
+    """Return the class of yt for a file; `hint` is a part of its name."""
+    claiming = _kinds(path)
+    kinds = [kind for kind in claiming if hint.lower() in kind.__name__.lower()]
+    if len(kinds) == 1:
+        for module in kinds[0]._missing_load_requirements():
+            require(module, "yt", "reading this file")
+        return kinds[0]
+    if claiming:
+        names = ", ".join(kind.__name__ for kind in claiming)
+        raise InputError(f"to yt it may be {names}: choose one with load={{'hint': '…'}}")
+    raise FileFormatError(
+        "yt does not recognise it: it is incomplete, of another kind, or has not the name that its "
+        "code gives it (Parthenon: .phdf)"
+    )
 
 
 def _head(path: Path) -> bytes:

@@ -16,8 +16,8 @@ _HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
     "GDF": ({"gridded_data_format"}, set()),
     "GAMER": ({"Info/KeyInfo"}, set()),
     "Chimera": ({"fluid/agr_c", "fluid/grav_x_c"}, set()),
+    "Parthenon": ({"Info", "Levels", "LogicalLocations", "Locations/x"}, set()),
     "Cholla": (set(), {"bounds", "domain", "dims"}),
-    "openPMD": (set(), {"openPMD", "openPMDextension", "basePath"}),
     "yt": ({"data"}, {"data_type", "container_type"}),
 }
 _RAMSES_FILE = re.compile(r"(info|amr|hydro|header)_(\d{5})\.(txt|out\d{5})")

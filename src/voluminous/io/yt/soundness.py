@@ -6,8 +6,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-from ...errors import FileFormatError
+import numpy as np
+
+from ...errors import FileFormatError, InputError
 from ..hdf5 import check as check_hdf5
+from ..hdf5 import opened
 
 _LARGEST_TEXT = 1 << 26
 # Six whole numbers, an empty line, and eleven numbers.
@@ -33,6 +36,34 @@ def check_output(path: Path) -> None:
             check_hdf5(piece)
     if path.is_dir():
         _check_amrex(path / "Header")
+
+
+def check_places(path: Path) -> None:
+    """Refuse an output in HDF5 whose cells yt would put in wrong places.
+
+    Raises
+    ------
+    InputError
+        Says what it is.
+    """
+    with opened(path) as file:
+        blocks = file["Info"].attrs if "Locations" in file and "Info" in file else {}
+        if np.any(blocks.get("IncludesGhost", 0)):
+            raise InputError("its blocks have ghost cells; write it with ghost_zones = false")
+        level = file["level_0"].attrs if "Chombo_global" in file and "level_0" in file else {}
+        normal = {"geometry": 1, "logr": 0, "g_x2stretch": 1, "g_x3stretch": 1}
+        bent = {name: level[name] for name, one in normal.items() if level.get(name, one) != one}
+        if bent:
+            told = ", ".join(f"{name} = {value}" for name, value in bent.items())
+            raise InputError(
+                f"Chombo grids of PLUTO are read if they are Cartesian with equal cells, got {told}"
+            )
+        begins = [level.get(f"domBeg{axis}", 0) for axis in (1, 2, 3)]
+        if any(begins) and not path.with_name("pluto.ini").is_file():
+            raise InputError(
+                f"its domain begins at {begins}, which yt reads from the run's pluto.ini only: put "
+                "that beside it"
+            )
 
 
 def _check_ramses(path: Path) -> None:
@@ -123,10 +154,13 @@ def _check_enzo(path: Path) -> None:
 def _check_amrex(path: Path) -> None:
     lines = [line.split() for line in _text(path).splitlines()]
     numbers = [(1, "the number of fields", lines[1])] if len(lines) > 1 else []
+    # Levels begin after names of fields, widths of cells of each level, and 12 further lines.
+    whole = [int(words[0]) if words and words[0].isdigit() else 0 for words in lines]
+    first = 13 + sum(whole[1:2]) + sum(whole[4 + sum(whole[1:2]) :][:1])
     # A level's own number, its number of grids, and the time.
     numbers += [
         (k, "the number of grids", words[1:2])
-        for k, words in enumerate(lines[6:], 6)
+        for k, words in enumerate(lines[first:], first)
         if len(words) == 3 and words[0].isdigit() and words[1].isdigit()
     ]
     for line, what, words in numbers:

@@ -34,9 +34,13 @@ class Source:
 
     def cells(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield level (n,) and index (n, 3) of consecutive cells, in yt's order of axes."""
+        # Of AMReX with different ratios yt numbers levels with gaps.
+        gaps = getattr(self.ds, "level_offsets", ())
+        numbers = np.arange(len(gaps)) + gaps
         for part in self.region.chunks([], "io"):
             # As whole numbers: nothing has to be rounded to find a cell.
-            yield np.asarray(part.ires), np.asarray(part.icoords)
+            level = np.asarray(part.ires)
+            yield np.searchsorted(numbers, level) if len(gaps) else level, np.asarray(part.icoords)
 
     def values(self, field: tuple[str, str], unit: Any) -> np.ndarray:
         """Return a field in all cells, in the order of `cells`, as plain numbers in yt's unit."""

@@ -125,7 +125,7 @@ def node_at(store: Store, place: str = "") -> Node | None:
     start = f"{place}/" if place else ""
     told = _json(store, start + "zarr.json")
     if told is not None:
-        dims = told.get("dimension_names")
+        dims = told.get("dimension_names") or ([] if told.get("shape") == [] else None)
         attributes = _mapping(told.get("attributes"))
         return Node(place, told.get("node_type") == "array", attributes, _names(dims))
     attributes = _json(store, start + ".zattrs") or {}
@@ -175,8 +175,8 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _names(value: Any) -> tuple[str, ...] | None:
-    """Return names of dimensions, if all are texts."""
-    if isinstance(value, list) and value and all(isinstance(name, str) for name in value):
+    """Return names of dimensions, if all are texts; those of a single number are none."""
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
         return tuple(value)
     return None
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from ...progress import Progress, with_progress
 from ...rendering import prepare
 from ...rendering.options import background_array
 from .assembly import assembled
@@ -16,6 +16,7 @@ from .place import Place
 from .result import Probe
 
 
+@with_progress
 def probe(
     volume: Any,
     medium: Any,
@@ -31,7 +32,7 @@ def probe(
     device: str = "auto",
     order: str = "front-to-back",
     cutoff: float | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = None,
 ) -> Probe:
     """Return what one ray saw: every segment that `render` solves, as it solves it.
 
@@ -55,7 +56,7 @@ def probe(
         says what is good enough in this one. With ``tolerance=None`` steps are as wide as those of
         the picture: up to eight cells, and none in empty space. ``cutoff=0`` follows the ray to its
         end.
-    progress : callable, optional
+    progress : bool or callable, optional
         As for `render`.
 
     Returns

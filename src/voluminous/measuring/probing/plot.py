@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import unknown_name
+from ...errors import InputError, unknown_name
+from ...figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,13 +24,9 @@ _FIRST, _SECOND = "#1f5fa8", "#b3541e"
 _WIDE = 30.0
 
 
-def plot(probe: Probe, figure: Figure | None, show: Sequence[str] | None) -> Figure:
+def plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | None) -> Figure:
     """Draw a probe; see `Probe.plot`."""
-    from matplotlib.figure import Figure
-
-    if figure is None:
-        figure = Figure(figsize=_SIZE, layout="constrained")
-    panels: Any = figure.subplots(4, 1, sharex=True)
+    panels = _panels(figure, ax)
     chosen = _chosen(probe, show)
     if len(probe):
         _fields(panels[0], probe, chosen)
@@ -42,7 +39,34 @@ def plot(probe: Probe, figure: Figure | None, show: Sequence[str] | None) -> Fig
         _shade_hidden(panel, probe)
     panels[-1].set_xlabel(_distance(probe))
     panels[-1].margins(x=0.01)
-    return figure
+    drawn: Figure = panels[0].get_figure()
+    return drawn
+
+
+def _panels(figure: Figure | None, ax: Any) -> Any:
+    """Return four axes: those given, or new ones in a figure or in one axes."""
+    if ax is None:
+        if figure is None:
+            figure = new_figure()
+            figure.set_size_inches(_SIZE)
+        return figure.subplots(4, 1, sharex=True)
+    if figure is not None:
+        raise InputError("give ax or figure, not both")
+    given = np.ravel(np.array(ax, dtype=object))
+    if len(given) not in (1, 4):
+        raise InputError(f"ax must be one axes to be divided, or four, got {len(given)}")
+    if len(given) == 4:
+        return given
+    spec, parent = given[0].get_subplotspec(), given[0].get_figure()
+    if spec is None:
+        raise InputError("ax must be a subplot of a figure, which can be divided, or four axes")
+    given[0].set_axis_off()
+    places = spec.subgridspec(4, 1)
+    panels = [parent.add_subplot(places[0])]
+    panels += [parent.add_subplot(places[k], sharex=panels[0]) for k in (1, 2, 3)]
+    for panel in panels[:3]:
+        panel.tick_params(labelbottom=False)
+    return panels
 
 
 _TITLES = (
@@ -136,8 +160,8 @@ def _light(panel: Axes, probe: Probe) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D([], [], color="0.3", label="gathered from the observer to here"),
-        Line2D([], [], color="0.3", linestyle="--", label="arriving here from behind"),
+        Line2D([], [], color="0.3", label="gathered up to here"),
+        Line2D([], [], color="0.3", linestyle="--", label="arriving from behind"),
         Line2D([], [], color="0.3", linestyle="", marker="o", label="the pixel"),
     ]
     low, high = panel.get_ylim()

@@ -175,13 +175,17 @@ class Probe:
 
         save(self, Path(path))
 
-    def plot(self, figure: Figure | None = None, *, show: Sequence[str] | None = None) -> Figure:
+    def plot(
+        self, figure: Figure | None = None, *, ax: Any = None, show: Sequence[str] | None = None
+    ) -> Figure:
         """Draw fields, coefficients, optical depth and intensity along the ray.
 
         Parameters
         ----------
         figure : matplotlib Figure, optional
             To draw into; by default a new one.
+        ax : matplotlib Axes or sequence of four, optional
+            To draw into instead: one is divided into four panels.
         show : sequence of str, optional
             Which fields and scalars; by default the medium's expressions, or its fields.
 
@@ -197,7 +201,7 @@ class Probe:
         """
         from .plot import plot
 
-        return plot(self, figure, show)
+        return plot(self, figure, ax, show)
 
     def text(self, rows: int | None = 20) -> str:
         """Return a table to read.

@@ -1,0 +1,210 @@
+"""Media in plain numbers: each expression in the units of a volume's fields, or refused.
+
+``exp(-20 K/temperature)`` has a number for 20 K; emissivities that add up are in one unit, and
+extinctions per unit length of the volume.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import UnitsError
+from ..expressions import Expression, times
+from ..media import Coefficients, ColorBy, Medium
+from ..media.formulas import Formulas
+from ..media.function import Function
+from ..units import parse_unit, unit_name
+from ..volume import Volume
+
+
+def in_plain_numbers(medium: Medium, volume: Volume) -> Medium:
+    """Return a medium whose expressions are plain numbers of a volume's fields.
+
+    What needs no conversion stays the very same.
+
+    Raises
+    ------
+    UnitsError
+        If an expression has no unit, an extinction one that is not an inverse length, or parts of
+        it emit in units of different kinds.
+    UnknownNameError
+        If an expression names a field that does not exist.
+    """
+    medium = medium.with_each(lambda part: _plain_part(part, volume))
+    return _in_one_unit(medium, volume)
+
+
+def _plain_part(part: Any, volume: Volume) -> Any:
+    if isinstance(part, Function):
+        return _plain_function(part, volume)
+    if isinstance(part, Coefficients):
+        return _plain_coefficients(part, volume)
+    return _plain_arguments(part, volume)
+
+
+def _plain_arguments(thing: Any, volume: Volume) -> Any:
+    """Return a medium or a `ColorBy` with plain expressions among its arguments."""
+    changes = {}
+    for name, given in thing.arguments().items():
+        if isinstance(given, ColorBy):
+            new: Any = _plain_arguments(given, volume)
+        elif name in ("expr", "where") and given is not None:
+            given = Expression(given)
+            new = volume.without_units(given)
+        else:
+            continue
+        if new is not given:
+            changes[name] = new
+    return thing.replace(**changes) if changes else thing
+
+
+def _plain_coefficients(medium: Coefficients, volume: Volume) -> Any:
+    emissivity = [_plain(e, volume) for e in medium.emissivity]
+    wanted = next((unit for _, unit in emissivity if unit is not None), None)
+    length = None if volume.unit is None else parse_unit(volume.unit**-1)
+    j = [_in(e, unit, wanted, "emissivity") for e, unit in emissivity]
+    alpha = [
+        e if unit is None else _in(e, unit, length, "extinction")
+        for e, unit in (_plain(e, volume) for e in medium.extinction)
+    ]
+    before, after = (*medium.emissivity, *medium.extinction), (*j, *alpha)
+    same = all(new is old for new, old in zip(after, before, strict=True))
+    return medium if same else medium.replace(emissivity=j, extinction=alpha)
+
+
+def _plain_function(function: Function, volume: Volume) -> Medium:
+    """Return a function of plain numbers, or the formulas that it computes, with their units."""
+    inputs, units = zip(*(_plain(e, volume) for e in function.inputs), strict=True)
+    if any(new is not old for new, old in zip(inputs, function.inputs, strict=True)):
+        function = function.replace(fields=inputs)
+    if function.units is None and not any(unit is not None for unit in units):
+        return function
+    if function.units is not None:
+        return _told_function(function, inputs, units, volume)
+    formulas = function.formulas()
+    try:
+        if formulas is not None:
+            return _plain_coefficients(formulas, volume)
+    except UnitsError as error:
+        raise UnitsError(f"{error}; {_TELL.format(function.title)}") from error
+    raise UnitsError(
+        f"{function.title} cannot be read, so the units of what it returns are not known; "
+        + _TELL.format("it")
+    )
+
+
+_TELL = (
+    "{} gets plain numbers in the units of its fields; say what it returns: "
+    "from_function(..., units=('erg/(s cm3)', '1/cm')), the units of emissivity and extinction"
+)
+
+
+def _told_function(function: Function, inputs: Any, units: Any, volume: Volume) -> Function:
+    """Return a function that says its units, as one of plain numbers, per length of the volume."""
+    stripped = [
+        e if unit is None else times(e, 1.0, unit**-1)
+        for e, unit in zip(inputs, units, strict=True)
+    ]
+    emission, own = function.units or (None, None)
+    factor = 1.0
+    if own is not None:
+        length = None if volume.unit is None else parse_unit(volume.unit**-1)
+        factor = _factor(own, length, f"the extinction of {function.title}", "extinction")
+    return function.replace(
+        fields=stripped,
+        function=_Scaled(function.function, factor),
+        units=(emission, None),
+    )
+
+
+class _Scaled:
+    """A function whose extinction is multiplied by a number."""
+
+    def __init__(self, function: Any, factor: float) -> None:
+        self.function, self.factor = function, factor
+        self.__name__ = getattr(function, "__name__", "given")
+        self.__qualname__ = getattr(function, "__qualname__", repr(function))
+
+    def __call__(self, *values: Any, **parameters: Any) -> Any:
+        found = self.function(*values, **parameters)
+        if not isinstance(found, tuple) or len(found) != 2:
+            return found  # which is refused
+        j, alpha = found
+        if isinstance(alpha, (list, tuple)):
+            return j, [a * self.factor for a in alpha]
+        return j, alpha * self.factor
+
+
+def _in_one_unit(medium: Medium, volume: Volume) -> Medium:
+    """Return a sum whose parts emit in the unit of the first that has one."""
+    units = {id(part): _emission(part, volume) for part in medium.components()}
+    wanted = next((unit for unit in units.values() if unit is not None), None)
+
+    def convert(part: Any) -> Any:
+        own = units[id(part)]
+        if own == wanted or _is_dark(part):
+            return part
+        if isinstance(part, Coefficients) and not isinstance(part, Formulas):
+            j = [_in(e, volume.expression_unit(e), wanted, "emissivity") for e in part.emissivity]
+            return part.replace(emissivity=j)
+        raise UnitsError(
+            f"the parts of this medium emit in {unit_name(wanted)} and in "
+            f"{unit_name(own) or 'plain numbers'} ({part!r}), which cannot be added; draw them "
+            "apart, or give all of them emissivities of one kind"
+        )
+
+    return medium if wanted is None else medium.with_each(convert)
+
+
+def _emission(part: Any, volume: Volume) -> Any:
+    """Return the unit of a part's emissivity."""
+    if isinstance(part, Coefficients):
+        found = [volume.expression_unit(e) for e in part.emissivity]
+        return next((unit for unit in found if unit is not None), None)
+    return part.units[0] if isinstance(part, Function) and part.units is not None else None
+
+
+def _is_dark(part: Any) -> bool:
+    if isinstance(part, Coefficients):
+        return all(e == Expression(0) for e in part.emissivity)
+    return not np.any(part.color) if hasattr(part, "color") else False
+
+
+def _plain(expression: Expression, volume: Volume) -> tuple[Expression, Any]:
+    plain = volume.without_units(expression)
+    return plain, volume.expression_unit(plain)
+
+
+def _in(expression: Expression, own: Any, unit: Any, what: str) -> Expression:
+    """Return an expression in another unit; zero is in any."""
+    if own == unit or expression == Expression(0):
+        return expression
+    factor = _factor(own, unit, f"{what} {expression.text!r}", what)
+    change = parse_unit((unit or 1) / (own or 1))
+    return expression if change is None else times(expression, factor, change)
+
+
+def _factor(own: Any, unit: Any, told: str, what: str) -> float:
+    from astropy import units as u
+
+    plain = u.dimensionless_unscaled
+    try:
+        return float((own or plain).to(unit or plain))
+    except (u.UnitsError, TypeError) as error:
+        wanted = unit_name(unit) or "a plain number"
+        if what == "emissivity":
+            advice = "emissivities of all channels need units of one kind"
+        elif unit is None:
+            advice = "the grid has no unit of length; give it one: unit='cm'"
+        else:
+            advice = (
+                "multiply densities by an opacity, an area per mass or per particle, as in "
+                "'density * (0.1 cm2/g)'; for columns and totals of a field use vm.column and "
+                "vm.measure"
+            )
+            wanted = f"an inverse length such as {wanted}"
+        raise UnitsError(
+            f"{told} is in {unit_name(own) or 'plain numbers'}, expected {wanted}; {advice}"
+        ) from error

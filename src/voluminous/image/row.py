@@ -1,0 +1,157 @@
+"""Images beside each other: one unit, one scale of colours or one exposure, one colour bar."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..figures import new_figure
+from .annotate.medium_scales import scales_of
+from .image import Image
+from .options import check_options, plain_options
+from .plot import add_bars, new_axes, one_channel, shows_one_channel
+from .tone import OPTIONS, automatic_exposure, mixed_channels
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_PANEL = 4.0  # inches
+# What the norm of one channel is made of.
+_OF_NORM = ("exposure", "stretch", "softening", "vmin", "vmax", "channels")
+
+
+def plot_row(
+    images: Sequence[Image],
+    ax: Any = None,
+    *,
+    titles: Sequence[str] = (),
+    unit: Any = None,
+    scale_bar: bool = False,
+    colorbar: bool = True,
+    **options: Any,
+) -> NDArray[Any]:
+    """Draw images beside each other, so that equal colours mean equal intensities.
+
+    All are shown in one unit, with one exposure or, of one channel each, one range of values, and
+    with one colour bar at the end of the row.
+
+    Parameters
+    ----------
+    images : sequence of Image
+        Of as many channels each.
+    ax : sequence of matplotlib Axes, optional
+        One for each image, in any arrangement. Default: a row in a new figure.
+    titles : sequence of str, optional
+        One for each image.
+    unit : str or unit, optional
+        As in `Image.plot`. Default: the units of the first image.
+    scale_bar : bool
+        Add a bar of a round length to each.
+    colorbar : bool
+        Where the media of the images differ, each has its own.
+    **options
+        Those of `Image.to_rgb`.
+
+    Returns
+    -------
+    array of matplotlib Axes
+        ``axes[0].figure.savefig(...)`` writes the figure.
+
+    Raises
+    ------
+    InputError
+        If numbers of images, axes, titles or channels do not fit.
+    UnitsError
+        If an image cannot be converted to the unit of the first.
+    """
+    shown = _in_one_unit(list(images), unit)
+    check_options("display option", options, OPTIONS)
+    options = plain_options(options, shown[0].intensity_unit)
+    grey = shows_one_channel(shown[0], options)
+    common = (_common_norm if grey else _common_exposure)(shown, options)
+    axes = _axes(shown, ax)
+    names = list(titles) or [""] * len(shown)
+    if len(names) != len(shown):
+        raise InputError(f"titles must be one for each of {len(shown)} images, got {len(names)}")
+    bars = [scales_of(image, options) for image in shown] if colorbar and not grey else []
+    alike = all(np.allclose(image.extent, shown[0].extent) for image in shown)
+    own = any(_differ(bars[0], others) for others in bars)
+    for image, place, title in zip(shown, axes, names, strict=True):
+        image.plot(place, scale_bar=scale_bar, colorbar=own, **common)
+        place.set_title(title)
+        if alike:
+            place.label_outer()
+    if colorbar and not own:
+        add_bars(_room(axes), shown[0], common, axes[0].images[0], own=False)
+    return axes
+
+
+def _in_one_unit(images: list[Any], unit: Any) -> list[Image]:
+    if not images or not all(isinstance(image, Image) for image in images):
+        raise InputError("plot_row needs a list of images, such as vm.plot_row([first, second])")
+    shown = [image if unit is None else image.to(unit) for image in images]
+    first = shown[0]
+    for name in ("unit", "intensity_unit"):
+        own = getattr(first, name)
+        shown = [i.to(own) if own and getattr(i, name) not in (own, "") else i for i in shown]
+    if len({image.channels for image in shown}) > 1:
+        counts = ", ".join(str(image.channels) for image in shown)
+        raise InputError(f"images in a row must have as many channels each, got {counts}")
+    return shown
+
+
+def _stacked(images: list[Image]) -> Image:
+    """Return all pixels, one under the other."""
+    pixels = [image.intensity.reshape(-1, 1, image.channels) for image in images]
+    return Image(np.concatenate(pixels), intensity_unit=images[0].intensity_unit)
+
+
+def _common_norm(images: list[Image], options: dict[str, Any]) -> dict[str, Any]:
+    """Return display options with one norm for one channel."""
+    drawn = one_channel(_stacked(images), **options)
+    rest = {name: value for name, value in options.items() if name not in _OF_NORM}
+    return {**rest, "channels": options.get("channels"), "norm": drawn["norm"]} | {
+        "colormap": drawn["cmap"]
+    }
+
+
+def _common_exposure(images: list[Image], options: dict[str, Any]) -> dict[str, Any]:
+    """Return display options with one exposure."""
+    if options.get("exposure") is not None or options.get("vmax") is not None:
+        return options
+    chosen = options.get("channels"), options.get("mix")
+    _, brightest = mixed_channels(_stacked(images).intensity, *chosen)
+    return {**options, "exposure": automatic_exposure(brightest)}
+
+
+def _axes(images: list[Image], given: Any) -> NDArray[Any]:
+    """Return one axes for each image."""
+    if given is None:
+        figure, count = new_figure(), len(images)
+        figure.set_size_inches(_PANEL * count + 0.8, _PANEL)
+        given = [new_axes(image, figure, 1, count, k + 1) for k, image in enumerate(images)]
+    axes = np.array(given, dtype=object).ravel()
+    if len(axes) != len(images):
+        raise InputError(f"ax must be one axes for each of {len(images)} images, got {len(axes)}")
+    return axes
+
+
+def _differ(scales: list[Any], others: list[Any]) -> bool:
+    """Return True if the colour bars of two images do not show the same."""
+    if [s.label for s in scales] != [s.label for s in others]:
+        return True
+    places = np.linspace(0.0, 1.0, 64)
+    return any(
+        (a.norm.vmin, a.norm.vmax) != (b.norm.vmin, b.norm.vmax)
+        or not np.array_equal(a.colormap(places), b.colormap(places))
+        for a, b in zip(scales, others, strict=True)
+    )
+
+
+def _room(axes: NDArray[Any]) -> Any:
+    """Return the axes at the end of one row; of several rows all of them."""
+    rows = {round(float(place.get_position(original=True).y0), 6) for place in axes}
+    return axes[-1] if len(rows) == 1 else list(axes)

@@ -1,0 +1,147 @@
+"""PLUTO's HDF5 files of static grids (.dbl.h5, .flt.h5): http://plutocode.ph.unito.it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...deferred import Deferred
+from ...errors import FileFormatError, InputError
+from ...units import unit_name
+from ..contract import FieldInfo, Reader
+from ..edges import is_even
+from ..hdf5 import data_sets, holds, opened, read
+from ..names import chosen_fields
+from .arrange import REGULAR
+from .reader import AthenaReader, in_unit
+from .variables import CodeUnits, known
+
+if TYPE_CHECKING:
+    from ...volume import Volume
+
+_NODES, _STEP = "node_coords", "Timestep_"
+# How far nodes may be off, in parts of the largest coordinate: they are in single precision.
+_ROUNDING = 1e-5
+
+
+class PlutoReader(Reader):
+    """Cartesian, polar and spherical grids of three dimensions; nothing is resampled."""
+
+    name = "pluto"
+    description = "a PLUTO file of a static grid (.dbl.h5, .flt.h5)"
+    options = AthenaReader.options
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for HDF5 with nodes and a step as PLUTO has them."""
+        return holds(path, head, lambda f: _NODES in f and any(n.startswith(_STEP) for n in f))
+
+    def read(self, path: Path, fields: Any = None, *, unit: Any = None, **units: Any) -> Volume:
+        """Return the volume; a field is read when it is used."""
+        from ...volume import Volume
+
+        code = CodeUnits(**units)
+        with opened(path) as file:
+            kind, edges = _grid(file)
+            found = _variables(path, file, kind, code, edges)
+            time = float(np.ravel(_step(file).attrs.get("Time", 0.0))[0])
+        edges, unit = in_unit(kind, edges, code, unit)
+        volume = Volume(REGULAR[kind](*edges, unit=unit))
+        factor, time_unit = code.of(("time", (0, 0, 1), "s"))
+        volume.meta.update(code="PLUTO", time=time * factor)
+        volume.meta.update({"time_unit": "s"} if time_unit is not None else {})
+        names = {place: info.name for place, (info, _) in found.items()}
+        for name, place in chosen_fields(names, fields).items():
+            info, factor = found[place]
+            load = functools.partial(_load, path, place, factor)
+            volume[name] = Deferred(load, np.dtype(info.dtype), info.unit)
+        return volume
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return all variables in cells."""
+        options.pop("unit", None)
+        with opened(path) as file:
+            kind, edges = _grid(file)
+            found = _variables(path, file, kind, CodeUnits(**options), edges)
+        return tuple(info for info, _ in found.values())
+
+
+def _step(file: Any) -> Any:
+    return file[next(name for name in file if name.startswith(_STEP))]
+
+
+def _variables(
+    path: Path, file: Any, kind: str, code: CodeUnits, edges: Sequence[np.ndarray]
+) -> dict[str, tuple[FieldInfo, float]]:
+    """Return place → what is told of a variable in cells, and the factor to its unit."""
+    found = {}
+    shape = tuple(len(e) - 1 for e in reversed(edges))
+    for name, item in data_sets(path, _step(file)["vars"])[0].items():
+        if item.shape != shape:
+            raise FileFormatError(f"{item.name} has shape {item.shape}, expected {shape} (z, y, x)")
+        called, what = known(name, kind)
+        factor, unit = code.of(what)
+        dtype = str(item.dtype.newbyteorder("="))
+        place = item.name.strip("/")
+        found[place] = FieldInfo(called, place, shape, dtype, unit_name(unit)), factor
+    return found
+
+
+def _grid(file: Any) -> tuple[str, Sequence[np.ndarray]]:
+    """Return the coordinates that the nodes are a grid in, and its walls."""
+    nodes = [file[_NODES][axis] for axis in "XYZ"]
+    if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):
+        raise InputError(f"its grid has {nodes[0].ndim} dimensions, expected 3")
+    # Lines along x1, x2 and x3 where angles are well known: off the centre and the poles.
+    z, y, x = (n // 2 for n in nodes[0].shape)
+    x, every = nodes[0].shape[2] - 1, slice(None)
+    lines = ((z, y, every), (z, every, x), (every, y, x))
+    along = [[np.asarray(item[line], np.float64) for item in nodes] for line in lines]
+    few = tuple(slice(None, None, max(n // 8, 1)) for n in nodes[0].shape)
+    points = np.array([np.asarray(item[few], np.float64).T for item in nodes])
+    for kind, (coordinates, position) in _COORDINATES.items():
+        walls = [_tidy(coordinates(*line)[axis]) for axis, line in enumerate(along)]
+        sparse = [w[step] for w, step in zip(walls, few[::-1], strict=True)]
+        rebuilt = np.array(position(*np.meshgrid(*sparse, indexing="ij")))
+        if np.abs(rebuilt - points).max() <= _ROUNDING * np.abs(points).max():
+            return kind, walls
+    raise InputError("its nodes make no Cartesian, polar or spherical grid")
+
+
+def _tidy(walls: np.ndarray) -> np.ndarray:
+    """Return walls without the rounding of single precision: equal cells are equal."""
+    walls = np.where(np.abs(walls) < _ROUNDING * np.abs(walls).max(), 0.0, walls)
+    return np.linspace(walls[0], walls[-1], len(walls)) if is_even(walls) else walls
+
+
+def _azimuth(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    phi = np.unwrap(np.arctan2(y, x))
+    full = abs(np.ptp(phi) - 2 * np.pi) < _ROUNDING
+    return np.append(phi[:-1], phi[0] + 2 * np.pi) if full else phi
+
+
+def _polar_angle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+    theta = np.arctan2(np.hypot(x, y), z)
+    return np.where(np.abs(theta - np.pi) < _ROUNDING, np.pi, theta)
+
+
+_COORDINATES: dict[str, Any] = {
+    "cartesian": (lambda x, y, z: (x, y, z), lambda x, y, z: (x, y, z)),
+    "cylindrical": (
+        lambda x, y, z: (np.hypot(x, y), _azimuth(x, y), z),
+        lambda r, phi, z: (r * np.cos(phi), r * np.sin(phi), z),
+    ),
+    "spherical": (
+        lambda x, y, z: (np.hypot(np.hypot(x, y), z), _polar_angle(x, y, z), _azimuth(x, y)),
+        lambda r, t, p: (r * np.sin(t) * np.cos(p), r * np.sin(t) * np.sin(p), r * np.cos(t)),
+    ),
+}
+
+
+def _load(path: Path, place: str, factor: float) -> np.ndarray:
+    with opened(path) as file:
+        values = read(file[place]).T
+    return values if factor == 1 else values * factor

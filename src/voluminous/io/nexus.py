@@ -1,0 +1,168 @@
+"""NeXus files: the data that an NXdata group shows, on its axes.
+
+https://manual.nexusformat.org/classes/base_classes/NXdata.html
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileFormatError, unknown_name
+from ..packages import require
+from .hdf5 import check_place, holds, opened, text
+from .labelled.reader import LabelledReader
+
+if TYPE_CHECKING:
+    import xarray
+
+# What tells that the numbers of the signal are not its values yet.
+_SCALED = ("scaling_factor", "offset")
+
+
+class NeXusReader(LabelledReader):
+    """Signals of three dimensions or more in one NXdata group; axes are cell centres, or edges."""
+
+    name = "nexus"
+    description = "a NeXus file with NXdata of three dimensions (HDF5)"
+    suffixes = (".nxs", ".nx")
+    options = {  # noqa: RUF012 - as in Reader
+        **LabelledReader.options,
+        "group": "the NXdata group; by default the one that the file shows, or the first",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for HDF5 with an NXdata group that has a signal of three dimensions."""
+        return holds(path, head, lambda file: _is_nexus(file) and _groups(file))
+
+    @contextmanager
+    def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
+        """Give the signals of a group, and their axes."""
+        xarray = require("xarray", self.extra, "reading NeXus")
+        with opened(path) as file:
+            known = _groups(file)
+            place = (_shown(file, known) if group is None else group).strip("/")
+            if place not in known:
+                raise unknown_name("NXdata group", place, known)
+            yield _dataset(xarray, path, file[place], known[place])
+
+
+def _is_nexus(file: Any) -> bool:
+    return "NX_class" in file.attrs or any("NX_class" in item.attrs for _, item in _members(file))
+
+
+def _members(group: Any) -> Iterator[tuple[str, Any]]:
+    """Yield what is in a group; not what is in other files, or is not there."""
+    import h5py
+
+    for name in group:
+        inside = not isinstance(group.get(name, getlink=True), h5py.ExternalLink)
+        item = group.get(name) if inside else None
+        if item is not None:
+            yield name, item
+
+
+def _groups(file: Any) -> dict[str, str]:
+    """Return place → name of the signal, of three dimensions or more, of all NXdata groups."""
+    found: dict[str, str] = {}
+
+    def visit(place: str, item: Any) -> None:
+        if text(item.attrs.get("NX_class")) == "NXdata":
+            inside = dict(_members(item))
+            # Older files mark the signal itself.
+            marked = (n for n, i in inside.items() if str(i.attrs.get("signal")) in ("1", "b'1'"))
+            signal = text(item.attrs.get("signal")) or next(marked, "")
+            if getattr(inside.get(signal), "ndim", 0) >= 3:
+                found[place] = signal
+
+    file.visititems(visit)
+    return found
+
+
+def _shown(file: Any, known: dict[str, str]) -> str:
+    """Return the group that the chain of attributes `default` leads to, else the first."""
+    item = file
+    while text(item.attrs.get("default")) in item:
+        item = item[text(item.attrs.get("default"))]
+    return item.name.strip("/") if item.name.strip("/") in known else next(iter(known))
+
+
+def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
+    """Return the signal, all of its shape beside it, and axes as coordinates."""
+    inside = dict(_members(group))
+    shape = inside[signal].shape
+    names = _axes(group, signal)
+    letters = [re.sub(r"[^a-z]", "", name.lower())[-1:] for name in names]
+    if sorted(letters[-3:]) == ["h", "k", "l"]:  # of reciprocal space
+        letters = ["xyz"["hkl".find(letter)] for letter in letters]
+    is_xyz = sorted(letters[-3:]) == ["x", "y", "z"]
+    coords: dict[str, Any] = {"group": group.name}
+    variables: dict[str, Any] = {}
+    for name, letter, count in zip(names, letters, shape, strict=True):
+        item: Any = inside.get(name)
+        if getattr(item, "shape", None) not in ((count,), (count + 1,)) or not count:
+            continue
+        attributes = {"units": text(item.attrs.get("units"))} | ({"axis": letter} if is_xyz else {})
+        values = item[()].astype(np.float64)
+        if len(values) > count:
+            attributes["bounds"] = f"{name}_bounds"
+            variables[f"{name}_bounds"] = ((name, "ends"), np.stack([values[:-1], values[1:]], 1))
+            values = (values[1:] + values[:-1]) / 2
+        coords[name] = (name, values, attributes)
+    for name, item in inside.items():
+        if getattr(item, "shape", None) == shape and item.dtype.kind in "fiub":
+            _check(path, group, name, item)
+            attributes = {"units": text(item.attrs.get("units"))}
+            variables[name] = (names, _lazy(xarray, item), attributes)
+    return xarray.Dataset(variables, coords)
+
+
+def _axes(group: Any, signal: str) -> list[str]:
+    """Return the names of the axes of the signal, made up where there is none."""
+    count = group[signal].ndim
+    told = [text(name) for name in np.ravel(group.attrs.get("axes", ()))]
+    if not told:  # as older files have it: on the signal, or on the axes
+        told = [n for n in re.split(r"[\s,:\[\]]+", text(group[signal].attrs.get("axes"))) if n]
+    names = told + ["."] * (count - len(told))
+    for name, item in _members(group):
+        for key, holder in ((f"{name}_indices", group), ("axis", item)):
+            at = np.ravel(holder.attrs.get(key, ()))
+            place = int(at[0]) - (key == "axis") if at.size == 1 and at.dtype.kind in "iu" else -1
+            if getattr(item, "ndim", 0) == 1 and 0 <= place < count and names[place] == ".":
+                names[place] = name
+    return [name if name != "." else f"axis_{k}" for k, name in enumerate(names[:count])]
+
+
+def _check(path: Path, group: Any, name: str, item: Any) -> None:
+    if item.file.filename != group.file.filename:
+        raise FileFormatError(f"the values of {name} are in another file; copy them into one")
+    check_place(path, item)
+    scaled = [n for s in _SCALED for n in (s, f"{name}_{s}") if n in group]
+    if scaled:
+        raise FileFormatError(
+            f"{name} is scaled by {' and '.join(scaled)}, which is not applied; open its numbers "
+            f"as they are with format='hdf5', fields={{'{name}': '{item.name}'}}"
+        )
+
+
+def _lazy(xarray: Any, item: Any) -> Any:
+    """Return what reads a data set when its values are used."""
+    indexing = xarray.core.indexing
+
+    class Stored(xarray.backends.BackendArray):
+        shape, dtype = item.shape, item.dtype.newbyteorder("=")
+
+        def __getitem__(self, key: Any) -> Any:
+            return indexing.explicit_indexing_adapter(
+                key,
+                self.shape,
+                indexing.IndexingSupport.BASIC,
+                lambda k: item[k].astype(self.dtype),
+            )
+
+    return indexing.LazilyIndexedArray(Stored())

@@ -1,0 +1,253 @@
+"""Units of expressions: known, and converted for, or refused with the place and a remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from astropy import units as u
+
+import voluminous as vm
+
+CAMERA = vm.Orthographic(0, 0, width=0.1 * u.AU, resolution=1)
+A0 = 1e-13  # 1 / cm
+PER_AU = A0 * u.AU.to(u.cm)
+
+
+def gas():
+    """Return a uniform cloud 2 AU across: extinction, density, temperatures and velocities."""
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1), unit="AU"))
+    ones = np.ones(volume.grid.shape)
+    volume["a0"] = A0 * ones / u.cm
+    volume["j0"] = 2e-13 * ones * u.erg / u.s / u.cm**3
+    volume["watts"] = 2e-20 * ones * u.W / u.cm**3
+    volume["density"] = 1e-20 * ones * u.g / u.cm**3
+    volume["same"] = 1e-17 * ones * u.kg / u.m**3
+    volume["temperature"] = volume["T"] = 10 * ones * u.K
+    volume["share"] = 0.5 * ones
+    volume["velocity_x"] = 0.1 * ones * u.km / u.s
+    volume["velocity_y"] = 1e4 * ones * u.cm / u.s
+    volume["velocity_z"] = 1e2 * ones * u.m / u.s
+    return volume
+
+
+GAS = gas()
+# Expression, unit, value in that unit.
+KNOWN = [
+    ("2*a0 + 1e-13 1/cm", "1/cm", 3e-13),
+    ("a0 * exp(-(velocity_x / (0.2 km/s))**2)", "1/cm", A0 * np.exp(-0.25)),
+    ("density * exp(-20 K/temperature)", "g/cm3", 1e-20 * np.exp(-2)),
+    ("density * exp(-20 K/T)", "g/cm3", 1e-20 * np.exp(-2)),
+    ("density + same", "g/cm3", 2e-20),
+    ("same - density", "kg/m3", 0),
+    ("velocity_x / velocity_y", "", 1),
+    ("velocity_x * velocity_y", "km cm / s2", 1e3),
+    ("sqrt(velocity_x**2 + velocity_y**2)", "km/s", 0.1 * np.sqrt(2)),
+    ("norm(velocity)", "km/s", 0.1 * np.sqrt(3)),
+    ("0.5 * density * norm(velocity)**2", "g km2 / (cm3 s2)", 0.5e-20 * 0.03),
+    ("max(velocity_x, velocity_y)", "km/s", 0.1),
+    ("clip(density, 1e-21 g/cm3, 5e-18 kg/m3)", "g/cm3", 5e-21),
+    ("where(x > 0, density, same)", "g/cm3", 1e-20),
+    ("where(share > 0.6, density, 0)", "g/cm3", 0),
+    ("density if share > 0.6 else 3 kg/m3", "g/cm3", 3e-3),
+    ("density > 1e-17 kg/m3", "", 0),
+    ("density > 9e-21", "", 1),  # a number that is compared is in the unit of the other side
+    ("velocity_x > velocity_y", "", 0),
+    ("log10(density)", "dex(g/cm3)", -20),
+    ("log10(density) + 20", "dex(g/cm3)", 0),
+    ("log10(density) - log10(same)", "", 0),
+    ("10**(log10(density) + 1)", "g/cm3", 1e-19),
+    ("log10(density / (1 kg/m3))", "", -17),
+    ("interp(temperature, [5 K, 20 K], [1 cm2/g, 4 cm2/g]) * density", "1/cm", 2e-20),
+    ("interp(temperature, [5000 mK, 20 K], [1, 4])", "", 2),
+    ("density % (3e-21 g/cm3)", "g/cm3", 1e-21),
+    ("gradmag(log10(density))", "1/AU", 0),
+    ("sin(velocity_x / (0.2 km/s))", "", np.sin(0.5)),
+    ("exp(0 * x**2) + share", "", 1.5),  # of coordinates alone
+    ("theta_deg", "deg", 90),
+    ("sin(theta_deg)", "", 1),
+]
+# Expression, and what the message must show.
+REFUSED = [
+    ("2*a0 + 1e-13", "'1e-13' is a plain number, expected 1 / cm"),
+    ("a0 * exp(-(velocity_x/0.2)**2)", "is in km2 / s2, a plain number is needed"),
+    ("density * exp(-20/temperature)", "is in 1 / K, a plain number is needed"),
+    ("density + temperature", "'temperature' is in K, expected g / cm3"),
+    ("density > temperature", "'temperature' is in K, expected g / cm3"),
+    ("density == share", "'share' is a plain number, expected g / cm3"),
+    ("max(density, temperature)", "'temperature' is in K"),
+    ("where(share > 0.5, density, 1e-21)", "'1e-21' is a plain number"),
+    ("share > 3 K", "a plain number is needed"),
+    ("density > 3 K", "is in K, expected g / cm3"),
+    ("log(density)", "log10(density) is in dex"),
+    ("share * log10(density)", "'log10(density)' is in dex"),
+    ("log10(density) > 1e-20 g/cm3", "expected dex"),
+    ("2**density", "is in g / cm3, a plain number is needed"),
+    ("density**share", "is in g / cm3, a plain number is needed"),
+    ("tanh(temperature)", "is in K, a plain number is needed"),
+    ("temperature // 3", "'3' is a plain number"),
+    ("atan2(temperature, density)", "expected K"),
+    ("density * exp(-x**2)", "is in AU2"),
+    ("dot(vector(density, 0, 0), vector(temperature, temperature, 0)) + share", "expected"),
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def angles():
+    GAS["theta_deg"] = np.full(GAS.grid.shape, 90.0) * u.deg
+
+
+@pytest.mark.parametrize(("expression", "unit", "value"), KNOWN)
+def test_the_unit_is_known_and_numbers_are_converted(expression, unit, value):
+    assert GAS.expression_unit(vm.Expression(expression)) == (u.Unit(unit) if unit else None)
+    np.testing.assert_allclose(GAS.evaluate(expression), value, rtol=1e-12, atol=1e-30)
+    plain = GAS.without_units(vm.Expression(expression))
+    assert GAS.without_units(plain) is plain
+
+
+@pytest.mark.parametrize(("expression", "message"), REFUSED)
+def test_what_has_no_unit_is_refused_with_the_place(expression, message):
+    with pytest.raises(vm.UnitsError) as caught:
+        GAS.evaluate(expression)
+    assert message in str(caught.value)
+    assert "write" in str(caught.value)
+
+
+DOORS = {
+    "coefficients": lambda e: vm.render(GAS, vm.Coefficients(0, e), CAMERA),
+    "gaussian": lambda e: vm.render(GAS, vm.Gaussian(e, 1, 0.1, 1, 0.1, 1), CAMERA),
+    "table": lambda e: vm.render(GAS, vm.Table(e, [0, 1], [0, 1], [0, 1]), CAMERA),
+    "isosurface": lambda e: vm.render(GAS, vm.Isosurface(e, 1, 1), CAMERA),
+    "gate": lambda e: vm.render(GAS, vm.Gaussian("share", 1, 1, 1, 1, 1, where=e), CAMERA),
+    "colours": lambda e: vm.render(
+        GAS, vm.Gaussian("share", 1, 1, vm.ColorBy(e, "viridis", 0, 1), 1, 1), CAMERA
+    ),
+    "column": lambda e: vm.column(GAS, e, CAMERA),
+    "moments": lambda e: vm.moments(GAS, "density", CAMERA, velocity=e),
+    "measure": lambda e: vm.measure(GAS, e),
+    "condition": lambda e: vm.measure(GAS, "density", where=e),
+    "derived": lambda e: gas().__setitem__("derived", e),
+    "gradient": lambda e: GAS.evaluate(f"gradmag({e})"),
+    "slice": lambda e: GAS.slice(e, resolution=4),
+    "cells": lambda e: GAS.cells([e]),
+    "function": lambda e: vm.render(
+        GAS, vm.Medium.from_function(lambda x: (x, 0.0), [e], 1), CAMERA
+    ),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("expression", ["density + temperature", "exp(-temperature)"])
+def test_every_door_refuses(door, expression):
+    with pytest.raises(vm.UnitsError, match="cannot be derived"):
+        DOORS[door](expression)
+
+
+EXTINCTIONS = [
+    ("a0", 2 * PER_AU),
+    ("a0 * exp(-(los(velocity)/(0.2 km/s))**2)", 2 * PER_AU * np.exp(-0.25)),
+    ("2*a0 + 1e-13 1/cm", 6 * PER_AU),
+    ("density * (1e7 cm2/g)", 2 * PER_AU),
+    ("3 1/AU", 6.0),
+    ("0.5", 1.0),
+]
+
+
+@pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
+@pytest.mark.parametrize(("extinction", "depth"), EXTINCTIONS)
+def test_optical_depths_are_those_of_the_slab(extinction, depth, scheme):
+    image = vm.render(GAS, vm.Coefficients(0, extinction), CAMERA, scheme=scheme)
+    np.testing.assert_allclose(image.optical_depth, depth, rtol=1e-5)  # single precision
+
+
+def test_an_extinction_of_another_kind_is_refused():
+    with pytest.raises(vm.UnitsError, match="inverse length"):
+        vm.render(GAS, vm.Coefficients(0, "density"), CAMERA)
+
+
+def test_emissivities_in_different_units_are_converted():
+    image = vm.render(GAS, vm.Coefficients(["j0", "watts", 0], 0), CAMERA)
+    assert u.Unit(image.intensity_unit) == u.Unit("erg AU / (s cm3)")
+    np.testing.assert_allclose(image.intensity[0, 0], [4e-13, 4e-13, 0], rtol=1e-5)
+
+
+def test_emissivities_of_different_kinds_are_refused():
+    with pytest.raises(vm.UnitsError, match="emissivit"):
+        vm.render(GAS, vm.Coefficients(["j0", "density", 0], 0), CAMERA)
+    with pytest.raises(vm.UnitsError, match="emissivit"):
+        vm.render(GAS, vm.Coefficients(["j0", 1.0, 0], 0), CAMERA)
+
+
+def test_the_parts_of_a_sum_emit_in_one_unit():
+    both = vm.Coefficients("j0", 0) + vm.Coefficients("watts", "a0") + vm.Coefficients(0, "a0")
+    image = vm.render(GAS, both, CAMERA)
+    assert u.Unit(image.intensity_unit) == u.Unit("erg AU / (s cm3)")
+    depth = 4 * PER_AU
+    expected = 4e-13 / (2 * PER_AU) * (1 - np.exp(-depth))
+    np.testing.assert_allclose(image.intensity, expected, rtol=1e-4)
+    with pytest.raises(vm.UnitsError, match="expected erg"):
+        vm.render(GAS, vm.Coefficients("j0", 0) + vm.Coefficients("density", 0), CAMERA)
+
+
+def test_measurements_have_the_unit_of_the_expression():
+    total = vm.measure(GAS, "density * exp(-20 K/temperature)")["density * exp(-20 K/temperature)"]
+    expected = 1e-20 * np.exp(-2) * u.g / u.cm**3 * (2 * u.AU) ** 3
+    assert abs(total / expected - 1).to_value("") < 1e-12
+    column = vm.column(GAS, "density * exp(-20 K/temperature)", CAMERA)
+    expected = 1e-20 * np.exp(-2) * u.g / u.cm**3 * 2 * u.AU
+    found = column.intensity.item() * u.Unit(column.intensity_unit)
+    assert abs(found / expected - 1).to_value("") < 1e-6
+
+
+def test_a_logarithm_has_no_integral():
+    for measured in (lambda e: vm.measure(GAS, e), lambda e: vm.column(GAS, e, CAMERA)):
+        with pytest.raises(vm.UnitsError, match="depend on the unit"):
+            measured("log10(density)")
+        measured("log10(density / (1 g/cm3))")
+
+
+def test_functions_of_fields_with_units_say_what_they_return():
+    def bare(a, v):
+        return 0.0, a * vm.math.exp(-((v / 0.2) ** 2))
+
+    fields = ["a0", "los(velocity)"]
+    with pytest.raises(vm.UnitsError, match="units="):
+        vm.render(GAS, vm.Medium.from_function(bare, fields, 1), CAMERA)
+    told = vm.Medium.from_function(bare, fields, 1, units=(None, "1/cm"))
+    # Plain numbers in the fields' own units: los(velocity) is in km/s as velocity_x is.
+    image = vm.render(GAS, told, CAMERA)
+    np.testing.assert_allclose(image.optical_depth, 2 * PER_AU * np.exp(-0.25), rtol=1e-5)
+    read = vm.Medium.from_function(
+        lambda a, v: (0.0, a * vm.math.exp(-(v**2))), ["a0", "los(velocity) / (0.2 km/s)"], 1
+    )
+    image = vm.render(GAS, read, CAMERA)
+    np.testing.assert_allclose(image.optical_depth, 2 * PER_AU * np.exp(-0.25), rtol=1e-5)
+
+
+def test_functions_that_cannot_be_read_say_what_they_return_too():
+    function = lambda a: (2.0 * a, np.float32(1.0) * a if False else a)  # noqa: E731
+
+    def black_box(a):
+        return function(type(a)(a)) if hasattr(a, "index") else function(a)
+
+    image = vm.render(
+        GAS, vm.Medium.from_function(black_box, ["a0"], 1, units=("erg/(s cm3)", "1/cm")), CAMERA
+    )
+    assert u.Unit(image.intensity_unit) == u.Unit("erg AU / (s cm3)")
+    np.testing.assert_allclose(image.optical_depth, 2 * PER_AU, rtol=1e-5)
+
+
+def test_a_volume_without_units_is_free():
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)))
+    volume["density"] = np.full(volume.grid.shape, 2.0)
+    volume["temperature"] = np.full(volume.grid.shape, 3.0)
+    assert np.all(volume.evaluate("density + temperature * exp(-x + x)") == 5.0 - 3 + 3)
+    volume["mixed"] = "log(density) + density > temperature"
+    image = vm.render(volume, vm.Coefficients(0, "density"), vm.Orthographic(0, 0, resolution=1))
+    np.testing.assert_allclose(image.optical_depth, 4.0, rtol=1e-6)
+
+
+def test_the_same_unit_by_another_name():
+    volume = gas()
+    volume["pressure"] = np.ones(volume.grid.shape) * u.dyn / u.cm**2
+    volume["energy"] = np.ones(volume.grid.shape) * u.erg / u.cm**3
+    assert np.all(volume.evaluate("pressure + energy") == 2)

@@ -1,0 +1,102 @@
+"""GRIB by cfgrib, and files that another engine of xarray opens."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from voluminous.io import find_reader
+
+VALUES = 250 + np.random.default_rng(0).random((3, 5, 6))
+
+
+def grib(path, kind="isobaricInhPa", levels=(1000, 500, 200), mode="wb"):
+    """Write a message per level, south at the last row."""
+    codes = pytest.importorskip("eccodes")
+    pytest.importorskip("cfgrib")
+    told = {"Ni": 6, "Nj": 5, "bitsPerValue": 24, "typeOfLevel": kind, "shortName": "t"}
+    told |= {"iDirectionIncrementInDegrees": 10.0, "jDirectionIncrementInDegrees": 5.0}
+    for end, (lat, lon) in (("First", (20.0, 0.0)), ("Last", (0.0, 50.0))):
+        told[f"latitudeOf{end}GridPointInDegrees"] = lat
+        told[f"longitudeOf{end}GridPointInDegrees"] = lon
+    with open(path, mode) as file:
+        for level, values in zip(levels, VALUES, strict=True):
+            message = codes.codes_grib_new_from_samples("regular_ll_pl_grib2")
+            for key, value in {**told, "level": level}.items():
+                codes.codes_set(message, key, value)
+            codes.codes_set_values(message, values.ravel())
+            codes.codes_write(message, file)
+            codes.codes_release(message)
+    return path
+
+
+@pytest.mark.parametrize("name", ["air.grib", "no_suffix"])
+@pytest.mark.filterwarnings("ignore:the coordinates are of different kinds")
+def test_grib(tmp_path, name):
+    path = grib(tmp_path / name)
+    assert find_reader(path).name == "xarray"
+    volume = vm.open(path)
+    # Pressures fall upwards, and latitudes in the file.
+    np.testing.assert_allclose(volume.array("t"), VALUES.transpose(2, 1, 0)[:, ::-1], atol=1e-4)
+    assert volume.units["t"] == "K"
+    assert volume.grid.edges[0].tolist() == [-5, 5, 15, 25, 35, 45, 55]
+    assert volume.meta["axes"]["z"]["unit"] == "hPa"
+    assert [entry.name for entry in tmp_path.iterdir()] == [name]  # no index beside it
+
+
+@pytest.mark.filterwarnings("ignore:the coordinates are of different kinds")
+def test_messages_of_several_kinds_must_be_chosen(tmp_path):
+    path = grib(tmp_path / "air.grib")
+    grib(path, "heightAboveGround", (10, 50, 100), "ab")
+    with pytest.raises(vm.FileFormatError, match=r"filter_by_keys=\{'typeOfLevel'"):
+        vm.open(path)
+    for kind in ("heightAboveGround", "isobaricInhPa"):
+        volume = vm.open(path, filter_by_keys={"typeOfLevel": kind})
+        assert volume.meta["axes"]["z"]["name"] == kind
+
+
+def test_without_cfgrib_its_name_is_told(tmp_path, monkeypatch):
+    pytest.importorskip("xarray")
+    monkeypatch.setitem(sys.modules, "cfgrib", None)
+    path = tmp_path / "air.grb2"
+    path.write_bytes(b"GRIB\0\0\0\2" + bytes(100))
+    with pytest.raises(vm.MissingPackageError, match=r"'cfgrib'(.|\n)*voluminous\[grib\]"):
+        vm.open(path)
+
+
+def test_a_cut_file_is_an_error(tmp_path):
+    path = grib(tmp_path / "air.grib")
+    path.write_bytes(path.read_bytes()[:600])
+    with pytest.raises(vm.FileFormatError, match="cut short"):
+        vm.open(path)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_an_engine_of_another_package(tmp_path, monkeypatch):
+    """As a package registers it: an entry point with a class that says what it can open."""
+    xr = pytest.importorskip("xarray")
+
+    class Engine(xr.backends.BackendEntrypoint):
+        def guess_can_open(self, filename_or_obj):
+            return str(filename_or_obj).endswith(".ours")
+
+        def open_dataset(self, filename_or_obj, *, drop_variables=None):
+            return xr.Dataset({"rho": (("z", "y", "x"), VALUES)})
+
+    from voluminous.io.labelled import engines
+
+    class Entry:
+        name = "ours"
+        load = staticmethod(lambda: Engine)
+
+    monkeypatch.setattr(engines.importlib.metadata, "entry_points", lambda group: (Entry,))
+    real = xr.open_dataset
+    monkeypatch.setattr(
+        xr, "open_dataset", lambda path, engine, **more: real(path, engine=Engine, **more)
+    )
+    path = tmp_path / "a.ours"
+    path.write_bytes(b"something")
+    np.testing.assert_array_equal(vm.open(path).array("rho"), VALUES.T)
