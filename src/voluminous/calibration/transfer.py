@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..backend import from_host, get_backend
-from ..errors import InputError
+from ..errors import InputError, UnitsError, unknown_name
 from ..evaluation import Evaluation
 from ..expressions import Expression
 from ..fields import split_unit, unit_quantity
 from ..figures import divided, new_figure
 from ..image.annotate.lengths import pretty_unit
-from ..media import Coefficients, Colormap, Context, Isosurface, Medium, Table
+from ..media import Colormap, Context, Isosurface, Medium, Table
+from ..media.function import Function
 from ..media.modulation import Modulation
 from ..media.shaped import Shaped
 from ..notebook import png
@@ -49,7 +50,7 @@ class _Values(Evaluation):
         self._fields: dict[str, np.ndarray] = {}
         self._units: dict[str, Any] = {}
         for name, value in given.items():
-            values, unit = split_unit(value)
+            values, unit = split_unit("nothing" if value is None else value)
             try:
                 self._fields[name] = np.asarray(values, dtype=np.float64)
             except (TypeError, ValueError) as error:
@@ -66,6 +67,11 @@ class _Values(Evaluation):
 
     def field_unit(self, name: str) -> Any:
         return self._units[name]
+
+    def check_names(self, expression: Expression) -> None:
+        for name in expression.names:
+            if name not in self._fields:
+                raise unknown_name("field", name, self._fields)
 
     def given(self, names: Iterable[str]) -> set[str]:
         return set(names) & self._fields.keys()
@@ -117,8 +123,12 @@ def coefficients(
         name: from_host(real.Float, np.broadcast_to(array, shape).ravel())
         for name, array in arrays.items()
     }
-    found = medium.coefficients(fields, _Given(real.Float, real.opaque, unit, unit_of))
     size = int(np.prod(shape))
+    if not size:
+        return np.zeros((medium.channels, *shape)), np.zeros(
+            shape if medium.grey else (medium.channels, *shape)
+        )
+    found = medium.coefficients(fields, _Given(real.Float, real.opaque, unit, unit_of))
     rows = [np.broadcast_to(np.array(value), size).reshape(shape) for value in found.listed()]
     j, alpha = np.stack(rows[: medium.channels]), np.stack(rows[medium.channels :])
     return j, alpha[0] if medium.grey else alpha
@@ -170,7 +180,8 @@ def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
 
 def _per_path_length(medium: Medium) -> Medium:
     """Return a medium with 1 for its path lengths, if all are still to be measured."""
-    open_ones = [isinstance(part.path_length, str) for part in medium.components()]
+    lengths = [p.path_length for p in medium.components() if not isinstance(p, Isosurface)]
+    open_ones = [isinstance(length, str) for length in lengths]
     if not any(open_ones):
         return medium
     if not all(open_ones):
@@ -178,20 +189,27 @@ def _per_path_length(medium: Medium) -> Medium:
             "path_length is 'auto' in one part of this medium and a length in others: give "
             "vm.calibrate(medium, volume) values"
         )
-    return medium.with_each(lambda part: part.changed(path_length=1.0))
+    return medium.with_each(_one_path_length)
 
 
 def _length_unit(medium: Medium, fields: _Values) -> Any:
     """Return the unit of length that numbers of a medium tell, or None."""
-    for part in medium.components():
-        if is_quantity(part.path_length):
-            return parse_unit(part.path_length.unit)
-        for expr in part.extinction if isinstance(part, Coefficients) else ():
-            unit = fields.expression_unit(expr)
-            if unit is not None:
-                length = (unit**-1).physical_type == "length"
-                return parse_unit(unit**-1) if length else parse_unit("cm")
-    return None
+    parts = medium.components()
+    found = [p.path_length.unit for p in parts if is_quantity(p.path_length)]
+    for part in parts:
+        own = part.formulas() if isinstance(part, Function) and part.units is None else part
+        units = [fields.expression_unit(e) for e in getattr(own, "extinction", ())]
+        units += [part.units[1]] if isinstance(part, Function) and part.units else []
+        # What is no inverse length is refused where there is a unit of length.
+        lengths = (unit**-1 for unit in units if unit is not None)
+        found += [u if u.physical_type == "length" else parse_unit("cm") for u in lengths]
+    plain_ones = [p for p in parts if isinstance(p.path_length, float)]
+    if found and plain_ones:
+        raise UnitsError(
+            f"path_length={plain_ones[0].path_length:g} has no unit, as other lengths of this "
+            "medium have; give it one, such as '0.1 pc'"
+        )
+    return parse_unit(found[0]) if found else None
 
 
 def _units(medium: Medium, fields: Any) -> tuple[Any, Any]:
