@@ -210,3 +210,13 @@ def test_a_notebook_reads_no_file():
     volume["a"] = Deferred(lambda: np.ones((4, 4, 4)), "f8")
     assert "not read yet" in volume._repr_html_()
     assert volume.waiting == ("a",)
+
+
+def test_a_bar_for_each_of_few_values():
+    a = np.arange(64).reshape(4, 4, 4) % 3 * 10
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=a)
+    for medium in (vm.Gaussian("a", 10, 1, 1, 1), vm.Colormap("a", "viridis", norm="log")):
+        axes = medium.plot(volume)
+        (bars,) = (p for other in axes.figure.axes for p in other.patches if hasattr(p, "get_data"))
+        counts = bars.get_data().values
+        assert counts.tolist() == ([22, 21, 21] if isinstance(medium, vm.Gaussian) else [21, 21])

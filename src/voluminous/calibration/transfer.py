@@ -471,7 +471,14 @@ def _draw(axes: Any, panel: _Panel, medium: Medium) -> None:
 
 def _draw_cells(axes: Any, panel: _Panel) -> None:
     """Draw the histogram behind, its counts on a logarithmic axis of its own."""
-    counts, edges = np.histogram(panel.values, panel.spread(_BINS + 1))
+    known = panel.values[(panel.values >= panel.low) & (panel.values <= panel.high)]
+    steps = np.unique(known)
+    if 1 < len(steps) <= 2 * _BINS:  # a bar for each of few values, such as whole numbers
+        middles = 0.5 * (steps[1:] + steps[:-1])
+        places = np.concatenate([[panel.low], middles, [panel.high]])
+    else:
+        places = panel.spread(_BINS + 1)
+    counts, edges = np.histogram(known, places)
     behind = axes.twinx()
     behind.stairs(counts, edges, baseline=0.5, fill=True, color="0.88")
     behind.set(yscale="log", ylim=(0.5, max(10.0, 1.5 * counts.max(initial=1.0))))
@@ -522,7 +529,12 @@ def _fill(axes: Any, x: np.ndarray, j: np.ndarray) -> None:
     area = axes.fill_between(x, 0.0, np.where(good, top, 0.0), color="none", lw=0)
     paths = area.get_paths()
     mesh = axes.pcolormesh(
-        x, [0.0, float(top[good].max())], np.stack([shown[:-1]]), shading="flat", rasterized=True
+        x,
+        [0.0, float(top[good].max())],
+        np.stack([shown[:-1]]),
+        shading="flat",
+        alpha=0.8,
+        rasterized=True,
     )
     if paths:
         mesh.set_clip_path(paths[0], axes.transData)
