@@ -12,6 +12,7 @@ from voluminous.io import find_reader
 
 pytest.importorskip("vtkmodules", reason="VTK's own writers make the files")
 
+from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkPolyData
 from vtkmodules.vtkIOLegacy import vtkPolyDataWriter, vtkStructuredPointsWriter
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLRectilinearGridWriter
@@ -337,8 +338,11 @@ def test_pieces_that_leave_gaps(tmp_path):
 
 
 def test_other_data_of_vtk_are_refused_with_advice(tmp_path):
-    xml = write(vtkXMLPolyDataWriter(), vtkPolyData(), tmp_path / "a.vtp")
-    legacy = write(vtkPolyDataWriter(), vtkPolyData(), tmp_path / "a.vtk")
+    points, data = vtkPoints(), vtkPolyData()
+    points.InsertNextPoint(1, 2, 3)
+    data.SetPoints(points)
+    xml = write(vtkXMLPolyDataWriter(), data, tmp_path / "a.vtp")
+    legacy = write(vtkPolyDataWriter(), data, tmp_path / "a.vtk")
     for path in (xml, legacy):
         with pytest.raises(vm.InputError, match=r"; give resolution=64"):
             vm.open(path)

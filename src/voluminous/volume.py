@@ -17,6 +17,7 @@ from .errors import InputError, unknown_name
 from .evaluation import Evaluation
 from .expressions import DerivedField, Expression, derived_field, required_names
 from .fields import (
+    check_order,
     checked_array,
     checked_grid,
     checked_name,
@@ -200,6 +201,7 @@ class Volume(Evaluation, OnOtherCells):
             self._defer(name, value)
             return
         else:
+            check_order(name, value)
             values, unit = split_unit(without_mask(value))
             array = packed(name, values, self.grid)
         self._keep(name, array, unit)

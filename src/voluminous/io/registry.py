@@ -33,8 +33,11 @@ from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
 from .raw.reader import RawReader
 from .scanners.dicom import DICOMReader
+from .scanners.imaris import ImarisReader
 from .scanners.itk import ITKReader
 from .scanners.metaimage import MetaImageReader
+from .scanners.mrc import MRCReader
+from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
 from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
 from .scanners.pictures import PicturesReader
@@ -69,6 +72,7 @@ READERS: tuple[Reader, ...] = (
     PhantomReader(),
     OpenPMDReader(),
     YtReader(),
+    MINCReader(),
     NeXusReader(),
     PyVistaReader(),  # CGNS and Exodus are in HDF5 and NetCDF
     NetCDFReader(),
@@ -77,7 +81,12 @@ READERS: tuple[Reader, ...] = (
     ZarrReader(),
     DICOMReader(),
     ITKReader(),
+    ImarisReader(),
     NIfTIReader(),
+    MRCReader(),
+    MGHReader(),
+    AFNIReader(),
+    PARRECReader(),
     NRRDReader(),
     MetaImageReader(),
     TIFFReader(),

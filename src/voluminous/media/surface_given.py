@@ -110,19 +110,6 @@ def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
     return list(opacity) if nested or (several and len(opacity) == count > 1) else [opacity] * count
 
 
-def fraction(value: Any, what: str) -> float:
-    """Return a number from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    if not isinstance(value, (int, float)) or not 0 <= value <= 1:
-        raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
-    return float(value)
-
-
 def depth_of(opacity: float) -> float:
     """Return the optical depth of a crossing."""
     return min(-math.log1p(-opacity), _OPAQUE) if opacity < 1 else _OPAQUE

@@ -57,6 +57,7 @@ class PyVistaReader(Reader):
         unit: Any = None,
         resolution: Any = None,
         time: float | None = None,
+        **options: Any,
     ) -> Volume:
         """Return the volume."""
         return volume_of(_dataset(path, resolution, time), fields, unit)

@@ -48,7 +48,13 @@ class VTKHDFReader(Reader):
             return path.suffix.lower() in self.suffixes
 
     def read(
-        self, path: Path, fields: Any = None, *, unit: Any = None, resolution: Any = None
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        unit: Any = None,
+        resolution: Any = None,
+        **options: Any,
     ) -> Volume:
         """Return the volume; values are read when they are used."""
         return volume_of(_dataset(path, resolution), fields, unit)

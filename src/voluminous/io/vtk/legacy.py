@@ -42,7 +42,13 @@ class VTKReader(Reader):
         return head.startswith(_MAGIC)
 
     def read(
-        self, path: Path, fields: Any = None, *, unit: Any = None, resolution: Any = None
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        unit: Any = None,
+        resolution: Any = None,
+        **options: Any,
     ) -> Volume:
         """Return the volume."""
         return volume_of(_dataset(path, resolution), fields, unit)

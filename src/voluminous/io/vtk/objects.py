@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,7 +83,10 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
     points = _points(dataset)
     if min(points) < 1:
         raise InputError(f"the {type(dataset).__name__} is empty: it has {points} points")
-    place = {_KINDS[0]: _image, _KINDS[1]: _rectilinear, _KINDS[2]: _structured}[kind](dataset)
+    makers: dict[str, Callable[[Any], Any]] = dict(
+        zip(_KINDS, (_image, _rectilinear, _structured), strict=True)
+    )
+    place = makers[kind](dataset)
     active = {
         at: data.GetScalars().GetName()
         for at, data in _attributes(dataset)

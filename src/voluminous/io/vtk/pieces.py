@@ -56,7 +56,8 @@ def _arrange(parts: Sequence[Dataset], starts: Any, low: Any, points: tuple[int,
         return replace(first, low=tuple(int(n) for n in low), points=points)
     lines = [np.full(n, np.nan) for n in points]
     for part, start in zip(parts, starts, strict=True):
-        for axis, own in enumerate(part.arrange.lines):
+        place: Any = part.arrange
+        for axis, own in enumerate(place.lines):
             lines[axis][start[axis] : start[axis] + len(own)] = own
     return Uneven(tuple(lines))
 

@@ -49,7 +49,13 @@ class VTKXMLReader(Reader):
         return not self.kind or (found is not None and found[1].decode() == self.kind)
 
     def read(
-        self, path: Path, fields: Any = None, *, unit: Any = None, resolution: Any = None
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        unit: Any = None,
+        resolution: Any = None,
+        **options: Any,
     ) -> Volume:
         """Return the volume; values are read when they are used."""
         if resolution is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, unknown_name
-from ...figures import divided
+from ...figures import divided, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,11 +45,10 @@ def plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | Non
 
 def _panels(figure: Figure | None, ax: Any) -> Any:
     """Return four axes: those given, or new ones in a figure or in one axes."""
-    from matplotlib.figure import Figure
-
     if ax is None:
         if figure is None:
-            figure = Figure(figsize=_SIZE, layout="constrained")
+            figure = new_figure()
+            figure.set_size_inches(_SIZE)
         return figure.subplots(4, 1, sharex=True)
     if figure is not None:
         raise InputError("give ax or figure, not both")
