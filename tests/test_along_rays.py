@@ -25,16 +25,16 @@ EXACT = {"single": 2e-6, "double": 1e-12}
 
 
 @pytest.mark.parametrize("precision", EXACT)
-@pytest.mark.parametrize(("kind", "best"), [("maximum", np.argmax), ("minimum", np.argmin)])
+@pytest.mark.parametrize(("kind", "best"), [("max", np.argmax), ("min", np.argmin)])
 def test_extremes_of_columns_of_cells(kind, best, precision):
-    found = vm.extreme(VOLUME, "a", DOWN, kind, precision=precision)
+    found = vm.project(VOLUME, "a", DOWN, kind, depth=True, precision=precision)
     a, k = VOLUME.array("a"), best(VOLUME.array("a"), axis=2)
     expected = np.take_along_axis(a, k[..., None], 2)[..., 0].T
-    np.testing.assert_allclose(found.value.intensity[..., 0], expected, rtol=EXACT[precision])
+    np.testing.assert_allclose(found[0].intensity[..., 0], expected, rtol=EXACT[precision])
     # Away from the observer, who is above: depths run downwards.
     depth = 1 - (k.T + 0.5) / 4
-    np.testing.assert_allclose(found.depth.intensity[..., 0], depth, atol=EXACT[precision])
-    assert found.depth.intensity_unit == "pc"
+    np.testing.assert_allclose(found[1].intensity[..., 0], depth, atol=EXACT[precision])
+    assert found[1].intensity_unit == "pc"
 
 
 def test_the_smallest_value_may_be_nothing():
@@ -42,30 +42,31 @@ def test_the_smallest_value_may_be_nothing():
     values[:32] = 0.0  # blocks that pictures leap over
     volume = vm.Volume(vm.CartesianGrid.uniform((64, 8, 8), (0, 1)), a=values)
     camera = vm.Orthographic(90, 90, width=(1, 1), resolution=8)
-    found = vm.extreme(volume, "a", camera, "minimum")
-    np.testing.assert_array_equal(found.value.intensity, 0.0)
+    found = vm.project(volume, "a", camera, "min")
+    np.testing.assert_array_equal(found.intensity, 0.0)
 
 
 def test_what_misses_finds_nothing():
     camera = vm.Orthographic(width=6, resolution=12)
-    found = vm.extreme(VOLUME, "a", camera)
-    inside = np.isfinite(found.value.intensity[..., 0])
+    found = vm.project(VOLUME, "a", camera)
+    inside = np.isfinite(found.intensity[..., 0])
     expected = np.abs(np.arange(12) - 5.5) < 2
     np.testing.assert_array_equal(inside, expected[:, None] & expected)
 
 
 def test_the_first_cell_of_a_kind():
-    found = vm.first_hit(VOLUME, "a > 1.5", DOWN, precision="double").intensity[..., 0]
+    found = vm.project(VOLUME, "a > 1.5", DOWN, "first", precision="double").intensity[..., 0]
     for (j, i), depth in np.ndenumerate(found):
         cells = np.flatnonzero(VOLUME.array("a")[i, j] > 1.5)
         assert np.isnan(depth) if not cells.size else depth == 1 - (cells[-1] + 1) / 4
 
 
 def test_the_first_cell_of_a_kind_told_with_units():
-    plain = vm.first_hit(VOLUME, "rho > 0.7", DOWN).intensity
-    np.testing.assert_array_equal(vm.first_hit(VOLUME, "rho > 700 kg/m3", DOWN).intensity, plain)
+    plain = vm.project(VOLUME, "rho > 0.7", DOWN, "first").intensity
+    found = vm.project(VOLUME, "rho > 700 kg/m3", DOWN, "first").intensity
+    np.testing.assert_array_equal(found, plain)
     with pytest.raises(vm.UnitsError, match="'3 K' is in K, expected"):
-        vm.first_hit(VOLUME, "rho > 3 K", DOWN)
+        vm.project(VOLUME, "rho > 3 K", DOWN, "first")
 
 
 def test_numbers_may_be_of_numpy():
@@ -73,6 +74,64 @@ def test_numbers_may_be_of_numpy():
     surfaces = [vm.tau_surface(VOLUME, medium, DOWN, n).points for n in (2, np.int64(2))]
     np.testing.assert_array_equal(*surfaces)
     assert vm.moments(VOLUME, "rho", DOWN, "v", np.int64(1)).dispersion is None
+
+
+def test_integral_and_mean_of_columns_of_cells():
+    a = VOLUME.array("a")
+    mean = vm.project(VOLUME, "a", DOWN, how="mean", precision="double").intensity[..., 0]
+    np.testing.assert_allclose(mean, a.mean(axis=2).T, rtol=1e-12, atol=1e-12)
+    integral = vm.project(VOLUME, "rho", DOWN, how="integral")
+    np.testing.assert_array_equal(integral.intensity, vm.column(VOLUME, "rho", DOWN).intensity)
+    assert integral.intensity_unit == "g / cm2"
+    holes = vm.Volume(GRID, a=np.where(a > 1, np.nan, a))
+    found = vm.project(holes, "a", DOWN, how="mean", precision="double").intensity[..., 0]
+    np.testing.assert_allclose(found, np.nanmean(holes.array("a"), axis=2).T, atol=1e-12)
+    with np.errstate(invalid="ignore"):
+        expected = np.nanmean(np.log10(a), axis=2).T
+    found = vm.project(VOLUME, "log10(a)", DOWN, how="mean", precision="double")
+    np.testing.assert_allclose(found.intensity[..., 0], expected, atol=1e-12)
+
+
+GRIDS = {
+    "cartesian": lambda: GRID,
+    "spherical": lambda: vm.SphericalGrid(
+        np.linspace(0.2, 1, 5), np.linspace(0, np.pi, 5), np.linspace(0, 2 * np.pi, 9)
+    ),
+    "cylindrical": lambda: vm.CylindricalGrid(
+        np.linspace(0.2, 1, 5), np.linspace(0, 2 * np.pi, 9), np.linspace(-1, 1, 5)
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ["cartesian", "spherical", "cylindrical"])
+@pytest.mark.parametrize("how", ["max", "min", "mean"])
+def test_projections_of_a_constant_are_that_constant(kind, how):
+    grid = GRIDS[kind]()
+    volume = vm.Volume(grid, a=np.full(grid.shape, 2.5))
+    found = vm.project(volume, "a", vm.Orthographic(50, 20, resolution=16), how).intensity
+    np.testing.assert_allclose(found[np.isfinite(found)], 2.5, rtol=1e-5)
+    assert np.isfinite(found).any()
+
+
+def test_projections_of_signed_data_are_grey_within_a_window():
+    """Air at -1000 is black and bone white, as radiologists see computed tomography."""
+    values = np.full((8, 8, 8), -1000.0)
+    values[2:6, 2:6, 2:6] = 1200.0
+    volume = vm.Volume(GRID, ct=values)
+    image = vm.project(volume, "ct", DOWN)
+    rgb = image.to_rgb()
+    np.testing.assert_array_equal(rgb[..., 0], rgb[..., 2])
+    assert rgb[0, 0, 0] < 0.01
+    assert rgb[4, 4, 0] > 0.99
+    assert image.plot().images[0].cmap.name == "gray"
+
+
+def test_earlier_names_tell_the_new_ones():
+    for name, how in [("extreme", "max"), ("first_hit", "first")]:
+        with pytest.raises(AttributeError, match=rf"vm\.project\(\.\.\., how='{how}'"):
+            getattr(vm, name)
+    with pytest.raises(vm.InputError, match="depth=True is for"):
+        vm.project(VOLUME, "a", DOWN, "mean", depth=True)
 
 
 @pytest.mark.parametrize("precision", EXACT)
@@ -161,9 +220,9 @@ def test_missing_cells_are_not_found():
     values[:, :, 7] = np.nan
     values[0, 0, 3] = 5.0
     volume = vm.Volume(GRID, a=values)
-    found = vm.extreme(volume, "a", DOWN)
-    assert found.value.intensity[0, 0, 0] == 5.0
-    assert vm.extreme(volume, "a", DOWN, "minimum").depth.intensity[4, 4, 0] == -0.625
+    found = vm.project(volume, "a", DOWN)
+    assert found.intensity[0, 0, 0] == 5.0
+    assert vm.project(volume, "a", DOWN, "min", depth=True)[1].intensity[4, 4, 0] == -0.625
     surface = vm.tau_surface(volume, vm.Coefficients(0, "a"), DOWN, 0.125)
     assert surface.depth.intensity[4, 4, 0] == pytest.approx(-1 + 0.25 + 0.125)
 
@@ -211,9 +270,9 @@ def test_expressions_without_a_value_are_not_found():
     a = VOLUME.array("a")
     with np.errstate(invalid="ignore"):
         expected = np.nanmin(np.log10(a), axis=2).T
-    found = vm.extreme(VOLUME, "log10(a)", DOWN, "minimum", precision="double")
-    np.testing.assert_allclose(found.value.intensity[..., 0], expected, rtol=1e-12)
-    found = vm.first_hit(VOLUME, "log10(a)", DOWN, precision="double").intensity[..., 0]
+    found = vm.project(VOLUME, "log10(a)", DOWN, "min", precision="double")
+    np.testing.assert_allclose(found.intensity[..., 0], expected, rtol=1e-12)
+    found = vm.project(VOLUME, "log10(a)", DOWN, "first", precision="double").intensity[..., 0]
     first = np.argmax(a[..., ::-1] > 0, axis=2).T
     np.testing.assert_array_equal(found, first / 4 - 1)
 
@@ -230,7 +289,7 @@ def test_infinite_quantities_are_refused_by_name(method):
 
 def test_what_has_no_value_at_all_is_refused_by_name():
     with pytest.raises(vm.InputError, match=r"'log10\(-abs\(a\)\)' has no value in any cell"):
-        vm.extreme(VOLUME, "log10(-abs(a))", DOWN)
+        vm.project(VOLUME, "log10(-abs(a))", DOWN)
 
 
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "post-classified"])
@@ -252,10 +311,10 @@ def test_measurements_do_not_depend_on_units(length, size):
     exact = {"rtol": 1e-5, "atol": 1e-5}
 
     def measured(volume, camera, size, length):
-        found = vm.extreme(volume, "a", camera)
-        yield found.value.intensity / size
-        yield found.depth.intensity / length
-        yield vm.first_hit(volume, f"a > {size!r}", camera).intensity / length
+        found = vm.project(volume, "a", camera, depth=True)
+        yield found[0].intensity / size
+        yield found[1].intensity / length
+        yield vm.project(volume, f"a > {size!r}", camera, "first").intensity / length
         for method in ("rays", "exact"):
             yield vm.column(volume, "a", camera, method=method).intensity / size / length
         medium = vm.Coefficients(0, f"a * {1 / size / length!r}")
@@ -272,11 +331,11 @@ def test_measurements_do_not_depend_on_units(length, size):
 
 def test_what_makes_no_sense():
     with pytest.raises(vm.InputError, match="progress must be True, False, None or a function"):
-        vm.first_hit(VOLUME, "a > 0", DOWN, progress=3)
+        vm.project(VOLUME, "a > 0", DOWN, "first", progress=3)
     with pytest.raises(vm.InputError, match="tau must be a positive number"):
         vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'maximum'"):
-        vm.extreme(VOLUME, "a", DOWN, "maxmum")
+    with pytest.raises(vm.UnknownNameError, match="did you mean 'max'"):
+        vm.project(VOLUME, "a", DOWN, "maxx")
     with pytest.raises(vm.InputError, match="n, the highest moment"):
         vm.moments(VOLUME, "rho", DOWN, "v", 5)
     with pytest.raises(vm.UnknownNameError, match="unknown field 'w'"):

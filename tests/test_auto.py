@@ -210,7 +210,7 @@ def test_what_is_no_label(values):
 def test_a_constant_shows_nothing(value):
     grid = vm.CartesianGrid.uniform(4, (0, 1))
     volume = vm.Volume(grid, a=np.full(grid.shape, value))
-    with pytest.raises(vm.InputError, match="nothing to show"):
+    with pytest.raises(vm.InputError, match="nothing to see"):
         vm.auto(volume)
 
 

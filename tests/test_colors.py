@@ -40,7 +40,7 @@ def test_an_alpha_of_one_is_dropped_and_any_other_refused(door):
     np.testing.assert_array_equal(DOORS[door](RED), expected)
     np.testing.assert_array_equal(DOORS[door](np.array(RED)), expected)
     np.testing.assert_array_equal(DOORS[door]("#ff0000ff"), expected)
-    for color in (PALE, np.array(PALE), "#ff000080"):
+    for color in (PALE, np.array(PALE), "#ff000080", ("red", 0.5)):
         with pytest.raises(InputError, match="opacity="):
             DOORS[door](color)
 
@@ -64,14 +64,22 @@ def test_colormaps_with_alpha_are_refused():
     np.testing.assert_array_equal(vm.Table("a", [1, 2], rows, [0, 1]).colors, rows[:, :3])
 
 
-def test_a_list_of_four_is_four_channels():
-    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 1.0], 1).channels == 4
+def test_a_list_of_four_is_four_channels_unless_it_ends_in_one():
+    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 0.5], 1).channels == 4
+    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 1.0], 1).color == (0.1, 0.2, 0.3)
+    assert vm.Table("a", [1, 2], [[0, 0, 0, 1], [1, 1, 1, 1]], 1).channels == 3
+    assert vm.Table("a", [1, 2], [[0, 0, 0, 0.5], [1, 1, 1, 1]], 1).channels == 4
+    assert vm.Table("a", [1, 2, 3, 4], [0.1, 0.2, 0.3, 1.0], 1).channels == 1
     assert vm.Gaussian("a", 1, 1, (0.1, 0.2, 0.3, 5.0), 1).channels == 4
     assert vm.Table("a", [1, 2, 3, 4], (0.1, 0.2, 0.3, 1.0), 1).channels == 1
 
 
 @pytest.mark.parametrize(
-    ("value", "told"), [(0.0, "density is 0 everywhere"), (3.5, "density is 3.5 everywhere")]
+    ("value", "told"),
+    [
+        (0.0, "density is 0 everywhere: there is nothing to see"),
+        (3.5, "density is 3.5 everywhere: there is nothing to see"),
+    ],
 )
 def test_a_constant_volume_has_nothing_to_show(value, told):
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), density=np.full((4, 4, 4), value))

@@ -297,8 +297,8 @@ def test_maps_say_what_they_are():
     for image, label in [
         (vm.column(volume, "a", camera), "column of a"),
         (vm.column(volume, "x", camera, weight="a"), "mean of x"),
-        (vm.extreme(volume, "a", camera).value, "maximum of a"),
-        (vm.extreme(volume, "a", camera).depth, "depth"),
+        (vm.project(volume, "a", camera), "maximum of a"),
+        (vm.project(volume, "a", camera, depth=True)[1], "depth"),
         (vm.moments(volume, "a", camera, velocity="z").mean, "mean velocity"),
         (vm.measure(volume, "a", camera=camera, maps=True).maps["a"], "column of a"),
     ]:

@@ -233,7 +233,7 @@ def test_measured_columns_are_convolved_and_means_are_not():
         # The kernel keeps the sum but for what is spread over the edges.
         assert smooth.intensity.sum() == pytest.approx(column.intensity.sum(), rel=0.02)
     mean = vm.column(volume, "rho", camera, weight="rho")
-    for other in (mean, lines.mean, vm.extreme(volume, "rho", camera).value):
+    for other in (mean, lines.mean, vm.project(volume, "rho", camera)):
         with pytest.raises(InputError, match="cannot be convolved"):
             other.convolve(0.3 * u.pc)
     assert [quantity_name(image) for image in (seen, mean, lines.column)] == [

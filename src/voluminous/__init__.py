@@ -26,7 +26,6 @@ _PUBLIC = {
     "DeviceError": "errors",
     "Expression": "expressions",
     "ExpressionError": "errors",
-    "Extreme": "measuring",
     "FileFormatError": "errors",
     "Gaussian": "media",
     "Image": "image",
@@ -61,8 +60,6 @@ _PUBLIC = {
     "calibrate": "calibration",
     "column": "measuring",
     "demo": "cli.demo",
-    "extreme": "measuring",
-    "first_hit": "measuring",
     "framed": "rendering",
     "from_particles": "particles",
     "from_pyvista": "io.vtk.objects",
@@ -72,9 +69,17 @@ _PUBLIC = {
     "moments": "measuring",
     "open": "io",
     "plot_row": "image.row",
+    "presets": "calibration",
     "probe": "measuring",
+    "project": "measuring",
     "render": "rendering",
     "tau_surface": "measuring",
+}
+# Names of earlier versions, and what to write in their place.
+_RENAMED = {
+    "extreme": "vm.project(..., how='max') or how='min'",
+    "Extreme": "vm.project(..., how='max', depth=True), which returns two images",
+    "first_hit": "vm.project(..., how='first')",
 }
 _MODULES = ("io", "math", "models", "regions")
 
@@ -87,7 +92,6 @@ __all__ = [
     "DeviceError",
     "Expression",
     "ExpressionError",
-    "Extreme",
     "FileFormatError",
     "Gaussian",
     "Image",
@@ -123,8 +127,6 @@ __all__ = [
     "calibrate",
     "column",
     "demo",
-    "extreme",
-    "first_hit",
     "framed",
     "from_particles",
     "from_pyvista",
@@ -137,7 +139,9 @@ __all__ = [
     "moments",
     "open",
     "plot_row",
+    "presets",
     "probe",
+    "project",
     "regions",
     "render",
     "tau_surface",
@@ -145,7 +149,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from . import io, math, models, regions
-    from .calibration import auto, calibrate
+    from .calibration import auto, calibrate, presets
     from .cameras import Orthographic, Perspective
     from .cli.demo import demo
     from .errors import (
@@ -167,17 +171,15 @@ if TYPE_CHECKING:
     from .io.vtk.objects import from_pyvista
     from .io.yt import from_yt
     from .measuring import (
-        Extreme,
         Measurement,
         Moments,
         Probe,
         TauSurface,
         column,
-        extreme,
-        first_hit,
         measure,
         moments,
         probe,
+        project,
         tau_surface,
     )
     from .media import (
@@ -209,6 +211,8 @@ def __getattr__(name: str) -> Any:
         return value
     if name in _MODULES:
         return importlib.import_module(f".{name}", __name__)
+    if name in _RENAMED:
+        raise AttributeError(f"voluminous.{name} is now {_RENAMED[name]}")
     from .errors import unknown_name
 
     raise AttributeError(f"voluminous: {unknown_name('name', name, __all__)}")

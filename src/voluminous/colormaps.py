@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -62,19 +63,32 @@ def get_color(name: str) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
+def is_name_and_alpha(color: Any) -> bool:
+    """Return whether it is what matplotlib writes as ``("red", 0.5)``."""
+    pair = isinstance(color, tuple) and len(color) == 2
+    return pair and isinstance(color[0], str) and isinstance(color[1], Real)
+
+
 def without_alpha(colors: Any, what: str) -> Any:
     """Return colours without matplotlib's alpha; what are no such colours as they are.
 
     Four numbers from 0 to 1, in a tuple or an array, are red, green, blue and alpha, as matplotlib
-    writes them. In a list they are four channels.
+    writes them. In a list they are that if the last is 1, or that of each of several; else they are
+    four channels.
 
     Raises
     ------
     InputError
         If an alpha is not 1.
     """
+    if is_name_and_alpha(colors):
+        return without_alpha((*get_color(colors[0]), colors[1]), what)
     if isinstance(colors, list):
-        return [without_alpha(color, what) for color in colors]
+        if _is_opaque(colors):
+            return colors[:3]
+        if all(map(_is_opaque, colors)):
+            return [color[:3] for color in colors]
+        return [c if isinstance(c, list) else without_alpha(c, what) for c in colors]
     if not isinstance(colors, (tuple, np.ndarray)) or hasattr(colors, "unit"):
         return colors
     try:
@@ -89,6 +103,13 @@ def without_alpha(colors: Any, what: str) -> Any:
             "green and blue, and how opaque it is with opacity=…. Four channels are given as a list"
         )
     return array[..., :3]
+
+
+def _is_opaque(color: Any) -> bool:
+    """Return whether it is four numbers from 0 to 1, of which the last is 1."""
+    if not isinstance(color, (list, tuple, np.ndarray)) or len(color) != 4:
+        return False
+    return all(isinstance(c, Real) and 0.0 <= float(c) <= 1.0 for c in color) and color[3] == 1.0
 
 
 def mapped_colors(colormap: Any, positions: Any) -> np.ndarray:

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import copy
 import functools
-import html
 import inspect
-import reprlib
 from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numpy as np
 
 from .errors import ImmutableError, unknown_name
+from .notebook import page, table
 from .units import is_quantity, unit_of
 
 Self = TypeVar("Self", bound="Value")
@@ -81,13 +80,8 @@ class Value:
         return ""
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{name}</th>"
-            f"<td style='text-align:left'>{html.escape(reprlib.repr(value))}</td></tr>"
-            for name, value in self.arguments().items()
-            if value is not None
-        )
-        return f"<b>{type(self).__name__}</b>{self._swatch()}<table>{rows}</table>"
+        rows = [(name, value) for name, value in self.arguments().items() if value is not None]
+        return page(type(self).__name__, self._swatch(), table(rows))
 
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other) or not self._done:

@@ -353,3 +353,9 @@ class Volume(Evaluation, OnOtherCells):
         from .regrid.thumbnail import volume_html
 
         return volume_html(self)
+
+    def _repr_png_(self) -> bytes | None:
+        from .regrid.thumbnail import shown_field, slices_png
+
+        name = shown_field(self)
+        return None if name is None else slices_png(self, name)

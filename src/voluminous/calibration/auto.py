@@ -13,7 +13,7 @@ from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
 from ..media.shaped import Shaped
 from ..volume import Volume
-from .checks import check_volume, nothing_to_show, positive_opacity, shell_count
+from .checks import check_volume, nothing_to_see, positive_opacity, shell_count
 from .histogram import histogram, is_constant, sampled_values
 from .labels import labels_of
 from .levels import levels
@@ -132,7 +132,7 @@ def _shells(
         expr = Expression(f"log10({expr.text})")
         values = sampled_values(volume, expr)  # rounded as they are in cells: ends of the range
     if is_constant(values[0], values[-1]):
-        raise nothing_to_show(expr, float(values[0]))
+        raise nothing_to_see(expr, float(values[0]))
     centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)
     positions = np.linspace(_WARM, _COOL, n)[::-1]  # a single one is warm
     return [_shell(Gaussian, expr, center, _SIGMA * distance) for center in centers], positions

@@ -71,9 +71,9 @@ def positive_opacity(opacity: Any) -> float:
     return float(depth)
 
 
-def nothing_to_show(expr: Any, value: float) -> InputError:
+def nothing_to_see(expr: Any, value: float, where: str = "everywhere") -> InputError:
     """Return the error for an expression that has one value in all of a volume."""
     return InputError(
-        f"{expr.text} is {value:g} everywhere: nothing to show. Look at another field, or give a "
-        "medium with numbers of your own, such as vm.Rectangle, or vm.Colormap with vmin and vmax"
+        f"{expr.text} is {value:g} {where}: there is nothing to see. Look at another field, or "
+        "give a medium with numbers of your own: vm.Rectangle, or vm.Colormap with vmin and vmax"
     )

@@ -14,7 +14,7 @@ from ..expressions.interval import Interval
 from ..media import Colormap, Medium
 from ..media.bounds import RangeContext
 from ..volume import Volume
-from .checks import nothing_to_show
+from .checks import nothing_to_see
 from .samples import pieces
 
 # What is between the ends of the range, of what shows, is all but these parts.
@@ -96,7 +96,8 @@ def _range(shown: _Shown, color: Any) -> tuple[float, float]:
     places = np.searchsorted(reached, np.array([_LOWEST, _HIGHEST]) * reached[-1])
     least = _ROUNDINGS * _eps(shown.volume, color.expr)
     if isinstance(color, Colormap) and _one_value(values.min(), values.max(), least):
-        raise nothing_to_show(color.expr, float(values[0]))
+        where = "wherever it is positive" if color.range.positive else "everywhere"
+        raise nothing_to_see(color.expr, float(values[0]), where)
     low, high = values[order[np.minimum(places, len(values) - 1)]]
     return _rounded(float(low), float(high), least)
 

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 LEVELS = 4
 PIXELS, _TYPE = 800, "orthographic"
 # Options that belong to data files: a scene says all this itself.
-_OPTIONS = ("field", "levels", "incl", "phi", "format")
+_OPTIONS = ("field", "levels", "incl", "phi", "view", "format")
+_ANGLES = ("incl", "phi", "posang")
 # Keys of [volume] that do not say how its file is read.
 _NO_OPTIONS = ("path", "model", "fields", "derived", "units")
 _SHOWN = 8
@@ -33,6 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")
     group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({FIRST_INCL:g})")
     group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({FIRST_PHI:g})")
+    group.add_argument(
+        "--view",
+        metavar="SIDE",
+        help="side from which a patient is seen, in place of angles: anterior, posterior, left, "
+        "right, superior, inferior; or stack, as ImageJ shows slices",
+    )
     group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
 
 
@@ -68,7 +75,7 @@ def scene_of(
 ) -> tuple[Scene, str]:
     """Return the scene for a data file, and what was chosen in words.
 
-    Automatic shells of one field, seen obliquely, all that shows in the frame.
+    Automatic shells of one field, or all channels of a microscope; all that shows in the frame.
 
     Parameters
     ----------
@@ -83,22 +90,28 @@ def scene_of(
     VoluminousError
         If the file cannot be read, or the expression names something that is not there.
     """
-    from ..calibration import auto
+    from ..calibration import auto, presets
     from ..rendering import framed
+    from ..rendering.first_medium import has_channels
     from ..scene import Scene
     from .choice import first_field
 
     data = DataFile.given(args.scene, args.format, options)
     found = opened(data, args.field)
     volume, there = found.volume, found.volume.fields
-    shown = args.field or first_field(volume)
     if args.levels is not None and args.levels < 1:
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
-    medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
+    if args.field is None and args.levels is None and has_channels(volume):
+        medium = presets.fluorescence(volume)
+    else:
+        shown = args.field or first_field(volume)
+        medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
-    camera = _camera(args, given)
+    camera = _camera(args, given, volume)
     if "incl" in camera and "phi" in camera:
-        seen = framed(volume, medium, camera["incl"], camera["phi"])
+        seen = framed(
+            volume, medium, camera["incl"], camera["phi"], posang=camera.get("posang", 0.0)
+        )
         if seen.width is not None:
             camera |= {"width": seen.width, "shift": list(seen.shift)}
     path: Path = args.scene
@@ -110,11 +123,24 @@ def scene_of(
     return Scene(settings, path.parent, volume=volume), told
 
 
-def _camera(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any]:
+def _camera(args: argparse.Namespace, given: Mapping[str, Any], volume: Volume) -> dict[str, Any]:
     """Return the camera; without angles that the user does not choose, if it is another one."""
+    from ..cameras.views import view_angles
+
+    view = getattr(args, "view", None)
     other = "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
-    angles: dict[str, Any] = {} if other else {"incl": FIRST_INCL, "phi": FIRST_PHI}
-    for name in ("incl", "phi"):
+    own = any(getattr(args, name, None) is not None for name in _ANGLES)
+    own = own or any(f"camera.{name}" in given for name in _ANGLES)
+    if view is not None and (other or own):
+        raise InputError("--view takes the place of --incl, --phi and another camera")
+    angles: dict[str, Any] = {}
+    if not other and not own:
+        angles = dict(zip(_ANGLES, view_angles(volume.meta, view), strict=True))
+        if not angles["posang"]:
+            del angles["posang"]
+    elif not other:
+        angles = {"incl": FIRST_INCL, "phi": FIRST_PHI}
+    for name in _ANGLES[:2]:
         if getattr(args, name) is not None:
             angles[name] = getattr(args, name)
         elif type(given.get(f"camera.{name}")) in (int, float):  # what shows is framed from there
@@ -125,7 +151,11 @@ def _camera(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any
 def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterable[str]) -> str:
     """Return field, levels and camera in words, and how to change them."""
     parts: list[Any] = list(medium.components())
-    text = f"{parts[0].expr.text}: {_count(medium)} {_listed(f'{p.center:.4g}' for p in parts)}"
+    if hasattr(parts[0], "center"):
+        levels = _listed(f"{p.center:.4g}" for p in parts)
+        text = f"{parts[0].expr.text}: {_count(medium)} {levels}"
+    else:
+        text = f"channels {_listed(p.expr.text for p in parts)}"
     units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]
     text += f" ({', '.join(units)})" if units else ""
     if "incl" in camera and "phi" in camera:

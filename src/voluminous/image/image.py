@@ -279,7 +279,7 @@ class Image(Made):
         no option says how.
         """
         from .options import plain_options
-        from .signed import with_colormap
+        from .signed import is_projection, with_colormap
         from .tone import display
 
         options: dict[str, Any] = {
@@ -295,7 +295,9 @@ class Image(Made):
             "background": background,
             "softening": softening,
         }
-        shown = with_colormap(self.intensity, plain_options(options, self.intensity_unit))
+        shown = with_colormap(
+            self.intensity, plain_options(options, self.intensity_unit), is_projection(self)
+        )
         return display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:

@@ -13,7 +13,7 @@ from ..figures import add_color_bar, new_figure
 from . import mixing
 from .colormap import scale as norm_of
 from .options import check_options, plain_options
-from .signed import with_colormap
+from .signed import is_projection, with_colormap
 from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .stretch import curve, finite
 from .tone import OPTIONS, display, white_level
@@ -46,7 +46,7 @@ def plot(
             # picture in the middle there is too little for the bar.
             axes.set_anchor("W")
     else:
-        shown = with_colormap(image.intensity, options)
+        shown = with_colormap(image.intensity, options, is_projection(image))
         drawn = axes.imshow(display(image.intensity, image.transparency, **shown), **place)
     if colorbar:
         add_bars(axes, image, options, drawn, own=ax is None)
@@ -145,7 +145,9 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
-    options = with_colormap(image.intensity, plain_options(options, image.intensity_unit))
+    options = with_colormap(
+        image.intensity, plain_options(options, image.intensity_unit), is_projection(image)
+    )
     index = mixing.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))

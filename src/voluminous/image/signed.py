@@ -15,11 +15,15 @@ from .tone import automatic_exposure, mixed_channels
 _SIGNED = "RdBu_r"
 # Below zero by so much of what is above, at least: less is what a sum left over.
 _SHARE = 0.1
+# Percentiles of the values of a projection that are black and white.
+_WINDOW = (0.5, 99.8)
 # Who gives one of these has said how.
 _DECIDING = ("background", "vmin", "vmax", "softening")
 
 
-def with_colormap(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str, Any]:
+def with_colormap(
+    intensity: NDArray[Any], options: dict[str, Any], projection: bool = False
+) -> dict[str, Any]:
     """Return display options, with a colormap where one channel needs one and none is named.
 
     A norm bends the values of a colormap: then it is grey. One channel of both signs, of which
@@ -31,6 +35,8 @@ def with_colormap(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str,
     intensity : array, shape (ny, nx, channels)
     options : dict
         Of `Image.to_rgb`; they are kept where they decide what is shown.
+    projection : bool
+        Values of a field itself, such as its maximum: signed ones are grey, as in radiology.
     """
     if options.get("colormap") is not None or options.get("mix") is not None:
         return options
@@ -46,6 +52,11 @@ def with_colormap(intensity: NDArray[Any], options: dict[str, Any]) -> dict[str,
     automatic = signed_exposure(intensity[..., shown[0]])
     if automatic is None:
         return options
+    if projection and options.get("exposure") is None:
+        values = intensity[..., shown[0]]
+        low, high = np.percentile(values[np.isfinite(values)], _WINDOW)
+        if low < high:
+            return {**options, "colormap": "gray", "vmin": float(low), "vmax": float(high)}
     given = options.get("exposure")
     reach = 1.0 / (automatic if given is None else positive(given, "exposure"))
     # Alike on both sides.
@@ -67,3 +78,8 @@ def signed_exposure(values: NDArray[Any]) -> float | None:
     if most <= 0 or -least < _SHARE * most:
         return None
     return automatic_exposure(np.abs(known))
+
+
+def is_projection(image: Any) -> bool:
+    """Return whether an image shows values of a field; see `voluminous.project`."""
+    return (image.provenance or {}).get("how") in ("max", "min", "mean")

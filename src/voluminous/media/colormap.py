@@ -34,7 +34,7 @@ class Colormap(Table):
         Length to which colour and opacity refer: seen through one path length, a value shows the
         colour of the map times `opacity` (emission weighted by opacity, as in a picture).
         ``"auto"`` as in `Table`.
-    where : str, optional
+    where, shading, lights
         As in `Gaussian`.
     norm : str or matplotlib.colors.Normalize, optional
         How x maps to the position: ``"linear"``, ``"log"``, ``"symlog"`` … or an object.
@@ -61,6 +61,8 @@ class Colormap(Table):
         norm: Any = None,
         samples: int = SAMPLES,
         where: Any = None,
+        shading: Any = 0.0,
+        lights: Any = None,
     ) -> None:
         self.range = OpenRange(cmap, vmin, vmax, norm, samples)
         # Of an open range the values are places in the map, and nobody is told them.
@@ -69,7 +71,14 @@ class Colormap(Table):
         alpha = _opacities(opacity, scale.position)
         self._opacity = alpha.tolist() if np.ndim(opacity) or callable(opacity) else float(alpha[0])
         super().__init__(
-            expr, _values(scale), scale.rgb * alpha[:, None], alpha, path_length, where=where
+            expr,
+            _values(scale),
+            scale.rgb * alpha[:, None],
+            alpha,
+            path_length,
+            where=where,
+            shading=shading,
+            lights=lights,
         )
 
     def within(self, low: float, high: float, unit: Any) -> Colormap:

@@ -13,6 +13,7 @@ import numpy as np
 from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..notebook import picture
 from ..value import Value
 from .context import Context, no_unit
 
@@ -390,54 +391,69 @@ class Medium(Value):
         # sum([...]) starts from 0.
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def __call__(self, values: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return emissivity and extinction at given values, per unit of the path length.
+    def __call__(self, values: Any) -> tuple[Any, Any]:
+        """Return j and α per unit length at values of what the medium looks at.
 
         Parameters
         ----------
         values : array_like, Quantity or dict of str to these
-            Values of the expression that it is a function of, in the unit of its numbers; or of all
-            fields that it looks at, by their names.
+            Values of the one expression that it is a function of; or of all fields that it looks
+            at (or whole expressions) by name, of one shape.
 
         Returns
         -------
-        j : float64 array, shape (…, channel)
-        alpha : float64 array, shape (…,) if it is grey, else (…, channel)
+        j : float64 array or Quantity, shape (channel, …)
+        alpha : float64 array or Quantity, shape (…) if it is grey, else (channel, …)
+            With units where lengths or fields have units; per path length if it is ``"auto"``.
 
         Raises
         ------
         InputError
-            If its path length is still ``"auto"``, or it looks at other fields than those given.
+            If values of something that it looks at are missing, or some path lengths are
+            ``"auto"`` and others are not.
+        UnitsError
+            If units do not fit.
+
+        Examples
+        --------
+        >>> import voluminous as vm
+        >>> j, alpha = vm.Gaussian("density", 2.0, 0.5, (1.0, 0.5, 0.0), 0.3)([1.5, 2.0])
+        >>> j.shape, alpha.round(4)
+        ((3, 2), array([0.182, 0.3  ]))
         """
-        from .at_values import coefficients_at
+        return self._transfer().evaluate(self, values)
 
-        return coefficients_at(self, values)
+    def plot(self, volume: Any = None, ax: Any = None) -> Any:
+        """Draw j and α over the values that the medium looks at, and how many cells have these.
 
-    def plot(self, volume: Any, ax: Any = None) -> Any:
-        """Draw it as a transfer function, over the histogram of what it looks at in a volume.
-
-        Emissivity per channel is in red, green and blue if there are three; extinction is dashed.
-        Of a sum with several expressions there is one panel for each. Of what a gate or colours of
-        another field vary, the whole is drawn. A medium of several fields is a mean over cells.
+        One panel for each expression. Gates, and colours by other expressions, are named and not
+        drawn. Where the medium is a function of several fields, medians over the cells are drawn.
 
         Parameters
         ----------
-        volume : Volume
-        ax : matplotlib Axes, optional
-            Where to draw, if there is one panel. Default: a new figure.
+        volume : Volume, optional
+            What is ``"auto"`` or open is measured in it, as in `calibrate`. Without it there is no
+            histogram, and what one path length shows is drawn.
+        ax : matplotlib Axes or sequence of them, optional
+            Where to draw; one is divided if there are several panels. Default: a new figure, shown
+            by notebooks and ``plt.show()`` if pyplot is in use.
 
         Returns
         -------
         matplotlib Axes, or an array of them if there are several panels
+            For j, on the left; α, on the right, has axes of its own.
 
         Raises
         ------
         InputError
-            If there is nothing to see in the volume, or several panels do not fit into one `ax`.
+            If there is nothing to see in the volume, or without one, no range of values.
         """
-        # Measuring in volumes is above: imported by name when it is asked for.
-        drawn = importlib.import_module("voluminous.calibration.transfer")
-        return drawn.plot(self, volume, ax)
+        return self._transfer().plot(self, volume, ax)
+
+    @staticmethod
+    def _transfer() -> Any:
+        # What measures volumes is above media, and asked for by name alone.
+        return importlib.import_module("voluminous.calibration.transfer")
 
     @staticmethod
     def from_function(
@@ -454,21 +470,16 @@ class Medium(Value):
 
         return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
 
-    def _swatch(self) -> str:
-        """Return its colours, as bright as they are beside each other; of other channels nothing.
+    def _repr_png_(self) -> bytes | None:
+        """Return a swatch of the transfer function, as far as no volume is needed for it."""
+        found: bytes | None = self._transfer().swatch(self)
+        return found
 
-        The brightest is shown in full.
-        """
-        rows = np.asarray(getattr(self, "colors", [getattr(self, "color", ())]), dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] not in (1, 3) or not rows.max() > 0.0:
+    def _swatch(self) -> str:
+        data = self._repr_png_()
+        if data is None:
             return ""
-        every = rows[:: max(1, len(rows) // 32)]
-        shown = np.broadcast_to(every, (len(every), 3)).clip(0.0) / rows.max()
-        stops = [f"rgb{tuple((255 * row).astype(int).tolist())}" for row in shown]
-        return (
-            "<div style='width:240px;height:16px;background:linear-gradient(to right,"
-            f"{','.join(stops if len(stops) > 1 else stops * 2)})'></div>"
-        )
+        return picture(data, self._transfer().swatch_title(self))
 
     def __repr__(self) -> str:
         given = self.arguments()

@@ -42,7 +42,7 @@ def unseen_change(
     depth : array
         Its optical depth in a half.
     """
-    if modulation.color is None:
+    if not modulation.painted:
         return stretch.length * 0.0
     nodes = [modulation.at_node(stretch, s, context)[1:] for s in NODES]
     return change_across(nodes, extent, depth)

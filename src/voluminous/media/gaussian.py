@@ -44,6 +44,12 @@ class Gaussian(SampledShaped):
     where : str, optional
         Expression of the fields that multiplies emission and extinction: a comparison, or a number,
         limited to 0 … 1. Where it has no value (NaN) it is 0.
+    shading : float
+        0 (default): none, as radiative transfer has it. Up to 1: that part of the emission goes
+        with the cosine between a light and the gradient of x; the rest is ambient. An illustration.
+    lights : list, optional
+        Of ``"headlight"`` (the default, a light at the camera), directions (x, y, z) towards a
+        light, or pairs of one of these and its relative intensity.
 
     Raises
     ------
@@ -69,8 +75,10 @@ class Gaussian(SampledShaped):
         path_length: Any = "auto",
         *,
         where: Any = None,
+        shading: Any = 0.0,
+        lights: Any = None,
     ) -> None:
-        super().__init__(expr, center, sigma, color, opacity, path_length, where)
+        super().__init__(expr, center, sigma, color, opacity, path_length, where, shading, lights)
 
     def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return exp(-(offset/σ)²/2); zero at infinity."""

@@ -114,3 +114,16 @@ def check_extinction(values: tuple[float, ...], channels: int, what: str) -> Non
         raise InputError(
             f"{what} must be one number (grey) or {channels} (one per channel), got {len(values)}"
         )
+
+
+def fraction(value: Any, what: str) -> float:
+    """Return a number from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    if not isinstance(value, (int, float)) or not 0 <= value <= 1:
+        raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
+    return float(value)

@@ -25,15 +25,15 @@ from . import surface_crossing, surface_panels, surface_sampled, surface_sheet
 from .context import Context
 from .contract import Coefficients, Medium
 from .edges import SENSITIVITY, Edge
+from .given import fraction, plain_number
 from .given import named as _named
-from .given import plain_number
 from .given import scalar as _scalar
 from .modulation import Factors
 from .sampled import Sampled
+from .shade import described_lights, given_lights
 from .shell import Shell
 from .surface_given import (
     depth_of,
-    fraction,
     given_levels,
     given_opacities,
     modulated_colors,
@@ -89,7 +89,8 @@ class Isosurface(Medium):
     shading : float
         0: none, which is what radiative transfer gives. 1: emission proportional to the cosine
         between the ray and the normal (Lambert's law for a lamp at the camera); between them a mix.
-
+    lights : list, optional
+        As in `Gaussian`: a light at the camera by default.
     where : str, optional
         Only where this expression holds; a number from 0 to 1 makes a soft gate.
 
@@ -114,6 +115,7 @@ class Isosurface(Medium):
         levels: Any = None,
         density: str = "crossing",
         shading: float = 0.0,
+        lights: Any = None,
         where: Any = None,
     ) -> None:
         self.expr = Expression(expr)
@@ -125,6 +127,9 @@ class Isosurface(Medium):
             raise InputError(f"width must not be negative, got {width}")
         check_name("density", density, DENSITIES)
         self.density, self.shading = density, fraction(shading, "shading")
+        self.lights = given_lights(lights)
+        if lights is not None and self.shading == 0.0:
+            raise InputError("lights need shading, such as shading=0.7")
         self.channels, self.grey = len(self.colors[0]), len(self.opacities[0]) == 1
         self.slope = Expression(f"gradmag({self.expr.text})")
         self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
@@ -323,8 +328,8 @@ class Isosurface(Medium):
 
     def key(self) -> Any:
         """Return all numbers, units included."""
-        rest = (self.colors, self.opacities, self.density, self.shading, self.modulation.key())
-        return (*self.visible_key(), *rest)
+        look = (self.colors, self.opacities, self.density, self.shading, self.lights)
+        return (*self.visible_key(), *look, self.modulation.key())
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""
@@ -338,13 +343,14 @@ class Isosurface(Medium):
             "width": _named(self.width),
             "density": self.density,
             "shading": self.shading,
+            **described_lights(self.lights),
             **self.modulation.described(),
         }
 
     @property
     def lamp(self) -> Lamp:
         """The light that surfaces are seen in."""
-        return Lamp(self.normal, self.shading)
+        return Lamp(self.normal, self.shading, self.lights)
 
     @property
     def thick(self) -> bool:

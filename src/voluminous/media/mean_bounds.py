@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..errors import InputError
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_rounding import float_info, lowered, raised
 from .contract import Coefficients
@@ -178,6 +179,10 @@ def _modulated(
     """Return bounds of a medium with gates and colours, from values and means without them."""
     found = medium.ranges(courses.fields, context)
     modulation: Modulation = medium.modulation
+    if modulation.shade is not None:
+        raise InputError(
+            "bounds=True is for media without shading, which is an illustration; use shading=0"
+        )
     if modulation.color is not None:
         paint, mean_paint = _paint(modulation.color, courses, context)
         emitted = [

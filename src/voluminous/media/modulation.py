@@ -27,6 +27,7 @@ from .given import color_values
 from .turning import at_places, within
 
 if TYPE_CHECKING:
+    from .shade import Shade
     from .stretch import Panel, Stretch
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
@@ -64,7 +65,9 @@ class Factors:
         )
 
 
-def modulated(color: Any, where: Any) -> tuple[tuple[float, ...], Modulation]:
+def modulated(
+    color: Any, where: Any, shade: Shade | None = None
+) -> tuple[tuple[float, ...], Modulation]:
     """Return the numbers to multiply with per channel, and what varies.
 
     Parameters
@@ -75,9 +78,9 @@ def modulated(color: Any, where: Any) -> tuple[tuple[float, ...], Modulation]:
         As for `Modulation`.
     """
     if isinstance(color, ColorBy):
-        return (color.brightness,) * 3, Modulation(where, color, 3)
+        return (color.brightness,) * 3, Modulation(where, color, 3, shade)
     values = color_values(color)
-    return values, Modulation(where, None, len(values))
+    return values, Modulation(where, None, len(values), shade)
 
 
 class Modulation:
@@ -92,6 +95,8 @@ class Modulation:
         Multiplies the emission of three channels.
     channels : int
         Number of channels of the medium.
+    shade : Shade, optional
+        Multiplies the emission of all channels.
 
     Attributes
     ----------
@@ -101,12 +106,19 @@ class Modulation:
         The fields it looks at.
     """
 
-    def __init__(self, where: Any, color: ColorBy | None, channels: int) -> None:
+    def __init__(
+        self, where: Any, color: ColorBy | None, channels: int, shade: Shade | None = None
+    ) -> None:
         self.where = None if where is None else Expression(where)
-        self.color, self.channels = color, channels
-        self.fixed = where is None and color is None
-        used = [*(self.where.names if self.where else ()), *(color.names if color else ())]
+        self.color, self.channels, self.shade = color, channels, shade
+        self.fixed = where is None and color is None and shade is None
+        used = [n for part in (self.where, color, shade) if part is not None for n in part.names]
         self.names = tuple(dict.fromkeys(used))
+
+    @property
+    def painted(self) -> bool:
+        """Whether emission is multiplied with other numbers than extinction."""
+        return self.color is not None or self.shade is not None
 
     @property
     def stepped(self) -> bool:
@@ -121,7 +133,7 @@ class Modulation:
     @property
     def even(self) -> bool:
         """Whether there is nothing but a gate that is open or closed, if that."""
-        return self.color is None and (self.where is None or self.stepped)
+        return not self.painted and (self.where is None or self.stepped)
 
     @property
     def soft(self) -> bool:
@@ -139,7 +151,8 @@ class Modulation:
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
         """Return the expressions of gate and colour; no difference of values is too small."""
-        found = (self.where, self.color.expr if self.color else None)
+        shade = self.shade.expressions() if self.shade else ()
+        found = (self.where, self.color.expr if self.color else None, *shade)
         return tuple((expr, 0.0) for expr in found if expr is not None)
 
     def coefficients(
@@ -151,6 +164,9 @@ class Modulation:
         gate = self.gate(fields, context) if self.where else context.real(1.0)
         paint = self.color.colors(fields, context) if self.color else None
         emission = [gate * c for c in paint] if paint else [gate] * self.channels
+        if self.shade:
+            light = self.shade.factor(fields, context)
+            emission = [e * light for e in emission]
         ops = context.ops
         zero = context.real(0.0)
         return Coefficients(
@@ -177,7 +193,7 @@ class Modulation:
             weights[0] * a + weights[1] * b + weights[2] * c
             for a, b, c in zip(first, here, last, strict=True)
         ]
-        painted = mean[1:] if self.color else mean * self.channels
+        painted = mean[1:] if self.painted else mean * self.channels
         return Factors(painted, mean[0])
 
     def visible(
@@ -186,6 +202,8 @@ class Modulation:
         """Return the masks of `Medium.visible`, given those of the medium without modulation."""
         if self.color:
             hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
+        if self.shade:
+            hidden = hidden | (seen & self.shade.turns(stretch, context))
         if self.where is None:
             return seen, hidden
         if stretch.edgeless and (self.stepped or self.soft):
@@ -219,7 +237,7 @@ class Modulation:
     def key(self) -> tuple[Any, ...]:
         """Return what identifies it."""
         color = self.color.key() if self.color else None
-        return (self.gate_key(), color)
+        return (self.gate_key(), color, self.shade.key() if self.shade else None)
 
     def gate_key(self) -> str | None:
         """Return what `visible_in` depends on."""
@@ -228,7 +246,8 @@ class Modulation:
     def described(self) -> dict[str, Any]:
         """Return what a medium says of itself besides its own: plain values."""
         color = {"color": self.color.describe()} if self.color else {}
-        return {**color, **({"where": self.where.text} if self.where else {})}
+        shade = self.shade.describe() if self.shade else {}
+        return {**color, **shade, **({"where": self.where.text} if self.where else {})}
 
     def gate(self, fields: dict[str, Any], context: Context) -> Any:
         """Return the gate alone, from 0 to 1, at places; or intervals that hold it."""
@@ -242,6 +261,9 @@ class Modulation:
 
     def _painted(self, gate: Any, fields: dict[str, Any], context: Context) -> list[Any]:
         paint = self.color.seen(fields, context) if self.color else []
+        if self.shade:
+            light = self.shade.seen(fields, context)
+            paint = [c * light for c in paint] if paint else [light] * self.channels
         if gate is None:
             return [type(paint[0])(1.0), *paint]
         return [gate, *(gate * c for c in paint)]

@@ -32,7 +32,7 @@ class Rectangle(SampledShaped):
         Expression x of the fields.
     center, half_width : float or Quantity
         Where the shell is, and half how wide, in x.
-    color, opacity, path_length, where
+    color, opacity, path_length, where, shading, lights
         As in `Gaussian`.
 
     Notes
@@ -53,8 +53,12 @@ class Rectangle(SampledShaped):
         path_length: Any = "auto",
         *,
         where: Any = None,
+        shading: Any = 0.0,
+        lights: Any = None,
     ) -> None:
-        super().__init__(expr, center, half_width, color, opacity, path_length, where)
+        super().__init__(
+            expr, center, half_width, color, opacity, path_length, where, shading, lights
+        )
 
     def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
         """Return one within the half width, else zero; NaN stays NaN."""

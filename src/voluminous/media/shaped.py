@@ -27,6 +27,7 @@ from .given import scalar as _scalar
 from .looked_up import LookedUp
 from .modulation import Middle, kept, modulated
 from .path_length import check_positive, given_path_length, length_in
+from .shade import given_shade
 from .shell import Shell
 from .stretch import Straight, extremes
 
@@ -68,11 +69,15 @@ class Shaped(Medium):
         opacity: Any,
         path_length: Any,
         where: Any,
+        shading: Any = 0.0,
+        lights: Any = None,
     ) -> None:
         self.expr = Expression(expr)
         self.center = _scalar(center, "center")
         self.width = _scalar(width, self.width_name)
-        self.color, self.modulation = modulated(color, where)
+        self.color, self.modulation = modulated(
+            color, where, given_shade(self.expr, shading, lights)
+        )
         self.opacity = channel_values(opacity, "opacity")
         self.path_length = given_path_length(path_length)
         check_extinction(self.opacity, len(self.color), "opacity")
@@ -265,7 +270,7 @@ class Shaped(Medium):
     @property
     def steady(self) -> bool:
         """Whether the colour is one."""
-        return self.modulation.color is None
+        return not self.modulation.painted
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
         """Return in which halves the shell is: one if it is narrower than they are, else less."""

@@ -38,5 +38,6 @@ class Shell:
 
     def ungated(self) -> Any:
         """Return its medium without that condition."""
-        color = self.medium.modulation.color
-        return self.medium.changed(modulation=Modulation(None, color, self.medium.channels))
+        own = self.medium.modulation
+        ungated = Modulation(None, own.color, self.medium.channels, own.shade)
+        return self.medium.changed(modulation=ungated)

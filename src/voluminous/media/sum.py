@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..notebook import page, table
 from .context import Context
 from .contract import Coefficients, Medium
 from .sampled import Sampled
@@ -186,7 +187,8 @@ class Sum(Medium):
         return {"type": "sum", "parts": [part.describe() for part in self.parts]}
 
     def _repr_html_(self) -> str:
-        return "".join(part._repr_html_() for part in self.parts)
+        rows = ((repr(part),) for part in self.parts)
+        return page("Sum", self._swatch(), table(rows))
 
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)

@@ -8,10 +8,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
+from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_rounding import larger, positive, raised, smaller
 from .part_bounds import PartBounds
+from .shade import HEADLIGHT
 from .surface_given import depth_of
 
 if TYPE_CHECKING:
@@ -154,6 +156,8 @@ def _shade(medium: Isosurface, courses: Courses, context: CourseContext) -> Trac
     one = context.number(1.0)
     if medium.shading == 0:
         return one
+    if medium.lights != ((HEADLIGHT, 1.0),):
+        raise InputError("bounds=True is for a headlight alone; leave lights= out")
     normal = [courses.course(e).values for e in medium.normal]
     way = [courses.course(Expression(axis)).slope for axis in "xyz"]
     ops = context.ops

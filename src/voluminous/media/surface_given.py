@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_color, get_colormap, is_color, mapped_colors
+from ..colormaps import get_color, get_colormap, is_color, is_name_and_alpha, mapped_colors
 from ..errors import InputError, UnknownNameError
 from .color_by import ColorBy
 from .given import channel_values, check_extinction, color_values, listed, scalar
@@ -50,7 +50,7 @@ def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
     """Return one colour per level."""
     if isinstance(color, str) and not (count == 1 and is_color(color)):
         return _mapped(color, count)
-    several = listed(color) and len(color)
+    several = listed(color) and len(color) and not is_name_and_alpha(color)
     nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
     rows = [color_values(row) for row in (color if nested else [color] * count)]
     if len(rows) != count or len({len(row) for row in rows}) != 1:
@@ -108,19 +108,6 @@ def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
             f"got {len(opacity)}"
         )
     return list(opacity) if nested or (several and len(opacity) == count > 1) else [opacity] * count
-
-
-def fraction(value: Any, what: str) -> float:
-    """Return a number from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    if not isinstance(value, (int, float)) or not 0 <= value <= 1:
-        raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
-    return float(value)
 
 
 def depth_of(opacity: float) -> float:

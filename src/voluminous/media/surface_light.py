@@ -9,6 +9,7 @@ from ..backend import dr
 from ..expressions import Expression
 from .front_light import change_across
 from .modulation import Middle, kept
+from .shade import HEADLIGHT, Light
 from .stretch import NODES, extremes
 
 if TYPE_CHECKING:
@@ -23,18 +24,21 @@ _CURVED = 0.125
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp at the camera.
+    """Lamps: at the camera, or in fixed directions.
 
     Attributes
     ----------
     normal : list of three Expression
         The components of the gradient.
     shading : float
-        Which part of the light is the lamp's; at 0 there is none.
+        Which part of the light is the lamps'; at 0 there are none.
+    lights : sequence of (direction or "headlight", weight)
+        As in `Shade`.
     """
 
     normal: list[Expression]
     shading: float
+    lights: tuple[Light, ...] = ((HEADLIGHT, 1.0),)
 
     def shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
         """Return how bright a surface of some width looks on a panel.
@@ -47,7 +51,7 @@ class Lamp:
         share = self._share(context)
         way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
         first, last = (
-            lambert(self.normal, panel.fields(f), panel.stretch, context)
+            self._cosine(panel.fields(f), panel.stretch, context)
             for f in (middle.place - way, middle.place + way)
         )
         return 1.0 - share + 0.5 * share * (first + last)
@@ -57,7 +61,7 @@ class Lamp:
         if self.shading == 0:
             return 1.0
         share = self._share(context)
-        return 1.0 - share + share * lambert(self.normal, fields, stretch, context)
+        return 1.0 - share + share * self._cosine(fields, stretch, context)
 
     def off(self, stretch: Stretch, context: Context) -> Any:
         """Return what light may be off by in a surface of some width, as a part of its emission.
@@ -96,23 +100,27 @@ class Lamp:
         """Return the cosine of ray and normal at both ends and in the middle; computed once."""
         return kept(
             stretch,
-            ("lit", self.normal[0].text),
-            lambda: [lambert(self.normal, stretch.fields(s), stretch, context) for s in NODES],
+            ("lit", self.normal[0].text, self.lights),
+            lambda: [self._cosine(stretch.fields(s), stretch, context) for s in NODES],
         )
 
+    def _cosine(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+        """Return the mean cosine of lights and normal at a place."""
+        across = _scaled([context.evaluate(e, fields) for e in self.normal], context)
+        found = 0.0
+        for direction, weight in self.lights:
+            if direction == HEADLIGHT:
+                way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
+            else:
+                way = [context.narrow_number(d) for d in direction]
+            cosine = lambert(across, way)
+            one = self.lights == ((HEADLIGHT, 1.0),)
+            found = cosine if one else found + context.narrow_number(weight) * cosine
+        return found
 
-def lambert(normal: list[Any], fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
-    """Return the cosine of ray and normal at a place in a stretch; one if there is no normal.
 
-    Parameters
-    ----------
-    normal : list of three Expression
-        The components of the gradient.
-    fields : dict of str to array
-        All fields at the place.
-    """
-    across = _scaled([context.evaluate(e, fields) for e in normal], context)
-    way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
+def lambert(across: list[Any], way: list[Any]) -> Any:
+    """Return the cosine between two directions, on either side; one if there is no normal."""
     size = dr.sqrt(_dot(across, across) * _dot(way, way))
     cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
     return dr.select(size > 0.0, cosine, 1.0)

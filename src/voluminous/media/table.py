@@ -20,6 +20,7 @@ from .given import named
 from .modulation import Modulation, kept
 from .path_length import given_path_length, length_in
 from .sampled import PAIR, Sampled, missed_by_pair
+from .shade import given_shade
 from .shell import Shell
 from .table_bends import TableBends
 from .table_given import given_colors, given_columns, given_values, shared_colors
@@ -57,6 +58,12 @@ class Table(Medium):
         all that is opaque (or, where nothing is, bright) in the volume's range of x.
     where : str, optional
         As in `Gaussian`.
+    shading : float
+        0 (default): none, as radiative transfer has it. Up to 1: that part of the emission goes
+        with the cosine between a light and the gradient of x; the rest is ambient. An illustration.
+    lights : list, optional
+        Of ``"headlight"`` (the default, a light at the camera), directions (x, y, z) towards a
+        light, or pairs of one of these and its relative intensity.
 
     Raises
     ------
@@ -74,6 +81,8 @@ class Table(Medium):
         path_length: Any = "auto",
         *,
         where: Any = None,
+        shading: Any = 0.0,
+        lights: Any = None,
     ) -> None:
         self.expr = Expression(expr)
         self.unit, self.values = self.plain_values(values)
@@ -91,7 +100,9 @@ class Table(Medium):
         if self.opacities.min() < 0:
             raise InputError(f"opacities must not be negative, got {self.opacities.min():g}")
         self.grey = self.opacities.shape[1] == 1
-        self.modulation = Modulation(where, by, self.channels)
+        self.modulation = Modulation(
+            where, by, self.channels, given_shade(self.expr, shading, lights)
+        )
         self.sensitivity = self.modulation.sensitivity
         self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 

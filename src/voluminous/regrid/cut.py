@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,9 @@ import numpy as np
 from ..colormaps import get_colormap
 from ..errors import InputError, immutable
 from ..figures import add_color_bar, new_figure
+from ..notebook import page, picture
 from ..units import plain, unit_name
+from .thumbnail import values_png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -110,15 +111,11 @@ class Slice:
         return [None if v is None else float(plain(v, unit, what)) for what, v in pairs]
 
     def _repr_png_(self) -> bytes | None:
-        if self.values.ndim != 2:
-            return None
-        from matplotlib.figure import Figure
+        return values_png([self.values]) if self.values.ndim == 2 else None
 
-        stream = io.BytesIO()
-        figure = Figure(layout="constrained")
-        self.plot(figure.add_subplot())
-        figure.savefig(stream, format="png", dpi=80)
-        return stream.getvalue()
+    def _repr_html_(self) -> str:
+        data = self._repr_png_()
+        return page("Slice", picture(data, repr(self)) if data else repr(self))
 
     def __repr__(self) -> str:
         ny, nx = self.values.shape[-2:]

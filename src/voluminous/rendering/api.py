@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..cameras import Orthographic
-from ..first_view import FIRST_INCL, FIRST_PHI
+from ..cameras.views import view_angles
+from ..errors import InputError
 from ..image import Image
 from ..media.bounds import RangeContext
 from ..media.contract import Medium
@@ -37,6 +38,7 @@ def render(
     medium: Medium | None = None,
     camera: Any = None,
     *,
+    view: str | None = None,
     scheme: Any = None,
     tolerance: float | None = 1e-3,
     background: Any = 0.0,
@@ -59,7 +61,10 @@ def render(
         From field values to emissivity and extinction. By default `voluminous.auto` finds one.
     camera : Orthographic or Perspective, optional
         Which rays. By default all is seen, from obliquely above; without a medium, too, what
-        the one that is found shows (`framed`).
+        the one that is found shows (`framed`). Patients are seen from the front, stacks of slices
+        from their first one.
+    view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
+        In place of a camera: the side from which a patient is seen; as for `framed`.
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first, but
         ``"first-order"`` for what `voluminous.auto` makes of labels: between two there are no
@@ -121,7 +126,7 @@ def render(
     MemoryNeededError
         If it does not fit into memory, before any is taken.
     """
-    medium, camera = _chosen(volume, medium, camera)
+    medium, camera = _chosen(volume, medium, camera, view)
     things = check_objects(objects, bounds)
     job, missing = prepare(
         volume,
@@ -158,13 +163,18 @@ def render(
     return image
 
 
-def _chosen(volume: Any, medium: Any, camera: Any) -> tuple[Any, Any]:
+def _chosen(volume: Any, medium: Any, camera: Any, view: str | None) -> tuple[Any, Any]:
     """Return medium and camera, for a first picture where there are none."""
     first = medium is None and isinstance(volume, Volume)
     if first:
         medium = first_medium(volume)
+    if view is not None and camera is not None:
+        raise InputError("view= takes the place of a camera; give one of the two")
     if camera is None:
-        camera = framed(volume, medium) if first else Orthographic(FIRST_INCL, FIRST_PHI)
+        incl, phi, posang = view_angles(getattr(volume, "meta", {}), view)
+        camera = Orthographic(incl, phi, posang)
+        if first:
+            camera = framed(volume, medium, incl, phi, posang=posang)
     return medium, camera
 
 

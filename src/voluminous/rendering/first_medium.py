@@ -4,23 +4,29 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..calibration import auto
+from ..calibration import auto, presets
 from ..media.contract import Medium
 from ..volume import Volume
 from .store import Store
 
 
 def first_medium(volume: Volume) -> Medium:
-    """Return `voluminous.auto` of a volume, as it was found for the picture before.
+    """Return `voluminous.auto` of a volume, or its channels, as found for the picture before.
 
     It takes a second for a million cells of patches, the picture itself a tenth.
     """
     found = Store(volume).get(_key(volume))
     if found is None:
-        found = auto(volume)
+        found = presets.fluorescence(volume) if has_channels(volume) else auto(volume)
         Store(volume).keep(_key(volume), found)  # fields may have been read only now
     medium: Medium = found
     return medium
+
+
+def has_channels(volume: Volume) -> bool:
+    """Return whether all fields are channels of a microscope, several of them."""
+    channels = volume.meta.get("channels") or {}
+    return len(channels) > 1 and all(name in channels for name in volume.fields)
 
 
 def _key(volume: Volume) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..cameras import Orthographic
+from ..cameras.views import view_angles
 from ..first_view import FIRST_INCL, FIRST_PHI
 from .prepare import prepare
 
@@ -29,6 +30,8 @@ def framed(
     phi: Any = FIRST_PHI,
     *,
     resolution: Any = 400,
+    view: str | None = None,
+    posang: Any = 0.0,
 ) -> Orthographic:
     """Return a camera that sees all that a medium shows, and little around it.
 
@@ -42,8 +45,11 @@ def framed(
         Grid and fields.
     medium : Medium
         What is to be seen of them.
-    incl, phi, resolution
+    incl, phi, resolution, posang
         As for `Orthographic`.
+    view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
+        In place of angles: from which side of a patient, by ``volume.meta["orientation"]``; or a
+        stack of slices with the first one in front and its first row on top, as in ImageJ.
 
     Returns
     -------
@@ -65,10 +71,12 @@ def framed(
     >>> vm.framed(volume, vm.Coefficients("density", "density"), 90, 0).width < 6
     True
     """
-    coarse = Orthographic(incl, phi, resolution=_COARSE)
+    if view is not None:
+        incl, phi, posang = view_angles(volume.meta, view)
+    coarse = Orthographic(incl, phi, posang, resolution=_COARSE)
     job, _ = prepare(volume, medium, coarse, tolerance=None)
     light = job.run(0.0).emission.sum(axis=-1, dtype=np.float64)
-    camera = Orthographic(incl, phi, resolution=resolution)
+    camera = Orthographic(incl, phi, posang, resolution=resolution)
     if not light.max() > 0.0:
         return camera
     limits = _limits(light, job.frame)
@@ -80,6 +88,7 @@ def framed(
     return Orthographic(
         incl,
         phi,
+        posang,
         width=_rounded(width / _FILLED, width),
         resolution=resolution,
         shift=tuple(_rounded(0.5 * (a + b), width) for a, b in limits),

@@ -26,6 +26,7 @@ _MEDIUM: dict[str, Kind] = {
     **dict.fromkeys(("level", "levels", "width"), kinds.QUANTITIES),
     "density": kinds.TEXT,
     "shading": kinds.NUMBER,
+    "lights": kinds.ANYTHING,
 }
 _CAMERA: dict[str, Kind] = {
     **dict.fromkeys(("incl", "phi", "posang", "zenith", "fov"), kinds.QUANTITY),

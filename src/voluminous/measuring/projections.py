@@ -1,0 +1,160 @@
+"""Projections: maximum, minimum, integral, mean or first hit on every line of sight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..errors import InputError, check_name
+from ..image.changed import changed
+from ..media import Coefficients
+from ..progress import Progress, with_progress
+from .columns import column
+from .conditions import condition as converted_condition
+from .known import with_known
+from .maps import as_map, depth_map
+from .quantity import Quantity, check_volume
+from .scan import NOTHING, Scanned, Scanner, distance, scan
+
+if TYPE_CHECKING:
+    from ..image import Image
+
+_SIGNS = {"max": 1.0, "min": -1.0}
+HOW = ("max", "min", "first", "integral", "mean")
+
+
+@with_progress
+def project(
+    volume: Any,
+    quantity: Any,
+    camera: Any,
+    how: str = "max",
+    *,
+    depth: bool = False,
+    precision: str = "single",
+    device: str = "auto",
+    progress: Progress = None,
+) -> Any:
+    """Return a projection of a quantity along the lines of sight, such as its maximum.
+
+    A quantity is constant in a cell. Cells without a value (NaN) are left out.
+
+    Parameters
+    ----------
+    volume, quantity, camera
+        As for `column`. For ``how="first"`` a condition such as ``"density > 1e-18"``, which holds
+        where it is not zero; numbers may have units on the right of a comparison.
+    how : {"max", "min", "first", "integral", "mean"}
+        ``"max"`` is the maximum-intensity projection (MIP), ``"min"`` the minimum; ``"integral"``
+        is ∫ q ds, as `column` gives it; ``"mean"`` is ∫ q ds / ∫ ds over cells with a value.
+        ``"first"`` is the distance at which rays enter the first cell in which the condition holds.
+    depth : bool
+        For ``"max"`` and ``"min"``: return also where the extreme is, as a second map. Distances
+        are those of the middle of the cell's chord from the observer; for an orthographic camera
+        from the plane through its centre, away from the observer.
+    precision, device, progress
+        As for `render`.
+
+    Returns
+    -------
+    Image or (Image, Image)
+        One channel, shape (ny, nx, 1), in the unit of the quantity, for ``"integral"`` times a
+        length, for ``"first"`` a length. NaN where a line of sight misses everything; 0 for
+        ``"integral"``.
+
+    Raises
+    ------
+    UnknownNameError
+        For a field or projection that does not exist; names the nearest.
+    InputError
+        If there is no depth of such a projection, or the quantity has no value in any cell.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import voluminous as vm
+    >>> grid = vm.CartesianGrid.uniform((2, 2, 2), (0, 1))
+    >>> volume = vm.Volume(grid, a=np.arange(8.0).reshape(2, 2, 2))
+    >>> camera = vm.Orthographic(width=1, resolution=2)
+    >>> vm.project(volume, "a", camera, how="max").intensity[..., 0].tolist()
+    [[1.0, 5.0], [3.0, 7.0]]
+    """
+    check_name("how", how, HOW)
+    check_volume(volume)
+    if depth and how not in _SIGNS:
+        raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
+    options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
+    if how in ("integral", "mean"):
+        total = column(volume, quantity, camera, weight=1 if how == "mean" else None, **options)
+        return changed(total, provenance={**(total.provenance or {}), "how": how})
+    if how == "first":
+        return _first(volume, quantity, camera, options)
+    what = Quantity.of(volume.seen_by(camera), quantity)
+    found = _scanned(volume, what, camera, _Largest(_SIGNS[how]), **options)
+    kind = f"{how}imum"
+    told = {"quantity": what.text, "how": how, "map": f"{kind} of {what.text}"}
+    values = as_map(found.unit * found.values[0], what.unit, volume, camera, told)
+    if not depth:
+        return values
+    return values, depth_map(found.length * found.values[1], volume, camera, told)
+
+
+def _first(volume: Any, condition: Any, camera: Any, options: dict[str, Any]) -> Image:
+    what = converted_condition(volume.seen_by(camera), condition, "condition")
+    found = _scanned(volume, what, camera, _First(), **options)
+    told = {"condition": what.text, "how": "first"}
+    return depth_map(found.length * found.values[0], volume, camera, told)
+
+
+def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
+    """Return what rays find of a quantity in cells in which it has a value."""
+    seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
+    return scan(seen, Coefficients(known, 0), camera, scheme, **options)
+
+
+class _Largest(Scanner):
+    """Carry the largest value, times a sign, and where it is."""
+
+    name = "extreme"
+    place = "cell"
+    recorded = 2
+    everywhere = True
+
+    def __init__(self, sign: float) -> None:
+        self.sign = sign
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry nothing yet."""
+        return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Any, list[Any]]:
+        """Look at one cell; see `schemes.contract.Scheme`."""
+        (value,), _ = source.at(segment.cell, segment.active)
+        best, place = carried
+        larger = dr.isnan(best) | (value * self.sign > best * self.sign)
+        larger &= segment.active & (segment.length > 0.0)
+        here = distance(track, 0.5 * (segment.begin + segment.end))
+        return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
+
+
+class _First(Scanner):
+    """Carry where rays enter the first cell with a number that is not zero."""
+
+    name = "first hit"
+    place = "cell"
+
+    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+        """Carry nothing yet."""
+        return [source.backend.Float(np.nan)]
+
+    def solve(
+        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+    ) -> tuple[Any, list[Any]]:
+        """Look at one cell; see `schemes.contract.Scheme`."""
+        (value,), _ = source.at(segment.cell, segment.active)
+        hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
+        return NOTHING, [dr.select(hit, distance(track, segment.begin), carried[0])]

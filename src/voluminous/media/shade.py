@@ -1,0 +1,157 @@
+"""Shading of media: emission modulated by how the gradient lies in the light.
+
+Not radiative transfer but an illustration, as in direct volume rendering (Levoy 1988): the emission
+is multiplied with ``1 - s + s Σ w |n·l|``, n the direction of the gradient, l the lights, Σ w = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..errors import InputError
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval
+from .given import fraction
+from .stretch import NODES, extremes
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .stretch import Stretch
+
+HEADLIGHT = "headlight"
+# Where the light changes by more than this within a panel, panels are made smaller.
+_DOUBT = 0.25
+Light = tuple[Any, float]
+
+
+def given_lights(lights: Any) -> tuple[Light, ...]:
+    """Return lights as (direction or "headlight", weight); the weights add up to one.
+
+    Raises
+    ------
+    InputError
+        If one is neither "headlight" nor a direction, or no light is left.
+    """
+    if not isinstance(lights, (list, tuple, type(None))):
+        raise InputError(f"lights must be a list, got {lights!r}")
+    rows = [_light(one) for one in ([HEADLIGHT] if lights is None else lights)]
+    total = sum(weight for _, weight in rows)
+    if not total > 0.0:
+        raise InputError("lights must hold at least one light of positive intensity")
+    return tuple((direction, weight / total) for direction, weight in rows)
+
+
+def _light(given: Any) -> Light:
+    direction, weight = given, 1.0
+    if isinstance(given, (list, tuple)) and len(given) == 2:
+        direction, weight = given
+    try:
+        weight = float(weight)
+        if isinstance(direction, str):
+            size = 1.0 if direction == HEADLIGHT else math.nan
+        else:
+            direction = [float(v) for v in direction]
+            size = math.hypot(*direction) if len(direction) == 3 else math.nan
+    except (TypeError, ValueError):
+        size = math.nan
+    if not (0.0 < size < math.inf and 0.0 <= weight < math.inf):
+        raise InputError(
+            "lights must be a list of 'headlight', directions (x, y, z) towards a light, or pairs "
+            f"of one of these and its intensity, got {given!r}"
+        )
+    if isinstance(direction, str):
+        return direction, weight
+    return tuple(v / size for v in direction), weight
+
+
+def described_lights(lights: tuple[Light, ...]) -> dict[str, Any]:
+    """Return lights as an argument of a medium; nothing for the headlight alone."""
+    if lights == ((HEADLIGHT, 1.0),):
+        return {}
+    return {"lights": [[d if d == HEADLIGHT else list(d), w] for d, w in lights]}
+
+
+def given_shade(expr: Expression, shading: Any, lights: Any) -> Shade | None:
+    """Return the shading of an expression; None if there is none."""
+    share = fraction(shading, "shading")
+    rows = given_lights(lights)
+    if lights is not None and share == 0.0:
+        raise InputError("lights need shading, such as shading=0.7")
+    return Shade(expr, share, rows) if share > 0.0 else None
+
+
+class Shade:
+    """How bright a place is by the direction of a gradient.
+
+    Parameters
+    ----------
+    expr : Expression
+        Its gradient is the normal.
+    share : float
+        Part of the emission that depends on the light; the rest is ambient.
+    lights : sequence of (direction or "headlight", weight)
+        Towards the light, in coordinates of the volume.
+    """
+
+    def __init__(self, expr: Expression, share: float, lights: tuple[Light, ...]) -> None:
+        self.share, self.lights = share, lights
+        self.normal = [Expression(f"grad({expr.text}).{a}") for a in "xyz"]
+        sight = any(direction == HEADLIGHT for direction, _ in lights)
+        self.sight = Expression(f"los(grad({expr.text}))") if sight else None
+        self.names = tuple(dict.fromkeys(n for e in self.expressions() for n in e.names))
+
+    def expressions(self) -> list[Expression]:
+        """Return the components of the gradient, along the line of sight too if that matters."""
+        return [*self.normal, *([self.sight] if self.sight else [])]
+
+    def factor(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return the factor of the emission at places; or an interval that holds it."""
+        values = [context.evaluate(e, fields) for e in self.expressions()]
+        if isinstance(values[0], Interval):
+            where: Any = dr.select if isinstance(values[0], TracedInterval) else np.where
+            anywhere = values[0].lo == values[0].lo
+            low = where(anywhere, 1.0 - self.share, 1.0 - self.share)
+            return type(values[0])(low, where(anywhere, 1.0, 1.0))
+        return self._lit(values, context.number, context.kept_number(self.share))
+
+    def seen(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return the factor on a ray, in the type that integrals are computed with."""
+        return context.narrow(self.factor(fields, context))
+
+    def _lit(self, values: list[Any], number: Any, share: Any) -> Any:
+        """Return the factor from the gradient's components; ambient where they vanish."""
+        x, y, z = (abs(v) for v in values[:3])
+        ops = dr if not isinstance(values[0], (np.ndarray, float)) else np
+        most = ops.maximum(x, ops.maximum(y, z))
+        where = dr.select if ops is dr else np.where
+        there = (most > 0.0) & (most < math.inf)
+        # Squares of gradients in g/cm⁴ underflow.
+        g = [where(there, v / where(there, most, 1.0), 0.0) for v in values]
+        size = ops.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+        lit = 0.0 * size
+        for direction, weight in self.lights:
+            if direction == HEADLIGHT:
+                along = abs(g[3])
+            else:
+                along = abs(sum(number(n) * v for n, v in zip(direction, g[:3], strict=True)))
+            lit = lit + number(weight) * along
+        cosine = where(there, lit / where(size > 0.0, size, 1.0), 0.0)
+        return (1.0 - share) + share * ops.minimum(cosine, 1.0)
+
+    def turns(self, stretch: Stretch, context: Context) -> Any:
+        """Return where the light changes by so much that a few places do not show its way."""
+        low, high = extremes([self.seen(stretch.fields(s), context) for s in NODES])
+        return high - low > _DOUBT
+
+    def key(self) -> tuple[Any, ...]:
+        """Return the expression and all numbers."""
+        return ("Shade", self.normal[0].text, self.share, self.lights)
+
+    def describe(self) -> dict[str, Any]:
+        """Return it as the arguments of a medium."""
+        return {"shading": self.share, **described_lights(self.lights)}

@@ -1,0 +1,109 @@
+"""Shading: emission modulated by the direction of gradients, in the light of several lamps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+
+GRID = vm.CartesianGrid.uniform(32, (-1, 1))
+BALL = vm.Volume(GRID)
+BALL["rad"] = "sqrt(x**2 + y**2 + z**2)"
+RAMP = vm.Volume(GRID)
+RAMP["a"] = "x + 2 * y + 3 * z"
+CAMERA = vm.Orthographic(60, 30, width=0.5, resolution=9)
+MEDIA = {
+    "gaussian": lambda expr, **how: vm.Gaussian(expr, 0.6, 0.1, (1, 0.5, 0.2), 3, 0.2, **how),
+    "rectangle": lambda expr, **how: vm.Rectangle(expr, 0.6, 0.2, (1, 0.5, 0.2), 3, 0.2, **how),
+    "table": lambda expr, **how: vm.Table(
+        expr, [0.4, 0.6, 0.8], [[0] * 3, [1, 0.5, 0.2], [0] * 3], [0, 3, 0], 0.2, **how
+    ),
+    "colormap": lambda expr, **how: vm.Colormap(expr, "viridis", 0, 1, 3, 0.2, **how),
+    "painted": lambda expr, **how: vm.Gaussian(
+        expr, 0.6, 0.1, vm.ColorBy(expr, "viridis", 0, 1), 3, 0.2, **how
+    ),
+}
+SCHEMES = [
+    {"tolerance": 1e-3},
+    {"tolerance": None},
+    {"scheme": "first-order"},
+    {"scheme": "second-order"},
+]
+
+
+@pytest.mark.parametrize("how", SCHEMES)
+@pytest.mark.parametrize("kind", MEDIA)
+@pytest.mark.parametrize(
+    "lights", [None, [(1, 0, 0)], ["headlight", ((0, 0, 1), 3)]], ids=["head", "x", "two"]
+)
+def test_a_linear_field_is_lit_evenly(how, kind, lights):
+    """Its normal is the same everywhere: emission is multiplied with one number."""
+    normal = np.array([1, 2, 3]) / 14**0.5
+    view = np.array([-(0.75**0.5) * 0.5, -(0.75**0.5) * 0.75**0.5, 0.5])
+    cosines = {
+        None: abs(normal @ view),
+        1: abs(normal[0]),
+        2: 0.25 * abs(normal @ view) + 0.75 * abs(normal[2]),
+    }
+    cosine = cosines[len(lights) if lights else None]
+    plain = vm.render(RAMP, MEDIA[kind]("a"), CAMERA, **how)
+    shaded = vm.render(RAMP, MEDIA[kind]("a", shading=0.8, lights=lights), CAMERA, **how)
+    expected = (0.2 + 0.8 * cosine) * plain.intensity
+    np.testing.assert_allclose(
+        shaded.intensity, expected, rtol=0, atol=2.1e-3 * plain.intensity.max()
+    )
+    np.testing.assert_allclose(shaded.optical_depth, plain.optical_depth, rtol=2e-2, atol=1e-2)
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "colormap"])
+def test_error_control_of_shaded_media(kind):
+    medium = MEDIA[kind]("rad", shading=0.9, lights=[(1, 1, 0), "headlight"])
+    rough = vm.render(BALL, medium, CAMERA)
+    fine = vm.render(BALL, medium, CAMERA, tolerance=1e-5).intensity
+    assert np.abs(rough.intensity - fine).max() < 1e-3 * fine.max()
+
+
+@pytest.mark.parametrize("scheme", ["post-classified", "first-order"])
+def test_without_gradients_there_is_ambient_light(scheme):
+    volume = vm.Volume(GRID, a=np.ones(GRID.shape))
+    volume["flat"] = "0.6 + 0 * x"
+    plain = vm.render(volume, MEDIA["gaussian"]("flat"), CAMERA, scheme=scheme)
+    shaded = vm.render(volume, MEDIA["gaussian"]("flat", shading=0.7), CAMERA, scheme=scheme)
+    np.testing.assert_allclose(shaded.intensity, 0.3 * plain.intensity, rtol=2e-3)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.1])
+def test_isosurfaces_in_the_light_of_several_lamps(width):
+    normal = np.array([1, 2, 3]) / 14**0.5
+    make = {"level": 0.6, "opacity": 1, "width": width}
+    lit = vm.Isosurface("a", shading=0.6, lights=[((1, 0, 0), 1), ((0, -2, 0), 3)], **make)
+    found = vm.render(RAMP, lit, CAMERA).intensity
+    plain = vm.render(RAMP, vm.Isosurface("a", **make), CAMERA).intensity
+    factor = 0.4 + 0.6 * (0.25 * normal[0] + 0.75 * normal[1])
+    np.testing.assert_allclose(found, factor * plain, atol=2e-3)
+    for other in (lit, MEDIA["gaussian"]("a", shading=0.5, lights=[(1, 0, 0)])):
+        assert other.replace().key() == other.key()
+        assert other.replace(lights=[(0, 0, 1)]).key() != other.key()
+
+
+def test_spherical_grids_are_shaded():
+    sphere = vm.SphericalGrid(
+        np.linspace(0.1, 1, 12), np.linspace(0, np.pi, 12), np.linspace(0, 2 * np.pi, 25)
+    )
+    volume = vm.Volume(sphere)
+    volume["rad"] = "sqrt(x**2 + y**2 + z**2)"
+    medium = vm.Gaussian("rad", 0.6, 0.1, (1, 1, 1), 30, 0.1, shading=1.0)
+    image = vm.render(volume, medium, vm.Orthographic(60, 30, width=2, resolution=33))
+    light = image.intensity[..., 0]
+    assert light[16, 16] > 1.4 * light[16, 5] > 0  # the limb is dark
+
+
+def test_bad_lights_are_refused():
+    for bad in (["sun"], [(0, 0, 0)], [(1, 0)], [((1, 0, 0), -1)], [], 3):
+        with pytest.raises(vm.InputError, match="lights"):
+            MEDIA["gaussian"]("a", shading=0.5, lights=bad)
+    with pytest.raises(vm.InputError, match="lights need shading"):
+        vm.Isosurface("a", 0.5, lights=[(1, 0, 0)])
+    with pytest.raises(vm.InputError, match="shading"):
+        vm.render(RAMP, MEDIA["gaussian"]("a", shading=0.5), CAMERA, bounds=True)
