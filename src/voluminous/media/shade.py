@@ -103,7 +103,8 @@ class Shade:
         self.normal = [Expression(f"grad({expr.text}).{a}") for a in "xyz"]
         sight = any(direction == HEADLIGHT for direction, _ in lights)
         self.sight = Expression(f"los(grad({expr.text}))") if sight else None
-        self.names = tuple(dict.fromkeys(n for e in self.expressions() for n in e.names))
+        used = [*(n for e in self.expressions() for n in e.names), *("xyz" if sight else "")]
+        self.names = tuple(dict.fromkeys(used))
 
     def expressions(self) -> list[Expression]:
         """Return the components of the gradient, along the line of sight too if that matters."""
@@ -119,9 +120,21 @@ class Shade:
             return type(values[0])(low, where(anywhere, 1.0, 1.0))
         return self._lit(values, context.number, context.kept_number(self.share))
 
-    def seen(self, fields: dict[str, Any], context: Context) -> Any:
-        """Return the factor on a ray, in the type that integrals are computed with."""
-        return context.narrow(self.factor(fields, context))
+    def seen(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+        """Return the factor on a ray, in the type that integrals are computed with.
+
+        With the direction of the ray: near an observer inside the volume that to a cell's middle is
+        another one.
+        """
+        values = [context.evaluate(e, fields) for e in self.normal]
+        if self.sight:
+            way = [stretch.cubics[axis][1] for axis in "xyz"]
+            most = extremes([dr.abs(w) for w in way])[1]
+            way = [w / dr.select(most > 0.0, most, 1.0) for w in way]
+            along = sum(v * w for v, w in zip(values, way, strict=True))
+            size = dr.sqrt(sum(w * w for w in way))
+            values.append(along / dr.select(size > 0.0, size, 1.0))
+        return context.narrow(self._lit(values, context.number, context.kept_number(self.share)))
 
     def _lit(self, values: list[Any], number: Any, share: Any) -> Any:
         """Return the factor from the gradient's components; ambient where they vanish."""
@@ -145,7 +158,7 @@ class Shade:
 
     def turns(self, stretch: Stretch, context: Context) -> Any:
         """Return where the light changes by so much that a few places do not show its way."""
-        low, high = extremes([self.seen(stretch.fields(s), context) for s in NODES])
+        low, high = extremes([self.seen(stretch.fields(s), stretch, context) for s in NODES])
         return high - low > _DOUBT
 
     def key(self) -> tuple[Any, ...]:
