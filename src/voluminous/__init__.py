@@ -69,6 +69,7 @@ _PUBLIC = {
     "moments": "measuring",
     "open": "io",
     "plot_row": "image.row",
+    "presets": "calibration",
     "probe": "measuring",
     "project": "measuring",
     "render": "rendering",
@@ -138,6 +139,7 @@ __all__ = [
     "moments",
     "open",
     "plot_row",
+    "presets",
     "probe",
     "project",
     "regions",
@@ -147,7 +149,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from . import io, math, models, regions
-    from .calibration import auto, calibrate
+    from .calibration import auto, calibrate, presets
     from .cameras import Orthographic, Perspective
     from .cli.demo import demo
     from .errors import (

@@ -99,16 +99,16 @@ def scene_of(
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
     medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
-    camera = {**_angles(args, given), "resolution": PIXELS}
+    camera, view = {**_angles(args, given), "resolution": PIXELS}, getattr(args, "view", None)
     if not _is_other(given):
         angles = {name: camera.get(name) for name in ("incl", "phi")}
-        seen = framed(volume, medium, **angles, view=args.view)
+        seen = framed(volume, medium, **angles, view=view)
         camera |= {"incl": seen.incl, "phi": seen.phi}
         if seen.posang:
             camera["posang"] = seen.posang
         if seen.width is not None:
             camera |= {"width": seen.width, "shift": list(seen.shift)}
-    elif args.view is not None:
+    elif view is not None:
         raise InputError("--view chooses the camera's angles; leave out the --set of a camera")
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))

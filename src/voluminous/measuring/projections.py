@@ -85,10 +85,10 @@ def project(
     check_volume(volume)
     if depth and how not in _SIGNS:
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
-    options = {"precision": precision, "device": device, "progress": progress}
+    options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
     if how in ("integral", "mean"):
-        found = column(volume, quantity, camera, weight=1 if how == "mean" else None, **options)
-        return changed(found, provenance={**(found.provenance or {}), "how": how})
+        total = column(volume, quantity, camera, weight=1 if how == "mean" else None, **options)
+        return changed(total, provenance={**(total.provenance or {}), "how": how})
     if how == "first":
         return _first(volume, quantity, camera, options)
     what = Quantity.of(volume.seen_by(camera), quantity)

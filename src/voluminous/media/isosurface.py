@@ -328,9 +328,8 @@ class Isosurface(Medium):
 
     def key(self) -> Any:
         """Return all numbers, units included."""
-        rest = (self.colors, self.opacities, self.density, self.shading, self.lights)
-        rest += (self.modulation.key(),)
-        return (*self.visible_key(), *rest)
+        look = (self.colors, self.opacities, self.density, self.shading, self.lights)
+        return (*self.visible_key(), *look, self.modulation.key())
 
     def describe(self) -> dict[str, Any]:
         """Return the medium as plain values."""

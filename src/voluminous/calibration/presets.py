@@ -1,0 +1,143 @@
+"""Media for data of a known kind: computed tomography, magnetic resonance, fluorescence.
+
+Each preset is a function ``preset(volume, field=None, **overrides)`` that returns a medium: shaded
+tables of colour and opacity. Overrides are arguments of `voluminous.Table`, such as ``shading=0``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..expressions import Expression
+from ..media import Medium, Sum, Table
+from .checks import check_volume
+from .scalar import main_scalar
+
+__all__ = [
+    "bone",
+    "fluorescence",
+    "lung",
+    "mr_angiography",
+    "mr_head",
+    "muscle",
+    "skin_and_bone",
+    "vessels",
+]
+
+# Opacities are optical depths along this part of the longest side of the volume.
+_PART = 1 / 100
+_IVORY, _SKIN, _FLESH, _BLOOD = (
+    (1, 0.95, 0.85),
+    (0.9, 0.6, 0.45),
+    (0.75, 0.25, 0.2),
+    (0.9, 0.1, 0.1),
+)
+_GREY, _WHITE, _AIR = (0.6, 0.55, 0.55), (1, 1, 1), (0.35, 0.55, 0.75)
+# Colours of channels that have none.
+_CHANNELS = ((0, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0.3, 0.5, 1))
+Point = tuple[float, float, tuple[float, ...]]  # value, opacity, colour
+
+
+def bone(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for bone in CT (Hounsfield units)."""
+    points = [(150, 0, _FLESH), (350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
+    return _table(volume, field, points, overrides)
+
+
+def skin_and_bone(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for bone under translucent skin in CT (Hounsfield units)."""
+    skin = [(-650, 0, _SKIN), (-400, 1.2, _SKIN), (-200, 0.8, _SKIN), (-120, 0, _SKIN)]
+    points = [*skin, (180, 0, _FLESH), (350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
+    return _table(volume, field, points, overrides)
+
+
+def muscle(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for muscle, with bone, in CT (Hounsfield units)."""
+    soft = [(-20, 0, _FLESH), (30, 1, _FLESH), (90, 1.5, _FLESH), (180, 1.5, _FLESH)]
+    points = [*soft, (350, 4, _IVORY), (3000, 8, _WHITE)]
+    return _table(volume, field, points, overrides)
+
+
+def lung(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for airways and lungs in CT (Hounsfield units)."""
+    points = [(-980, 0, _AIR), (-850, 0.15, _AIR), (-600, 0.5, _SKIN), (-450, 0, _SKIN)]
+    return _table(volume, field, points, overrides)
+
+
+def vessels(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for vessels with contrast agent in CT (Hounsfield units)."""
+    points = [(120, 0, _BLOOD), (220, 2, _BLOOD), (400, 4, (1, 0.5, 0.35)), (700, 6, _IVORY)]
+    return _table(volume, field, points, overrides)
+
+
+def mr_head(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for T1-weighted MR: levels follow from the values of this volume."""
+    low, middle, high = _levels(volume, field, (60, 85, 99.5))
+    points = [(low, 0, _GREY), (middle, 0.4, _SKIN), (high, 3, _WHITE)]
+    return _table(volume, field, points, overrides)
+
+
+def mr_angiography(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium for time-of-flight MR: the brightest 2 % of the values of this volume."""
+    low, middle, high = _levels(volume, field, (98, 99.3, 99.95))
+    points = [(low, 0, _BLOOD), (middle, 2, _BLOOD), (high, 5, (1, 0.6, 0.4))]
+    return _table(volume, field, points, overrides)
+
+
+def fluorescence(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+    """Return a medium that shows channels of a microscope in their colours.
+
+    Colours and display windows are those of ``volume.meta["channels"]``; what is not given there is
+    chosen, windows so that the brightest 0.2 % are of full colour.
+    """
+    check_volume("fluorescence", "first", volume)
+    known = dict(volume.meta.get("channels") or {})
+    names = [field] if field is not None else [n for n in volume.fields if n in known]
+    parts = []
+    for number, name in enumerate(names or [main_scalar(volume).text]):
+        entry = known.get(str(name)) or {}
+        low, high = entry.get("window") or _levels(volume, name, (50, 99.8))
+        color = tuple(entry.get("color") or _CHANNELS[number % len(_CHANNELS)])
+        points = [(low, 0, color), (high, 1, color)]
+        parts.append(_table(volume, name, points, {"shading": 0.0, **overrides}, part=1 / 20))
+    return Sum(tuple(parts)) if len(parts) > 1 else parts[0]
+
+
+def _levels(volume: Any, field: Any, percentiles: Any) -> list[float]:
+    """Return percentiles of a field that increase."""
+    expr = main_scalar(volume) if field is None else Expression(field)
+    values = np.asarray(volume.evaluate(expr), dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        raise InputError(f"{expr} has no finite value in this volume; choose another field")
+    found = np.percentile(values, percentiles)
+    least = 1e-6 * max(float(np.abs(values).max()), 1e-300)
+    return [float(v) for v in np.maximum.accumulate(found) + least * np.arange(len(found))]
+
+
+def _table(
+    volume: Any, field: Any, points: Sequence[Point], overrides: dict[str, Any], part: float = _PART
+) -> Medium:
+    check_volume("a preset", "first", volume)
+    expr = main_scalar(volume) if field is None else Expression(field)
+    unit = volume.expression_unit(expr)
+    values = np.array([float(value) for value, _, _ in points])
+    opacities = np.array([float(opacity) for _, opacity, _ in points])
+    colors = np.array([color for _, _, color in points], dtype=float) * opacities[:, None]
+    length = part * float(np.ptp(volume.grid.bounds, axis=1).max())
+    given = {
+        "values": values if unit is None else values * unit,
+        "colors": colors,
+        "opacities": opacities,
+        "path_length": length,
+        "shading": 0.7,
+    }
+    return Table(expr, **{**given, **overrides})
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
