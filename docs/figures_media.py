@@ -150,6 +150,16 @@ def automatic(target: Path, pixels: int) -> None:
     row(target, panels, (9.6, 3.5), colors=None, exposure=None)
 
 
+def transfer(target: Path, pixels: int) -> None:
+    """What `Medium.plot` draws, of shells and of a colormap."""
+    core = vm.models.prestellar_core(64)
+    figure = Figure(figsize=(11, 3.4), layout="constrained")
+    media = (vm.auto(core), vm.Colormap("density", "inferno", norm="log", opacity=lambda p: p**2))
+    for medium, axes in zip(media, figure.subplots(1, 2), strict=True):
+        medium.plot(core, axes)
+    saved(figure, target, max(40, pixels // 4))
+
+
 MEDIA_FIGURES: dict[str, Callable[[Path, int], None]] = {
     "shell_or_surface": shell_or_surface,
     "isosurfaces": isosurfaces,
@@ -157,4 +167,5 @@ MEDIA_FIGURES: dict[str, Callable[[Path, int], None]] = {
     "variables": variables,
     "calibrated": calibrated,
     "automatic": automatic,
+    "transfer": transfer,
 }

@@ -31,7 +31,7 @@ def edges(cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def disc(cells: int = 96) -> vm.Volume:
     """Return the disc: its density is all that rays need."""
     volume = vm.Volume(vm.SphericalGrid(*edges(cells), unit="au"))
-    volume["R"] = "r * sin(theta)"
+    volume["R"] = "r * sin(theta) / (1 au)"  # a plain number, as in the formulas below
     volume["height"] = "0.06 * (R / 30)**0.3"  # scale height over radius
     volume["turn"] = "phi - 1 - log(R / 35) / 0.28"  # angle from the arms, which are logarithmic
     volume["arms"] = "0.25 + 5 * exp(8 * (cos(2 * turn) - 1) - log(R / 35)**2 / 1.5)"

@@ -70,6 +70,7 @@ def write_metaimage(path: Path, values, origin, steps) -> Path:
         "NDims": "3",
         "BinaryData": "True",
         "BinaryDataByteOrderMSB": "True",
+        "AnatomicalOrientation": "RAI",
         "TransformMatrix": _words(steps / widths[:, None]),
         "Offset": _words(origin),
         "ElementSpacing": _words(widths),

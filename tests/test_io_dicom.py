@@ -1,6 +1,7 @@
 """DICOM: series in any order, their values, and what makes no volume."""
 
 import contextlib
+import struct
 import warnings
 
 import numpy as np
@@ -10,6 +11,7 @@ import voluminous as vm
 from contracts import ReaderContract
 from scanner_files import (
     ORIGIN,
+    SAGITTAL,
     UPRIGHT,
     VALUES,
     WIDTHS,
@@ -46,7 +48,7 @@ def test_dicom_values_are_rescaled_and_stay_integers(tmp_path, pydicom):
     assert volume.fields == ("ct",)
     assert volume.array("ct").dtype == np.int16
     np.testing.assert_array_equal(volume.array("ct"), stored.astype(int) - 1024)
-    told = {"modality": "CT", "series": "thorax", "rescale_type": "HU", "space": "LPS"}
+    told = {"modality": "CT", "series": "thorax", "rescale_type": "HU", "orientation": "LPS"}
     assert volume.meta == told
 
 
@@ -301,8 +303,116 @@ def test_slices_without_a_place_go_by_their_numbers(tmp_path, pydicom):
         head.save_as(path / f"IM{3 * k % 11:02d}")
     volume = vm.open(path)
     np.testing.assert_array_equal(volume.array("ct"), VALUES)
-    assert "space" not in volume.meta
+    assert "orientation" not in volume.meta
     np.testing.assert_array_equal(volume.grid.bounds[:, 0], -WIDTHS / 2)
+
+
+@pytest.mark.parametrize("kind", ["implicit", "explicit", "big"])
+@pytest.mark.parametrize("preamble", [True, False])
+def test_files_without_group_2(tmp_path, pydicom, kind, preamble):
+    path = series(tmp_path)
+    for file in path.iterdir():
+        head = pydicom.dcmread(file)
+        for keyword in ("StudyDate", "InstitutionName", "ReferencedImageSequence"):
+            setattr(head, keyword, [] if "Seq" in keyword else None)
+        if kind == "big":
+            head.PixelData = np.frombuffer(head.PixelData, "<i2").astype(">i2").tobytes()
+        bare = pydicom.Dataset()
+        bare.update(head)
+        with open(file, "wb") as stream:
+            stream.write(bytes(128) + b"DICM" if preamble else b"")
+            implicit, little = kind == "implicit", kind != "big"
+            pydicom.dcmwrite(stream, bare, implicit_vr=implicit, little_endian=little)
+    for opened in (path, path / "IM03"):
+        volume = vm.open(opened)
+        assert volume.meta["orientation"] == "LPS"
+        check_places(volume, VALUES, ORIGIN, UPRIGHT)
+
+
+def csa_header(**tags):
+    """Return Siemens's private header, of the second kind."""
+    parts = [b"SV10\4\3\2\1", struct.pack("<2I", len(tags), 77)]
+    for name, values in tags.items():
+        vr = b"IS" if isinstance(values[0], int) else b"FD"
+        parts.append(struct.pack("<64si4s3i", name.encode(), len(values), vr, 6, len(values), 77))
+        for value in values:
+            text = str(value).encode() + b"\0"
+            parts += [struct.pack("<4i", len(text), len(text), 77, len(text))]
+            parts += [text.ljust(-(-len(text) // 4) * 4, b"\0")]
+    return b"".join(parts)
+
+
+def write_mosaic(path, values, origin, steps, sign=1.0):
+    """Tiles of a picture, the first slice at `origin`; row by row, empty ones at the end."""
+    columns, rows, count = values.shape
+    side = int(np.ceil(np.sqrt(count)))
+    picture = np.zeros((side * rows, side * columns), values.dtype)
+    for k in range(count):
+        down, across = divmod(k, side)
+        tile = (slice(down * rows, (down + 1) * rows), slice(across * columns, None))
+        picture[tile][:, :columns] = values[:, :, k].T
+    steps = np.asarray(steps)
+    # The position in the head is that of a single slice as large as the mosaic.
+    moved = (side - 1) * (columns * steps[0] + rows * steps[1]) / 2
+    head = dicom_slice(picture.T, origin - moved, steps)
+    head.ImageType = ["ORIGINAL", "PRIMARY", "M", "MOSAIC"]
+    head.SpacingBetweenSlices = float(np.linalg.norm(steps[2]))
+    normal = (steps[2] / np.linalg.norm(steps[2])).tolist()
+    block = head.private_block(0x0029, "SIEMENS CSA HEADER", create=True)
+    tags = {"NumberOfImagesInMosaic": [count], "SliceNormalVector": normal}
+    block.add_new(0x10, "OB", csa_header(Echo=[1], **tags))
+    head.save_as(path, enforce_file_format=True)
+    return path
+
+
+@pytest.mark.parametrize("steps", [UPRIGHT, SAGITTAL, UPRIGHT * [1, 1, -1]])
+def test_mosaics_are_taken_apart(tmp_path, pydicom, steps):
+    pytest.importorskip("nibabel")
+    path = write_mosaic(tmp_path / "epi.dcm", VALUES, ORIGIN, steps)
+    check_places(vm.open(path), VALUES, ORIGIN, steps)
+    check_places(vm.open(tmp_path), VALUES, ORIGIN, steps)
+
+
+def test_mosaics_of_several_times(tmp_path, pydicom):
+    pytest.importorskip("nibabel")
+    for time in range(3):
+        path = write_mosaic(tmp_path / f"epi{time}.dcm", VALUES + time, ORIGIN, UPRIGHT)
+        head = pydicom.dcmread(path)
+        head.InstanceNumber = time + 1
+        head.save_as(path)
+    volume = vm.open(tmp_path, time=2)
+    assert volume.meta["times"] == 3
+    check_places(volume, VALUES + 2, ORIGIN, UPRIGHT)
+
+
+def test_mosaics_without_their_private_header_are_refused(tmp_path, pydicom):
+    pytest.importorskip("nibabel")
+    path = write_mosaic(tmp_path / "epi.dcm", VALUES, ORIGIN, UPRIGHT)
+    head = pydicom.dcmread(path)
+    head.remove_private_tags()
+    head.save_as(path)
+    with pytest.raises(vm.FileFormatError, match=r"Siemens mosaic without.*dcm2niix"):
+        vm.open(path)
+
+
+def test_mosaics_of_other_makers_and_films_are_refused(tmp_path, pydicom):
+    head = dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT)
+    head.ImageType = ["ORIGINAL", "PRIMARY", "M", "VFRAME"]
+    head.save_as(tmp_path / "epi.dcm", enforce_file_format=True)
+    with pytest.raises(vm.FileFormatError, match="United Imaging"):
+        vm.open(tmp_path / "epi.dcm")
+    del head.ImageType
+    head.NumberOfFrames, head.FrameTime = 6, 40
+    head.FrameIncrementPointer = 0x00181063
+    head.PixelData = VALUES.transpose(2, 1, 0).tobytes()
+    head.save_as(tmp_path / "heart.dcm", enforce_file_format=True)
+    with pytest.raises(vm.FileFormatError, match="film, no volume"):
+        vm.open(tmp_path / "heart.dcm")
+
+
+def test_animals_on_four_legs_have_other_axes(tmp_path):
+    volume = vm.open(series(tmp_path, AnatomicalOrientationType="QUADRUPED"))
+    assert "orientation" not in volume.meta
 
 
 def test_a_directory_without_slices_is_not_ours(tmp_path):

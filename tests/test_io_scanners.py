@@ -110,7 +110,7 @@ def test_the_same_voxels_lie_at_the_same_place_in_all_formats(tmp_path, steps):
     ]
     for path in paths:
         volume = vm.open(path)
-        assert volume.meta["space"] == "LPS"
+        assert volume.meta["orientation"] == "LPS"
         assert volume.unit == "mm"
         assert volume.array(volume.fields[0]).dtype == np.int16
         check_places(volume, VALUES, ORIGIN, steps)
@@ -160,7 +160,7 @@ def test_itk_reads_what_is_written(tmp_path, ending):
 )
 def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
     volume = volume_of(values)
-    volume.meta["space"] = "LPS"
+    volume.meta["orientation"] = "LPS"
     if turned:
         volume.meta["direction"] = rotation(np.array([0.9, 0.3, -0.1, 0.2])).tolist()
     path = tmp_path_factory.mktemp("saved") / f"density.{ending}"
@@ -173,7 +173,7 @@ def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
     # NIfTI-1 keeps places in single precision.
     kept = 1e-6 if "nii" in ending else 1e-13
     np.testing.assert_allclose(again.grid.bounds, volume.grid.bounds, atol=60 * kept)
-    assert again.meta["space"] == "LPS"
+    assert again.meta["orientation"] == "LPS"
     # Few voxels may be turned by less than a hundredth of one: never here.
     assert ("direction" in again.meta) == turned
     if turned:
@@ -187,7 +187,7 @@ def test_nrrd_keeps_units(tmp_path):
     again = vm.open(tmp_path / "density.nrrd")
     assert (again.unit, again.units["density"]) == ("kpc", "g / cm3")
     np.testing.assert_array_equal(again.grid.bounds, volume.grid.bounds)
-    assert "space" not in again.meta
+    assert "orientation" not in again.meta
 
 
 @pytest.mark.parametrize("ending", ["mha", "nii"])
@@ -241,7 +241,7 @@ def test_itk_in_hdf5(tmp_path, steps):
     volume = vm.open(tmp_path / "a.hdf5")
     check_places(volume, VALUES, ORIGIN, steps)
     assert volume.array("a").dtype == VALUES.dtype
-    assert (str(volume.unit), volume.meta["space"]) == ("mm", "LPS")
+    assert (str(volume.unit), volume.meta["orientation"]) == ("mm", "LPS")
     parts = np.stack([VALUES, VALUES + 1, -VALUES], axis=-1).astype(np.float32)
     several = itk.GetImageFromArray(parts.transpose(2, 1, 0, 3), isVector=True)
     several.CopyInformation(image)

@@ -94,9 +94,9 @@ def changed(content, at, dtype, value):
     [
         (42, "<i2", -4, "positive whole numbers"),
         (42, "<i2", 0, "positive whole numbers"),
-        (40, "<i2", 9, "dim\\[0\\] must be from 2 to 7"),
+        (40, "<i2", 1, "must be from 2 to 7"),
         (42, "<i2", 30000, "cut short|end after"),
-        (70, "<i2", 32, "datatype 32 is not known"),
+        (70, "<i2", 32, "datatype 32: expected real"),
         (108, "<f4", -8, "vox_offset"),
         (108, "<f4", np.nan, "vox_offset"),
         (280, "<f4", np.nan, "span space"),

@@ -107,7 +107,7 @@ def test_nrrd_in_space_and_time(tmp_path, space):
     volume = vm.open(path, time=2)
     np.testing.assert_array_equal(volume.array("v"), values[..., 2])
     np.testing.assert_allclose(volume.grid.bounds[:, 0], [-10.25, 19.625, 29])
-    assert volume.meta.get("space") == (None if space == "4" else "LPS")
+    assert volume.meta.get("orientation") == (None if space == "4" else "LPS")
     path.write_bytes(path.read_bytes().replace(b"(0,0,2,0)", b"(0,0,2,1)"))
     with pytest.raises(vm.FileFormatError, match="along space or time"):
         vm.open(path)
@@ -265,7 +265,60 @@ def test_nifti_without_orientation_has_no_space(tmp_path):
     image.set_qform(None, code=0)
     nib.save(image, tmp_path / "cell.nii")
     volume = vm.open(tmp_path / "cell.nii")
-    assert "space" not in volume.meta
+    assert "orientation" not in volume.meta
     assert volume.unit == "um"
     np.testing.assert_array_equal(volume.array("cell"), VALUES)
     np.testing.assert_array_equal(volume.grid.bounds, [[-0.5, 3.5], [-1, 9], [-1.5, 16.5]])
+
+
+@pytest.mark.parametrize(
+    ("lines", "orientation"),
+    [
+        ("AnatomicalOrientation = RAI\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n", "LPS"),
+        ("AnatomicalOrientation = ASL\nTransformMatrix = 0 1 0 0 0 -1 -1 0 0\n", "LPS"),
+        ("AnatomicalOrientation = RAI\n", "LPS"),
+        ("AnatomicalOrientation = ILP\n", None),  # which ends are meant, nobody says
+        ("AnatomicalOrientation = ???\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n", None),
+        ("TransformMatrix = 1 0 0 0 1 0 0 0 1\n", None),
+    ],
+)
+def test_metaimages_are_patients_where_they_say_so(tmp_path, lines, orientation):
+    head = "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n"
+    path = tmp_path / "scan.mha"
+    path.write_bytes(f"{head}{lines}ElementDataFile = LOCAL\n".encode() + bytes(range(8)))
+    volume = vm.open(path)
+    assert volume.meta.get("orientation") == orientation
+    vm.io.save(volume, tmp_path / "again.mha")
+    assert vm.open(tmp_path / "again.mha").meta.get("orientation") == orientation
+
+
+@pytest.mark.parametrize(
+    ("fields", "bounds"),
+    [
+        # Walls of cells: 4, 5 and 6 of them between these positions.
+        ({"centers": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
+        ({"centerings": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
+        ({}, [(0, 8), (10, 15), (-3, 3)]),  # Teem's default
+        # First and last nodes: cells reach half a step beyond.
+        ({"centers": "node node node"}, [(-4 / 3, 28 / 3), (9.375, 15.625), (-3.6, 3.6)]),
+        ({"centers": "node cell ???"}, [(-4 / 3, 28 / 3), (10, 15), (-3, 3)]),
+        ({"centers": "node cell cell", "spacings": "2 3 4"}, [(-1, 7), (10, 25), (-3, 21)]),
+        ({"axis_mins": "nan nan nan", "spacings": "2 3 4"}, [(0, 8), (0, 15), (-21, 3)]),
+    ],
+)
+def test_nrrd_axes_between_positions(tmp_path, fields, bounds):
+    fields = {"axis_mins": "0 10 -3", "axis_maxs": "8 15 3"} | fields
+    path = tmp_path / "box.nrrd"
+    path.write_bytes(nrrd_text(**fields).encode() + b"\n" + VALUES.tobytes("F"))
+    volume = vm.open(path)
+    np.testing.assert_allclose(volume.grid.bounds, bounds, atol=1e-12)
+    np.testing.assert_array_equal(volume.array("box"), VALUES)
+
+
+def test_nrrd_axes_that_run_backwards_are_flipped(tmp_path):
+    path = tmp_path / "box.nrrd"
+    head = nrrd_text(axis_mins="8 10 -3", axis_maxs="0 15 3", centers="cell cell cell")
+    path.write_bytes(head.encode() + b"\n" + VALUES.tobytes("F"))
+    volume = vm.open(path)
+    np.testing.assert_allclose(volume.grid.bounds, [(0, 8), (10, 15), (-3, 3)])
+    np.testing.assert_array_equal(volume.array("box"), VALUES[::-1])

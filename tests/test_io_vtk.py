@@ -422,34 +422,50 @@ def test_a_legacy_file_written_by_hand(tmp_path):
     assert volume.meta["time"] == 0.15
 
 
-def test_lengths_encoded_apart_from_the_values(tmp_path):
-    # Some programs encode the length by itself: padding in the midst of base64.
-    import base64
+BODIES = {
+    "words on one line": "DATASET STRUCTURED_POINTS DIMENSIONS 2 2 2 ORIGIN 1 2 3 SPACING 1 2 4\n",
+    "blank lines": "\n\nDATASET STRUCTURED_POINTS\n\nDIMENSIONS\n2 2\n\n2\nORIGIN 1\n2 3\n\n"
+    "SPACING 1 2 4\n\n",
+    "rectilinear": "DATASET RECTILINEAR_GRID DIMENSIONS 2 2 2\nX_COORDINATES 2 float 1\n2\n"
+    "Y_COORDINATES\n2 float\n2 4 Z_COORDINATES 2 float\n\n3 7\n",
+}
 
-    values = np.arange(8, dtype="<f4")
-    head = base64.b64encode(np.uint32(values.nbytes).tobytes()).decode()
-    text = head + "\n  " + base64.b64encode(values.tobytes()).decode()
-    path = tmp_path / "a.vti"
-    path.write_text(
-        '<VTKFile type="ImageData"><ImageData><Piece Extent="0 1 0 1 0 1"><PointData>'
-        f'<DataArray type="Float32" Name="a" format="binary">{text}</DataArray>'
-        "</PointData></Piece></ImageData></VTKFile>"
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("binary", [False, True])
+def test_legacy_files_are_words_not_lines(tmp_path, body, binary):
+    if binary and body == "rectilinear":
+        pytest.skip("its coordinates are text")
+    text = "# vtk DataFile Version 3.0\na title\n" + ("BINARY" if binary else "ASCII") + "\n"
+    text += BODIES[body]
+
+    def put(values, kind):
+        data = np.array(values, ">f4" if kind == "float" else ">i4")
+        if binary:
+            return data.tobytes() + b"\n"
+        return " ".join(map(str, data.tolist())).replace(" ", "\n", 2).encode() + b"\n\n"
+
+    eight = list(range(1, 9))
+    path = tmp_path / "a.vtk"
+    path.write_bytes(
+        text.encode()
+        + b"POINT_DATA\n8 SCALARS rho float\nLOOKUP_TABLE default\n"
+        + put(eight, "float")
+        + b"\nFIELD more 2\nt 1 8 float\n"
+        + put(eight[::-1], "float")
+        + b"n 1 8 int\n"
+        + put(eight, "int")
+        + b"CELL_DATA 1\nSCALARS c float 1\nLOOKUP_TABLE default\n"
+        + put([42], "float")
     )
-    assert vm.open(path).array("a").T.ravel().tolist() == list(range(8))
-
-
-def test_large_text_is_read_in_pieces(tmp_path, monkeypatch):
-    from voluminous.io.vtk import base64_text, markup, text
-
-    for module, size in ((text, 17), (base64_text, 13), (markup, 64)):
-        monkeypatch.setattr(module, "_PIECE", size)
-    data, values = image(), random_values("f8")
-    add(data, "f", values)
-    for mode in (0, 1):
-        path = write_image(data, tmp_path / "a.vti", DataMode=mode)
-        np.testing.assert_array_equal(vm.open(path).array("f"), values)
-    path = write(vtkStructuredPointsWriter(), data, tmp_path / "a.vtk")
-    np.testing.assert_allclose(vm.open(path).array("f"), values, rtol=1e-5)
+    volume = vm.open(path)
+    assert volume.fields == ("rho", "t", "n")
+    for name, values in (("rho", eight), ("t", eight[::-1]), ("n", eight)):
+        np.testing.assert_array_equal(volume.array(name).T.ravel(), values)
+    assert volume.grid.bounds.tolist() == [[0.5, 2.5], [1, 5], [1, 9]]
+    cells = vm.open(path, "c")
+    assert cells.array("c").item() == 42
+    assert cells.grid.bounds.tolist() == [[1, 2], [2, 4], [3, 7]]
 
 
 # Real data

@@ -107,7 +107,7 @@ def test_what_is_no_regular_grid_is_left_out_or_named(tmp_path):
     with pytest.warns(UserWarning, match=r"left out:\n  ball \(.*a_0\.vtp\)"):
         volume = vm.open(path)
     assert volume.grid.shape == SHAPE
-    with pytest.raises(vm.InputError, match=r"holds PolyData, not a regular grid; resample"):
+    with pytest.raises(vm.InputError, match=r"holds PolyData, not a regular grid; give"):
         vm.open(saved(tmp_path / "b.vtm", ball=pv.Sphere()))
     with pytest.raises(vm.InputError, match=r"none of its blocks(.|\n)*  ball \((.|\n)*  cube \("):
         vm.open(saved(tmp_path / "c.vtm", ball=pv.Sphere(), cube=pv.Cube()))

@@ -503,7 +503,7 @@ REFUSED = [
     (
         lambda: Coefficients("x", ["y", "y"]),
         InputError,
-        r"\(grey\) or 1 \(one per channel\), got 2",
+        "give two emissivities, one per channel",
     ),
     (lambda: Coefficients("x +", "y"), ExpressionError, "ends too early"),
     (lambda: Coefficients(None, "y"), InputError, "emissivity must be an expression or a list"),

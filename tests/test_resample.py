@@ -135,7 +135,7 @@ CURVED = {
 def test_what_is_told_besides_is_kept_as_far_as_it_holds():
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 2)), a=np.ones((4, 4, 4)))
     turned = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    volume.meta = {"time": 3.0, "space": "LPS", "direction": turned}
+    volume.meta = {"time": 3.0, "orientation": "LPS", "direction": turned}
     finer = volume.resample(vm.CartesianGrid.uniform(8, (0, 2)))
     assert finer.meta == volume.meta
     assert volume.resample(vm.CartesianGrid.uniform(4, (-1, 3))).meta == volume.meta

@@ -119,7 +119,7 @@ def test_derived_fields_and_units():
         changed(
             SPHERE,
             "volume",
-            derived={"half": "inside / 2", "far": "half + r"},
+            derived={"half": "inside / 2", "far": "half + 2 K"},
             units={"inside": "K"},
         )
     ).volume()

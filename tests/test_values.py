@@ -117,3 +117,23 @@ def test_media_of_users_are_values_too():
         medium.opacity = 2.0
     doubled = medium.replace(opacity=2.0)
     np.testing.assert_allclose(vm.render(volume, doubled, camera).optical_depth, 4.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_values_are_equal_if_their_arguments_are(name):
+    value, changes = VALUES[name]
+    assert value.replace() == value
+    assert hash(value.replace()) == hash(value)
+    assert copy.deepcopy(value) == value
+    assert value.replace(**changes) != value
+
+
+def test_ranges_that_were_measured_stay_where_others_are_replaced():
+    volume = vm.models.prestellar_core(16)
+    painted = vm.Gaussian("log10(density)", 4, 0.1, vm.ColorBy("density", "viridis"), 0.3)
+    measured = vm.calibrate(painted, volume)
+    assert "vmin=" in repr(measured)
+    other = measured.replace(opacity=1.0)
+    assert other.modulation.color == measured.modulation.color
+    colormap = vm.calibrate(vm.Colormap("density", "viridis", opacity=lambda p: p), volume)
+    assert colormap.replace(path_length=1.0).range.describe() == colormap.range.describe()

@@ -118,7 +118,7 @@ def test_what_makes_no_sense_is_refused():
     with pytest.raises(vm.InputError, match=r"set volume.meta\['y_down'\] = True"):
         vm.framed(plain, EMISSION, view="stack")
     with pytest.raises(vm.UnknownNameError, match="did you mean 'anterior'"):
-        vm.render(patient, view="anterio")
+        vm.render(patient, EMISSION, view="anterio")
     with pytest.raises(vm.InputError, match="give a camera or view='left', not both"):
         vm.render(patient, EMISSION, vm.Orthographic(), view="left")
     with pytest.raises(vm.InputError, match="give angles or view='left', not both"):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
+
+import numpy as np
 
 from .errors import InputError, unknown_name
 
@@ -53,10 +56,72 @@ def get_color(name: str) -> tuple[float, float, float]:
     import matplotlib.colors
 
     try:
-        red, green, blue = matplotlib.colors.to_rgb(name)
+        rgba = matplotlib.colors.to_rgba(name)
     except ValueError:
         raise unknown_name("color", name, matplotlib.colors.CSS4_COLORS) from None
+    red, green, blue = without_alpha(rgba, repr(name))
     return float(red), float(green), float(blue)
+
+
+def is_name_and_alpha(color: Any) -> bool:
+    """Return whether it is what matplotlib writes as ``("red", 0.5)``."""
+    pair = isinstance(color, tuple) and len(color) == 2
+    return pair and isinstance(color[0], str) and isinstance(color[1], Real)
+
+
+def without_alpha(colors: Any, what: str) -> Any:
+    """Return colours without matplotlib's alpha; what are no such colours as they are.
+
+    Four numbers from 0 to 1, in a tuple or an array, are red, green, blue and alpha, as matplotlib
+    writes them. In a list they are that if the last is 1, or that of each of several; else they are
+    four channels.
+
+    Raises
+    ------
+    InputError
+        If an alpha is not 1.
+    """
+    if is_name_and_alpha(colors):
+        return without_alpha((*get_color(colors[0]), colors[1]), what)
+    if isinstance(colors, list):
+        if _is_opaque(colors):
+            return colors[:3]
+        if all(map(_is_opaque, colors)):
+            return [color[:3] for color in colors]
+        return [c if isinstance(c, list) else without_alpha(c, what) for c in colors]
+    if not isinstance(colors, (tuple, np.ndarray)) or hasattr(colors, "unit"):
+        return colors
+    try:
+        array = np.asarray(colors, dtype=np.float64)
+    except (TypeError, ValueError):  # of different lengths, or with names or units in it
+        return colors
+    if array.ndim == 0 or array.shape[-1] != 4 or not np.all((array >= 0.0) & (array <= 1.0)):
+        return colors
+    if not np.all(array[..., 3] == 1.0):
+        raise InputError(
+            f"{what}: a colour has no opacity here, got alpha {array[..., 3].min():g}; give red, "
+            "green and blue, and how opaque it is with opacity=…. Four channels are given as a list"
+        )
+    return array[..., :3]
+
+
+def _is_opaque(color: Any) -> bool:
+    """Return whether it is four numbers from 0 to 1, of which the last is 1."""
+    if not isinstance(color, (list, tuple, np.ndarray)) or len(color) != 4:
+        return False
+    return all(isinstance(c, Real) and 0.0 <= c <= 1.0 for c in color) and color[3] == 1.0
+
+
+def mapped_colors(colormap: Any, positions: Any) -> np.ndarray:
+    """Return red, green and blue at places from 0 to 1 in a matplotlib colormap, shape (n, 3).
+
+    Raises
+    ------
+    InputError
+        If it is not opaque.
+    """
+    found = np.asarray(colormap(positions), dtype=np.float64)
+    return np.asarray(without_alpha(found, f"colormap {colormap.name!r}"))
 
 
 def is_color(name: str) -> bool:

@@ -175,7 +175,6 @@ def packed(name: str, values: Any, grid: Any) -> np.ndarray:
     InputError
         If it is none, such as lists of different lengths.
     """
-    _check_order(name, values)
     try:
         array: np.ndarray = grid.pack(values)
     except VoluminousError:
@@ -185,7 +184,7 @@ def packed(name: str, values: Any, grid: Any) -> np.ndarray:
     return array
 
 
-def _check_order(name: str, values: Any) -> None:
+def check_order(name: str, values: Any) -> None:
     """Refuse arrays that know the names of their axes, in another order (xarray).
 
     Where there are as many cells along all axes, their shape does not tell.

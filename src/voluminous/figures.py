@@ -5,6 +5,10 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+import numpy as np
+
+from .errors import InputError
+
 # Of a colour bar, and of its distance: in longer sides of the picture.
 _BAR_WIDTH = 0.05
 # Of a bar beside a flat picture: in widths of the picture, so that its numbers can be read.
@@ -44,6 +48,33 @@ def _layout() -> Any:
             return _layout, ()  # figures can be pickled
 
     return Settled()
+
+
+def divided(ax: Any, count: int, *, share: bool = True) -> Any:
+    """Return so many axes over one another: those given, or the parts of one.
+
+    Raises
+    ------
+    InputError
+        If they are others than one or so many, or one that is no subplot.
+    """
+    given = np.ravel(np.array(ax, dtype=object))
+    if len(given) == count:
+        return given
+    if len(given) != 1:
+        raise InputError(f"ax must be one axes to be divided, or {count}, got {len(given)}")
+    spec, parent = given[0].get_subplotspec(), given[0].get_figure()
+    if spec is None:
+        raise InputError(f"ax must be a subplot of a figure, which can be divided, or {count} axes")
+    given[0].set_axis_off()
+    places = spec.subgridspec(count, 1)
+    panels = [parent.add_subplot(places[0])]
+    panels += [
+        parent.add_subplot(places[k], sharex=panels[0] if share else None) for k in range(1, count)
+    ]
+    for panel in panels[:-1] if share else ():
+        panel.tick_params(labelbottom=False)
+    return panels
 
 
 def add_color_bar(axes: Any, shown: Any, label: str, *, own: bool, number: int = 0) -> Any:

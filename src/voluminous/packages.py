@@ -33,8 +33,15 @@ def require(module: str, extra: str, purpose: str) -> Any:
         absent = isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]
         raise MissingPackageError(
             f"{purpose} needs the package {module.partition('.')[0]!r} ({error}); install it with\n"
-            f'  pip install "voluminous[{extra}]"'
+            f"  {install_line(extra)}"
         ) from (None if absent else error)
+
+
+def install_line(extra: str) -> str:
+    """Return what brings the packages of an extra."""
+    return (
+        f'pip install "voluminous[{extra}]"  (in a clone of voluminous: pip install ".[{extra}]")'
+    )
 
 
 def is_installed(module: str) -> bool:

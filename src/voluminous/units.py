@@ -21,6 +21,7 @@ _LONGEST = 100
 _ANGLES = ("deg", "rad")
 # What has no unit, whatever it looks like.
 _PLAIN = (str, bytes, int, float, complex, list, tuple, dict, type(None))
+_NO_UNIT = ("", "1", "dimensionless")
 _UNKNOWN = (
     "a quantity of {0}.{1} in {2!s} cannot be converted to astropy's; convert it to a unit that "
     "astropy knows, or give plain numbers with an astropy unit: numbers * astropy.units.pc"
@@ -53,10 +54,10 @@ def as_quantity(value: Any) -> Any:
     attributes: Any = getattr(value, "attrs", None)
     if hasattr(value, "dims") and hasattr(attributes, "get"):  # xarray
         inner = as_quantity(value.data)
-        unit = None if is_quantity(inner) else attributes.get("units")
-        return _converted(value, lambda: inner if unit is None else inner * parse_unit(unit))
+        name = "" if is_quantity(inner) else str(attributes.get("units", ""))
+        return inner if name in _NO_UNIT else _converted(value, lambda: inner * parse_unit(name))
     unit = getattr(value, "units", getattr(value, "unit", None))
-    if unit is not None and str(unit) not in ("", "dimensionless", "1"):
+    if unit is not None and str(unit) not in _NO_UNIT:
         raise UnitsError(_UNKNOWN.format(type(value).__module__, type(value).__name__, unit))
     return value
 

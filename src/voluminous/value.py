@@ -15,7 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from .errors import ImmutableError, unknown_name
-from .units import is_quantity
+from .notebook import page, table
+from .units import is_quantity, unit_of
 
 Self = TypeVar("Self", bound="Value")
 
@@ -74,6 +75,25 @@ class Value:
         told = ", ".join(f"{name}={value!r}" for name, value in self.arguments().items())
         return f"{type(self).__name__}({told})"
 
+    def _swatch(self) -> str:
+        """Return what a notebook shows of it before its arguments."""
+        return ""
+
+    def _repr_html_(self) -> str:
+        rows = [(name, value) for name, value in self.arguments().items() if value is not None]
+        return page(type(self).__name__, self._swatch(), table(rows))
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other) or not self._done:
+            return self is other
+        return _same(self._given, other._given)
+
+    def __hash__(self) -> int:
+        if not self._done:
+            return object.__hash__(self)
+        plain = (v for v in self._given.values() if isinstance(v, (str, int, float)))
+        return hash((type(self).__name__, *plain))
+
     def _refuse(self, name: str, how: str) -> None:
         kind = type(self).__name__
         raise ImmutableError(
@@ -119,3 +139,14 @@ def _own(value: Any) -> Any:
     if type(value) in (list, tuple):
         return type(value)(_own(part) for part in value)
     return value.copy() if isinstance(value, np.ndarray) or is_quantity(value) else value
+
+
+def _same(a: Any, b: Any) -> bool:
+    """Return whether two arguments are equal, arrays and lists number by number."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_same(a[k], b[k]) for k in a)
+    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
+        return len(a) == len(b) and all(map(_same, a, b))
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return unit_of(a) == unit_of(b) and np.array_equal(np.asarray(a), np.asarray(b))
+    return bool(a is b or a == b)

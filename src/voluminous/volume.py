@@ -17,6 +17,7 @@ from .errors import InputError, unknown_name
 from .evaluation import Evaluation
 from .expressions import DerivedField, Expression, derived_field, required_names
 from .fields import (
+    check_order,
     checked_array,
     checked_grid,
     checked_name,
@@ -200,6 +201,7 @@ class Volume(Evaluation, OnOtherCells):
             self._defer(name, value)
             return
         else:
+            check_order(name, value)
             values, unit = split_unit(without_mask(value))
             array = packed(name, values, self.grid)
         self._keep(name, array, unit)
@@ -346,3 +348,14 @@ class Volume(Evaluation, OnOtherCells):
             for name, told in self.describe()["fields"].items()
         )
         return f"<Volume on {self.grid!r}: {listed or 'no fields'}>"
+
+    def _repr_html_(self) -> str:
+        from .regrid.thumbnail import volume_html
+
+        return volume_html(self)
+
+    def _repr_png_(self) -> bytes | None:
+        from .regrid.thumbnail import shown_field, slices_png
+
+        name = shown_field(self)
+        return None if name is None else slices_png(self, name)

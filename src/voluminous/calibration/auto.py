@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_colormap
+from ..colormaps import get_colormap, mapped_colors
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
 from ..media.shaped import Shaped
 from ..volume import Volume
-from .checks import check_volume, positive_opacity, shell_count
+from .checks import check_volume, nothing_to_see, positive_opacity, shell_count
 from .histogram import histogram, is_constant, sampled_values
 from .labels import labels_of
 from .levels import levels
@@ -67,14 +67,13 @@ def auto(
         A sum of `Gaussian` shells whose path lengths fit this volume, in ``expr`` or, where that is
         not negative and spans more than two decades, in ``log10(expr)``. For labels (few whole
         numbers without gaps) one `Rectangle` for each but the background, which `render` draws cell
-        by cell (``scheme="first-order"``); for a constant, one `Rectangle`. The same data gives the
-        same medium.
+        by cell (``scheme="first-order"``). The same data gives the same medium.
 
     Raises
     ------
     InputError
-        If there is no field, or no finite value, or `expr` is neither text nor an expression, or
-        `n` or `opacity` is not positive, or `volume` is no volume.
+        If there is no field, or no finite value, or one value everywhere, or `expr` is neither text
+        nor an expression, or `n` or `opacity` is not positive, or `volume` is no volume.
     UnknownNameError
         If there is no such field or colormap; names the nearest.
 
@@ -102,7 +101,7 @@ def auto(
         raise InputError(f"{scalar.text} has no finite value in this volume; look at another field")
     color = get_colormap(cmap)
     shells, positions = _shells(volume, scalar, values, count)
-    colors = np.asarray(color(positions))[:, :3]
+    colors = mapped_colors(color, positions)
     return _lit(volume, shells, colors, depth)
 
 
@@ -133,8 +132,7 @@ def _shells(
         expr = Expression(f"log10({expr.text})")
         values = sampled_values(volume, expr)  # rounded as they are in cells: ends of the range
     if is_constant(values[0], values[-1]):
-        value = float(values[0])
-        return [_shell(Rectangle, expr, value, 0.5 * abs(value) or 1.0)], np.array([_WARM])
+        raise nothing_to_see(expr, float(values[0]))
     centers, distance = levels(histogram(volume, expr, values), n, signed=signed, floor=floor)
     positions = np.linspace(_WARM, _COOL, n)[::-1]  # a single one is warm
     return [_shell(Gaussian, expr, center, _SIGMA * distance) for center in centers], positions

@@ -69,3 +69,11 @@ def positive_opacity(opacity: Any) -> float:
     if not 0 < depth <= sys.float_info.max:
         raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
     return float(depth)
+
+
+def nothing_to_see(expr: Any, value: float, where: str = "everywhere") -> InputError:
+    """Return the error for an expression that has one value in all of a volume."""
+    return InputError(
+        f"{expr.text} is {value:g} {where}: there is nothing to see. Look at another field, or "
+        "give a medium with numbers of your own: vm.Rectangle, or vm.Colormap with vmin and vmax"
+    )

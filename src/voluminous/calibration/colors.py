@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,7 @@ from ..expressions.interval import Interval
 from ..media import Colormap, Medium
 from ..media.bounds import RangeContext
 from ..volume import Volume
+from .checks import nothing_to_see
 from .samples import pieces
 
 # What is between the ends of the range, of what shows, is all but these parts.
@@ -53,9 +53,9 @@ def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]])
     if color is None or not color.range.is_open:
         return part
     shown = _Shown(volume, part.names, part.visible_in, part.visible_key())
-    modulation = copy.copy(part.modulation)
-    modulation.color = _closed(color, shown, known)
-    return part.changed(modulation=modulation)
+    closed = _closed(color, shown, known)
+    (name,) = (name for name, given in part.arguments().items() if given is color)
+    return part.replace(**{name: closed})
 
 
 @dataclass
@@ -94,8 +94,17 @@ def _range(shown: _Shown, color: Any) -> tuple[float, float]:
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(sizes[order])
     places = np.searchsorted(reached, np.array([_LOWEST, _HIGHEST]) * reached[-1])
+    least = _ROUNDINGS * _eps(shown.volume, color.expr)
+    if isinstance(color, Colormap) and _one_value(values.min(), values.max(), least):
+        where = "wherever it is positive" if color.range.positive else "everywhere"
+        raise nothing_to_see(color.expr, float(values[0]), where)
     low, high = values[order[np.minimum(places, len(values) - 1)]]
-    return _rounded(float(low), float(high), _ROUNDINGS * _eps(shown.volume, color.expr))
+    return _rounded(float(low), float(high), least)
+
+
+def _one_value(low: float, high: float, least: float) -> bool:
+    """Return whether two values differ by no more than a part of them."""
+    return not high - low > least * max(abs(low), abs(high))
 
 
 def _eps(volume: Volume, expr: Expression) -> float:
@@ -131,7 +140,7 @@ def _rounded(low: float, high: float, least: float) -> tuple[float, float]:
 
     What is wide by no more than a part `least` of its ends is one value.
     """
-    if not high - low > least * max(abs(low), abs(high)):
+    if _one_value(low, high, least):
         aside = 0.5 * abs(low) or 1.0
         return low - aside, high + aside
     first, last = (_to_digits(value, high - low) for value in (low, high))

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from ..errors import unknown_name
+from ..packages import install_line
 
 if TYPE_CHECKING:
     from ..io import Reader
@@ -53,7 +54,7 @@ def _one(reader: Reader) -> Iterator[str]:
     yield f"  files: {_files(reader)}; {'read and written' if _writes(reader) else 'read'}"
     if needs := _needs(reader):
         yield f"  needs: {needs}"
-        yield f'    pip install "voluminous[{reader.extra}]"' if reader.extra else ""
+        yield f"    {install_line(reader.extra)}" if reader.extra else ""
     yield from _options("options (--set KEY=VALUE, voluminous.open)", reader.options)
     yield from _options(
         "options for writing (voluminous.io.save)", getattr(reader, "write_options", {})

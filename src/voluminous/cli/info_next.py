@@ -58,9 +58,12 @@ def _sections(volume: Volume, name: str) -> dict[str, Any]:
 
 def _told(part: Any, volume: Volume) -> dict[str, Any]:
     """Return a shell as plain values with few digits, lengths and places with their unit."""
+    from ..expressions import is_dex
+
     told = {key: value for key, value in part.describe().items() if value is not None}
     width = next(told[key] for key in _WIDTHS if key in told)
     unit = volume.expression_unit(part.expr)
+    unit = None if is_dex(unit) else unit  # plain numbers of dex are short
     told["center"] = _with_unit(told["center"], unit, _digits(told["center"], width))
     told |= {key: _with_unit(told[key], unit) for key in _WIDTHS if key in told}
     told["path_length"] = _with_unit(told["path_length"], volume.unit)

@@ -70,8 +70,8 @@ def scene_of(
 ) -> tuple[Scene, str]:
     """Return the scene for a data file, and what was chosen in words.
 
-    Automatic shells of one field, all that shows in the frame; seen obliquely, or as a volume of
-    a patient or of pictures tells.
+    Automatic shells of one field, or all channels of a microscope; all that shows in the frame,
+    seen obliquely, or as a volume of a patient or of pictures tells.
 
     Parameters
     ----------
@@ -86,18 +86,22 @@ def scene_of(
     VoluminousError
         If the file cannot be read, or the expression names something that is not there.
     """
-    from ..calibration import auto
+    from ..calibration import auto, presets
     from ..rendering import framed
+    from ..rendering.first_medium import has_channels
     from ..scene import Scene
     from .choice import first_field
 
     data = DataFile.given(args.scene, args.format, options)
     found = opened(data, args.field)
     volume, there = found.volume, found.volume.fields
-    shown = args.field or first_field(volume)
     if args.levels is not None and args.levels < 1:
         raise InputError(f"--levels is the number of shells, at least 1, got {args.levels}")
-    medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
+    if args.field is None and args.levels is None and has_channels(volume):
+        medium = presets.fluorescence(volume)
+    else:
+        shown = args.field or first_field(volume)
+        medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
     camera, view = {**_angles(args, given), "resolution": PIXELS}, getattr(args, "view", None)
     if not _is_other(given):
@@ -138,7 +142,11 @@ def _angles(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any
 def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterable[str]) -> str:
     """Return field, levels and camera in words, and how to change them."""
     parts: list[Any] = list(medium.components())
-    text = f"{parts[0].expr.text}: {_count(medium)} {_listed(f'{p.center:.4g}' for p in parts)}"
+    if hasattr(parts[0], "center"):
+        levels = _listed(f"{p.center:.4g}" for p in parts)
+        text = f"{parts[0].expr.text}: {_count(medium)} {levels}"
+    else:
+        text = f"channels {_listed(p.expr.text for p in parts)}"
     units = [f"{name} in {unit}" for name, unit in volume.units.items() if unit]
     text += f" ({', '.join(units)})" if units else ""
     if "incl" in camera and "phi" in camera:

@@ -449,6 +449,7 @@ def _is_angle(unit: Any) -> bool:
     return bool(not is_dex(unit) and unit.is_equivalent(_radian()))
 
 
+@functools.lru_cache(maxsize=64)  # comparing units takes 0.3 ms
 def _is_radian(unit: Any) -> bool:
     return unit is not None and unit == _radian()
 

@@ -33,12 +33,16 @@ from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
 from .raw.reader import RawReader
 from .scanners.dicom import DICOMReader
+from .scanners.imaris import ImarisReader
 from .scanners.itk import ITKReader
 from .scanners.metaimage import MetaImageReader
+from .scanners.mrc import MRCReader
+from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
 from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
 from .scanners.pictures import PicturesReader
 from .scanners.tiff import TIFFReader
+from .vtk.anything import PyVistaReader
 from .vtk.hdf import VTKHDFReader
 from .vtk.legacy import VTKReader
 from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
@@ -68,14 +72,21 @@ READERS: tuple[Reader, ...] = (
     PhantomReader(),
     OpenPMDReader(),
     YtReader(),
+    MINCReader(),
     NeXusReader(),
+    PyVistaReader(),  # CGNS and Exodus are in HDF5 and NetCDF
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),
     ZarrReader(),
     DICOMReader(),
     ITKReader(),
+    ImarisReader(),
     NIfTIReader(),
+    MRCReader(),
+    MGHReader(),
+    AFNIReader(),
+    PARRECReader(),
     NRRDReader(),
     MetaImageReader(),
     TIFFReader(),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, UnknownNameError, unknown_name
+from ..notebook import page, table
 from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
 from ..units import parse_unit
@@ -68,6 +69,12 @@ class Measurement(Mapping[str, Any]):
         width = max(map(len, self.totals))
         lines = [f"{name:{width}}  {value:.8g}" for name, value in self.totals.items()]
         return "\n".join([*lines, f"in {self.cells} cells, volume {self.volume:.6g}"])
+
+    def _repr_html_(self) -> str:
+        rows = [(name, f"{value:.8g}") for name, value in self.totals.items()]
+        rows += [("volume", f"{self.volume:.6g}"), ("cells", str(self.cells))]
+        rows += [(f"cells without {name}", str(n)) for name, n in self.missing.items() if n]
+        return page("Measurement", table(rows))
 
 
 @with_progress

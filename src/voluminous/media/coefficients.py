@@ -44,6 +44,9 @@ class Coefficients(Medium):
         One expression (grey) or one per channel: inverse lengths, or plain numbers per unit length
         of the volume.
 
+    For the integral of a field along rays, such as a column density, take `voluminous.column` or
+    `voluminous.measure`: an extinction absorbs, and a density needs an opacity to be one.
+
     Raises
     ------
     InputError
@@ -62,7 +65,15 @@ class Coefficients(Medium):
         self.emissivity = _expressions(emissivity, "emissivity")
         self.extinction = _expressions(extinction, "extinction")
         self.channels = len(self.emissivity)
-        if len(self.extinction) not in (1, self.channels):
+        count = len(self.extinction)
+        if self.channels == 1 and count > 1:
+            words = {2: "two", 3: "three", 4: "four"}.get(count, str(count))
+            example = ", ".join([repr(self.emissivity[0].text)] * count)
+            raise InputError(
+                f"one emissivity goes with one extinction, got {count}: give {words} emissivities, "
+                f"one per channel, such as [{example}]"
+            )
+        if count not in (1, self.channels):
             raise InputError(
                 f"extinction must be one expression (grey) or {self.channels} (one per channel), "
                 f"got {len(self.extinction)}"

@@ -94,7 +94,8 @@ class ColorBy(Value):
 
     def within(self, low: float, high: float, unit: Any) -> ColorBy:
         """Return it with what is not given of the range, in the unit of the expression."""
-        return self.changed(range=self.range.closed(low, high, unit))
+        closed = self.range.closed(low, high, unit)
+        return self.replace(vmin=closed.vmin, vmax=closed.vmax)
 
     def colors(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import colormap_name, get_colormap
+from ..colormaps import colormap_name, get_colormap, mapped_colors
 from ..errors import InputError
 from ..units import plain, unit_of
 from .given import named, scalar, whole_number
@@ -56,7 +56,7 @@ class ColorScale:
             raise InputError(f"vmin must be below vmax, got {vmin} and {vmax}")
         self.position = np.linspace(0.0, 1.0, _entries(samples))
         self.values = values_at(self.position, norm, low, high)
-        self.rgb = np.asarray(get_colormap(cmap)(self.position), dtype=np.float64)[:, :3]
+        self.rgb = mapped_colors(get_colormap(cmap), self.position)
         self._described = _described(cmap, vmin, vmax, norm, samples)
 
     def describe(self) -> dict[str, Any]:

@@ -84,8 +84,7 @@ class Colormap(Table):
     def within(self, low: float, high: float, unit: Any) -> Colormap:
         """Return it with what is not given of the range, in the unit of the expression."""
         closed = self.range.closed(low, high, unit)
-        own, values = self.plain_values(_values(closed.scale))
-        return self.changed(range=closed, unit=own, values=values)
+        return self.replace(vmin=closed.vmin, vmax=closed.vmax)
 
     def nodes(self, context: Context) -> np.ndarray:
         """Return the values of the entries in the unit of the expression.

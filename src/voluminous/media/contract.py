@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..notebook import picture
 from ..value import Value
 from .context import Context, no_unit
 
@@ -389,6 +391,70 @@ class Medium(Value):
         # sum([...]) starts from 0.
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
+    def __call__(self, values: Any) -> tuple[Any, Any]:
+        """Return j and α per unit length at values of what the medium looks at.
+
+        Parameters
+        ----------
+        values : array_like, Quantity or dict of str to these
+            Values of the one expression that it is a function of; or of all fields that it looks
+            at (or whole expressions) by name, of one shape.
+
+        Returns
+        -------
+        j : float64 array or Quantity, shape (channel, …)
+        alpha : float64 array or Quantity, shape (…) if it is grey, else (channel, …)
+            With units where lengths or fields have units; per path length if it is ``"auto"``.
+
+        Raises
+        ------
+        InputError
+            If values of something that it looks at are missing, or some path lengths are
+            ``"auto"`` and others are not.
+        UnitsError
+            If units do not fit.
+
+        Examples
+        --------
+        >>> import voluminous as vm
+        >>> j, alpha = vm.Gaussian("density", 2.0, 0.5, (1.0, 0.5, 0.0), 0.3)([1.5, 2.0])
+        >>> j.shape, alpha.round(4)
+        ((3, 2), array([0.182, 0.3  ]))
+        """
+        return self._transfer().evaluate(self, values)
+
+    def plot(self, volume: Any = None, ax: Any = None) -> Any:
+        """Draw j and α over the values that the medium looks at, and how many cells have these.
+
+        One panel for each expression. Gates, and colours by other expressions, are named and not
+        drawn. Where the medium is a function of several fields, medians over the cells are drawn.
+
+        Parameters
+        ----------
+        volume : Volume, optional
+            What is ``"auto"`` or open is measured in it, as in `calibrate`. Without it there is no
+            histogram, and what one path length shows is drawn.
+        ax : matplotlib Axes or sequence of them, optional
+            Where to draw; one is divided if there are several panels. Default: a new figure, shown
+            by notebooks and ``plt.show()`` if pyplot is in use.
+
+        Returns
+        -------
+        matplotlib Axes, or an array of them if there are several panels
+            For j, on the left; α, on the right, has axes of its own.
+
+        Raises
+        ------
+        InputError
+            If there is nothing to see in the volume, or without one, no range of values.
+        """
+        return self._transfer().plot(self, volume, ax)
+
+    @staticmethod
+    def _transfer() -> Any:
+        # What measures volumes is above media, and asked for by name alone.
+        return importlib.import_module("voluminous.calibration.transfer")
+
     @staticmethod
     def from_function(
         function: Callable[..., Any],
@@ -404,6 +470,19 @@ class Medium(Value):
 
         return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
 
+    def _repr_png_(self) -> bytes | None:
+        """Return a swatch of the transfer function, as far as no volume is needed for it."""
+        found: bytes | None = self._transfer().swatch(self)
+        return found
+
+    def _swatch(self) -> str:
+        data = self._repr_png_()
+        if data is None:
+            return ""
+        return picture(data, self._transfer().swatch_title(self))
+
     def __repr__(self) -> str:
-        described = ", ".join(f"{k}={v!r}" for k, v in self.describe().items() if k != "type")
-        return f"{type(self).__name__}({described})"
+        given = self.arguments()
+        told = {k: v for k, v in self.describe().items() if k != "type"}
+        told |= {k: given[k] for k in told if isinstance(given.get(k), Value)}
+        return f"{type(self).__name__}({', '.join(f'{k}={v!r}' for k, v in told.items())})"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_color
+from ..colormaps import get_color, without_alpha
 from ..errors import InputError
 from ..units import as_given, is_quantity, parse_unit, unit_name, unit_of
 
@@ -93,7 +93,9 @@ def color_values(color: Any) -> tuple[float, ...]:
     InputError, UnknownNameError
         If it is neither.
     """
-    return get_color(color) if isinstance(color, str) else channel_values(color, "color")
+    if isinstance(color, str):
+        return get_color(color)
+    return channel_values(without_alpha(color, "color"), "color")
 
 
 def check_plain(value: Any, what: str) -> None:

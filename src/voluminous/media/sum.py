@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..notebook import page, table
 from .context import Context
 from .contract import Coefficients, Medium
 from .sampled import Sampled
@@ -184,6 +185,10 @@ class Sum(Medium):
     def describe(self) -> dict[str, Any]:
         """Return the parts as plain values."""
         return {"type": "sum", "parts": [part.describe() for part in self.parts]}
+
+    def _repr_html_(self) -> str:
+        rows = ((repr(part),) for part in self.parts)
+        return page("Sum", self._swatch(), table(rows))
 
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_color, get_colormap, is_color
+from ..colormaps import get_color, get_colormap, is_color, is_name_and_alpha, mapped_colors
 from ..errors import InputError, UnknownNameError
 from .color_by import ColorBy
 from .given import channel_values, check_extinction, color_values, listed, scalar
@@ -50,7 +50,7 @@ def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
     """Return one colour per level."""
     if isinstance(color, str) and not (count == 1 and is_color(color)):
         return _mapped(color, count)
-    several = listed(color) and len(color)
+    several = listed(color) and len(color) and not is_name_and_alpha(color)
     nested = several and (np.ndim(color[0]) == 1 or isinstance(color[0], str))
     rows = [color_values(row) for row in (color if nested else [color] * count)]
     if len(rows) != count or len({len(row) for row in rows}) != 1:
@@ -70,7 +70,7 @@ def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
             return (get_color(name),) * count
         raise
     places = np.linspace(0.3, 1.0, count) if count > 1 else np.array([1.0])
-    return tuple(tuple(map(float, row[:3])) for row in colormap(places))
+    return tuple(tuple(map(float, row)) for row in mapped_colors(colormap, places))
 
 
 def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[float, ...], ...]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..colormaps import without_alpha
 from ..errors import InputError
 from .color_by import ColorBy
 from .given import check_plain, color_values, listed
@@ -37,6 +38,8 @@ def given_colors(colors: Any, rows: int) -> np.ndarray:
         colors = [color_values(color) for color in colors]
         if len({len(color) for color in colors}) > 1:
             raise InputError("colors given by names go with others of red, green and blue only")
+    if np.ndim(colors) > 1:
+        colors = without_alpha(colors, "colors")
     return given_columns(colors, rows, "colors")
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..colormaps import is_name_and_alpha
 from ..errors import InputError
 from .contract import Layers, SceneObject
 from .lattices import level_count
@@ -130,7 +131,7 @@ def _chosen(levels: Any, count: int) -> list[int]:
 
 def _several(colors: Any) -> bool:
     """Return True for a list of colours: of names, or of channels."""
-    return not isinstance(colors, str) and (
+    return not (isinstance(colors, str) or is_name_and_alpha(colors)) and (
         np.ndim(colors) == 2 or (np.ndim(colors) == 1 and isinstance(colors[0], str))
     )
 

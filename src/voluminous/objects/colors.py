@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..colormaps import get_color
+from ..colormaps import get_color, is_name_and_alpha, without_alpha
 from ..errors import InputError
 from ..units import plain, unit_of
 
@@ -28,6 +28,7 @@ def check_colors(colors: Any, count: int, what: str) -> None:
     if _named(colors):
         _rgb(colors, count, what)
         return
+    colors = without_alpha(colors, what)
     array = np.asarray(plain(colors, unit_of(colors), what), dtype=np.float64)
     if not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be finite")
@@ -53,14 +54,15 @@ def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: A
     InputError
         If names or numbers do not fit the channels.
     """
+    own = view.channels if thing.channel is None else 1
     if _named(colors):
         if view.channels != 3 or thing.channel is not None:
             place = "one channel" if thing.channel is not None else f"{view.channels} channel(s)"
             raise InputError(f"colors: names are red, green and blue; in {place} give numbers")
         array = _rgb(colors, count, "colors")
     else:
+        colors = colors if own == 4 else without_alpha(colors, "colors")
         array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
-    own = view.channels if thing.channel is None else 1
     array = array if array.ndim else np.full(own, float(array))
     if array.shape[-1] not in (1, own):
         raise InputError(
@@ -74,6 +76,8 @@ def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: A
 
 
 def _named(colors: Any) -> bool:
+    if is_name_and_alpha(colors):  # which is refused, or a colour
+        return False
     return isinstance(colors, str) or (
         isinstance(colors, (list, tuple, np.ndarray))
         and np.ndim(colors) > 0

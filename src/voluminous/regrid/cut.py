@@ -10,7 +10,9 @@ import numpy as np
 from ..colormaps import get_colormap
 from ..errors import InputError, immutable
 from ..figures import add_color_bar, new_figure
+from ..notebook import page, picture
 from ..units import plain, unit_name
+from .thumbnail import values_png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,6 +109,13 @@ class Slice:
         pairs = zip(("vmin", "vmax"), limits, strict=True)
         unit = self.unit or None
         return [None if v is None else float(plain(v, unit, what)) for what, v in pairs]
+
+    def _repr_png_(self) -> bytes | None:
+        return values_png([self.values]) if self.values.ndim == 2 else None
+
+    def _repr_html_(self) -> str:
+        data = self._repr_png_()
+        return page("Slice", picture(data, repr(self)) if data else repr(self))
 
     def __repr__(self) -> str:
         ny, nx = self.values.shape[-2:]

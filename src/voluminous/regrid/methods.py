@@ -233,7 +233,7 @@ def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
     if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):
         # Where the patient's axes are is then not known either.
         del meta["direction"]
-        meta.pop("space", None)
+        meta.pop("orientation", None)
     return meta
 
 

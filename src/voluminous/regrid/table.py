@@ -72,7 +72,7 @@ def _united(values: np.ndarray, unit: Any) -> Any:
         return values
     from astropy import units as u
 
-    return u.Quantity(values, unit, copy=False)
+    return u.Quantity(values, unit, copy=False, subok=True)
 
 
 def _pandas() -> Any:

@@ -15,8 +15,7 @@ def first_medium(volume: Volume) -> Medium:
 
     The former takes a second for a million cells of patches, the picture itself a tenth.
     """
-    channels = volume.meta.get("channels") or {}
-    if len(volume.fields) > 1 and all(name in channels for name in volume.fields):
+    if has_channels(volume):
         return presets.fluorescence(volume)
     found = Store(volume).get(_key(volume))
     if found is None:
@@ -24,6 +23,12 @@ def first_medium(volume: Volume) -> Medium:
         Store(volume).keep(_key(volume), found)  # fields may have been read only now
     medium: Medium = found
     return medium
+
+
+def has_channels(volume: Volume) -> bool:
+    """Return whether all fields are channels of a microscope, several of them."""
+    channels = volume.meta.get("channels") or {}
+    return len(channels) > 1 and all(name in channels for name in volume.fields)
 
 
 def _key(volume: Volume) -> Any:

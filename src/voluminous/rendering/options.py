@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..colormaps import without_alpha
 from ..errors import InputError, check_name, unknown_name
 from ..geometry import CARTESIAN, many_valued
 from ..memory import check_memory
@@ -221,6 +222,8 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
         raise InputError(
             f"background must be plain numbers, in the unit of the image's intensity, got {given}"
         )
+    if np.shape(given) == (4,) and channels == 3:
+        given = without_alpha(given, "background")
     try:
         array = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

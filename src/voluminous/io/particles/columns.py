@@ -95,7 +95,7 @@ def with_unit(values: np.ndarray, unit: Any) -> Any:
         return values
     from astropy import units as u
 
-    return u.Quantity(values, unit, copy=False)
+    return u.Quantity(values, unit, copy=False, subok=True)
 
 
 def placed(points: Any, masses: Any, unit: Any, **placing: Any) -> Deposit:

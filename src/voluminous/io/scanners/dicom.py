@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,11 @@ from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit
 from ..guard import reading
 from .dicom_directory import images_named, is_directory
-from .dicom_file import MAGIC, PREAMBLE, is_dicom, quiet, read_head
+from .dicom_file import is_dicom, quiet, read_head, starts_dicom
 from .dicom_frames import Frame, frames_of
 from .dicom_pixels import read_values, value_type
 from .dicom_stack import stacked
+from .heads import by_library
 from .voxels import VoxelReader, Voxels
 
 # So many files of a directory are looked at: other directories are left alone quickly.
@@ -45,7 +47,7 @@ class DICOMReader(VoxelReader):
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for a DICOM file, or a directory in which they lie."""
         if head:
-            return head[PREAMBLE:].startswith(MAGIC)
+            return starts_dicom(head)
         try:
             return path.is_dir() and any(is_dicom(file) for file in islice(_files(path), _FEW))
         except OSError:
@@ -55,6 +57,8 @@ class DICOMReader(VoxelReader):
         """Return what the heads of all slices tell."""
         head, frames = _frames(path, series)
         slices, placement, times = stacked(frames, time)
+        if head.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
+            placement = replace(placement, space="")
         shape = (int(head.Columns), int(head.Rows), len(slices))
         dtype = value_type(head, slices)
         return Voxels(
@@ -86,7 +90,7 @@ def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
     common = _common_head(heads)
     frames: list[Frame] = []
     for file, head in heads:
-        with reading(file, "a DICOM file"):
+        with reading(file, "a DICOM file"), by_library("pydicom"):
             frames += frames_of(file, head)
     return common, frames
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import mmap
+import struct
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,17 +14,29 @@ from typing import Any
 from ...errors import FileFormatError
 from ...packages import require
 from ..guard import reading
+from .dicom_mosaic import CSA_TAGS, describe_slices, is_mosaic
+from .heads import by_library
 
 PREAMBLE, MAGIC = 128, b"DICM"
+# Bytes that tell whether a file without a preamble is DICOM; the groups that come first; kinds of
+# values (VR) whose length takes four bytes.
+_START, _FIRST_GROUPS, _LONG = (
+    1024,
+    (2, 8),
+    (b"OB", b"OW", b"OF", b"SQ", b"UN", b"UT", b"UC", b"UR"),
+)
 # All that is looked at: parsing the rest of a head takes most of the time.
 _KEYWORDS = (
+    "AnatomicalOrientationType",
     "BitsAllocated",
     "BitsStored",
     "Columns",
     "DoseGridScaling",
     "DoseUnits",
+    "FrameIncrementPointer",
     "GridFrameOffsetVector",
     "HighBit",
+    "ImageType",
     "ImageOrientationPatient",
     "ImagePositionPatient",
     "InstanceNumber",
@@ -69,9 +82,32 @@ def is_dicom(path: Path) -> bool:
     """Return True for a file that starts as DICOM files do."""
     try:
         with open(path, "rb") as file:
-            return file.read(PREAMBLE + len(MAGIC))[PREAMBLE:] == MAGIC
+            return starts_dicom(file.read(_START))
     except OSError:
         return False
+
+
+def starts_dicom(head: bytes) -> bool:
+    """Return True for the first bytes of a DICOM file, with its preamble or without.
+
+    Without, there have to be two elements of low groups in their order.
+    """
+    return head[PREAMBLE:].startswith(MAGIC) or any(_is_bare(head, order) for order in "<>")
+
+
+def _is_bare(head: bytes, order: str) -> bool:
+    at, last, found = 0, (0, 0), 0
+    while found < 3 and at + 12 <= len(head):
+        tag = struct.unpack_from(f"{order}2H", head, at)
+        kind = head[at + 4 : at + 6]
+        explicit = kind.isalpha() and kind.isupper()
+        long = explicit and kind in _LONG
+        where = (8 if long else 6 if explicit else 4) + at
+        (size,) = struct.unpack_from(order + ("H" if explicit and not long else "I"), head, where)
+        if tag[0] not in _FIRST_GROUPS[: None if found else 2] or tag <= last:
+            return False
+        at, last, found = at + (12 if long else 8) + size, tag, found + 1
+    return found > 1
 
 
 def read_head(path: Path) -> Any:
@@ -82,7 +118,12 @@ def read_head(path: Path) -> Any:
     FileFormatError
         If it is damaged.
     """
-    return _read(path, _KEYWORDS, stop_before_pixels=True)
+    head = _read(path, _KEYWORDS, stop_before_pixels=True)
+    if is_mosaic(head):
+        private = _read(path, CSA_TAGS, stop_before_pixels=True)
+        with by_library("nibabel"):
+            describe_slices(head, private)
+    return head
 
 
 def read_whole(path: Path) -> Any:
@@ -118,13 +159,22 @@ def check_size(path: Path, head: Any, frames: int) -> None:
         )
 
 
-def _read(path: Path, keywords: tuple[str, ...], **options: Any) -> Any:
+def _read(path: Path, keywords: tuple[str | int, ...], **options: Any) -> Any:
     pydicom = require("pydicom", "medical", "reading DICOM")
-    with reading(path, "a DICOM file"), _bounded(path) as file:
-        head = pydicom.dcmread(file, specific_tags=list(keywords), **options)
+    with reading(path, "a DICOM file"), by_library("pydicom"), _bounded(path) as file:
+        bare = not file[PREAMBLE:].startswith(MAGIC) and starts_dicom(file[:_START])
+        head = pydicom.dcmread(file, specific_tags=list(keywords), force=bare, **options)
+        if "TransferSyntaxUID" not in head.file_meta:
+            head.file_meta.TransferSyntaxUID = _NATIVE[_encoding(head)]
         if str(head.file_meta.get("TransferSyntaxUID", "")) == _DEFLATED:
             raise FileFormatError("deflated DICOM is not read; convert it with 'dcmconv +te'")
     return head
+
+
+def _encoding(head: Any) -> int:
+    """Return which of the native encodings a head without group 2 is in, as pydicom has seen."""
+    implicit, little = head.original_encoding
+    return 0 if implicit else 1 if little else 2
 
 
 @contextlib.contextmanager

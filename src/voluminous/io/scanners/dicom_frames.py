@@ -12,6 +12,8 @@ from ...errors import FileFormatError
 from .dicom_file import check_size
 
 _MOST_FRAMES = 100_000
+# What differs between frames: FrameTime or FrameTimeVector.
+_FILM = {0x00181063, 0x00181065}
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,10 @@ def _groups(head: Any, count: int) -> tuple[list[Any], list[Any]]:
 
 def _offset_frames(head: Any, count: int) -> list[Any]:
     """Return stand-ins for the frames of files that tell where the first is: doses, for one."""
+    if _FILM & {int(tag) for tag in np.atleast_1d(head.get("FrameIncrementPointer") or 0)}:
+        raise FileFormatError(
+            f"its {count} frames were taken one after the other (FrameTime): a film, no volume"
+        )
     offsets = _numbers(head, "GridFrameOffsetVector")
     first, axes = _numbers(head, "ImagePositionPatient", 3), _axes(head)
     if offsets is None or first is None or axes is None:

@@ -14,6 +14,8 @@ from ...packages import require
 from ..guard import reading
 from .dicom_file import is_native, quiet, read_whole
 from .dicom_frames import Frame
+from .dicom_mosaic import is_mosaic, tiles
+from .heads import by_library
 
 # The smallest of these that holds all values is taken.
 _WHOLE = ("u1", "i1", "u2", "i2", "u4", "i4", "i8")
@@ -51,7 +53,7 @@ def read_values(frames: Sequence[Frame], shape: tuple[int, ...], dtype: Any) -> 
     out = np.empty(shape[::-1], dtype)
     ordered = sorted(enumerate(frames), key=lambda pair: str(pair[1].path))
     for path, group in groupby(ordered, key=lambda pair: pair[1].path):
-        with reading(path, "a DICOM image"):
+        with reading(path, "a DICOM image"), by_library("pydicom"):
             stored = _stored_pixels(path, shape)
         for k, frame in group:
             _rescale(stored[frame.number], frame, out[k])
@@ -63,6 +65,8 @@ def _stored_pixels(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     whole = read_whole(path)
     _check_decoder(whole)
     pixels = np.asarray(whole.pixel_array)
+    if is_mosaic(whole):
+        pixels = tiles(pixels, shape[1::-1])
     pixels = pixels if pixels.ndim == 3 else pixels[None]
     if pixels.shape[1:] != shape[1::-1]:
         raise FileFormatError(

@@ -1,12 +1,14 @@
-"""Heads of lines of text, and the files that they name."""
+"""Heads: lines of text, the files that they name, and what libraries raise over damaged ones."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from ...errors import FileFormatError, InputError
+from ...errors import FileFormatError, InputError, VoluminousError
 from ..payload import inside
 
 # No head that a program wrote is longer; one with a name of a file per slice can be long.
@@ -14,6 +16,37 @@ _LONGEST = 4 << 20
 # The one number that a pattern such as slice%03d.raw leaves open.
 _NUMBER = re.compile(r"%(0?)(\d{0,2})[di]")
 _MOST_FILES = 100_000
+_GZIP_MAGIC = b"\x1f\x8b"
+
+
+@contextmanager
+def by_library(name: str) -> Iterator[None]:
+    """Blame the file for whatever a library raises while it reads: sound ones it can read.
+
+    Raises
+    ------
+    FileFormatError
+        In place of any error that is not ours.
+    """
+    try:
+        yield
+    except (VoluminousError, MemoryError, ImportError):
+        raise
+    except Exception as error:
+        raise FileFormatError(
+            f"it is damaged, cut short or of another kind: {name} says {type(error).__name__}: "
+            f"{str(error)[:400]}"
+        ) from error
+
+
+def unpacked_start(head: bytes, size: int) -> bytes:
+    """Return the first bytes of a file as they are when unpacked, if gzip packed it."""
+    if not head.startswith(_GZIP_MAGIC):
+        return head
+    try:
+        return zlib.decompressobj(wbits=31).decompress(head, size)
+    except zlib.error:
+        return b""
 
 
 def head_lines(path: Path, is_last: Callable[[str], bool]) -> tuple[list[str], int, bool]:

@@ -46,6 +46,8 @@ _TYPES = {
     "MET_FLOAT": "f4",
     "MET_DOUBLE": "f8",
 }
+# Either end of an axis by one of them.
+_SIDES = str.maketrans("LPS", "RAI")
 _UNITS = {"um": "um", "mm": "mm", "cm": "cm"}
 
 
@@ -107,6 +109,7 @@ class MetaImageReader(VoxelReader):
             "BinaryData": "True",
             "BinaryDataByteOrderMSB": "False",
             "CompressedData": "False",
+            **({"AnatomicalOrientation": "RAI"} if volume.meta.get("orientation") == LPS else {}),
             "TransformMatrix": _line(placed.units),
             "Offset": _line(placed.origin),
             "ElementSpacing": _line(placed.widths),
@@ -176,7 +179,20 @@ def _placement(head: dict[str, str], ndims: int) -> Placement:
     matrix = numbers(_MATRIX, np.eye(ndims)).reshape(ndims, ndims)
     origin = numbers(_OFFSET, np.zeros(ndims))
     unit = _UNITS.get(head.get("DistanceUnits", ""), "mm")
-    return Placement(origin[:3], matrix[:3, :3] * spacing[:3, None], unit, LPS)
+    steps = matrix[:3, :3] * spacing[:3, None]
+    return Placement(origin[:3], steps, unit, LPS if _is_anatomical(head) else "")
+
+
+def _is_anatomical(head: dict[str, str]) -> bool:
+    """Return True if the coordinates are a patient's: they are LPS then, as ITK's always are.
+
+    The three letters describe the axes of the array by the side they come from (ITK) or lead to
+    (MetaIO's manual); where there is a matrix it says the same without doubt.
+    """
+    letters = head.get("AnatomicalOrientation", "").upper()
+    if _first(head, _MATRIX):
+        return sorted(letters.translate(_SIDES)) == ["A", "I", "R"]
+    return letters in ("RAI", LPS)
 
 
 def _stored(path: Path, head: dict[str, str], end: int, dtype: np.dtype[Any], count: int) -> Stored:

@@ -1,52 +1,56 @@
-"""NIfTI-1 and NIfTI-2 (.nii, .nii.gz, .hdr with .img): what brain imaging uses."""
+"""NIfTI-1 and NIfTI-2 (.nii, .nii.gz, .hdr with .img), and Analyze 7.5, from which they come.
+
+nibabel reads the head, this package the numbers: no more of them than are used.
+"""
 
 from __future__ import annotations
 
 import gzip
+import math
 import zlib
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError
-from .nifti_head import FIRST, is_head, placement_of, read_head, sizes_of
+from ...packages import require
+from ..payload import checked_shape, unpacked
+from .heads import by_library, unpacked_start
+from .placement import Placement
 from .stored import GZIP, PLAIN, Stored
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
-from .written import lattice, single_field, slabs
+from .written import lattice, single_field
 
 if TYPE_CHECKING:
     from ...volume import Volume
 
 _GZIP_MAGIC = b"\x1f\x8b"
-_TYPES = {
-    2: "u1",
-    4: "i2",
-    8: "i4",
-    16: "f4",
-    64: "f8",
-    256: "i1",
-    512: "u2",
-    768: "u4",
-    1024: "i8",
-    1280: "u8",
+# Bytes of a head.
+_FIRST, _SECOND = 348, 540
+_NIFTI2, _ANALYZE = "nifti2.Nifti2PairHeader", "spm2analyze.Spm2AnalyzeHeader"
+# Where words tell the version, and which; Analyze has none.
+_MAGICS = {
+    "nifti1.Nifti1PairHeader": (344, b"n+1\0", b"ni1\0"),
+    _NIFTI2: (4, b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n"),
 }
-# Bytes of red, green and blue (and opacity) side by side.
-_COLORED = {128: 3, 2304: 4}
+# Bits of a voxel by the code of its type, which must agree in a head without a magic word.
+_BITS = {2: 8, 4: 16, 8: 32, 16: 32, 64: 64, 128: 24, 130: 8, 132: 16, 136: 32}
+_SINGLE = {b"n+1": _FIRST + 4, b"n+2": _SECOND + 4}
 _VECTORS = (1006, 1007)  # intents: displacements, and vectors
-_GAP = 4
-_HEAD_AND_GAP = FIRST.itemsize + _GAP
+_UNITS = {1: "m", 2: "mm", 3: "um"}
 _LARGEST_SIZE = 32767
-_IN_MM, _SCANNER = 2, 1
 
 
 class NIfTIReader(VoxelReader):
-    """A NIfTI image: three dimensions, perhaps with time and components."""
+    """An image of three dimensions, perhaps with time and components."""
 
     name = "nifti"
-    description = "a NIfTI image (.nii, .nii.gz)"
+    description = "a NIfTI or Analyze image (.nii, .nii.gz, .hdr with .img)"
     suffixes = (".nii", ".nii.gz", ".hdr", ".img")
     write_suffixes = (".nii", ".nii.gz")
+    packages = ("nibabel",)
+    extra = "medical"
     options = {  # noqa: RUF012 - as in Reader
         **VoxelReader.options,
         "time": "number of the time step, from 0, of a file with several",
@@ -54,31 +58,39 @@ class NIfTIReader(VoxelReader):
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a head of either version, packed or not, or for data beside one."""
-        return is_head(_plain_start(head)) or (_is_data(path) and _has_head(path))
+        """Return True for a head of any version, packed or not, or for data beside one."""
+        return bool(_kind(unpacked_start(head, _SECOND))) or (_is_data(path) and _has_head(path))
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         """Return what the head tells."""
         head_path, data_path = _pair(path)
-        head = read_head(head_path)
-        shape, times, count = sizes_of(head)
-        dtype, colors = _dtype(head)
-        size = int(np.prod(shape, dtype=object)) * colors
+        head = _read_head(head_path)
+        with by_library("nibabel"):
+            shape, times, count = _sizes(head)
+            dtype, placement = head.get_data_dtype(), _placement(head)
+            slope, intercept = head.get_slope_inter()
+            slope, intercept = (1.0, 0.0) if slope is None else (slope, intercept or 0.0)
+        colors = len(dtype.names or (0,))
+        dtype = np.dtype(np.uint8) if colors > 1 else dtype
+        if dtype.kind not in "iuf" or dtype.itemsize > 8:
+            raise FileFormatError(
+                f"datatype {head['datatype']}: expected real numbers of up to 64 bits, got {dtype}"
+            )
+        size = math.prod(shape) * colors
         stored = _stored(data_path, head, dtype, size * times * count).check()
         step = time_step(time, times)
-        slope, intercept = _scaling(head)
 
         def load(number: int) -> np.ndarray:
             part, color = divmod(number, colors)
             block = stored.read((part * times + step) * size, (*shape[::-1], colors))
             return _scaled(block[..., color].transpose(), slope, intercept)
 
-        vector = VECTOR if count == 3 and head["intent_code"] in _VECTORS else ()
+        vector = VECTOR if count == 3 and _code(head, "intent_code") in _VECTORS else ()
         scaled = _scaled(np.zeros(1, dtype.newbyteorder("=")), slope, intercept)
         return Voxels(
             shape=shape,
             dtype=scaled.dtype,
-            placement=placement_of(head),
+            placement=placement,
             load=load,
             components=("",)
             if count * colors == 1
@@ -91,21 +103,38 @@ class NIfTIReader(VoxelReader):
         values = volume.array(single_field(volume, "a NIfTI image"))
         if not path.name.lower().endswith((".nii", ".gz")):
             raise InputError(f"give a name that ends with .nii or .nii.gz, got {path.suffix!r}")
-        head = _head_of(volume, values).tobytes()
-        with _written(path) as file:
-            file.write(head.ljust(_HEAD_AND_GAP, b"\0"))
-            for slab in slabs(values):
-                file.write(slab)
+        if max(values.shape) > _LARGEST_SIZE:
+            raise InputError(
+                f"NIfTI-1 holds up to {_LARGEST_SIZE} voxels along an axis, got {values.shape}"
+            )
+        nibabel = require("nibabel", "medical", "writing NIfTI")
+        placed = lattice(volume, "mm")
+        affine = np.eye(4)
+        affine[:3] = np.column_stack([placed.steps.T, placed.origin])
+        values = values.view(np.uint8) if values.dtype == np.bool_ else values
+        image = nibabel.Nifti1Image(values, np.diag([-1, -1, 1, 1]) @ affine, dtype=values.dtype)
+        image.set_sform(image.affine, code="scanner")
+        image.set_qform(None, code="unknown")
+        image.header.set_xyzt_units("mm")
+        with (gzip.open if path.suffix.lower() == ".gz" else open)(path, "wb") as file:
+            image.to_stream(file)
 
 
-def _plain_start(head: bytes) -> bytes:
-    """Return the first bytes as they are when unpacked."""
-    if not head.startswith(_GZIP_MAGIC):
-        return head
-    try:
-        return zlib.decompressobj(wbits=31).decompress(head, _HEAD_AND_GAP)
-    except zlib.error:
-        return b""
+def _kind(start: bytes) -> str:
+    """Return nibabel's class for a head that starts so; the empty string for none."""
+    for kind, (at, *words) in _MAGICS.items():
+        if start[at:].startswith(tuple(words)):
+            return kind
+    if len(start) < _FIRST:
+        return ""
+    for order in ("<", ">"):
+        size, dimensions, code, bits = (
+            np.frombuffer(start, f"{order}{kind}", 1, at)[0]
+            for kind, at in (("i4", 0), ("i2", 40), ("i2", 70), ("i2", 72))
+        )
+        if size == _FIRST and 1 <= dimensions <= 7 and _BITS.get(int(code)) == bits:
+            return _ANALYZE
+    return ""
 
 
 def _is_data(path: Path) -> bool:
@@ -123,13 +152,15 @@ def _beside(path: Path, ending: str) -> Path | None:
 
 def _has_head(path: Path) -> bool:
     head = _beside(path, ".hdr")
-    if head is None:
-        return False
     try:
-        with open(head, "rb") as file:
-            return is_head(_plain_start(file.read(_HEAD_AND_GAP)))
-    except OSError:
+        return head is not None and bool(_kind(_start(head)))
+    except (OSError, EOFError, zlib.error):
         return False
+
+
+def _start(path: Path) -> bytes:
+    with unpacked(path) as file:
+        return file.read(_SECOND)
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
@@ -147,34 +178,60 @@ def _pair(path: Path) -> tuple[Path, Path]:
     return path, data
 
 
-def _dtype(head: Any) -> tuple[np.dtype[Any], int]:
-    """Return the type of the numbers in the file, and how many make one voxel."""
-    code = int(head["datatype"])
-    if code not in _TYPES and code not in _COLORED:
-        raise FileFormatError(
-            f"datatype {code} is not known: expected one of {(*_TYPES, *_COLORED)} (real numbers "
-            "of up to 64 bits, or colours)"
-        )
-    order = head.dtype["sizeof_hdr"].byteorder
-    return np.dtype(_TYPES.get(code, "u1")).newbyteorder(order), _COLORED.get(code, 1)
+def _read_head(path: Path) -> Any:
+    with by_library("gzip"):
+        start = _start(path)
+    kind = _kind(start)
+    size = _SECOND if kind == _NIFTI2 else _FIRST
+    if kind and len(start) >= size:
+        module, _, name = kind.partition(".")
+        library = require(f"nibabel.{module}", "medical", "reading NIfTI")
+        head = getattr(library, name)(start[:size], check=False)
+        if head["sizeof_hdr"] == size:
+            return head
+    raise FileFormatError(
+        f"expected the head of NIfTI-1 or Analyze ({_FIRST} bytes) or NIfTI-2 ({_SECOND} bytes), "
+        "but it is damaged or cut short"
+    )
+
+
+def _sizes(head: Any) -> tuple[tuple[int, ...], int, int]:
+    """Return the shape, and how many time steps and components there are."""
+    shape = head.get_data_shape()
+    if not 2 <= head["dim"][0] <= 7:
+        raise FileFormatError(f"dim[0] must be from 2 to 7, got {head['dim'][0]}")
+    sizes = checked_shape(shape, "dim") + (1,) * (7 - len(shape))
+    if math.prod(sizes[5:]) > 1:
+        raise FileFormatError(f"expected x, y, z, time and components at most, got dim {sizes}")
+    return sizes[:3], sizes[3], sizes[4]
+
+
+def _code(head: Any, name: str) -> int:
+    return int(head[name]) if name in head else 0
+
+
+def _placement(head: Any) -> Placement:
+    """Return where the voxels are: by the sform, else the qform, else their widths alone."""
+    unit = _UNITS.get(_code(head, "xyzt_units") & 7, "mm")
+    if _code(head, "sform_code") > 0:
+        affine = head.get_sform()
+    elif _code(head, "qform_code") > 0:
+        affine = head.get_qform()
+    else:  # also Analyze, in which left and right are a matter of belief
+        return Placement(np.zeros(3), np.diag(np.array(head["pixdim"][1:4], float)), unit)
+    return Placement(affine[:3, 3], affine[:3, :3].T, unit, "RAS")
 
 
 def _stored(path: Path, head: Any, dtype: np.dtype[Any], count: int) -> Stored:
     offset = float(head["vox_offset"])
     if not 0 <= offset < 2**53:
         raise FileFormatError(f"vox_offset must be a number of bytes, got {offset}")
-    if offset < head.itemsize and head["magic"].startswith(b"n+"):
-        offset = head.itemsize + _GAP  # some leave it out: data cannot lie in the head
+    # Some leave it out: data cannot lie in the head.
+    magic = bytes(head["magic"])[:3] if "magic" in head else b""
+    offset = max(offset, _SINGLE.get(magic, 0))
     with open(path, "rb") as file:
         packing = GZIP if file.read(2) == _GZIP_MAGIC else PLAIN
     return Stored((path,), dtype, count, packing, skipped=int(offset))
-
-
-def _scaling(head: Any) -> tuple[float, float]:
-    """Return slope and intercept; a slope of zero, or one that is no number, means none."""
-    slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
-    sound = np.isfinite(slope) and np.isfinite(intercept) and slope != 0
-    return (slope, intercept) if sound else (1.0, 0.0)
 
 
 def _scaled(values: np.ndarray, slope: float, intercept: float) -> np.ndarray:
@@ -183,29 +240,3 @@ def _scaled(values: np.ndarray, slope: float, intercept: float) -> np.ndarray:
         return values
     kind = np.float64 if values.dtype == np.float64 else np.float32
     return values.astype(kind) * kind(slope) + kind(intercept)
-
-
-def _head_of(volume: Volume, values: np.ndarray) -> np.ndarray:
-    if max(values.shape) > _LARGEST_SIZE:
-        raise InputError(
-            f"NIfTI-1 holds up to {_LARGEST_SIZE} voxels along an axis, got {values.shape}"
-        )
-    placed = lattice(volume, "mm")
-    dtype = np.dtype(np.uint8) if values.dtype == np.bool_ else values.dtype
-    head = np.zeros((), FIRST.newbyteorder("<"))
-    head["sizeof_hdr"], head["magic"] = FIRST.itemsize, b"n+1\0"
-    head["dim"] = (3, *values.shape, 1, 1, 1, 1)
-    head["datatype"] = {np.dtype(code): key for key, code in _TYPES.items()}[dtype]
-    head["bitpix"] = 8 * dtype.itemsize
-    head["pixdim"] = (1, *placed.widths, 0, 0, 0, 0)
-    head["vox_offset"], head["scl_slope"] = _HEAD_AND_GAP, 1
-    head["xyzt_units"], head["sform_code"] = _IN_MM, _SCANNER
-    to_ras = np.array([-1.0, -1.0, 1.0])
-    head["srow"] = np.column_stack([(placed.steps * to_ras).T, placed.origin * to_ras])
-    return head
-
-
-def _written(path: Path) -> IO[bytes]:
-    if path.suffix.lower() == ".gz":
-        return gzip.open(path, "wb")  # type: ignore[return-value]
-    return open(path, "wb")

@@ -11,6 +11,7 @@ from ...errors import FileFormatError
 from ..unit_texts import known_unit
 from .heads import data_files, named_files, whole_numbers
 from .nrrd_head import MAGIC, SHORT, Axes, Head, axes_of, placement_of, read_head
+from .placement import LPS
 from .stored import AT_THE_END, BZIP2, GZIP, PLAIN, TEXT, Stored
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
 from .written import lattice, single_field, slabs
@@ -177,7 +178,7 @@ def _head_of(volume: Volume, name: str, values: np.ndarray) -> list[str]:
     """Return the lines of a head; as a patient's space if the volume is in one."""
     placed, unit = lattice(volume), volume.grid.describe()["unit"]
     dtype = np.dtype(np.uint8) if values.dtype == np.bool_ else values.dtype
-    patient = volume.meta.get("space") == "LPS"
+    patient = volume.meta.get("orientation") == LPS
     lines = [
         "NRRD0005",
         f"type: {_SIGNED[dtype.str[1:]][-1]}",

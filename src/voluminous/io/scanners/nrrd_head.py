@@ -190,21 +190,24 @@ def placement_of(head: Head, axes: Axes) -> Placement:
 
 
 def _along_axes(head: Head, axes: Axes, space: str) -> Placement:
-    """Return the placement by a spacing and a lowest position for each axis."""
-    count = len(head.sizes)
+    """Return the placement by a spacing, and the lowest and highest position, of each axis."""
+    count, places = len(head.sizes), list(axes.space)
 
-    def along(name: str, default: float) -> np.ndarray:
+    def along(name: str) -> np.ndarray:
         words = head.words(name, count)
-        return np.array(
-            [real_numbers(words[k], name, 1)[0] if words[k] else default for k in axes.space]
-        )
+        return np.array([real_numbers(words[k] or "nan", name, 1)[0] for k in places])
 
-    spacing, low = along("spacings", 1.0), along("axismins", 0.0)
-    in_cells = np.array([head.words("centers", count)[k].lower() == "cell" for k in axes.space])
-    # The lowest position is a wall of cells, or the first sample.
-    origin = np.where(in_cells & np.isfinite(low) & bool(head.get("axismins")), 0.5, 0.0)
-    origin = np.where(np.isfinite(low), low, 0.0) + origin * spacing
-    units = [length_unit(head.words("units", count)[k]) for k in axes.space]
+    sizes = np.array(head.sizes)[places]
+    spacing, low, high = along("spacings"), along("axismins"), along("axismaxs")
+    centers = head.words("centers" if head.get("centers") else "centerings", count)
+    # Positions are those of the outer walls of cells, by Teem's default too, or of nodes.
+    at_nodes = np.array([centers[k].lower() == "node" for k in places])
+    steps = sizes - at_nodes
+    spans = np.where(steps > 0, (high - low) / np.maximum(steps, 1), np.nan)
+    spacing = np.where(np.isfinite(spacing), spacing, np.where(np.isfinite(spans), spans, 1.0))
+    low = np.where(np.isfinite(low), low, high - steps * spacing)
+    origin = np.where(np.isfinite(low), low + np.where(at_nodes, 0.0, 0.5) * spacing, 0.0)
+    units = [length_unit(head.words("units", count)[k]) for k in places]
     factors = np.array([conversion(unit, units[0]) for unit in units])
     unit = units[0] or (space and "mm")
     return Placement(origin * factors, np.diag(spacing * factors), unit, space)

@@ -15,7 +15,7 @@ from ...errors import InputError
 from ..channels import Channel, channel_fields, channel_meta
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
-from .placement import SIGNS, Arrangement, Placement, arranged
+from .placement import LPS, SIGNS, Arrangement, Placement, arranged
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -167,7 +167,7 @@ def _load(voxels: Voxels, arrangement: Arrangement, number: int, sign: float) ->
 
 
 def _orientation(placement: Placement, arrangement: Arrangement) -> dict[str, Any]:
-    told: dict[str, Any] = {"space": "LPS"} if placement.space else {}
+    told: dict[str, Any] = {"orientation": LPS} if placement.space else {}
     if arrangement.direction is not None:
         told["direction"] = arrangement.direction.tolist()
     return told

@@ -7,6 +7,7 @@ VTK draws, since the field between two centres is linear there as it is between 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,12 +20,37 @@ from ..scanners.placement import Arrangement, Placement, arranged
 UPRIGHT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 # Of single precision, as a fraction of the coordinates.
 _ROUNDING = 1e-6
-ADVICE = (
-    "; resample it to image data first: Resample To Image in ParaView, "
-    "pyvista.ImageData(…).sample(mesh) in PyVista"
-)
+ADVICE = "; give resolution=64 (cells along the longest side) to resample it to equal cells"
 # Bytes that walls take while they are made, and walks through them.
 _PER_POINT = 64
+
+
+@dataclass(frozen=True)
+class Even:
+    """Where image data are: what `even_arrangement` asks for."""
+
+    origin: Any
+    spacing: Any
+    direction: Any
+    low: tuple[int, ...]
+    points: tuple[int, ...]
+
+    def __call__(self, at: str, unit: Any) -> Arrangement:
+        """Return where the cells are."""
+        return even_arrangement(
+            self.origin, self.spacing, self.direction, self.low, self.points, at, unit
+        )
+
+
+@dataclass(frozen=True)
+class Uneven:
+    """Where a rectilinear grid is: coordinates along x, y and z."""
+
+    lines: tuple[np.ndarray, ...]
+
+    def __call__(self, at: str, unit: Any) -> Arrangement:
+        """Return where the cells are."""
+        return uneven_arrangement(self.lines, at, unit)
 
 
 def even_arrangement(

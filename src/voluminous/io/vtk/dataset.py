@@ -103,6 +103,8 @@ class Dataset:
         Names of the scalars that are to be shown, at points and in cells.
     meta : dict
         What else is told.
+    low : tuple of three int
+        Index of the first point along each, where this is a piece of something.
     """
 
     points: tuple[int, ...]
@@ -110,6 +112,7 @@ class Dataset:
     arrays: Sequence[Array]
     active: dict[str, str] = field(default_factory=dict)
     meta: dict[str, Any] = field(default_factory=dict)
+    low: tuple[int, ...] = (0, 0, 0)
 
     def shape(self, at: str) -> tuple[int, ...]:
         """Return the number of cells along each index."""

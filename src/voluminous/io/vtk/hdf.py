@@ -18,6 +18,8 @@ from ..hdf5 import data_set, is_hdf5, opened, read
 from ..scanners.placement import Arrangement
 from .axes import ADVICE, UPRIGHT, cell_counts, even_arrangement
 from .dataset import CELL, POINT, Array, Dataset
+from .library import heard, vtk
+from .objects import dataset_of
 from .volumes import OPTIONS, infos, volume_of
 
 if TYPE_CHECKING:
@@ -45,17 +47,31 @@ class VTKHDFReader(Reader):
         except Exception:  # damaged, or another: whoever reads it says so
             return path.suffix.lower() in self.suffixes
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        unit: Any = None,
+        resolution: Any = None,
+        **options: Any,
+    ) -> Volume:
         """Return the volume; values are read when they are used."""
-        return volume_of(_dataset(path), fields, **options)
+        return volume_of(_dataset(path, resolution), fields, unit)
 
-    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+    def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
         """Return the arrays, component by component."""
-        return infos(_dataset(path))
+        return infos(_dataset(path, resolution))
 
 
-def _dataset(path: Path) -> Dataset:
+def _dataset(path: Path, resolution: Any = None) -> Dataset:
     """Return what is in a file as for any file of VTK."""
+    if resolution is not None:
+        reader = vtk("vtkIOHDF").vtkHDFReader()
+        reader.SetFileName(str(path))
+        with heard():
+            reader.Update()
+        return dataset_of(reader.GetOutput(), resolution)
     with opened(path) as file:
         if _ROOT not in file:
             raise FileFormatError(f"expected a group {_ROOT}, there is none")

@@ -6,13 +6,15 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ...errors import FileFormatError, InputError
 from ..guard import placed
 from ..payload import inside
 from .axes import ADVICE
-from .document import Document, document
-from .markup import Element, elements
+from .dataset import Dataset
+from .files import dataset
+from .library import children, needed, tree
 
 # All of these have elements <DataSet> that name files, at any depth.
 _KINDS = (
@@ -35,12 +37,12 @@ class Block:
         return f"{self.name} ({self.path})" if self.name else str(self.path)
 
 
-def names_others(root: Element) -> bool:
+def names_others(root: Any) -> bool:
     """Return True for a file that only names others."""
-    return root.attributes.get("type") in (*_KINDS, _SERIES)
+    return root.GetAttribute("type") in (*_KINDS, _SERIES)
 
 
-def documents(path: Path) -> dict[Block, Document]:
+def datasets(path: Path) -> dict[Block, Dataset]:
     """Return the blocks on regular grids; a warning names those that are none.
 
     Raises
@@ -54,7 +56,7 @@ def documents(path: Path) -> dict[Block, Document]:
     for block in _blocks(path):
         try:
             with placed(block.path.name):
-                found[block] = document(block.path)
+                found[block] = dataset(block.path)
         except FileFormatError:
             raise
         except InputError as error:
@@ -81,9 +83,9 @@ def listed(blocks: list[Block]) -> str:
 
 def _blocks(path: Path) -> list[Block]:
     """Return the files that a file names."""
-    root = elements(path)
-    told = root.attributes.get("type", "")
-    told_of = list(_named(root.needed(told), ""))
+    root = tree(path)
+    told = root.GetAttribute("type")
+    told_of = list(_named(needed(root, told), ""))
     if not told_of:
         raise FileFormatError("it names no files of data")
     if len(told_of) > _MOST_BLOCKS:
@@ -91,28 +93,28 @@ def _blocks(path: Path) -> list[Block]:
     if told == _SERIES:
         _check_times(path, [element for _, element in told_of])
     return [
-        Block(name, path.parent / element.attributes["file"])
+        Block(name, path.parent / element.GetAttribute("file"))
         for name, element in told_of
-        if inside(path.parent, element.attributes["file"])
+        if inside(path.parent, element.GetAttribute("file"))
     ]
 
 
-def _named(element: Element, above: str) -> Iterator[tuple[str, Element]]:
+def _named(element: Any, above: str) -> Iterator[tuple[str, Any]]:
     """Give the elements of files, each with its name: those of the blocks it is in before it."""
-    for child in element.children:
-        own = child.attributes.get("name", "")
+    for child in children(element):
+        own = child.GetAttribute("name") or ""
         name = f"{above}/{own}" if above and own else above or own
-        if child.tag == "DataSet" and child.attributes.get("file"):
+        if child.GetName() == "DataSet" and child.GetAttribute("file"):
             yield name, child
         else:
             yield from _named(child, name)
 
 
-def _check_times(path: Path, sets: list[Element]) -> None:
+def _check_times(path: Path, sets: list[Any]) -> None:
     """Refuse a series of several times: each is a volume."""
-    times = {element.attributes.get("timestep", "0"): element for element in sets}
+    times = {element.GetAttribute("timestep") or "0": element for element in sets}
     if len(times) > 1:
-        lines = [f"  {path.parent / e.attributes['file']} (time {t})" for t, e in times.items()]
+        lines = [f"  {path.parent / e.GetAttribute('file')} (time {t})" for t, e in times.items()]
         more = [f"  … and {len(lines) - _LISTED} more"] if len(lines) > _LISTED else []
         raise InputError(
             f"it is a series of {len(times)} times; open one of them:\n"

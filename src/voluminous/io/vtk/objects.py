@@ -1,4 +1,4 @@
-"""Volumes of VTK's and PyVista's objects: image data, rectilinear grids."""
+"""Volumes of VTK's and PyVista's objects: image data, rectilinear grids, meshes resampled."""
 
 from __future__ import annotations
 
@@ -8,18 +8,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ...packages import require
 from ..unit_texts import known_unit
-from .axes import ADVICE, UPRIGHT, aligned_lines, cell_counts, even_arrangement, uneven_arrangement
+from .axes import ADVICE, UPRIGHT, Even, Uneven, aligned_lines, cell_counts
 from .dataset import CELL, POINT, Array, Dataset, told
-from .meta import plain_value
+from .library import vtk
+from .meshes import resampled
 from .volumes import volume_of
 
 if TYPE_CHECKING:
     from ...volume import Volume
 
+# More are no remark but data.
+_MOST_NUMBERS = 16
+_LONGEST_TEXT = 4096
+_KINDS = ("vtkImageData", "vtkRectilinearGrid", "vtkStructuredGrid")
 
-def from_pyvista(dataset: Any, fields: Any = None, *, unit: Any = None) -> Volume:
+
+def from_pyvista(
+    dataset: Any, fields: Any = None, *, unit: Any = None, resolution: Any = None
+) -> Volume:
     """Return a volume of an object of PyVista or VTK.
 
     Parameters
@@ -34,6 +41,9 @@ def from_pyvista(dataset: Any, fields: Any = None, *, unit: Any = None) -> Volum
         name.
     unit : str or unit, optional
         Of lengths, which VTK does not know.
+    resolution : int or three int, optional
+        Resample to equal cells: so many along the longest side, or along x, y and z. Needed for
+        meshes and curved grids; cells whose centre lies outside of a mesh are NaN.
 
     Returns
     -------
@@ -50,33 +60,41 @@ def from_pyvista(dataset: Any, fields: Any = None, *, unit: Any = None) -> Volum
     >>> mesh = pyvista.examples.load_uniform()  # doctest: +SKIP
     >>> volume = vm.from_pyvista(mesh, "Spatial Point Data")  # doctest: +SKIP
     """
-    return volume_of(_dataset(dataset), fields, unit).load()
+    return volume_of(dataset_of(dataset, resolution), fields, unit).load()
 
 
-def _dataset(dataset: Any) -> Dataset:
-    """Return what an object holds as for any file of VTK."""
-    kinds: dict[str, Callable[[Any], Any]] = {
-        "vtkImageData": _image,
-        "vtkRectilinearGrid": _rectilinear,
-        "vtkStructuredGrid": _structured,
-    }
-    is_a = getattr(dataset, "IsA", lambda name: False)
-    kind = next((kind for kind in kinds if is_a(kind)), None)
+def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset:
+    """Return what an object holds as for any file of VTK.
+
+    Raises
+    ------
+    InputError
+        If it is no regular grid and no resolution is given, or there is nothing in it.
+    """
+    if not hasattr(dataset, "IsA"):
+        raise InputError(f"expected an object of PyVista or VTK, got {type(dataset).__name__}")
+    if resolution is not None:
+        dataset = resampled(dataset, resolution)
+    kind = next((kind for kind in _KINDS if dataset.IsA(kind)), None)
     if kind is None:
         raise InputError(
-            "expected image data or a rectilinear grid of PyVista or VTK, got "
-            f"{type(dataset).__name__}{ADVICE if hasattr(dataset, 'IsA') else ''}"
+            f"expected image data or a rectilinear grid, got {type(dataset).__name__}{ADVICE}"
         )
     points = _points(dataset)
     if min(points) < 1:
         raise InputError(f"the {type(dataset).__name__} is empty: it has {points} points")
-    arrays = list(_arrays(dataset, points))
+    makers: dict[str, Callable[[Any], Any]] = dict(
+        zip(_KINDS, (_image, _rectilinear, _structured), strict=True)
+    )
+    place = makers[kind](dataset)
     active = {
         at: data.GetScalars().GetName()
         for at, data in _attributes(dataset)
         if data.GetScalars() is not None and data.GetScalars().GetName()
     }
-    return Dataset(points, kinds[kind](dataset), arrays, active, told(_remarks(dataset)))
+    low = dataset.GetExtent()[::2]
+    remarks = told(_remarks(dataset), title)
+    return Dataset(points, place, list(arrays_of(dataset)), active, remarks, low)
 
 
 def _points(dataset: Any) -> tuple[int, ...]:
@@ -85,25 +103,23 @@ def _points(dataset: Any) -> tuple[int, ...]:
     return tuple(high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True))
 
 
-def _image(dataset: Any) -> Callable[[str, Any], Any]:
-    low = dataset.GetExtent()[::2]
+def _image(dataset: Any) -> Even:
     matrix = dataset.GetDirectionMatrix() if hasattr(dataset, "GetDirectionMatrix") else None
     direction = UPRIGHT
     if matrix is not None:
         direction = tuple(matrix.GetElement(i, j) for i in range(3) for j in range(3))
-    place = (dataset.GetOrigin(), dataset.GetSpacing(), direction, low, _points(dataset))
-    return lambda at, unit: even_arrangement(*place, at, unit)
+    low = dataset.GetExtent()[::2]
+    return Even(dataset.GetOrigin(), dataset.GetSpacing(), direction, low, _points(dataset))
 
 
-def _rectilinear(dataset: Any) -> Callable[[str, Any], Any]:
-    lines = [_numpy(getattr(dataset, f"Get{axis}Coordinates")()) for axis in "XYZ"]
-    return lambda at, unit: uneven_arrangement(lines, at, unit)
+def _rectilinear(dataset: Any) -> Uneven:
+    lines = (_numpy(getattr(dataset, f"Get{axis}Coordinates")()) for axis in "XYZ")
+    return Uneven(tuple(lines))
 
 
-def _structured(dataset: Any) -> Callable[[str, Any], Any]:
+def _structured(dataset: Any) -> Uneven:
     shape = (*_points(dataset)[::-1], 3)
-    lines = aligned_lines(_numpy(dataset.GetPoints().GetData()).reshape(shape))
-    return lambda at, unit: uneven_arrangement(lines, at, unit)
+    return Uneven(tuple(aligned_lines(_numpy(dataset.GetPoints().GetData()).reshape(shape))))
 
 
 def _attributes(dataset: Any) -> Iterator[tuple[str, Any]]:
@@ -111,7 +127,9 @@ def _attributes(dataset: Any) -> Iterator[tuple[str, Any]]:
     yield CELL, dataset.GetCellData()
 
 
-def _arrays(dataset: Any, points: tuple[int, ...]) -> Iterator[Array]:
+def arrays_of(dataset: Any) -> Iterator[Array]:
+    """Give the arrays of numbers at points and in cells."""
+    points = _points(dataset)
     for at, data in _attributes(dataset):
         shape = cell_counts(points, at)[::-1]
         for number in range(data.GetNumberOfArrays()):
@@ -127,31 +145,29 @@ def _array(array: Any, name: str, at: str, shape: tuple[int, ...]) -> Array:
     def load() -> np.ndarray:
         return _numpy(array).reshape(*shape, components)
 
-    key = _units_key()
-    unit = array.GetInformation().Get(key) if array.HasInformation() and key is not None else None
+    key = vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL()
+    unit = (array.GetInformation().Get(key) or "") if array.HasInformation() else ""
     dtype = _numpy(array).dtype
     return Array(
-        name, at, components, dtype, load, labels if all(labels) else (), known_unit(unit or "")
+        name, at, components, dtype, load, labels if all(labels) else (), known_unit(unit.strip())
     )
-
-
-def _units_key() -> Any:
-    return require("vtkmodules.vtkCommonCore", "vtk", "from_pyvista").vtkDataArray.UNITS_LABEL()
 
 
 def _numpy(array: Any) -> np.ndarray:
     """Return the values of a VTK array, which are not copied."""
-    support = require("vtkmodules.util.numpy_support", "vtk", "from_pyvista")
-    values: np.ndarray = support.vtk_to_numpy(array)
+    values: np.ndarray = vtk("util.numpy_support").vtk_to_numpy(array)
     return values
 
 
 def _remarks(dataset: Any) -> dict[str, Any]:
-    """Return the numbers that field data tell."""
+    """Return the few numbers and the texts of field data, by name."""
     data, found = dataset.GetFieldData(), {}
     for number in range(data.GetNumberOfArrays()):
-        array = data.GetArray(number)
-        value = plain_value(_numpy(array)) if array is not None else None
-        if value is not None:
-            found[array.GetName()] = value
+        array = data.GetAbstractArray(number)
+        if array.IsA("vtkStringArray"):
+            texts = map(array.GetValue, range(array.GetNumberOfValues()))
+            found[array.GetName()] = "\n".join(texts)[:_LONGEST_TEXT]
+        elif array.IsA("vtkDataArray") and 0 < array.GetNumberOfValues() <= _MOST_NUMBERS:
+            numbers = _numpy(array).ravel().tolist()
+            found[array.GetName()] = numbers[0] if len(numbers) == 1 else numbers
     return found

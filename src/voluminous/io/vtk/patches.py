@@ -13,26 +13,22 @@ from ...deferred import Deferred
 from ...errors import InputError
 from ..contract import FieldInfo
 from ..scanners.placement import Arrangement
-from .attributes import real
-from .axes import UPRIGHT, cell_counts
+from .axes import UPRIGHT, Even, cell_counts
 from .dataset import Array, Dataset
-from .document import IMAGE, Document
 from .multiblock import Block, listed
-from .pieces import Piece
+from .pieces import together
 from .volumes import Source, chosen_arrays, common_place, infos, volume_of
 
 if TYPE_CHECKING:
     from ...volume import Volume
 
-# Attributes that tell where image data are, and what they are if there are none.
-_PLACE = (("Origin", (0.0,) * 3), ("Spacing", (1.0,) * 3), ("Direction", UPRIGHT))
 # Of a cell, by which corners of blocks may be off: files round them.
 _TOLERANCE = 1e-3
 # Boxes between all walls of blocks, of which it is looked whether they are filled.
 _MOST_BOXES = 10_000_000
 
 
-def volume_of_blocks(blocks: dict[Block, Document], fields: Any = None, unit: Any = None) -> Volume:
+def volume_of_blocks(blocks: dict[Block, Dataset], fields: Any = None, unit: Any = None) -> Volume:
     """Return the volume that blocks make together.
 
     Blocks of equal cells that fill a box are joined; others are patches, of which the finest
@@ -61,7 +57,7 @@ def volume_of_blocks(blocks: dict[Block, Document], fields: Any = None, unit: An
     return volume
 
 
-def infos_of_blocks(blocks: dict[Block, Document]) -> tuple[FieldInfo, ...]:
+def infos_of_blocks(blocks: dict[Block, Dataset]) -> tuple[FieldInfo, ...]:
     """Return what there is to read: shapes are those of the first of several patches."""
     return infos(joined(blocks) or _alike(blocks)[0])
 
@@ -70,47 +66,39 @@ def _load(sources: list[Source], name: str) -> list[np.ndarray]:
     return [source.load(name) for source in sources]
 
 
-def joined(blocks: dict[Block, Document]) -> Dataset | None:
+def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
     """Return image data that fill a box together as one; None if blocks do not."""
     found = list(blocks.values())
     if len(found) == 1:
-        return found[0].dataset()
-    if any(document.kind != IMAGE for document in found):
+        return found[0]
+    places = [part.arrange for part in found]
+    if not all(isinstance(place, Even) for place in places):
         return None
     origins, spacings, directions = (
-        np.array([real(document.element, name, default) for document in found])
-        for name, default in _PLACE
+        np.array([getattr(place, name) for place in places])
+        for name in ("origin", "spacing", "direction")
     )
     if not (np.all(directions == UPRIGHT) and _same(spacings, spacings[0], spacings[0])):
         return None
     shifts = (origins - origins[0]) / spacings[0]
-    if not _same(shifts, np.rint(shifts), np.ones(3)) or _are_copies(found, shifts):
+    if not _same(shifts, np.rint(shifts), np.ones(3)):
         return None
-    pieces = [
-        replace(piece, low=tuple(int(n) for n in np.add(piece.low, shift)))
-        for document, shift in zip(found, np.rint(shifts).astype(np.int64), strict=True)
-        for piece in document.pieces
+    parts = [
+        replace(part, low=tuple(int(n) for n in np.add(part.low, np.rint(shift).astype(np.int64))))
+        for part, shift in zip(found, shifts, strict=True)
     ]
-    shared = set.intersection(*(set(piece.parts) for piece in pieces)) if pieces else ()
-    if not shared or not _fill_box(pieces):
+    # Two at one place are two volumes, not two parts of one.
+    distinct = len({(part.low, part.points) for part in parts}) == len(parts)
+    if not (distinct and _shared(parts) and _fill_box(parts)):
         return None
-    return replace(found[0], pieces=pieces).dataset()
+    return together(parts)
 
 
 def _same(values: np.ndarray, others: np.ndarray, size: np.ndarray) -> bool:
     return bool(np.all(np.abs(values - others) <= _TOLERANCE * np.abs(size)))
 
 
-def _are_copies(found: list[Document], shifts: np.ndarray) -> bool:
-    """Return True if two blocks are at one place: they are two volumes, not two parts of one."""
-    places = [
-        (*np.rint(shift).tolist(), *((piece.low, piece.points) for piece in document.pieces))
-        for document, shift in zip(found, shifts, strict=True)
-    ]
-    return len(set(places)) < len(places)
-
-
-def _fill_box(pieces: Sequence[Piece]) -> bool:
+def _fill_box(pieces: Sequence[Dataset]) -> bool:
     """Return True if every cell of the smallest box around pieces is in one of them."""
     low = np.array([piece.low for piece in pieces])
     # A layer of points is a layer of cells.
@@ -129,7 +117,7 @@ def _fill_box(pieces: Sequence[Piece]) -> bool:
     return bool(filled.all())
 
 
-def _alike(blocks: dict[Block, Document]) -> list[Dataset]:
+def _alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
     """Return the data of blocks, as far as all have them.
 
     Raises
@@ -137,9 +125,8 @@ def _alike(blocks: dict[Block, Document]) -> list[Dataset]:
     InputError
         If they have nothing in common.
     """
-    datasets = [document.dataset() for document in blocks.values()]
-    kinds = [{_kind(array) for array in dataset.arrays} for dataset in datasets]
-    shared = set.intersection(*kinds)
+    datasets = list(blocks.values())
+    shared = _shared(datasets)
     if not shared:
         raise InputError(
             f"its blocks have no arrays in common; open one of them:\n{listed(list(blocks))}"
@@ -148,6 +135,10 @@ def _alike(blocks: dict[Block, Document]) -> list[Dataset]:
         replace(dataset, arrays=[a for a in dataset.arrays if _kind(a) in shared])
         for dataset in datasets
     ]
+
+
+def _shared(datasets: Sequence[Dataset]) -> set[tuple[Any, ...]]:
+    return set.intersection(*({_kind(array) for array in part.arrays} for part in datasets))
 
 
 def _kind(array: Array) -> tuple[Any, ...]:

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 # Bits of ``vtkGhostType`` (vtkDataSetAttributes.h) that say that there is nothing to see.
 _HIDDEN = {POINT: 2, CELL: 32}
 _GHOSTS = "vtkGhostType"
-OPTIONS = {"unit": "unit of length"}
+OPTIONS = {
+    "unit": "unit of length",
+    "resolution": "resample to equal cells: how many along the longest side, or three numbers",
+}
 
 
 class Parts:

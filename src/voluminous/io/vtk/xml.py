@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..contract import FieldInfo, Reader
-from .document import IMAGE, RECTILINEAR, document
-from .markup import elements
-from .multiblock import documents, names_others
+from .dataset import Dataset
+from .files import IMAGE, RECTILINEAR, dataset
+from .library import heard, tree, vtk
+from .multiblock import datasets, names_others
+from .objects import dataset_of
 from .patches import infos_of_blocks, volume_of_blocks
 from .volumes import OPTIONS, infos, volume_of
 from .write import write_image, write_rectilinear
@@ -28,8 +30,13 @@ class VTKXMLReader(Reader):
     """All that is XML of VTK, and has no reader of its own: refused with advice, if need be."""
 
     name = "vtk-xml"
-    description = "a VTK file in several pieces (.pvti, .pvtr, .vtm)"
-    suffixes: tuple[str, ...] = (".pvti", ".pvtr", ".vts", ".vtm", ".vthb", ".pvd")
+    description = "an XML file of VTK: pieces, blocks, or a mesh"
+    suffixes: tuple[str, ...] = (
+        *(".pvti", ".pvtr", ".vts", ".vtm", ".vthb", ".pvd"),
+        *(".vtu", ".pvtu", ".vtp", ".pvts", ".vtmb", ".vtpd", ".vtpc"),
+    )
+    packages = ("vtkmodules",)
+    extra = "vtk"
     options = OPTIONS
     kind = ""
 
@@ -41,17 +48,39 @@ class VTKXMLReader(Reader):
         found = _TYPE.search(tag[1])
         return not self.kind or (found is not None and found[1].decode() == self.kind)
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        unit: Any = None,
+        resolution: Any = None,
+        **options: Any,
+    ) -> Volume:
         """Return the volume; values are read when they are used."""
-        if names_others(elements(path)):
-            return volume_of_blocks(documents(path), fields, **options)
-        return volume_of(document(path).dataset(), fields, **options)
+        if resolution is not None:
+            return volume_of(_resampled(path, resolution), fields, unit)
+        if names_others(tree(path)):
+            return volume_of_blocks(datasets(path), fields, unit)
+        return volume_of(dataset(path), fields, unit)
 
-    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+    def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
         """Return the arrays, component by component."""
-        if names_others(elements(path)):
-            return infos_of_blocks(documents(path))
-        return infos(document(path).dataset())
+        if resolution is not None:
+            return infos(_resampled(path, resolution))
+        if names_others(tree(path)):
+            return infos_of_blocks(datasets(path))
+        return infos(dataset(path))
+
+
+def _resampled(path: Path, resolution: Any) -> Dataset:
+    """Return what is in a file of any kind on equal cells."""
+    tree(path)  # VTK does not tell of a file that is cut short
+    reader = vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
+    reader.SetFileName(str(path))
+    with heard():
+        reader.Update()
+    return dataset_of(reader.GetOutput(), resolution)
 
 
 class VTIReader(VTKXMLReader):

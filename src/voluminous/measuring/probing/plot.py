@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, unknown_name
+from ...figures import divided, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,29 +45,14 @@ def plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | Non
 
 def _panels(figure: Figure | None, ax: Any) -> Any:
     """Return four axes: those given, or new ones in a figure or in one axes."""
-    from matplotlib.figure import Figure
-
     if ax is None:
         if figure is None:
-            figure = Figure(figsize=_SIZE, layout="constrained")
+            figure = new_figure()
+            figure.set_size_inches(_SIZE)
         return figure.subplots(4, 1, sharex=True)
     if figure is not None:
         raise InputError("give ax or figure, not both")
-    given = np.ravel(np.array(ax, dtype=object))
-    if len(given) not in (1, 4):
-        raise InputError(f"ax must be one axes to be divided, or four, got {len(given)}")
-    if len(given) == 4:
-        return given
-    spec, parent = given[0].get_subplotspec(), given[0].get_figure()
-    if spec is None:
-        raise InputError("ax must be a subplot of a figure, which can be divided, or four axes")
-    given[0].set_axis_off()
-    places = spec.subgridspec(4, 1)
-    panels = [parent.add_subplot(places[0])]
-    panels += [parent.add_subplot(places[k], sharex=panels[0]) for k in (1, 2, 3)]
-    for panel in panels[:3]:
-        panel.tick_params(labelbottom=False)
-    return panels
+    return divided(ax, 4)
 
 
 _TITLES = (

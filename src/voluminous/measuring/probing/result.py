@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...notebook import page
+from ...notebook import table as html_table
 from ...regrid.table import table
 from ...units import parse_unit
 
@@ -218,8 +220,25 @@ class Probe:
     def __str__(self) -> str:
         return self.text()
 
+    def _repr_html_(self) -> str:
+        light, length = self.units["intensity"], self.units["length"]
+        rows = [
+            ("pixel (ix, iy)", f"{self.pixel}"),
+            ("on the image plane", " ".join([*(f"{v:.6g}" for v in self.at), length]).strip()),
+            ("segments", f"{len(self)}"),
+            ("intensity", f"{_listed(self.intensity)} {light}".strip()),
+            ("transparency", _listed(self.transparency)),
+            ("optical depth", _listed(self.optical_depth)),
+            ("to see more", "probe.plot(), print(probe), probe.table()"),
+        ]
+        return page("Probe", html_table(rows))
+
     def __repr__(self) -> str:
         return f"<Probe of pixel {self.pixel}: {len(self)} segments>"
+
+
+def _listed(values: Any) -> str:
+    return ", ".join(f"{value:.6g}" for value in np.ravel(values))
 
 
 def _numbered(name: str, values: np.ndarray, unit: Any) -> dict[str, Column]:

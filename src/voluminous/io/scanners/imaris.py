@@ -1,0 +1,106 @@
+"""Imaris (.ims): HDF5 with the channels of a microscope at several resolutions."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import FileFormatError, InputError
+from ..channels import Channel, channel
+from ..hdf5 import data_set, is_hdf5, opened, read
+from ..payload import checked_shape
+from .heads import by_library, real_numbers
+from .lengths import length_unit
+from .placement import Placement
+from .voxels import VoxelReader, Voxels, components, time_step
+
+_IMAGE = "DataSetInfo/Image"
+
+
+class ImarisReader(VoxelReader):
+    """All channels at one time and one resolution, a field each."""
+
+    name = "imaris"
+    description = "an Imaris image (.ims)"
+    suffixes = (".ims",)
+    options = {  # noqa: RUF012 - as in Reader
+        **VoxelReader.options,
+        "time": "number of the time step, from 0, of a file with several",
+        "level": "resolution, from 0, the finest",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for HDF5 with Imaris's groups in it."""
+        if not is_hdf5(head):
+            return False
+        try:
+            with opened(path) as file:
+                return _IMAGE in file and "DataSet/ResolutionLevel 0" in file
+        except Exception:  # damaged: whoever reads it says so
+            return False
+
+    def voxels(self, path: Path, *, time: int = 0, level: int = 0) -> Voxels:
+        """Return what the attributes say; they are arrays of characters."""
+        with by_library("h5py"), opened(path) as file:
+            levels, info = file["DataSet"], file[_IMAGE]
+            if f"ResolutionLevel {level}" not in levels:
+                raise InputError(f"level must be from 0 to {len(levels) - 1}, got {level!r}")
+            times = len(levels[f"ResolutionLevel {level}"])
+            step = time_step(time, times)
+            place = f"DataSet/ResolutionLevel {level}/TimePoint {step}"
+            count = len(file[place])
+            groups = [file[f"{place}/Channel {k}"] for k in range(count)]
+            # Blocks at the end are filled up: the data sets can be larger than the image.
+            sizes = {tuple(_number(g, f"ImageSize{a}") for a in "XYZ") for g in groups}
+            types = {data_set(path, group, "Data").dtype for group in groups}
+            if len(sizes) != 1 or len(types) != 1:
+                raise FileFormatError(f"expected channels of one size and type, got {sizes}")
+            shape = checked_shape(sizes.pop(), "ImageSizeX, Y and Z")
+            for group in groups:
+                if group["Data"].ndim != 3 or np.any(np.less(group["Data"].shape[::-1], shape)):
+                    raise FileFormatError(f"{group.name} has fewer values than its size {shape}")
+            low, high = (
+                np.array([_number(info, f"{end}{k}") for k in range(3)])
+                for end in ("ExtMin", "ExtMax")
+            )
+            widths = (high - low) / shape
+            unit = length_unit(_text(info, "Unit") or "um")
+            channels = [_channel(file.get(f"DataSetInfo/Channel {k}")) for k in range(count)]
+        return Voxels(
+            shape=shape,
+            dtype=types.pop().newbyteorder("="),
+            placement=Placement(low + widths / 2, np.diag(widths), unit),
+            load=functools.partial(_load, path, place, shape),
+            components=("",) if count == 1 else components(count),
+            channels=channels,
+            meta={} if times == 1 else {"times": times, "time_step": step},
+        )
+
+
+def _load(path: Path, place: str, shape: tuple[int, ...], number: int) -> np.ndarray:
+    with opened(path) as file:
+        values = read(data_set(path, file[f"{place}/Channel {number}"], "Data"))
+    return values.transpose()[tuple(slice(n) for n in shape)]
+
+
+def _text(group: Any, name: str) -> str:
+    value = group.attrs.get(name)
+    return "" if value is None else b"".join(np.ravel(value)).decode("utf-8", "replace").strip()
+
+
+def _number(group: Any, name: str) -> float:
+    return real_numbers(_text(group, name), f"{name} of {group.name}", 1)[0]
+
+
+def _channel(group: Any) -> Channel:
+    if group is None:
+        return {}
+    color, window = _text(group, "Color"), _text(group, "ColorRange")
+    return channel(
+        _text(group, "Name"),
+        [255 * c for c in real_numbers(color, "Color", 3)] if color else None,
+        real_numbers(window, "ColorRange", 2) if window else None,
+    )

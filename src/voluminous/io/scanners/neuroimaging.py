@@ -1,0 +1,175 @@
+"""What nibabel reads besides NIfTI: MINC, MGH of FreeSurfer, AFNI and PAR/REC of Philips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import FileFormatError
+from ...memory import check_memory
+from ...packages import require
+from ..hdf5 import is_hdf5, opened
+from ..payload import checked_shape
+from .heads import by_library, unpacked_start
+from .placement import Placement
+from .voxels import VoxelReader, Voxels, time_step
+
+
+class _ByNibabel(VoxelReader):
+    """An image of three dimensions, perhaps with time; a format adds `matches` and `library`."""
+
+    packages = ("nibabel",)
+    extra = "medical"
+    options = {  # noqa: RUF012 - as in Reader
+        **VoxelReader.options,
+        "time": "number of the time step or sub-volume, from 0, of a file with several",
+    }
+
+    def library(self, path: Path) -> str:
+        """Return module and class of nibabel for a file."""
+        raise NotImplementedError
+
+    def voxels(self, path: Path, *, time: int = 0) -> Voxels:
+        """Return what the head tells."""
+        with by_library("nibabel"):
+            image = self._image(path)
+            dtype, affine = _dtype(path, image), np.array(image.affine, float)
+        sizes = checked_shape(image.shape)
+        if len(sizes) not in (3, 4):
+            raise FileFormatError(f"expected three dimensions, and time at most, got {sizes}")
+        axis = _axis_of_time(image) if len(sizes) == 4 else None
+        times = 1 if axis is None else sizes[axis]
+        step = time_step(time, times)
+        chosen = tuple(step if k == axis else slice(None) for k in range(len(sizes)))
+        shape = tuple(n for k, n in enumerate(sizes) if k != axis)
+
+        def load(_: int) -> np.ndarray:
+            check_memory(int(np.prod(shape, dtype=object)) * 8, f"reading {path.name}", "use NIfTI")
+            with by_library("nibabel"):
+                return np.asarray(self._image(path).dataobj[chosen], dtype)
+
+        return Voxels(
+            shape=shape,
+            dtype=dtype,
+            placement=Placement(affine[:3, 3], affine[:3, :3].T, "mm", "RAS"),
+            load=load,
+            meta={} if times == 1 else {"times": times, "time_step": step},
+        )
+
+    def _image(self, path: Path) -> Any:
+        module, _, kind = self.library(path).rpartition(".")
+        library = require(f"nibabel.{module}", self.extra, f"reading {self.description}")
+        image = getattr(library, kind)
+        if len(image.files_types) > 1:
+            return image.from_filename(path)
+        # Of a single file the content tells what it is, not its name.
+        holders = require("nibabel.fileholders", self.extra, f"reading {self.description}")
+        return image.from_file_map({"image": holders.FileHolder(str(path))})
+
+
+def _axis_of_time(image: Any) -> int:
+    """Return the axis that is not space: the last, but of MINC one of those that have a name."""
+    names = getattr(getattr(image.dataobj, "minc_file", None), "_dim_names", "xyzt")
+    (axis,) = (k for k, name in enumerate(names) if not name.endswith(("x", "y", "z", "space")))
+    return axis
+
+
+def _dtype(path: Path, image: Any) -> np.dtype[Any]:
+    """Return the type of true values: as stored, or real numbers where they are scaled.
+
+    The last value is read for that, which finds out files that are cut short; of packed ones the
+    first.
+    """
+    packed = path.suffix.lower() in (".gz", ".mgz", ".bz2", ".z")
+    last = tuple(0 if packed else n - 1 for n in image.shape)
+    found = np.asarray(image.dataobj[last]).dtype.newbyteorder("=")
+    stored = np.dtype(image.get_data_dtype()).newbyteorder("=")
+    if stored.kind not in "iuf":
+        raise FileFormatError(f"expected real numbers, got {stored}")
+    return found if found == stored or stored.itemsize == 8 else np.dtype(np.float32)
+
+
+class MINCReader(_ByNibabel):
+    """MINC 1 lies in NetCDF, MINC 2 in HDF5."""
+
+    name = "minc"
+    description = "a MINC image (.mnc)"
+    suffixes = (".mnc",)
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for MINC's group in HDF5, or for its axes in NetCDF."""
+        if head.startswith(b"CDF\x01"):
+            return all(word in head for word in (b"xspace", b"yspace", b"zspace"))
+        if not is_hdf5(head):
+            return False
+        try:
+            with opened(path) as file:
+                return "minc-2.0" in file
+        except Exception:  # damaged: whoever reads it says so
+            return False
+
+    def library(self, path: Path) -> str:
+        """Return the class for the container."""
+        with open(path, "rb") as file:
+            return "minc1.Minc1Image" if file.read(3) == b"CDF" else "minc2.Minc2Image"
+
+
+class MGHReader(_ByNibabel):
+    """Big-endian numbers, perhaps packed by gzip."""
+
+    name = "mgh"
+    description = "a FreeSurfer image (.mgh, .mgz)"
+    suffixes = (".mgh", ".mgz")
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for version 1, sizes, a known type and the flag of a sound position."""
+        start = unpacked_start(head, 30)[:30]
+        if len(start) < 30 or not start.startswith(b"\0\0\0\1"):
+            return False
+        *sizes, kind = np.frombuffer(start, ">i4", 5, 4)
+        good = int.from_bytes(start[28:30], "big")
+        return all(0 < n < 1 << 20 for n in sizes) and kind in (0, 1, 3, 4, 10) and good in (0, 1)
+
+    def library(self, path: Path) -> str:
+        """Return nibabel's class."""
+        return "freesurfer.mghformat.MGHImage"
+
+
+class AFNIReader(_ByNibabel):
+    """A head of text, and sub-bricks beside it, which are taken for time steps."""
+
+    name = "afni"
+    description = "an AFNI image (.HEAD with .BRIK)"
+    suffixes = (".head", ".brik", ".brik.gz")
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a head, or for data that have one."""
+        if b"-attribute" in head[:100] and head.lstrip().startswith(b"type"):
+            return True
+        name, dot, _ = path.name.rpartition(".BRIK")
+        return bool(dot) and path.with_name(f"{name}.HEAD").is_file()
+
+    def library(self, path: Path) -> str:
+        """Return nibabel's class."""
+        return "brikhead.AFNIImage"
+
+
+class PARRECReader(_ByNibabel):
+    """A head of text, and slices beside it."""
+
+    name = "parrec"
+    description = "a Philips image (.PAR with .REC)"
+    suffixes = (".par", ".rec")
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Return True for a head, or for data that have one."""
+        if b"DATA DESCRIPTION FILE" in head[:200]:
+            return True
+        pair = {".rec": ".par", ".REC": ".PAR"}.get(path.suffix)
+        return pair is not None and path.with_suffix(pair).is_file()
+
+    def library(self, path: Path) -> str:
+        """Return nibabel's class."""
+        return "parrec.PARRECImage"

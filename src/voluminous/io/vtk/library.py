@@ -1,0 +1,152 @@
+"""VTK's own library reads the files; what it says in its output window is an error here."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ...errors import FileFormatError
+from ...packages import require
+
+# VTK passes over the end of a file that is cut short: its last tag must be in so many bytes.
+_TAIL = 1024
+_LONGEST = 400
+_MOST_COMPONENTS = 4096
+# What VTK puts before a message, and a dump of the request behind one: nothing for users.
+_NOISE = re.compile(r"(?:ERROR|Warning|Generic Warning): In .*?, line \d+\s*|\w+ \(0x\w+\): ")
+_HARMLESS = re.compile(
+    r"Warning: In .*?\n.*?(?:No (?:spacing|origin) read|Not all meta data was read).*\n*"
+)
+_DUMP = re.compile(r"ERROR: In vtkExecutive.*?(?:\n\n\n\n|\Z)", re.DOTALL)
+
+
+def vtk(module: str) -> Any:
+    """Return a module of VTK, such as ``"vtkIOXML"``.
+
+    Raises
+    ------
+    MissingPackageError
+        If VTK is not installed.
+    """
+    return require(f"vtkmodules.{module}", "vtk", "reading and writing files of VTK")
+
+
+@contextmanager
+def heard(warnings: bool = True) -> Iterator[None]:
+    """Make an error of whatever text VTK shows meanwhile; without `warnings` of errors alone.
+
+    Raises
+    ------
+    FileFormatError
+        With the text.
+    """
+    core = vtk("vtkCommonCore")
+    window, log = core.vtkOutputWindow, core.vtkLogger
+    before, verbosity = window.GetInstance(), log.GetCurrentVerbosityCutoff()
+    own = core.vtkStringOutputWindow()
+    own.SetDisplayModeToNever()
+    window.SetInstance(own)
+    log.SetStderrVerbosity(log.VERBOSITY_OFF)
+    try:
+        yield
+    finally:
+        window.SetInstance(before)
+        log.SetStderrVerbosity(verbosity)
+    text = _HARMLESS.sub("", own.GetOutput())
+    if text.strip() and (warnings or "ERROR:" in text):
+        raise FileFormatError(f"VTK cannot read it: {_plain(text)}")
+
+
+def _plain(text: str) -> str:
+    """Return what VTK says without the lines of its source and dumps of its state."""
+    told = _NOISE.sub("", _DUMP.sub("", text) or text)
+    lines = dict.fromkeys(line.strip() for line in told.splitlines() if line.strip())
+    return "; ".join(lines)[:_LONGEST]
+
+
+def tree(path: Path) -> Any:
+    """Return the outermost element of an XML file of VTK.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is cut short or damaged.
+    """
+    with open(path, "rb") as file:
+        file.seek(max(path.stat().st_size - _TAIL, 0))
+        if b"</VTKFile" not in file.read():
+            raise FileFormatError("it is cut short: expected </VTKFile> at its end")
+    parser = vtk("vtkIOXMLParser").vtkXMLDataParser()
+    parser.SetFileName(str(path))
+    with heard():
+        parser.Parse()
+    root = parser.GetRootElement()
+    if root is None or root.GetName() != "VTKFile":
+        raise FileFormatError("expected <VTKFile>, the outermost element is another")
+    return root
+
+
+def children(element: Any, name: str = "") -> list[Any]:
+    """Return the elements directly in one, or those of a name."""
+    inside = map(element.GetNestedElement, range(element.GetNumberOfNestedElements()))
+    return [child for child in inside if name in ("", child.GetName())]
+
+
+def needed(element: Any, name: str) -> Any:
+    """Return the first element of a name in another.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none.
+    """
+    found = children(element, name)
+    if not found:
+        raise FileFormatError(f"expected <{name:.100}> in <{element.GetName()}>, there is none")
+    return found[0]
+
+
+def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, ...]:
+    """Return an attribute of so many numbers.
+
+    Raises
+    ------
+    FileFormatError
+        If it is another.
+    """
+    text = element.GetAttribute(name)
+    try:
+        found = tuple(kind(word) for word in (text or "").split())
+    except ValueError:
+        found = ()
+    if len(found) != count or any(abs(n) > 2**31 for n in found if kind is int):
+        raise FileFormatError(
+            f"<{element.GetName()}>: expected {name} to be {count} {kind.__name__} numbers, got "
+            f"{text!r:.100}"
+        )
+    return found
+
+
+def check_arrays(piece: Any) -> None:
+    """Refuse what VTK takes without a word: a million components, values before the first byte.
+
+    Raises
+    ------
+    FileFormatError
+        Names the array.
+    """
+    for section in children(piece):
+        for array in children(section, "DataArray"):
+            count = array.GetAttribute("NumberOfComponents") or "1"
+            if not count.strip().isdigit() or not 1 <= int(count) <= _MOST_COMPONENTS:
+                raise FileFormatError(
+                    f"array {array.GetAttribute('Name')!r}: expected 1 to {_MOST_COMPONENTS} "
+                    f"components, got {count:.20}"
+                )
+            if (array.GetAttribute("offset") or "").strip().startswith("-"):
+                raise FileFormatError(
+                    f"array {array.GetAttribute('Name')!r}: its offset is negative"
+                )

@@ -1,0 +1,108 @@
+"""Colours as matplotlib writes them, with alpha, at every door; and volumes that show nothing."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.colors import ListedColormap
+
+import voluminous as vm
+from voluminous.errors import InputError
+
+VIRIDIS = mpl.colormaps["viridis"]
+RED, PALE = (1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.5)
+CORE = vm.models.prestellar_core(16)
+CAMERA = vm.Orthographic(resolution=6)
+SHELL = vm.Gaussian("log10(density)", 4, 0.1, "red", 0.3, 1e16)
+
+
+def drawn(**options):
+    return vm.render(CORE, SHELL, CAMERA, **options).intensity
+
+
+DOORS = {
+    "gaussian": lambda c: vm.Gaussian("a", 1, 1, c, 1).color,
+    "rectangle": lambda c: vm.Rectangle("a", 1, 1, c, 1).color,
+    "isosurface": lambda c: vm.Isosurface("a", 1, c).colors,
+    "isosurfaces": lambda c: vm.Isosurface("a", levels=[1, 2], color=[c, c]).colors,
+    "table": lambda c: vm.Table("a", [1, 2], [c, c], [0, 1]).colors,
+    "star": lambda c: drawn(objects=[vm.Star((0, 0, 0), c, radius=1e16)]),
+    "stars": lambda c: drawn(objects=[vm.Stars(np.zeros((2, 3)), [c, c], radii=1e16)]),
+    "spheres": lambda c: drawn(objects=[vm.Spheres(np.zeros((1, 3)), 1e16, c)]),
+    "lines": lambda c: drawn(objects=[vm.Lines(np.eye(3) * 1e16, c)]),
+    "boxes": lambda c: drawn(objects=[vm.boxes(colors=c)]),
+    "axes": lambda c: drawn(objects=[vm.axes(colors=[c, c, c])]),
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_an_alpha_of_one_is_dropped_and_any_other_refused(door):
+    expected = DOORS[door](RED[:3])
+    np.testing.assert_array_equal(DOORS[door](RED), expected)
+    np.testing.assert_array_equal(DOORS[door](np.array(RED)), expected)
+    np.testing.assert_array_equal(DOORS[door]("#ff0000ff"), expected)
+    for color in (PALE, np.array(PALE), "#ff000080", ("red", 0.5)):
+        with pytest.raises(InputError, match="opacity="):
+            DOORS[door](color)
+
+
+def test_backgrounds():
+    np.testing.assert_array_equal(drawn(background=RED), drawn(background=RED[:3]))
+    with pytest.raises(InputError, match="background: a colour has no opacity"):
+        drawn(background=PALE)
+
+
+def test_colormaps_with_alpha_are_refused():
+    clear = ListedColormap([PALE, RED], name="clear")
+    for make in (
+        lambda: vm.Colormap("a", clear, 0, 1),
+        lambda: vm.ColorBy("a", clear, 0, 1),
+        lambda: vm.auto(CORE, cmap=clear),
+    ):
+        with pytest.raises(InputError, match="opacity="):
+            make()
+    rows = VIRIDIS([0.2, 0.8])
+    np.testing.assert_array_equal(vm.Table("a", [1, 2], rows, [0, 1]).colors, rows[:, :3])
+
+
+def test_a_list_of_four_is_four_channels_unless_it_ends_in_one():
+    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 0.5], 1).channels == 4
+    assert vm.Gaussian("a", 1, 1, [0.1, 0.2, 0.3, 1.0], 1).color == (0.1, 0.2, 0.3)
+    assert vm.Table("a", [1, 2], [[0, 0, 0, 1], [1, 1, 1, 1]], 1).channels == 3
+    assert vm.Table("a", [1, 2], [[0, 0, 0, 0.5], [1, 1, 1, 1]], 1).channels == 4
+    assert vm.Table("a", [1, 2, 3, 4], [0.1, 0.2, 0.3, 1.0], 1).channels == 1
+    assert vm.Gaussian("a", 1, 1, (0.1, 0.2, 0.3, 5.0), 1).channels == 4
+    assert vm.Table("a", [1, 2, 3, 4], (0.1, 0.2, 0.3, 1.0), 1).channels == 1
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (0.0, "density is 0 everywhere: there is nothing to see"),
+        (3.5, "density is 3.5 everywhere: there is nothing to see"),
+    ],
+)
+def test_a_constant_volume_has_nothing_to_show(value, told):
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), density=np.full((4, 4, 4), value))
+    for draw in (
+        lambda: vm.render(volume),
+        lambda: vm.auto(volume),
+        lambda: vm.render(volume, vm.Colormap("density", "viridis"), CAMERA),
+    ):
+        with pytest.raises(InputError, match=told):
+            draw()
+    vm.render(volume, vm.Colormap("density", "viridis", 0, 4, path_length=1.0), CAMERA)
+
+
+def test_a_volume_without_values_has_nothing_to_show():
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), density=np.full((4, 4, 4), np.nan))
+    for draw in (
+        lambda: vm.render(volume),
+        lambda: vm.render(volume, vm.Colormap("density", "viridis"), CAMERA),
+    ):
+        with pytest.raises(InputError, match="density has no finite value"):
+            draw()
+
+
+def test_one_emissivity_for_several_extinctions():
+    with pytest.raises(InputError, match="give three emissivities"):
+        vm.Coefficients(0, ["a", "b", "c"])

@@ -1,0 +1,110 @@
+"""MRC and CCP4 maps: modes, axes in any order, origins, stacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+from scanner_files import check_places
+
+mrcfile = pytest.importorskip("mrcfile")
+VALUES = np.arange(60).reshape(5, 4, 3)  # sections, rows, columns
+
+
+FLOATS = VALUES.astype(np.float32)
+
+
+def write_mrc(path, values=FLOATS, width=1.5, order="<", **fields):
+    with mrcfile.new(path, overwrite=True) as file:
+        file.set_data(values)
+        file.voxel_size = width
+        for name, value in fields.items():
+            file.header[name] = value
+    if order == ">":
+        with mrcfile.open(path) as file:
+            head, data = file.header.copy(), file.data.copy()
+        swapped = head.view(head.dtype.newbyteorder(">")).byteswap()
+        swapped["machst"] = [0x11, 0x11, 0, 0]
+        path.write_bytes(swapped.tobytes() + data.astype(data.dtype.newbyteorder(">")).tobytes())
+    return path
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.float32, np.uint16, np.float16])
+def test_modes(tmp_path, dtype, order):
+    path = write_mrc(tmp_path / "map.mrc", VALUES.astype(dtype), order=order)
+    volume = vm.open(path)
+    assert volume.unit == "Angstrom"
+    assert volume.array("map").dtype == (np.float32 if dtype == np.float16 else dtype)
+    check_places(volume, VALUES.transpose().astype(dtype), np.zeros(3), np.eye(3) * 1.5)
+
+
+def test_axes_in_another_order_and_the_number_of_the_first_voxel(tmp_path):
+    # Columns run along z, rows along x, sections along y.
+    fields = {"mapc": 3, "mapr": 1, "maps": 2, "nxstart": 7, "nystart": -8, "nzstart": 9}
+    path = write_mrc(tmp_path / "a.ccp4", **fields)
+    with mrcfile.open(path, mode="r+", permissive=True) as file:
+        file.header.mx, file.header.my, file.header.mz = 10, 20, 40
+        file.header.cella = (10.0, 40.0, 120.0)  # voxels of 1, 2 and 3 Angstrom
+    steps = np.array([[0, 0, 3], [1, 0, 0], [0, 2, 0]])
+    origin = np.array([-8.0, 18.0, 21.0])
+    check_places(vm.open(path), VALUES.transpose().astype(np.float32), origin, steps)
+    with mrcfile.open(path, mode="r+", permissive=True) as file:
+        file.header.origin = (100.0, 200.0, 300.0)
+    origin = np.array([100.0, 200.0, 300.0])
+    check_places(vm.open(path), VALUES.transpose().astype(np.float32), origin, steps)
+
+
+def test_volumes_of_a_stack_are_chosen(tmp_path):
+    values = np.stack([VALUES, VALUES + 100]).astype(np.int16)
+    with mrcfile.new(tmp_path / "a.mrc") as file:
+        file.set_data(values)
+        file.voxel_size = 2.0
+    volume = vm.open(tmp_path / "a.mrc", time=1)
+    assert volume.meta["times"] == 2
+    check_places(volume, values[1].transpose(), np.zeros(3), np.eye(3) * 2)
+
+
+def test_maps_without_a_size_have_cells_of_unit_length(tmp_path):
+    volume = vm.open(write_mrc(tmp_path / "a.map", width=0))
+    assert volume.unit is None
+    np.testing.assert_allclose(volume.grid.bounds, [(-0.5, 2.5), (-0.5, 3.5), (-0.5, 4.5)])
+
+
+def test_bytes_of_imod_have_no_sign(tmp_path):
+    values = (VALUES * 4).astype(np.uint8)
+    path = write_mrc(tmp_path / "a.rec", values.view(np.int8))
+    content = bytearray(path.read_bytes())
+    content[152:156] = b"IMOD"
+    path.write_bytes(content)
+    np.testing.assert_array_equal(vm.open(path).array("a"), values.transpose())
+    content[156] = 1
+    path.write_bytes(content)
+    np.testing.assert_array_equal(vm.open(path).array("a"), values.view(np.int8).transpose())
+
+
+@pytest.mark.parametrize(
+    ("fields", "told"),
+    [
+        ({"cellb": (90, 90, 120)}, "right angles"),
+        ({"mapc": 1, "mapr": 1}, "right angles"),
+        ({"mode": 4}, "mode must be"),
+        ({"ispg": 0, "mz": 1}, "separate pictures"),
+        ({"ispg": 401, "mz": 2}, "stack of volumes"),
+        ({"nx": -3}, "positive"),
+        ({"nx": 30000}, "cut short"),
+    ],
+)
+def test_maps_that_are_refused(tmp_path, fields, told):
+    with pytest.raises(vm.FileFormatError, match=told):
+        vm.open(write_mrc(tmp_path / "a.mrc", **fields))
+
+
+class TestMRC(ReaderContract):
+    """Recognised by its word."""
+
+    @pytest.fixture
+    def sample(self):
+        return lambda directory: write_mrc(directory / "map.mrc")

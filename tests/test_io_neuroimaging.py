@@ -1,0 +1,175 @@
+"""MINC, MGH, AFNI, PAR/REC and Analyze: voxel by voxel where nibabel says they are."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from contracts import ReaderContract
+from scanner_files import ORIGIN, SAGITTAL, TO_RAS, UPRIGHT, VALUES, WIDTHS, check_places
+from voluminous.io import find_reader
+
+nibabel = pytest.importorskip("nibabel")
+SAMPLES = Path(nibabel.__file__).parent / "tests" / "data"
+FILES = {
+    "tiny.mnc": "minc",
+    "small.mnc": "minc",
+    "minc1_4d.mnc": "minc",
+    "minc2_4d.mnc": "minc",
+    "minc2-4d-d.mnc": "minc",
+    "minc2_1_scale.mnc": "minc",
+    "test.mgz": "mgh",
+    "example4d+orig.HEAD": "afni",
+    "example4d+orig.BRIK.gz": "afni",
+    "scaled+tlrc.BRIK": "afni",
+    "phantom_varscale.PAR": "parrec",
+    "phantom_varscale.REC": "parrec",
+}
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("time", [0, -1])
+def test_voxels_are_where_nibabel_says(name, time):
+    path = SAMPLES / name
+    if not path.is_file():
+        pytest.skip("nibabel was installed without its samples")
+    assert find_reader(path).name == FILES[name]
+    volume = vm.open(path, time=time)
+    image = nibabel.load(path)
+    values = np.asarray(image.dataobj)
+    if values.ndim == 4:
+        values = np.take(values, time, axis=0 if name.endswith(".mnc") else 3)
+    got = volume.array(volume.fields[0])
+    middle = volume.grid.bounds.mean(axis=1)
+    direction = np.array(volume.meta.get("direction", np.eye(3)))
+    assert volume.meta["orientation"] == "LPS"
+    assert volume.unit == "mm"
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        index = tuple(rng.integers(n) for n in values.shape)
+        lps = (image.affine @ [*index, 1])[:3] * [-1, -1, 1]
+        inside = middle + np.linalg.solve(direction, lps - middle)
+        cell = tuple(
+            int(np.searchsorted(edges, x)) - 1
+            for edges, x in zip(volume.grid.edges, inside, strict=True)
+        )
+        assert got[cell] == pytest.approx(values[index], rel=1e-6)
+
+
+def write_minc2(path: Path) -> Path:
+    """Stored numbers 0 … 100 that stand for -1 … 3, slices of z, in steps of 2, 3 and -4 mm."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        dimensions = file.create_group("minc-2.0/dimensions")
+        for name, start, step in (("xspace", 5, 2), ("yspace", 6, 3), ("zspace", 7, -4)):
+            item = dimensions.create_dataset(name, data=0)
+            item.attrs["start"], item.attrs["step"] = float(start), float(step)
+            item.attrs["direction_cosines"] = [float(name[0] == axis) for axis in "xyz"]
+        image = file.create_group("minc-2.0/image/0")
+        stored = np.arange(24, dtype=np.int16).reshape(2, 3, 4) * 4
+        item = image.create_dataset("image", data=stored)
+        item.attrs["dimorder"] = np.bytes_("zspace,yspace,xspace")
+        item.attrs["valid_range"] = [0.0, 100.0]
+        image.create_dataset("image-min", data=-1.0)
+        image.create_dataset("image-max", data=3.0)
+    return path
+
+
+def test_minc_in_hdf5_has_axes_widths_and_true_values(tmp_path):
+    path = write_minc2(tmp_path / "head.h5")  # its content tells, not its name
+    volume = vm.open(path)
+    values = -1 + 4 * np.arange(24).reshape(2, 3, 4) / 25
+    # World coordinates are RAS: x and y change sign. The second slice lies below the first.
+    steps = np.array([[0, 0, -4.0], [0, -3.0, 0], [-2.0, 0, 0]])
+    check_places(volume, values.astype(np.float32), np.array([-5.0, -6.0, 7.0]), steps)
+    assert volume.grid.shape == (4, 3, 2)
+
+
+@pytest.mark.parametrize("ending", ["mgh", "mgz"])
+@pytest.mark.parametrize("steps", [UPRIGHT, SAGITTAL], ids=["axial", "sagittal"])
+def test_mgh_images(tmp_path, ending, steps):
+    affine = np.eye(4)
+    affine[:3] = np.column_stack([TO_RAS @ np.transpose(steps), TO_RAS @ ORIGIN])
+    path = tmp_path / f"t1.{ending}"
+    nibabel.save(nibabel.MGHImage(VALUES, affine), path)
+    volume = vm.open(path)
+    assert volume.array("t1").dtype == np.int16
+    check_places(volume, VALUES, ORIGIN, steps)
+
+
+@pytest.mark.parametrize("name", ["pet.hdr", "pet.img"])
+@pytest.mark.parametrize("slope", [0, 0.5])
+def test_analyze_images_are_scaled_and_without_orientation(tmp_path, name, slope):
+    image = nibabel.Spm2AnalyzeImage(VALUES, None)
+    image.header.set_zooms(WIDTHS)
+    nibabel.save(image, tmp_path / "pet.img")
+    head = bytearray((tmp_path / "pet.hdr").read_bytes())
+    head[112:116] = np.float32(slope).tobytes()
+    (tmp_path / "pet.hdr").write_bytes(head)
+    volume = vm.open(tmp_path / name)
+    assert "orientation" not in volume.meta
+    np.testing.assert_array_equal(volume.array("pet"), VALUES * (slope or 1))
+    np.testing.assert_allclose(np.diff(volume.grid.bounds)[:, 0], WIDTHS * VALUES.shape)
+    (tmp_path / "pet.img").write_bytes((tmp_path / "pet.img").read_bytes()[:-1])
+    with pytest.raises(vm.FileFormatError, match="cut short"):
+        vm.open(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "damaged"),
+    [
+        ("test.mgh", "test.mgh"),
+        ("tiny.mnc", "tiny.mnc"),
+        ("scaled+tlrc.HEAD", "scaled+tlrc.BRIK"),
+        ("example4d+orig.HEAD", "example4d+orig.BRIK.gz"),
+        ("phantom_varscale.PAR", "phantom_varscale.REC"),
+    ],
+)
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.9])
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_images_cut_short_are_refused(tmp_path, name, damaged, part):
+    if name == "test.mgh":
+        nibabel.save(nibabel.MGHImage(VALUES, np.eye(4)), tmp_path / name)
+    else:
+        for file in {name, damaged}:
+            shutil.copy(SAMPLES / file, tmp_path / file)
+    content = (tmp_path / damaged).read_bytes()
+    (tmp_path / damaged).write_bytes(content[: int(part * len(content))])
+    with pytest.raises(vm.FileFormatError):
+        vm.open(tmp_path / name).load()
+
+
+class TestMINC2(ReaderContract):
+    """Recognised by its group."""
+
+    @pytest.fixture
+    def sample(self):
+        return lambda directory: write_minc2(directory / "head.mnc")
+
+
+class TestMGH(ReaderContract):
+    """Recognised by its first numbers."""
+
+    @pytest.fixture
+    def sample(self):
+        def write(directory):
+            nibabel.save(nibabel.MGHImage(VALUES, np.eye(4)), directory / "head.mgh")
+            # The numbers behind the values may be missing.
+            data = (directory / "head.mgh").read_bytes()
+            (directory / "head.mgh").write_bytes(data[: 284 + VALUES.nbytes])
+            return directory / "head.mgh"
+
+        return write
+
+
+def test_files_named_like_data_without_a_head(tmp_path):
+    for name in ("a+orig.BRIK", "b.REC", "c.img"):
+        (tmp_path / name).write_bytes(bytes(100))
+        with pytest.raises(vm.VoluminousError):
+            vm.open(tmp_path / name)

@@ -1,0 +1,98 @@
+"""Meshes and rarer formats by PyVista: resampled where asked, linear fields exactly."""
+
+import numpy as np
+import pytest
+
+import voluminous as vm
+from voluminous.io import find_reader, readers
+from voluminous.io.vtk.anything import PyVistaReader
+
+pv = pytest.importorskip("pyvista")
+
+SLOPES = np.array([1.0, 10.0, 100.0])
+
+
+def mesh():
+    """Return tetrahedra in a box of 4 x 2 x 1, with values linear in the place."""
+    box = pv.ImageData(dimensions=(5, 3, 3), spacing=(1, 1, 0.5), origin=(1, 2, 3))
+    box["f"] = box.points @ SLOPES
+    box["n"] = np.arange(box.n_points, dtype=np.int32)
+    made = box.to_tetrahedra()
+    made.point_data["f"] = made.points @ SLOPES
+    made.cell_data["level"] = np.full(made.n_cells, 3, np.int32)
+    made.cell_data["f"] = np.full(made.n_cells, 7.0)
+    return made
+
+
+def check(volume, shape):
+    assert volume.grid.shape == shape
+    np.testing.assert_allclose(volume.grid.bounds, [[1, 5], [2, 4], [3, 4]], rtol=1e-6)
+    centers = [(e[1:] + e[:-1]) / 2 for e in volume.grid.edges]
+    x, y, z = np.meshgrid(*centers, indexing="ij")
+    np.testing.assert_allclose(volume.array("f"), x + 10 * y + 100 * z, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("resolution", "shape"), [(8, (8, 4, 2)), ((3, 4, 5), (3, 4, 5))])
+def test_meshes_are_resampled_if_a_resolution_is_given(tmp_path, resolution, shape):
+    made = mesh()
+    for path in (tmp_path / "a.vtu", tmp_path / "a.vtk"):
+        made.save(path)
+        with pytest.raises(vm.InputError, match=r"give resolution=64"):
+            vm.open(path)
+        volume = vm.open(path, resolution=resolution)
+        check(volume, shape)
+        assert (volume.array("f_cell") == 7).all()
+        assert (volume.array("level") == 3).all()
+    check(vm.from_pyvista(made, resolution=resolution), shape)
+    pv.MultiBlock({"a": made}).save(tmp_path / "a.vtm")
+    check(vm.open(tmp_path / "a.vtm", resolution=resolution), shape)
+
+
+def test_outside_of_a_mesh_is_nothing():
+    ball = pv.SolidSphere(outer_radius=1.0)
+    ball["dist"] = np.linalg.norm(ball.points, axis=1)
+    volume = vm.from_pyvista(ball, "dist", resolution=20)
+    radius = np.linalg.norm(np.stack(volume.grid.cell_centers(0, volume.grid.size)), axis=0)
+    values = volume.array("dist").reshape(-1)
+    assert np.isnan(values[radius > 1.01]).all()
+    assert np.isfinite(values[radius < 0.95]).all()
+
+
+def test_what_fills_no_space_is_refused():
+    with pytest.raises(vm.InputError, match="fill no space"):
+        vm.from_pyvista(pv.PolyData(np.random.default_rng(0).random((9, 3))), resolution=8)
+    with pytest.raises(vm.InputError, match="none of the cells' centres"):
+        vm.from_pyvista(pv.Sphere(), resolution=3)
+    for wrong in (0, 2.5, (1, 2), "many"):
+        with pytest.raises(vm.InputError, match="resolution must be"):
+            vm.from_pyvista(mesh(), resolution=wrong)
+
+
+def test_exodus_keeps_its_times(tmp_path):
+    parallel = pytest.importorskip("vtkmodules.vtkIOExodus")
+    writer = parallel.vtkExodusIIWriter()
+    made = mesh()
+    writer.SetInputData(made)
+    writer.SetFileName(str(tmp_path / "a.exo"))
+    writer.Write()
+    assert find_reader(tmp_path / "a.exo").name == "pyvista"
+    volume = vm.open(tmp_path / "a.exo", resolution=8)
+    check(volume, (8, 4, 2))
+    with pytest.raises(vm.InputError, match=r"give resolution=64"):
+        vm.open(tmp_path / "a.exo")
+
+
+def test_gaussian_cubes_are_image_data(tmp_path):
+    path = tmp_path / "a.cube"
+    head = "t\nd\n 1 0 0 0\n 2 1 0 0\n 3 0 1 0\n 4 0 0 1\n 1 1 0 0 0\n"
+    path.write_text(head + "\n".join(f" {n}.0" for n in range(24)) + "\n")
+    volume = vm.open(path)
+    assert volume.grid.shape == (2, 3, 4)
+    np.testing.assert_array_equal(volume.array(volume.fields[0]).ravel(), np.arange(24))
+
+
+def test_no_file_of_another_reader_is_taken():
+    own = set(PyVistaReader.suffixes)
+    for reader in readers():
+        if not isinstance(reader, PyVistaReader):
+            assert not own & set(reader.suffixes), reader.name
