@@ -223,6 +223,29 @@ def test_a_camera_that_is_set_needs_no_angles(snapshot, capsys):
         )
 
 
+def test_views_by_name(snapshot, capsys):
+    assert "set volume.meta['orientation']" in refused(
+        capsys, "render", "snapshot.h5", "--view", "left"
+    )
+    snapshot.meta["orientation"] = "LPS"
+    vm.io.save(snapshot, "patient.h5")
+    assert "seen from incl 90, phi 0" in told(capsys, "render", "patient.h5", *FAST)
+    assert "seen from incl 180, phi 0" in told(
+        capsys, "render", "patient.h5", *FAST, "--view", "inferior"
+    )
+    image = vm.Image.load("patient.png")
+    # From below, the front of the patient is at the top: LPS has it at -y.
+    assert image.camera["posang"] == 0.0
+    assert "not both" in refused(
+        capsys, "render", "patient.h5", "--view", "left", "--incl", "3", "-o", "a.png"
+    )
+    assert "leave out the --set of a camera" in refused(
+        capsys,
+        *("render", "patient.h5", "--view", "left", "-o", "a.png"),
+        *("--set", "camera.view_direction=[1, 0, 0]"),
+    )
+
+
 @pytest.mark.parametrize("command", [["render"], ["probe", "--pixel", "4", "4"]])
 def test_a_medium_of_another_type_keeps_what_fits(snapshot, capsys, command):
     options = ["--set", "medium.1.type=isosurface", "--set", "camera.resolution=8"]

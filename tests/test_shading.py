@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
+from voluminous.backend import get_backend
 
 GRID = vm.CartesianGrid.uniform(32, (-1, 1))
 BALL = vm.Volume(GRID)
@@ -97,6 +98,26 @@ def test_spherical_grids_are_shaded():
     image = vm.render(volume, medium, vm.Orthographic(60, 30, width=2, resolution=33))
     light = image.intensity[..., 0]
     assert light[16, 16] > 1.4 * light[16, 5] > 0  # the limb is dark
+
+
+@pytest.mark.parametrize("position", [(0.1, -3, 1), (0.1, 0.05, -0.2)], ids=["outside", "inside"])
+def test_the_lamp_is_at_the_observer(position):
+    camera = vm.Perspective(position, (0.5, 0.8, 0.3), fov=70, resolution=24)
+    frame = camera.frame(GRID)
+    u, v = np.meshgrid(*frame.coordinates())
+    backend = get_backend("cpu", "double")
+    ray = camera.rays(frame.traced_vectors(backend), *(backend.Float(p.ravel()) for p in (u, v)))
+    way = np.stack([np.broadcast_to(np.array(d), u.size) for d in ray.direction])
+    normal = np.array([1, 2, 3]) / 14**0.5
+    cosine = np.abs(normal @ way / np.linalg.norm(way, axis=0)).reshape(u.shape)
+    plain, shaded = (
+        vm.render(RAMP, vm.Gaussian("a", 0.6, 0.4, 1.0, 0, 0.2, shading=s), camera).intensity[
+            ..., 0
+        ]
+        for s in (0.0, 0.8)
+    )
+    atol = 2e-3 * plain.max()
+    np.testing.assert_allclose(shaded, (0.2 + 0.8 * cosine) * plain, rtol=0, atol=atol)
 
 
 def test_bad_lights_are_refused():

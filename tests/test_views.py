@@ -1,65 +1,130 @@
-"""Views by their anatomical names."""
+"""Views by name: of patients, and of stacks of pictures."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.cameras.views import view_angles
-from voluminous.rotation import image_axes
 
-# A picture's x axis, its y axis and where the observer is, as letters.
+EMISSION = vm.Coefficients("a", 0)
+N = 8
+# What is seen to the right and upwards in each view.
 SEEN = {
-    "anterior": "LSA",
-    "posterior": "RSP",
-    "left": "PSL",
-    "right": "ASR",
-    "superior": "RAS",
-    "inferior": "LAI",
+    "anterior": "LS",
+    "posterior": "RS",
+    "left": "PS",
+    "right": "AS",
+    "superior": "RA",
+    "inferior": "LA",
 }
-OPPOSITE = dict(zip("LRAPSI", "RLPAIS", strict=True))
-
-
-@pytest.mark.parametrize("view", SEEN)
-@pytest.mark.parametrize("code", ["LPS", "RAS", "ASL", "LIP"])
-def test_what_is_where_in_a_view(view, code):
-    axes = {}
-    for letter, axis in zip(code, np.eye(3), strict=True):
-        axes[letter], axes[OPPOSITE[letter]] = axis, -axis
-    ex, ey, towards = image_axes(*view_angles({"orientation": code}, view))
-    right, up, front = (axes[letter] for letter in SEEN[view])
-    np.testing.assert_allclose([ey, towards], [up, front], atol=1e-12)
-    # A code that is left-handed is a mirror image: what is on the right follows from the rest.
-    np.testing.assert_allclose(ex, np.cross(up, front), atol=1e-12)
-    if code in ("LPS", "RAS"):
-        np.testing.assert_allclose(ex, right, atol=1e-12)
-
-
-def test_default_views():
-    assert view_angles({}, None) == (60.0, 30.0, 0.0)
-    assert view_angles({"orientation": "LPS"}, None) == view_angles(
-        {"orientation": "LPS"}, "anterior"
+OPPOSITE = dict(zip("LRPASI", "RLAPIS", strict=True))
+RIGHT_HANDED = [
+    "".join(code)
+    for order in itertools.permutations(("LR", "PA", "SI"))
+    for code in itertools.product(*order)
+    if np.linalg.det(
+        [[("LPS".find(c) == k) - ("RAI".find(c) == k) for k in range(3)] for c in code]
     )
-    ex, ey, towards = image_axes(*view_angles({"y_down": True}, None))
-    np.testing.assert_allclose([ex, ey, towards], [[1, 0, 0], [0, -1, 0], [0, 0, -1]], atol=1e-12)
+    > 0
+]
 
 
-def test_views_of_pictures():
-    values = np.zeros((8, 8, 8))
-    values[6, 1, 5:] = 1.0  # left, in front, at the top
-    volume = vm.Volume(vm.CartesianGrid.uniform(8, (0, 8), unit="mm"), a=values)
-    medium = vm.Coefficients("a", "a")
-    with pytest.raises(vm.InputError, match="how the patient lies"):
-        vm.render(volume, medium, view="anterior")
-    volume.meta["orientation"] = "LPS"
-    light = vm.render(volume, medium, view="anterior", scheme="first-order").intensity[..., 0]
-    row, column = np.unravel_index(np.argmax(light), light.shape)
-    assert row > 200
-    assert column > 200
-    camera = vm.framed(volume, medium, view="superior")
-    assert camera.width < 8
-    with pytest.raises(vm.InputError, match="one of the two"):
-        vm.render(volume, medium, camera, view="left")
+def volume_with(**meta):
+    grid = vm.CartesianGrid.uniform(N, (-1, 1))
+    volume = vm.Volume(grid, a=np.full(grid.shape, 0.05))
+    volume.meta.update(meta)
+    return volume
+
+
+def marked(code, letter):
+    """Return a volume in which the side of the patient with a letter is bright."""
+    volume = volume_with(orientation=code)
+    a = volume.array("a").copy()
+    axis = next(k for k, c in enumerate(code) if c in (letter, OPPOSITE[letter]))
+    side = slice(N - 2, N) if code[axis] == letter else slice(0, 2)
+    a[tuple(side if k == axis else slice(None) for k in range(3))] = 1.0
+    volume["a"] = a
+    return volume
+
+
+def middle(image):
+    """Return where the light is, in pixels from the middle, to the right and upwards."""
+    light = image.intensity[..., 0].astype(float)
+    y, x = (np.arange(n) - 0.5 * (n - 1) for n in light.shape)
+    return float((light.sum(axis=0) * x).sum()), float((light.sum(axis=1) * y).sum())
+
+
+@pytest.mark.parametrize("code", ["LPS", "RAS", "ASR", "IRP"])
+@pytest.mark.parametrize("view", SEEN)
+def test_sides_of_the_patient_are_where_they_belong(view, code):
+    assert code in RIGHT_HANDED
+    assert len(RIGHT_HANDED) == 24
+    right, up = SEEN[view]
+    for letter, axis in ((right, 0), (up, 1)):
+        volume = marked(code, letter)
+        angles = vm.framed(volume, EMISSION, view=view)
+        image = vm.render(volume, EMISSION, angles.replace(resolution=16, width=2.0, shift=(0, 0)))
+        moved = middle(image)
+        assert moved[axis] > 10 * abs(moved[1 - axis])
+
+
+@pytest.mark.parametrize("code", RIGHT_HANDED)
+def test_the_observer_stands_on_the_side_of_the_name(code):
+    for view, letter in zip(SEEN, "APLRSI", strict=True):
+        volume = marked(code, letter)
+        found = vm.project(volume, "a", vm.framed(volume, EMISSION, view=view), depth=True)[1]
+        depth = found.intensity[..., 0]
+        assert np.nanmean(depth) < 0  # in front of the plane through the middle
+
+
+def test_a_stack_is_seen_as_it_is_leafed_through():
+    volume = volume_with(y_down=True)
+    a = volume.array("a").copy()
+    a[:2, :2, :2] = 1.0  # column 0, row 0, the first picture
+    volume["a"] = a
+    camera = vm.framed(volume, EMISSION, view="stack", resolution=16)
+    right, up = middle(vm.render(volume, EMISSION, camera.replace(width=2.0, shift=(0, 0))))
+    assert right < 0 < up
+    depth = vm.project(volume, "a > 0.5", camera, how="first").intensity
+    assert np.nanmin(depth) == pytest.approx(-1.0)
+
+
+def test_what_a_volume_tells_decides_the_first_picture():
+    for meta, view in (
+        ({"orientation": "RAS"}, "anterior"),
+        ({"y_down": True}, "stack"),
+        ({"orientation": "LPS", "y_down": True}, "anterior"),
+    ):
+        volume = volume_with(**meta)
+        wanted = vm.framed(volume, EMISSION, view=view).describe()
+        assert vm.framed(volume, EMISSION).describe() == wanted
+        for image in (vm.render(volume, EMISSION), vm.render(volume, EMISSION, view=view)):
+            assert {k: image.camera[k] for k in ("incl", "phi", "posang")} == {
+                k: wanted[k] for k in ("incl", "phi", "posang")
+            }
+        assert vm.framed(volume, EMISSION, 20).incl == 20
+    for meta in ({}, {"orientation": "LPX"}, {"orientation": "RPS"}):
+        camera = vm.framed(volume_with(**meta), EMISSION)
+        assert (camera.incl, camera.phi, camera.posang) == (60, 30, 0)
+
+
+def test_what_makes_no_sense_is_refused():
+    plain, patient = volume_with(), volume_with(orientation="LPS")
+    with pytest.raises(vm.InputError, match=r"set volume.meta\['orientation'\] = 'LPS' if x"):
+        vm.render(plain, EMISSION, view="left")
+    with pytest.raises(vm.InputError, match=r"set volume.meta\['y_down'\] = True"):
+        vm.framed(plain, EMISSION, view="stack")
     with pytest.raises(vm.UnknownNameError, match="did you mean 'anterior'"):
-        vm.framed(volume, medium, view="antrior")
+        vm.render(patient, EMISSION, view="anterio")
+    with pytest.raises(vm.InputError, match="give a camera or view='left', not both"):
+        vm.render(patient, EMISSION, vm.Orthographic(), view="left")
+    with pytest.raises(vm.InputError, match="give angles or view='left', not both"):
+        vm.framed(patient, EMISSION, 0, view="left")
+    for code in ("LP", "LLS", 3, ["L", "P", "S"], "LPX"):
+        with pytest.raises(vm.InputError, match="must be three letters"):
+            vm.render(volume_with(orientation=code), EMISSION, view="left")
+    with pytest.raises(vm.InputError, match=r"'RPS' is left-handed: .* mirrored"):
+        vm.render(volume_with(orientation="RPS"), EMISSION, view="left")

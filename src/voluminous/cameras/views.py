@@ -1,4 +1,4 @@
-"""Views by their anatomical names, from which way a patient's axes run in a volume."""
+"""Views by name: of a patient from the front, of a stack of pictures as it is leafed through."""
 
 from __future__ import annotations
 
@@ -11,62 +11,98 @@ from ..errors import InputError, check_name
 from ..first_view import FIRST_INCL, FIRST_PHI
 from ..rotation import angles_towards, position_angle
 
-STACK = "stack"
-# Where the observer is, and what is on top of the picture, as letters of `meta["orientation"]`.
-_SIDES = {
-    "anterior": "AS",
-    "posterior": "PS",
-    "left": "LS",
-    "right": "RS",
-    "superior": "SA",
-    "inferior": "IA",
+# Into which direction of the patient one looks, and which one is upwards.
+_ANATOMICAL = {
+    "anterior": ("P", "S"),
+    "posterior": ("A", "S"),
+    "left": ("R", "S"),
+    "right": ("L", "S"),
+    "superior": ("I", "A"),
+    "inferior": ("S", "A"),
 }
-VIEWS = (*_SIDES, STACK)
-_OPPOSITE = {"L": "R", "R": "L", "P": "A", "A": "P", "S": "I", "I": "S"}
+_STACK = "stack"
+VIEWS = (*_ANATOMICAL, _STACK)
+# The patient's axes: left, posterior and superior count as positive.
+_AXES = {"L": (0, 1), "R": (0, -1), "P": (1, 1), "A": (1, -1), "S": (2, 1), "I": (2, -1)}
+# Of pictures row 0 is on top, column 0 on the left, and the first one is nearest.
+_INTO_STACK, _UP_STACK = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 
 
-def view_angles(meta: Mapping[str, Any], view: str | None) -> tuple[float, float, float]:
-    """Return inclination, azimuth and position angle of a view, in degrees.
+def view_angles(meta: Mapping[str, Any], view: Any = None) -> dict[str, float]:
+    """Return ``incl``, ``phi`` and ``posang`` of a view of a volume.
 
     Parameters
     ----------
     meta : mapping
-        Of the volume. ``"orientation"`` has three letters: where +x, +y and +z point in a patient.
-    view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"} or None
-        Where the observer is; ``"stack"`` shows the first slice in front and its first row on top,
-        as ImageJ does. None: anterior or stack for data of that kind, else obliquely above.
+        `Volume.meta`: ``"orientation"`` tells where x, y and z point in a patient (``"LPS"``: to
+        the left, to the back, to the head), ``"y_down"`` that y points down in pictures.
+    view : str, optional
+        One of `VIEWS`. By default ``"anterior"`` for patients, ``"stack"`` for pictures, and from
+        obliquely above for all others.
 
     Raises
     ------
-    InputError
-        If the volume does not say which way its axes run.
     UnknownNameError
         If there is no such view.
+    InputError
+        If the volume does not tell which way it lies.
     """
-    axes = _axes_of(meta.get("orientation"))
     if view is None:
-        if axes is None and not meta.get("y_down"):
-            return FIRST_INCL, FIRST_PHI, 0.0
-        view = STACK if axes is None else "anterior"
+        return _first(meta)
     check_name("view", view, VIEWS)
-    if view == STACK:
-        towards, up = np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])
-    elif axes is None:
+    if view == _STACK:
+        if not meta.get("y_down"):
+            raise InputError(
+                "view='stack' is for pictures above each other, and nothing says that this volume "
+                "is made of them; set volume.meta['y_down'] = True if y points down in them"
+            )
+        return _angles(_INTO_STACK, _UP_STACK)
+    code = meta.get("orientation")
+    if code is None:
         raise InputError(
-            f"view={view!r} needs to know how the patient lies: set "
-            'volume.meta["orientation"] to three letters that say where +x, +y and +z point, '
-            f'such as "LPS" (left, posterior, superior); it is {meta.get("orientation")!r}'
+            f"view={view!r} needs to know how the patient lies, which this volume does not tell; "
+            "set volume.meta['orientation'] = 'LPS' if x points to the patient's left, y to the "
+            "back (posterior) and z to the head (superior), or another such code"
         )
-    else:
-        towards, up = (axes[letter] for letter in _SIDES[view])
-    incl, phi = angles_towards(towards)
-    return incl, phi, position_angle(incl, phi, up)
+    axes = _patient(code)
+    into, up = (axes[letter] for letter in _ANATOMICAL[view])
+    return _angles(into, up)
 
 
-def _axes_of(code: Any) -> dict[str, np.ndarray] | None:
-    """Return where each letter points in the volume; None if they do not make sense."""
-    axes: dict[str, np.ndarray] = {}
-    for letter, axis in zip(str(code).upper(), np.eye(3), strict=False):
-        if letter in _OPPOSITE:
-            axes |= {letter: axis, _OPPOSITE[letter]: -axis}
-    return axes if len(axes) == 6 and len(str(code)) == 3 else None
+def _first(meta: Mapping[str, Any]) -> dict[str, float]:
+    """Return the angles of a first picture; obliquely where an orientation makes no sense."""
+    if meta.get("orientation") is not None:
+        try:
+            return view_angles(meta, "anterior")
+        except InputError:
+            pass
+    elif meta.get("y_down"):
+        return view_angles(meta, _STACK)
+    return {"incl": FIRST_INCL, "phi": FIRST_PHI, "posang": 0.0}
+
+
+def _patient(code: Any) -> dict[str, np.ndarray]:
+    """Return the directions of a patient, by their letters, in coordinates of the volume."""
+    letters = code.upper() if isinstance(code, str) else ""
+    if len(letters) != 3 or {_AXES.get(c, (None,))[0] for c in letters} != {0, 1, 2}:
+        raise InputError(
+            "volume.meta['orientation'] must be three letters that say where x, y and z point in "
+            "the patient: L or R (left, right), P or A (back, front), S or I (head, feet), such as "
+            f"'LPS'; got {code!r}"
+        )
+    turn = np.zeros((3, 3))
+    for row, letter in enumerate(letters):
+        axis, sign = _AXES[letter]
+        turn[axis, row] = sign
+    if np.linalg.det(turn) < 0:
+        raise InputError(
+            f"volume.meta['orientation'] = {code!r} is left-handed: pictures would show the "
+            "patient mirrored; turn one axis of the arrays round, and its letter"
+        )
+    return {letter: sign * turn[axis] for letter, (axis, sign) in _AXES.items()}
+
+
+def _angles(into: Any, up: Any) -> dict[str, float]:
+    incl, phi = angles_towards(-np.asarray(into))
+    posang = position_angle(incl, phi, np.asarray(up))
+    return {"incl": incl, "phi": phi, "posang": posang}

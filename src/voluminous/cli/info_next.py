@@ -7,7 +7,6 @@ from math import ceil, log10
 from typing import TYPE_CHECKING, Any
 
 from ..errors import VoluminousError
-from ..first_view import FIRST_INCL, FIRST_PHI
 from .data import DataFile
 from .info_field import Look
 from .render_volume import LEVELS, PIXELS
@@ -47,11 +46,13 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
 def _sections(volume: Volume, name: str) -> dict[str, Any]:
     """Return all of a scene but its volume: what `voluminous render` chooses, in short numbers."""
     from ..calibration import auto
+    from ..cameras.views import view_angles
 
     medium = auto(volume, name, LEVELS)
     parts = [_told(part, volume) for part in medium.components()]
     more = {"render": {"scheme": "first-order"}} if medium.discrete else {}
-    camera = {"incl": FIRST_INCL, "phi": FIRST_PHI, "resolution": PIXELS}
+    angles = {key: a for key, a in view_angles(volume.meta).items() if a or key != "posang"}
+    camera = {**angles, "resolution": PIXELS}
     return {"medium": parts, "camera": camera, **more}
 
 

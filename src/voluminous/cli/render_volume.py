@@ -21,10 +21,10 @@ LEVELS = 4
 PIXELS, _TYPE = 800, "orthographic"
 # Options that belong to data files: a scene says all this itself.
 _OPTIONS = ("field", "levels", "incl", "phi", "view", "format")
-_ANGLES = ("incl", "phi", "posang")
 # Keys of [volume] that do not say how its file is read.
 _NO_OPTIONS = ("path", "model", "fields", "derived", "units")
 _SHOWN = 8
+_VIEWS = "instead: anterior, posterior, left, right, superior, inferior; stack (of pictures)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,12 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("-n", "--levels", type=int, metavar="N", help=f"number of shells ({LEVELS})")
     group.add_argument("--incl", type=float, metavar="DEG", help=f"inclination ({FIRST_INCL:g})")
     group.add_argument("--phi", type=float, metavar="DEG", help=f"azimuth ({FIRST_PHI:g})")
-    group.add_argument(
-        "--view",
-        metavar="SIDE",
-        help="side from which a patient is seen, in place of angles: anterior, posterior, left, "
-        "right, superior, inferior; or stack, as ImageJ shows slices",
-    )
+    group.add_argument("--view", metavar="NAME", help=_VIEWS)
     group.add_argument("--format", metavar="NAME", help="format, if the file does not tell")
 
 
@@ -75,7 +70,8 @@ def scene_of(
 ) -> tuple[Scene, str]:
     """Return the scene for a data file, and what was chosen in words.
 
-    Automatic shells of one field, or all channels of a microscope; all that shows in the frame.
+    Automatic shells of one field, or all channels of a microscope; all that shows in the frame,
+    seen obliquely, or as a volume of a patient or of pictures tells.
 
     Parameters
     ----------
@@ -107,13 +103,17 @@ def scene_of(
         shown = args.field or first_field(volume)
         medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
-    camera = _camera(args, given, volume)
-    if "incl" in camera and "phi" in camera:
-        seen = framed(
-            volume, medium, camera["incl"], camera["phi"], posang=camera.get("posang", 0.0)
-        )
+    camera, view = {**_angles(args, given), "resolution": PIXELS}, getattr(args, "view", None)
+    if not _is_other(given):
+        angles = {name: camera.get(name) for name in ("incl", "phi")}
+        seen = framed(volume, medium, **angles, view=view)
+        camera |= {"incl": seen.incl, "phi": seen.phi}
+        if seen.posang:
+            camera["posang"] = seen.posang
         if seen.width is not None:
             camera |= {"width": seen.width, "shift": list(seen.shift)}
+    elif view is not None:
+        raise InputError("--view chooses the camera's angles; leave out the --set of a camera")
     path: Path = args.scene
     source = data.section(fields, path.name or str(path.resolve()))
     settings = {"volume": source, "medium": medium, "camera": camera}
@@ -123,29 +123,20 @@ def scene_of(
     return Scene(settings, path.parent, volume=volume), told
 
 
-def _camera(args: argparse.Namespace, given: Mapping[str, Any], volume: Volume) -> dict[str, Any]:
-    """Return the camera; without angles that the user does not choose, if it is another one."""
-    from ..cameras.views import view_angles
+def _is_other(given: Mapping[str, Any]) -> bool:
+    """Return whether the user has another camera than the one that is chosen for data."""
+    return "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
 
-    view = getattr(args, "view", None)
-    other = "camera.view_direction" in given or given.get("camera.type", _TYPE) != _TYPE
-    own = any(getattr(args, name, None) is not None for name in _ANGLES)
-    own = own or any(f"camera.{name}" in given for name in _ANGLES)
-    if view is not None and (other or own):
-        raise InputError("--view takes the place of --incl, --phi and another camera")
-    angles: dict[str, Any] = {}
-    if not other and not own:
-        angles = dict(zip(_ANGLES, view_angles(volume.meta, view), strict=True))
-        if not angles["posang"]:
-            del angles["posang"]
-    elif not other:
-        angles = {"incl": FIRST_INCL, "phi": FIRST_PHI}
-    for name in _ANGLES[:2]:
+
+def _angles(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the angles that the user chooses: what shows is framed from there."""
+    angles = {}
+    for name in ("incl", "phi"):
         if getattr(args, name) is not None:
             angles[name] = getattr(args, name)
-        elif type(given.get(f"camera.{name}")) in (int, float):  # what shows is framed from there
+        elif type(given.get(f"camera.{name}")) in (int, float):
             angles[name] = given[f"camera.{name}"]
-    return {**angles, "resolution": PIXELS}
+    return angles
 
 
 def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterable[str]) -> str:

@@ -254,15 +254,16 @@ class Modulation:
         assert self.where is not None
         return _defined_unit(context.evaluate(self.where, fields))
 
-    def _factors(self, fields: dict[str, Any], context: Context) -> list[Any]:
-        """Return the gate, then the gated colours, in the type of integrals."""
+    def _factors(self, fields: dict[str, Any], context: Context, light: Any = None) -> list[Any]:
+        """Return the gate, then the gated colours in a light, in the type of integrals."""
         gate: Any = context.narrow(self.gate(fields, context)) if self.where else None
-        return self._painted(gate, fields, context)
+        return self._painted(gate, fields, context, light)
 
-    def _painted(self, gate: Any, fields: dict[str, Any], context: Context) -> list[Any]:
+    def _painted(
+        self, gate: Any, fields: dict[str, Any], context: Context, light: Any
+    ) -> list[Any]:
         paint = self.color.seen(fields, context) if self.color else []
-        if self.shade:
-            light = self.shade.seen(fields, context)
+        if light is not None:
             paint = [c * light for c in paint] if paint else [light] * self.channels
         if gate is None:
             return [type(paint[0])(1.0), *paint]
@@ -296,9 +297,10 @@ class Modulation:
 
     def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return the factors at a place of a stretch with these fields."""
+        light = self.shade.seen(fields, stretch, context) if self.shade else None
         if not self._decided(stretch):
-            return self._factors(fields, context)
-        return self._painted(self._middle(stretch, context), fields, context)
+            return self._factors(fields, context, light)
+        return self._painted(self._middle(stretch, context), fields, context, light)
 
     def _middle(self, stretch: Stretch, context: Context) -> Any:
         """Return the gate in the middle of a stretch; computed once."""

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..cameras import Orthographic
-from ..cameras.views import view_angles
 from ..errors import InputError
 from ..image import Image
 from ..media.bounds import RangeContext
@@ -21,7 +19,7 @@ from ..volume import Volume
 from .bounds.guaranteed import bracket, check_bounds
 from .coefficients.emission_unit import before
 from .first_medium import first_medium
-from .framing import framed
+from .framing import first_camera, framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
@@ -60,11 +58,11 @@ def render(
     medium : Medium, optional
         From field values to emissivity and extinction. By default `voluminous.auto` finds one.
     camera : Orthographic or Perspective, optional
-        Which rays. By default all is seen, from obliquely above; without a medium, too, what
-        the one that is found shows (`framed`). Patients are seen from the front, stacks of slices
-        from their first one.
+        Which rays. By default all is seen, from obliquely above (a patient from the front, a stack
+        of pictures as they are); without a medium, what the one that is found shows (`framed`).
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
-        In place of a camera: the side from which a patient is seen; as for `framed`.
+        In place of a camera: what the medium shows, from a side of a patient, or as a stack of
+        pictures is leafed through; see `framed`.
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first, but
         ``"first-order"`` for what `voluminous.auto` makes of labels: between two there are no
@@ -165,16 +163,14 @@ def render(
 
 def _chosen(volume: Any, medium: Any, camera: Any, view: str | None) -> tuple[Any, Any]:
     """Return medium and camera, for a first picture where there are none."""
+    if camera is not None and view is not None:
+        raise InputError(f"give a camera or view={view!r}, not both")
     first = medium is None and isinstance(volume, Volume)
     if first:
         medium = first_medium(volume)
-    if view is not None and camera is not None:
-        raise InputError("view= takes the place of a camera; give one of the two")
     if camera is None:
-        incl, phi, posang = view_angles(getattr(volume, "meta", {}), view)
-        camera = Orthographic(incl, phi, posang)
-        if first:
-            camera = framed(volume, medium, incl, phi, posang=posang)
+        around = first or view is not None
+        camera = framed(volume, medium, view=view) if around else first_camera(volume)
     return medium, camera
 
 

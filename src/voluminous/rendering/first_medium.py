@@ -11,13 +11,15 @@ from .store import Store
 
 
 def first_medium(volume: Volume) -> Medium:
-    """Return `voluminous.auto` of a volume, or its channels, as found for the picture before.
+    """Return `voluminous.auto` of a volume, as found for the picture before, or its channels.
 
-    It takes a second for a million cells of patches, the picture itself a tenth.
+    The former takes a second for a million cells of patches, the picture itself a tenth.
     """
+    if has_channels(volume):
+        return presets.fluorescence(volume)
     found = Store(volume).get(_key(volume))
     if found is None:
-        found = presets.fluorescence(volume) if has_channels(volume) else auto(volume)
+        found = auto(volume)
         Store(volume).keep(_key(volume), found)  # fields may have been read only now
     medium: Medium = found
     return medium

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..cameras import Orthographic
 from ..cameras.views import view_angles
+from ..errors import InputError
 from ..first_view import FIRST_INCL, FIRST_PHI
 from .prepare import prepare
 
@@ -26,12 +27,11 @@ _FILLED, _FULL = 0.85, 0.7
 def framed(
     volume: Volume,
     medium: Medium,
-    incl: Any = FIRST_INCL,
-    phi: Any = FIRST_PHI,
+    incl: Any = None,
+    phi: Any = None,
     *,
-    resolution: Any = 400,
     view: str | None = None,
-    posang: Any = 0.0,
+    resolution: Any = 400,
 ) -> Orthographic:
     """Return a camera that sees all that a medium shows, and little around it.
 
@@ -45,11 +45,14 @@ def framed(
         Grid and fields.
     medium : Medium
         What is to be seen of them.
-    incl, phi, resolution, posang
-        As for `Orthographic`.
+    incl, phi, resolution
+        As for `Orthographic`; for angles that are not given see `view`.
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
-        In place of angles: from which side of a patient, by ``volume.meta["orientation"]``; or a
-        stack of slices with the first one in front and its first row on top, as in ImageJ.
+        In place of angles. A patient from the front, the back, his left, his right, above and
+        below, upright (from above and below with the front at the top), as
+        ``volume.meta["orientation"]`` tells; pictures above each other as ImageJ shows them, where
+        there is ``volume.meta["y_down"]``. By default ``"anterior"`` or ``"stack"`` where the
+        volume tells so, else obliquely from above.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def framed(
     Raises
     ------
     InputError, UnknownNameError
-        As `render`.
+        As `render`; and if the volume does not tell how it lies, or angles are given besides.
 
     Examples
     --------
@@ -71,12 +74,9 @@ def framed(
     >>> vm.framed(volume, vm.Coefficients("density", "density"), 90, 0).width < 6
     True
     """
-    if view is not None:
-        incl, phi, posang = view_angles(volume.meta, view)
-    coarse = Orthographic(incl, phi, posang, resolution=_COARSE)
-    job, _ = prepare(volume, medium, coarse, tolerance=None)
+    camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
+    job, _ = prepare(volume, medium, camera.replace(resolution=_COARSE), tolerance=None)
     light = job.run(0.0).emission.sum(axis=-1, dtype=np.float64)
-    camera = Orthographic(incl, phi, posang, resolution=resolution)
     if not light.max() > 0.0:
         return camera
     limits = _limits(light, job.frame)
@@ -85,14 +85,23 @@ def framed(
         return camera
     pixels = camera.resolution
     width = max(pixels) * max(s / n for s, n in zip(size, pixels, strict=True))
-    return Orthographic(
-        incl,
-        phi,
-        posang,
+    return camera.replace(
         width=_rounded(width / _FILLED, width),
-        resolution=resolution,
         shift=tuple(_rounded(0.5 * (a + b), width) for a, b in limits),
     )
+
+
+def first_camera(
+    volume: Any, incl: Any = None, phi: Any = None, *, view: str | None = None
+) -> Orthographic:
+    """Return a camera that sees all of a volume from given angles, or in a view; see `framed`."""
+    given = {name: v for name, v in (("incl", incl), ("phi", phi)) if v is not None}
+    if view is not None and given:
+        raise InputError(f"give angles or view={view!r}, not both")
+    angles = view_angles(getattr(volume, "meta", {}), view)
+    if given:
+        angles = {"incl": FIRST_INCL, "phi": FIRST_PHI} | given
+    return Orthographic(**angles)
 
 
 def _limits(light: np.ndarray, frame: Any) -> list[tuple[float, float]]:

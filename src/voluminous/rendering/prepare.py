@@ -10,6 +10,7 @@ from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.formulas import with_formulas
+from ..media.shade import on_rays
 from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
@@ -59,6 +60,8 @@ def prepare(
     volume.refresh()  # derivatives of fields that were changed in place
     store = Store(volume)
     medium = with_formulas(calibrated(medium, volume, store.known))
+    if solver.place == "field":
+        medium = medium.with_each(on_rays)
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):
