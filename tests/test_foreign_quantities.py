@@ -40,6 +40,7 @@ def lengths(make):
         "region": vm.regions.Sphere((0, 0, 0), half).radius,
         "box": vm.regions.Box(make([0, 0, 0], "kpc"), make([0.5, 1, 1], "kpc")).high[0],
         "grid": grid.bounds[0, 1] * grid.unit,
+        "pairs": vm.CartesianGrid.uniform(2, [(-half, half)] * 3).bounds[0, 1] * u.kpc,
         "edges": vm.CartesianGrid(*[make(np.array([0, 0.5]), "kpc")] * 3).bounds[0, 1] * u.kpc,
         "sphere": vm.SphericalGrid(make(np.array([0.1, 0.5]), "kpc"), [0, 1]).bounds.max() * u.kpc,
         "stars": vm.Stars(make(np.array([[0.5, 0, 0]]), "kpc"), "white", radii=1.0).positions[0, 0],

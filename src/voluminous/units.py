@@ -230,7 +230,7 @@ def plain(value: Any, unit: Any, what: str) -> Any:
     """
     like = {"like": "30 deg"} if isinstance(unit, str) and unit in _ANGLES else {}
     value = as_given(value, what, **like)
-    if isinstance(value, (list, tuple)) and any(is_quantity(v) for v in value):
+    if isinstance(value, (list, tuple)) and unit_of(value) is not None:
         return np.array([plain(v, unit, what) for v in value])
     if not is_quantity(value):
         return _as_float(value, what)
