@@ -51,6 +51,18 @@ def test_backgrounds():
         drawn(background=PALE)
 
 
+def test_what_is_behind_a_picture_and_around_it():
+    image = vm.render(CORE, SHELL, CAMERA)
+    white = image.to_rgb(background="white")
+    np.testing.assert_array_equal(image.to_rgb(background="#ffffffff"), white)
+    np.testing.assert_array_equal(image.to_rgb(background=(1, 1, 1, 1)), white)
+    for color in ("#ffffff80", ("white", 0.5), (1, 1, 1, 0.5)):
+        with pytest.raises(InputError, match="background: a colour has no opacity"):
+            image.to_rgb(background=color)
+        with pytest.raises(InputError, match="paper: a colour has no opacity"):
+            image.annotate(paper=color)
+
+
 def test_colormaps_with_alpha_are_refused():
     clear = ListedColormap([PALE, RED], name="clear")
     for make in (

@@ -121,7 +121,7 @@ def test_a_probe_is_drawn_into_given_axes():
     four = Figure().subplots(2, 2)
     found.plot(ax=four)
     assert all(panel.lines for panel in four.ravel()[1:])
-    with pytest.raises(vm.InputError, match="four"):
+    with pytest.raises(vm.InputError, match="or 4"):
         found.plot(ax=Figure().subplots(1, 3))
     with pytest.raises(vm.InputError, match="subplot"):
         found.plot(ax=Figure().add_axes((0, 0, 1, 1)))

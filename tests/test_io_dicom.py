@@ -1,8 +1,10 @@
 """DICOM: series in any order, their values, and what makes no volume."""
 
 import contextlib
+import gzip
 import struct
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from scanner_files import (
     UPRIGHT,
     VALUES,
     WIDTHS,
+    centers,
     check_places,
     dicom_frames,
     dicom_slice,
@@ -371,6 +374,31 @@ def test_mosaics_are_taken_apart(tmp_path, pydicom, steps):
     path = write_mosaic(tmp_path / "epi.dcm", VALUES, ORIGIN, steps)
     check_places(vm.open(path), VALUES, ORIGIN, steps)
     check_places(vm.open(tmp_path), VALUES, ORIGIN, steps)
+
+
+def test_a_real_mosaic_is_where_nibabel_says(tmp_path, pydicom):
+    wrappers = pytest.importorskip("nibabel.nicom.dicomwrappers")
+    sample = Path(wrappers.__file__).parent / "tests" / "data" / "siemens_dwi_0.dcm.gz"
+    if not sample.is_file():
+        pytest.skip("nibabel was installed without its samples")
+    path = tmp_path / "dwi.dcm"
+    path.write_bytes(gzip.decompress(sample.read_bytes()))
+    head = pydicom.dcmread(path)
+    head.PixelData = np.random.default_rng(1).bytes(len(head.PixelData))  # they are all zero
+    head.save_as(path)
+    image, volume = wrappers.wrapper_from_file(path), vm.open(path)
+    values, got = image.get_data(), volume.array("mr")
+    middle, direction = volume.grid.bounds.mean(axis=1), np.array(volume.meta["direction"])
+    for index in np.random.default_rng(0).integers(values.shape, size=(100, 3)):
+        place = (image.affine @ [*index, 1])[:3]
+        inside = middle + np.linalg.solve(direction, place - middle)
+        cell = tuple(
+            int(np.searchsorted(edges, x)) - 1
+            for edges, x in zip(volume.grid.edges, inside, strict=True)
+        )
+        assert got[cell] == values[tuple(index)]
+        found = [c[n] for c, n in zip(centers(volume.grid), cell, strict=True)]
+        np.testing.assert_allclose(found, inside, atol=0.05)
 
 
 def test_mosaics_of_several_times(tmp_path, pydicom):

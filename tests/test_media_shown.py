@@ -63,6 +63,29 @@ def test_values_have_the_units_that_lengths_and_fields_have():
     assert shell({"log10(density)": [4.0]})[1] == 1.0
 
 
+def test_values_that_cannot_be_used():
+    shell = vm.Gaussian("a", 1, 1, 1, 1, 1.0)
+    assert shell([])[0].shape == (1, 0)
+    assert np.isnan(shell([np.nan])[1])
+    for wrong in (None, "density", CORE):
+        with pytest.raises(vm.InputError, match="values of a must be numbers"):
+            shell(wrong)
+    with pytest.raises(vm.InputError, match="one shape"):
+        vm.Coefficients("a * b", 0)({"a": [1, 2], "b": [1, 2, 3]})
+    with pytest.raises(vm.UnitsError, match="path_length=1 has no unit"):
+        (shell + shell.replace(path_length=1 * u.pc))([1.0])
+    j, _ = vm.Coefficients("exp(-los(velocity)**2)", 0)([1.0])
+    np.testing.assert_allclose(j, [[np.exp(-1)]])
+
+
+def test_a_function_at_values():
+    erf = vm.Medium.from_function(lambda a, b: ([a, b], vm.math.erf(a)), ["a", "b"], 2)
+    j, alpha = erf({"a": [0.5, 1.0], "b": 2.0})
+    np.testing.assert_array_equal(j, [[0.5, 1.0], [2.0, 2.0]])
+    np.testing.assert_allclose(alpha, [0.5204998778, 0.8427007929], rtol=1e-9)
+    assert vm.Medium.from_function(lambda a: (a, a), ["a"], 1)([1.0] / u.cm)[1] == 1 / u.cm
+
+
 def test_surfaces_at_values():
     with pytest.raises(vm.InputError, match="width 0 has no j"):
         vm.Isosurface("a", 1.0)(1.0)
@@ -150,6 +173,8 @@ def test_a_sum_has_a_panel_for_each_expression():
     with pytest.raises(vm.InputError, match="ax must be one axes to be divided, or 2, got 3"):
         total.plot(CORE, ax=[panels[0]] * 3)
     assert vm.auto(CORE).plot(CORE, ax=panels[0]) is panels[0]
+    with pytest.raises(vm.InputError, match="axes of matplotlib"):
+        vm.auto(CORE).plot(CORE, ax=3)
 
 
 def test_notebooks_show_values():
@@ -185,3 +210,13 @@ def test_a_notebook_reads_no_file():
     volume["a"] = Deferred(lambda: np.ones((4, 4, 4)), "f8")
     assert "not read yet" in volume._repr_html_()
     assert volume.waiting == ("a",)
+
+
+def test_a_bar_for_each_of_few_values():
+    a = np.arange(64).reshape(4, 4, 4) % 3 * 10
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=a)
+    for medium in (vm.Gaussian("a", 10, 1, 1, 1), vm.Colormap("a", "viridis", norm="log")):
+        axes = medium.plot(volume)
+        (bars,) = (p for other in axes.figure.axes for p in other.patches if hasattr(p, "get_data"))
+        counts = bars.get_data().values
+        assert counts.tolist() == ([22, 21, 21] if isinstance(medium, vm.Gaussian) else [21, 21])

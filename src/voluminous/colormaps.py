@@ -63,6 +63,27 @@ def get_color(name: str) -> tuple[float, float, float]:
     return float(red), float(green), float(blue)
 
 
+def opaque_color(color: Any, what: str, other: str = "") -> tuple[float, float, float]:
+    """Return red, green and blue of any color that matplotlib knows.
+
+    Raises
+    ------
+    InputError
+        If it is none, or is not opaque.
+    """
+    import matplotlib.colors
+
+    try:
+        rgba = matplotlib.colors.to_rgba(color)
+    except ValueError:
+        raise InputError(
+            f"{what} must be {other}a color such as 'white', '#203040' or (r, g, b) from 0 to 1; "
+            f"got {color!r}"
+        ) from None
+    red, green, blue = without_alpha(rgba, what)
+    return float(red), float(green), float(blue)
+
+
 def is_name_and_alpha(color: Any) -> bool:
     """Return whether it is what matplotlib writes as ``("red", 0.5)``."""
     pair = isinstance(color, tuple) and len(color) == 2
@@ -109,7 +130,7 @@ def _is_opaque(color: Any) -> bool:
     """Return whether it is four numbers from 0 to 1, of which the last is 1."""
     if not isinstance(color, (list, tuple, np.ndarray)) or len(color) != 4:
         return False
-    return all(isinstance(c, Real) and 0.0 <= c <= 1.0 for c in color) and color[3] == 1.0
+    return all(isinstance(c, Real) and 0.0 <= float(c) <= 1.0 for c in color) and color[3] == 1.0
 
 
 def mapped_colors(colormap: Any, positions: Any) -> np.ndarray:

@@ -59,6 +59,8 @@ def divided(ax: Any, count: int, *, share: bool = True) -> Any:
         If they are others than one or so many, or one that is no subplot.
     """
     given = np.ravel(np.array(ax, dtype=object))
+    if not all(hasattr(one, "get_subplotspec") for one in given):
+        raise InputError(f"ax must be axes of matplotlib, got {ax!r}")
     if len(given) == count:
         return given
     if len(given) != 1:

@@ -1,30 +1,27 @@
-"""Transfer functions: j and α of a medium over the values it looks at, as numbers and drawn."""
+"""Transfer functions: j and α drawn over the values that a medium looks at."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..backend import from_host, get_backend
 from ..errors import InputError
-from ..evaluation import Evaluation
 from ..expressions import Expression
-from ..fields import split_unit, unit_quantity
 from ..figures import divided, new_figure
 from ..image.annotate.lengths import pretty_unit
-from ..media import Coefficients, Colormap, Context, Isosurface, Medium, Table
+from ..media import Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
 from ..media.shaped import Shaped
 from ..notebook import png
 from ..units import is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume
+from .at_values import coefficients, one_path_length, scalar_of, units_of
 from .calibrate import calibrate
 from .checks import check_volume
 from .histogram import is_constant, sampled_values
-from .plain import in_plain_numbers
 from .samples import pieces
 
 RGB = ("#d1342f", "#2c9c3f", "#2f62d1")
@@ -37,170 +34,6 @@ _AROUND = 3.5
 _CELLS, _COARSE = 1 << 17, 60
 # Of a swatch: rows and columns of a strip, and rows between two.
 _STRIP, _GAP = (48, 360), 6
-
-
-class _Values(Evaluation):
-    """Arrays of values by the names of fields, or of whole expressions, in place of a volume."""
-
-    coordinates: tuple[str, ...] = ()
-
-    def __init__(self, given: Mapping[str, Any]) -> None:
-        self.unit: Any = None
-        self._fields: dict[str, np.ndarray] = {}
-        self._units: dict[str, Any] = {}
-        for name, value in given.items():
-            values, unit = split_unit(value)
-            try:
-                self._fields[name] = np.asarray(values, dtype=np.float64)
-            except (TypeError, ValueError) as error:
-                raise InputError(f"values of {name} must be numbers, got {value!r}") from error
-            self._units[name] = unit
-            if name.startswith("log") and unit is not None and "dex" not in str(unit):
-                raise InputError(
-                    f"values of {name} are plain numbers, got some in {unit_name(unit)}; for those "
-                    "of its fields give a dict: medium({'density': …})"
-                )
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._fields
-
-    def field_unit(self, name: str) -> Any:
-        return self._units[name]
-
-    def given(self, names: Iterable[str]) -> set[str]:
-        return set(names) & self._fields.keys()
-
-    def _resolved(self, expression: Expression) -> tuple[Expression, Any]:
-        if expression.text in self._fields:
-            return expression, self._units[expression.text]
-        return super()._resolved(expression)
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Return all values in one shape."""
-        try:
-            return dict(zip(self._fields, np.broadcast_arrays(*self._fields.values()), strict=True))
-        except ValueError:
-            shapes = ", ".join(f"{name} {array.shape}" for name, array in self._fields.items())
-            raise InputError(f"values must have one shape, got {shapes}") from None
-
-
-class _Given(Context):
-    """Evaluates expressions; those that are given as a whole are looked up."""
-
-    def evaluate(self, expression: Any, fields: dict[str, Any]) -> Any:
-        found = fields.get(getattr(expression, "text", ""))
-        return super().evaluate(expression, fields) if found is None else found
-
-
-def evaluate(medium: Medium, values: Any) -> tuple[Any, Any]:
-    """Return j and α at values; see `Medium.__call__`."""
-    medium = _per_path_length(medium)
-    given = values if isinstance(values, Mapping) else {_only(medium).text: values}
-    _check_given(medium, given)
-    fields = _Values(given)
-    fields.unit = _length_unit(medium, fields)
-    medium = in_plain_numbers(medium, fields)  # type: ignore[arg-type]
-    j, alpha = coefficients(medium, fields.arrays(), fields.unit, fields.expression_unit)
-    return tuple(
-        array if unit is None else unit_quantity(np.asarray(array), unit)
-        for array, unit in zip((j, alpha), _units(medium, fields), strict=True)
-    )  # type: ignore[return-value]
-
-
-def coefficients(
-    medium: Medium, arrays: Mapping[str, np.ndarray], unit: Any, unit_of: Any
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return j (channel, …) and α, (…) if it is grey or (channel, …), in double precision."""
-    shape = np.broadcast_shapes(*(np.shape(array) for array in arrays.values()))
-    real = get_backend("cpu", "double")
-    fields = {
-        name: from_host(real.Float, np.broadcast_to(array, shape).ravel())
-        for name, array in arrays.items()
-    }
-    found = medium.coefficients(fields, _Given(real.Float, real.opaque, unit, unit_of))
-    size = int(np.prod(shape))
-    rows = [np.broadcast_to(np.array(value), size).reshape(shape) for value in found.listed()]
-    j, alpha = np.stack(rows[: medium.channels]), np.stack(rows[medium.channels :])
-    return j, alpha[0] if medium.grey else alpha
-
-
-def _only(medium: Medium) -> Expression:
-    """Return the one expression that a medium is a function of."""
-    found = {_scalar(part) for part in medium.components()}
-    expr = found.pop() if len(found) == 1 else None
-    if expr is None:
-        raise InputError(
-            f"this medium looks at {', '.join(medium.names) or 'no field'}: give values by name, "
-            f"medium({{{', '.join(f'{name!r}: …' for name in medium.names)}}})"
-        )
-    return expr
-
-
-def _scalar(part: Medium) -> Expression | None:
-    """Return what a part is a function of; None of several fields, and of none."""
-    if part.scalars():
-        return part.scalars()[0]
-    return Expression(part.names[0]) if len(part.names) == 1 else None
-
-
-def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
-    """Refuse values that are not all that a medium looks at, and surfaces without a width."""
-    needed: dict[str, None] = {}
-    for part in medium.components():
-        if isinstance(part, Isosurface) and not part.thick:
-            raise InputError(
-                "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
-                "opacity; medium.plot(volume) draws where it is"
-            )
-        try:
-            own = [expr for expr, _ in part.expressions()]
-        except NotImplementedError:
-            own = [Expression(name) for name in part.names]
-        own += [part.slope] if isinstance(part, Isosurface) else []
-        for expr in own:
-            needed.update(dict.fromkeys((expr.text,) if expr.text in given else expr.names))
-    missing = [name for name in needed if name not in given]
-    if missing:
-        listed = ", ".join(f"{name!r}: …" for name in (*given, *missing))
-        raise InputError(
-            f"this medium also looks at {', '.join(missing)}: give values of all, "
-            f"medium({{{listed}}})"
-        )
-
-
-def _per_path_length(medium: Medium) -> Medium:
-    """Return a medium with 1 for its path lengths, if all are still to be measured."""
-    open_ones = [isinstance(part.path_length, str) for part in medium.components()]
-    if not any(open_ones):
-        return medium
-    if not all(open_ones):
-        raise InputError(
-            "path_length is 'auto' in one part of this medium and a length in others: give "
-            "vm.calibrate(medium, volume) values"
-        )
-    return medium.with_each(lambda part: part.changed(path_length=1.0))
-
-
-def _length_unit(medium: Medium, fields: _Values) -> Any:
-    """Return the unit of length that numbers of a medium tell, or None."""
-    for part in medium.components():
-        if is_quantity(part.path_length):
-            return parse_unit(part.path_length.unit)
-        for expr in part.extinction if isinstance(part, Coefficients) else ():
-            unit = fields.expression_unit(expr)
-            if unit is not None:
-                length = (unit**-1).physical_type == "length"
-                return parse_unit(unit**-1) if length else parse_unit("cm")
-    return None
-
-
-def _units(medium: Medium, fields: Any) -> tuple[Any, Any]:
-    """Return the units of j and of α."""
-    per_length = None if fields.unit is None else parse_unit(fields.unit**-1)
-    own = medium.intensity_unit(Context(float, float, fields.unit, fields.expression_unit))
-    if own is None:
-        return per_length, per_length
-    return (own if fields.unit is None else parse_unit(own / fields.unit)), per_length
 
 
 @dataclass
@@ -290,7 +123,7 @@ class _Panel:
 def plot(medium: Medium, volume: Any = None, ax: Any = None) -> Any:
     """Draw a medium; see `Medium.plot`."""
     if volume is None:
-        medium = medium.with_each(_one_path_length)
+        medium = medium.with_each(one_path_length)
     else:
         check_volume("medium.plot", "first", volume)
         medium = calibrate(medium, volume)
@@ -328,7 +161,7 @@ def swatch(medium: Medium) -> bytes | None:
 def swatch_title(medium: Medium) -> str:
     """Return over which values the strips of a swatch are."""
     panels, _ = _panels(medium.with_each(_closed), None)
-    free = [_scalar(part) for part in medium.components() if _is_open(part)]
+    free = [scalar_of(part) for part in medium.components() if _is_open(part)]
     told = []
     for panel in panels:
         span = f"{panel.low:.4g} … {panel.high:.4g}{' (logarithmic)' * panel.log}"
@@ -367,7 +200,7 @@ def _panels(medium: Medium, volume: Any) -> tuple[list[_Panel], list[tuple[Mediu
     groups: dict[str, list[Medium]] = {}
     several: list[tuple[Medium, str]] = []
     for part in medium.components():
-        scalar = _scalar(part)
+        scalar = scalar_of(part)
         known = isinstance(part, (Shaped, Table, Isosurface))
         if scalar is not None and (known or (volume is not None and len(part.names) == 1)):
             groups.setdefault(scalar.text, []).append(part)
@@ -381,10 +214,6 @@ def _panels(medium: Medium, volume: Any) -> tuple[list[_Panel], list[tuple[Mediu
     return [_Panel(Expression(text), parts, volume) for text, parts in groups.items()], several
 
 
-def _one_path_length(part: Any) -> Any:
-    return part if part.path_length is None else part.changed(path_length=1.0)
-
-
 def _is_open(part: Any) -> bool:
     return isinstance(part, Colormap) and part.range.is_open
 
@@ -393,7 +222,7 @@ def _closed(part: Any) -> Any:
     """Return a part as one path length of it shows, over the places of an open colormap."""
     if _is_open(part):
         part = part.within(*((1.0, 10.0) if part.range.positive else (0.0, 1.0)), None)
-    return _one_path_length(part)
+    return one_path_length(part)
 
 
 def _ungated(part: Any) -> Any:
@@ -433,7 +262,7 @@ def _draw(axes: Any, panel: _Panel, medium: Medium) -> None:
     axes.set_title("; ".join(_told(panel.parts)), fontsize="medium", loc="left")
     if panel.values is not None:
         _draw_cells(axes, panel)
-    units = (None, None) if panel.volume is None else _units(medium, panel.volume)
+    units = (None, None) if panel.volume is None else units_of(medium, panel.volume)
     if any(not isinstance(part, Isosurface) for part in panel.parts):
         names = ("emissivity j", "extinction α")
         if panel.volume is None:
@@ -453,7 +282,14 @@ def _draw(axes: Any, panel: _Panel, medium: Medium) -> None:
 
 def _draw_cells(axes: Any, panel: _Panel) -> None:
     """Draw the histogram behind, its counts on a logarithmic axis of its own."""
-    counts, edges = np.histogram(panel.values, panel.spread(_BINS + 1))
+    known = panel.values[(panel.values >= panel.low) & (panel.values <= panel.high)]
+    steps = np.unique(known)
+    if 1 < len(steps) <= 2 * _BINS:  # a bar for each of few values, such as whole numbers
+        middles = 0.5 * (steps[1:] + steps[:-1])
+        places = np.concatenate([[panel.low], middles, [panel.high]])
+    else:
+        places = panel.spread(_BINS + 1)
+    counts, edges = np.histogram(known, places)
     behind = axes.twinx()
     behind.stairs(counts, edges, baseline=0.5, fill=True, color="0.88")
     behind.set(yscale="log", ylim=(0.5, max(10.0, 1.5 * counts.max(initial=1.0))))
@@ -504,7 +340,12 @@ def _fill(axes: Any, x: np.ndarray, j: np.ndarray) -> None:
     area = axes.fill_between(x, 0.0, np.where(good, top, 0.0), color="none", lw=0)
     paths = area.get_paths()
     mesh = axes.pcolormesh(
-        x, [0.0, float(top[good].max())], np.stack([shown[:-1]]), shading="flat", rasterized=True
+        x,
+        [0.0, float(top[good].max())],
+        np.stack([shown[:-1]]),
+        shading="flat",
+        alpha=0.8,
+        rasterized=True,
     )
     if paths:
         mesh.set_clip_path(paths[0], axes.transData)
@@ -561,7 +402,7 @@ def _draw_means(axes: Any, part: Medium, name: str, volume: Volume) -> None:
     others = ", ".join(own for own in names if own != name)
     axes.set_title(f"median of cells, which differ in {others}", fontsize="medium", loc="left")
     _draw_cells(axes, panel)
-    units = (unit_name(u) for u in _units(part, volume))
+    units = (unit_name(u) for u in units_of(part, volume))
     labels = [*map(_labelled, ("emissivity j", "extinction α"), units)]
     _draw_lines(axes, x, middle[: part.channels], middle[part.channels :], labels)
     axes.legend(fontsize="small", framealpha=0.7)

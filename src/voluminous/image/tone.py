@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..colormaps import opaque_color
 from ..errors import InputError, unknown_name
 from . import mixing
 from .colormap import mapped, scale
@@ -150,16 +151,8 @@ def fit(linear: NDArray[np.float32], bend: Curve, gamut: str) -> NDArray[np.floa
 def _in_front(
     rgb: NDArray[np.float32], transparency: NDArray[Any] | None, background: Any
 ) -> NDArray[np.float32]:
-    from matplotlib.colors import to_rgb
-
     if transparency is None:
         raise InputError("background needs an image whose transparency is known")
-    try:
-        color = np.array(to_rgb(background), dtype=np.float32)
-    except ValueError:
-        raise InputError(
-            f"background must be a color such as 'white', '#203040' or (r, g, b) from 0 to 1; "
-            f"got {background!r}"
-        ) from None
+    color = np.array(opaque_color(background, "background"), dtype=np.float32)
     through = np.nan_to_num(transparency.mean(axis=-1, keepdims=True, dtype=np.float64))
     return np.minimum(rgb + through.astype(np.float32) * color, 1)

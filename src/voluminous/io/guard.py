@@ -10,8 +10,9 @@ from typing import Any
 
 from ..errors import FileFormatError, UnitsError, VoluminousError
 
-# Errors of Python that mean damage, besides those of classes that libraries have for it.
-_DAMAGE = (OSError, EOFError, UnicodeDecodeError)
+# Errors of Python that mean damage (h5py raises RuntimeError), besides those of classes that
+# libraries have for it.
+_DAMAGE = (OSError, EOFError, UnicodeDecodeError, RuntimeError)
 _OWN = ("builtins", "voluminous", "numpy", "yt.", "unyt.")
 # Characters of a library's own message that are shown.
 _LONGEST = 400

@@ -38,7 +38,7 @@ def given_colors(colors: Any, rows: int) -> np.ndarray:
         colors = [color_values(color) for color in colors]
         if len({len(color) for color in colors}) > 1:
             raise InputError("colors given by names go with others of red, green and blue only")
-    if np.ndim(colors) > 1:
+    if listed(colors) and any(map(listed, colors)):
         colors = without_alpha(colors, "colors")
     return given_columns(colors, rows, "colors")
 

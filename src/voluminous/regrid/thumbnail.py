@@ -10,7 +10,9 @@ from ..colormaps import get_colormap
 from ..notebook import page, picture, png, table
 from .plane import cells_on, make_plane
 
-_PIXELS, _GAP, _MOST_FIELDS, _WIDE = 96, 4, 40, 100.0
+_PIXELS, _GAP, _MOST_FIELDS = 96, 4, 40
+# Positive numbers that are no whole ones, and wider, are shown by logarithms, but the faintest.
+_WIDE, _FAINT = 100.0, 2.0
 # Of fields with more values than that, so many are looked at.
 _ALL, _VALUES = 1 << 22, 1 << 17
 _FIRST = ("density", "gas_density", "rho", "dens")
@@ -68,9 +70,11 @@ def values_png(slices: list[np.ndarray]) -> bytes:
     """Return pictures of values beside each other; logarithmic if they are wide."""
     every = np.concatenate([own[np.isfinite(own)] for own in slices])
     low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
-    if low > 0.0 and high > _WIDE * low:
-        slices = [np.log10(own) for own in slices]
-        low, high = np.log10(low), np.log10(high)
+    if low >= 0.0 and np.any(every % 1):
+        least = float(np.percentile(every[every > 0.0], _FAINT))
+        if high > _WIDE * least:
+            slices = [np.log10(np.maximum(own, least)) for own in slices]
+            low, high = np.log10(least), np.log10(high)
     colormap = get_colormap("viridis").with_extremes(bad=(0.9, 0.9, 0.9))
     height = max(len(own) for own in slices)
     columns: list[np.ndarray] = []

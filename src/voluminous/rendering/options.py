@@ -222,7 +222,7 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
         raise InputError(
             f"background must be plain numbers, in the unit of the image's intensity, got {given}"
         )
-    if np.shape(given) == (4,) and channels == 3:
+    if channels == 3 and isinstance(given, (list, tuple, np.ndarray)) and len(given) == 4:
         given = without_alpha(given, "background")
     try:
         array = np.asarray(given, dtype=np.float64)

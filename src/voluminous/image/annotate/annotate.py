@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...colormaps import opaque_color
 from ...errors import InputError
 from .. import mixing
 from ..options import check_options
@@ -127,19 +128,12 @@ def _letters(wanted: float | None, pixels: NDArray[np.uint8]) -> float:
 
 def _paper(wanted: Wanted, shown: dict[str, Any]) -> tuple[float, ...] | None:
     """Return the colour of the margins: the background's, and black for space."""
-    from matplotlib.colors import to_rgb
-
     color = wanted.paper if wanted.paper is not None else shown.get("background")
     if color is None:
         color = "none" if wanted.transparent else "black"
     if isinstance(color, str) and color.lower() == "none":
         return None
-    try:
-        return to_rgb(color)
-    except ValueError:
-        raise InputError(
-            f"paper must be 'none' or a color such as 'white' or '#203040', got {color!r}"
-        ) from None
+    return opaque_color(color, "paper", "'none' or ")
 
 
 def _parts(image: Image, wanted: Wanted, shown: dict[str, Any]) -> list[Draw]:

@@ -53,6 +53,7 @@ class DICOMReader(VoxelReader):
         except OSError:
             return False
 
+    @by_library("pydicom")  # elements are converted when they are first asked for
     def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
         """Return what the heads of all slices tell."""
         head, frames = _frames(path, series)
@@ -90,7 +91,7 @@ def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
     common = _common_head(heads)
     frames: list[Frame] = []
     for file, head in heads:
-        with reading(file, "a DICOM file"), by_library("pydicom"):
+        with reading(file, "a DICOM file"):
             frames += frames_of(file, head)
     return common, frames
 

@@ -69,7 +69,7 @@ class MetaImageReader(VoxelReader):
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         """Return what the head tells."""
-        lines, end, found = head_lines(path, lambda line: _key(line) == _DATA)
+        lines, end, found = head_lines(path, lambda line: "=" in line and _key(line) == _DATA)
         if not found:
             raise FileFormatError(f"expected a line '{_DATA} = …' at the end of its head")
         head = dict(_pair(line) for line in lines if "=" in line)

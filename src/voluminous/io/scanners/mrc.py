@@ -93,7 +93,8 @@ def _placement(head: Any, order: list[int]) -> Placement:
 
 
 def _dtype(mrcfile: Any, head: Any) -> np.dtype[Any]:
-    dtype = mrcfile.utils.data_dtype_from_header(head)
+    with by_library("mrcfile"):
+        dtype = mrcfile.utils.data_dtype_from_header(head)
     if dtype.kind not in "iuf" or int(head.mode) > 12:
         raise FileFormatError(f"mode must be 0, 1, 2, 6 or 12 (real numbers), got {head.mode}")
     extra = bytes(head.extra2)[40:48]

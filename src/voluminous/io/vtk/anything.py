@@ -32,7 +32,7 @@ class PyVistaReader(Reader):
     suffixes = (
         *(".slc", ".cube", ".dem", ".segy", ".sgy", ".grdecl"),
         *(".cas", ".case", ".cgns", ".e", ".ex2", ".exii", ".exo", ".foam", ".inp", ".nek5000"),
-        *(".neu", ".p3d", ".pvtk", ".res", ".series", ".vrt", ".xdmf", ".dat"),
+        *(".neu", ".p3d", ".pvtk", ".res", ".series", ".vrt", ".xdmf"),
     )
     options = {  # noqa: RUF012 - as in Reader
         **OPTIONS,
