@@ -116,7 +116,7 @@ def test_projections_of_a_constant_are_that_constant(kind, how):
 def test_projections_of_signed_data_are_grey_within_a_window():
     """Air at -1000 is black and bone white, as radiologists see computed tomography."""
     values = np.full((8, 8, 8), -1000.0)
-    values[2:6, 2:6, 2:6] = 1200.0
+    values[2:6, 2:6, 3:5] = 1200.0
     volume = vm.Volume(GRID, ct=values)
     image = vm.project(volume, "ct", DOWN)
     rgb = image.to_rgb()
@@ -124,6 +124,20 @@ def test_projections_of_signed_data_are_grey_within_a_window():
     assert rgb[0, 0, 0] < 0.01
     assert rgb[4, 4, 0] > 0.99
     assert image.plot().images[0].cmap.name == "gray"
+    # Means of so much air are all below zero, and the brightest are where the bone is.
+    mean = vm.project(volume, "ct", DOWN, how="mean")
+    assert mean.intensity.max() < 0
+    rgb = mean.to_rgb()
+    assert rgb[0, 0, 0] < 0.01
+    assert rgb[4, 4, 0] > 0.99
+
+
+def test_depths_before_the_middle_are_not_all_black():
+    ramp = vm.Volume(GRID)
+    ramp["a"] = "1.0 * (z < 0.6 + 0.3 * x)"
+    depth = vm.project(ramp, "a", DOWN, how="first")
+    assert np.nanmax(depth.intensity) < 0
+    assert np.ptp(depth.to_rgb()[np.isfinite(depth.intensity[..., 0])]) > 0.9
 
 
 def test_earlier_names_tell_the_new_ones():

@@ -88,6 +88,20 @@ def test_isosurfaces_in_the_light_of_several_lamps(width):
         assert other.replace(lights=[(0, 0, 1)]).key() != other.key()
 
 
+@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
+@pytest.mark.parametrize("lights", [None, [(1, 0, 0)]])
+def test_thick_isosurfaces_are_lit_in_every_scheme(scheme, lights):
+    normal = np.array([1, 2, 3]) / 14**0.5
+    view = np.array([-(0.75**0.5) * 0.5, -(0.75**0.5) * 0.75**0.5, 0.5])
+    cosine = normal[0] if lights else abs(normal @ view)
+    make = {"level": 0.6, "opacity": 0.8, "width": 0.6}
+    plain, lit = (
+        vm.render(RAMP, vm.Isosurface("a", **make, **how), CAMERA, scheme=scheme).intensity
+        for how in ({}, {"shading": 0.8, "lights": lights})
+    )
+    np.testing.assert_allclose(lit, (0.2 + 0.8 * cosine) * plain, atol=2e-3)
+
+
 def test_spherical_grids_are_shaded():
     sphere = vm.SphericalGrid(
         np.linspace(0.1, 1, 12), np.linspace(0, np.pi, 12), np.linspace(0, 2 * np.pi, 25)

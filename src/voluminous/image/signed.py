@@ -28,7 +28,8 @@ def with_colormap(
 
     A norm bends the values of a colormap: then it is grey. One channel of both signs, of which
     nothing is said, has one around zero: in grey all that is negative would be black, half of a
-    map of velocities.
+    map of velocities. Where nothing is positive, as in depths before the middle, it is grey:
+    black would be all of it.
 
     Parameters
     ----------
@@ -49,14 +50,13 @@ def with_colormap(
         return options
     if any(options.get(name) is not None for name in _DECIDING):
         return options
+    if options.get("exposure") is None:
+        window = _window(intensity[..., shown[0]], projection)
+        if window is not None:
+            return {**options, "colormap": "gray", "vmin": window[0], "vmax": window[1]}
     automatic = signed_exposure(intensity[..., shown[0]])
     if automatic is None:
         return options
-    if projection and options.get("exposure") is None:
-        values = intensity[..., shown[0]]
-        low, high = np.percentile(values[np.isfinite(values)], _WINDOW)
-        if low < high:
-            return {**options, "colormap": "gray", "vmin": float(low), "vmax": float(high)}
     given = options.get("exposure")
     reach = 1.0 / (automatic if given is None else positive(given, "exposure"))
     # Alike on both sides.
@@ -78,6 +78,19 @@ def signed_exposure(values: NDArray[Any]) -> float | None:
     if most <= 0 or -least < _SHARE * most:
         return None
     return automatic_exposure(np.abs(known))
+
+
+def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | None:
+    """Return which values are black and white: of negative ones, and of signed projections."""
+    known = values[np.isfinite(values)]
+    most = known.max() if known.size else 1.0
+    if (most > 0.0 and not projection) or known.min(initial=0.0) >= -_SHARE * max(most, 0.0):
+        return None
+    for ends in (_WINDOW, (0.0, 100.0)):
+        low, high = (float(v) for v in np.percentile(known, ends))
+        if low < high:
+            return low, high
+    return None
 
 
 def is_projection(image: Any) -> bool:

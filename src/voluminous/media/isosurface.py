@@ -30,7 +30,7 @@ from .given import named as _named
 from .given import scalar as _scalar
 from .modulation import Factors
 from .sampled import Sampled
-from .shade import described_lights, given_lights
+from .shade import described_lights, given_lights, given_shade
 from .shell import Shell
 from .surface_given import (
     depth_of,
@@ -128,12 +128,11 @@ class Isosurface(Medium):
         check_name("density", density, DENSITIES)
         self.density, self.shading = density, fraction(shading, "shading")
         self.lights = given_lights(lights)
-        if lights is not None and self.shading == 0.0:
-            raise InputError("lights need shading, such as shading=0.7")
+        self.shade = given_shade(self.expr, shading, lights)
         self.channels, self.grey = len(self.colors[0]), len(self.opacities[0]) == 1
         self.slope = Expression(f"gradmag({self.expr.text})")
         self.normal = [Expression(f"grad({self.expr.text}).{a}") for a in "xyz"]
-        self.names = self._names()
+        self.names = self.used_names()
         self.sensitivity = SENSITIVITY if self._directions() else self.modulation.sensitivity
 
     @property
@@ -309,6 +308,9 @@ class Isosurface(Medium):
             for c, h in enumerate(color):
                 own = depths[c if len(depths) > 1 else 0]
                 emission[c] = emission[c] + context.number(h) * own * dense
+        if self.shade is not None:
+            light = self.shade.factor(fields, context)
+            emission = [j * light for j in emission]
         return self.modulation.coefficients(Coefficients(emission, extinction), fields, context)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
@@ -362,10 +364,11 @@ class Isosurface(Medium):
         slope = [self.slope] if self.density == "gradient" else []
         return [*slope, *(self.normal if self.shading > 0 else ())]
 
-    def _names(self) -> tuple[str, ...]:
+    def used_names(self) -> tuple[str, ...]:
+        """Return the fields and coordinates it looks at."""
         used = [name for e in (self.expr, *self._directions()) for name in e.names]
         used += self.slope.names if self.thick else ()
-        used += ["x", "y", "z"] if self.shading > 0 else ()
+        used += self.shade.names if self.shade is not None else ()
         used += self.modulation.names
         return tuple(dict.fromkeys(used))
 

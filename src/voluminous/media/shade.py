@@ -90,13 +90,20 @@ def on_rays(medium: Any) -> Any:
 
     The gradient along the line of sight, in all cells, took three times as long as the picture.
     """
-    own = getattr(medium, "modulation", None)
-    if own is None or own.shade is None or own.shade.sight is None:
+    changes: dict[str, Any] = {}
+    own, surface = getattr(medium, "modulation", None), getattr(medium, "shade", None)
+    if own is not None and own.shade is not None:
+        changes["modulation"] = type(own)(own.where, own.color, own.channels, _on_rays(own.shade))
+    if surface is not None:
+        changes["shade"] = _on_rays(surface)
+    if not changes:
         return medium
-    shade = Shade(own.shade.expr, own.shade.share, own.shade.lights, on_rays=True)
-    modulation = type(own)(own.where, own.color, own.channels, shade)
-    names = tuple(dict.fromkeys((*medium.expr.names, *modulation.names)))
-    return medium.changed(modulation=modulation, names=names)
+    found = medium.changed(**changes)
+    return found.changed(names=found.used_names())
+
+
+def _on_rays(shade: Shade) -> Shade:
+    return Shade(shade.expr, shade.share, shade.lights, on_rays=True)
 
 
 class Shade:

@@ -87,7 +87,11 @@ class Shaped(Medium):
         self.channels = len(self.color)
         self.grey = len(self.opacity) == 1
         self.sensitivity = self.modulation.sensitivity
-        self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
+        self.names = self.used_names()
+
+    def used_names(self) -> tuple[str, ...]:
+        """Return the fields and coordinates it looks at."""
+        return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @property
     def mixes(self) -> bool:

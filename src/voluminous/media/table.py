@@ -104,7 +104,11 @@ class Table(Medium):
             where, by, self.channels, given_shade(self.expr, shading, lights)
         )
         self.sensitivity = self.modulation.sensitivity
-        self.names = tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
+        self.names = self.used_names()
+
+    def used_names(self) -> tuple[str, ...]:
+        """Return the fields and coordinates it looks at."""
+        return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @staticmethod
     def plain_values(values: Any) -> tuple[Any, np.ndarray]:
