@@ -1,4 +1,4 @@
-"""Quantities of other packages keep their unit at every door, or are refused: it is never dropped."""
+"""Quantities of other packages keep their unit at every door, or are refused."""
 
 from __future__ import annotations
 
