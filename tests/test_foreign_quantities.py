@@ -72,6 +72,16 @@ def test_fields_keep_their_unit(package):
 
 
 @pytest.mark.parametrize("package", MAKERS)
+def test_coefficients_may_be_quantities(package):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1), unit="pc"), v=np.ones((2, 2, 2)))
+    extinction = MAKERS[package](
+        np.float64(0.5), "1/kpc" if "pint" not in package else "1/kiloparsec"
+    )
+    image = vm.render(volume, vm.Coefficients(0, extinction), vm.Orthographic(0, 0, resolution=1))
+    np.testing.assert_allclose(image.optical_depth, 0.5e-3, rtol=1e-5)
+
+
+@pytest.mark.parametrize("package", MAKERS)
 def test_numbers_without_a_unit_are_numbers(package):
     value = MAKERS[package](0.5, "dimensionless" if "pint" in package else "")
     assert unit_of(value) is None
