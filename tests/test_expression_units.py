@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -134,6 +136,42 @@ def test_the_unit_is_known_and_numbers_are_converted(expression, unit, value):
     np.testing.assert_allclose(GAS.evaluate(expression), value, rtol=1e-12, atol=1e-30)
     plain = GAS.without_units(vm.Expression(expression))
     assert GAS.without_units(plain) is plain
+
+
+ODD = ["10 m", "1e-20 erg / (s cm2 Angstrom)", "%", "1e-3 / cm"]
+
+
+def read_back(volume, expression):
+    plain = volume.without_units(vm.Expression(expression))
+    read = pickle.loads(pickle.dumps(plain))
+    np.testing.assert_allclose(volume.evaluate(read), volume.evaluate(expression), rtol=1e-12)
+    assert volume.expression_unit(read) == volume.expression_unit(plain)
+
+
+@pytest.mark.parametrize("expression", [e for e, _, _ in KNOWN])
+def test_plain_numbers_are_written_as_they_are_read(expression):
+    """Isosurfaces, messages and pickles make expressions of texts."""
+    read_back(GAS, expression)
+
+
+@pytest.mark.parametrize("expression", ["a + b", "log10(a) - log10(b) > 0", "a / b", "sqrt(a / b)"])
+@pytest.mark.parametrize("unit", ODD)
+def test_units_with_numbers_in_them_are_written_as_they_are_read(expression, unit):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
+    volume["a"] = np.full((2, 2, 2), 3.0) * u.Unit(unit)
+    volume["b"] = np.full((2, 2, 2), 2.0) * u.Unit(unit).decompose()
+    read_back(volume, expression)
+
+
+def test_a_surface_of_a_ratio_is_drawn_and_a_gate_of_it_told():
+    surface = vm.Isosurface("velocity_x / velocity_y + z / (1 AU)", 1.2, (1, 1, 1))
+    camera = vm.Orthographic(30, 0, width=0.1 * u.AU, resolution=4)
+    assert vm.render(GAS, surface, camera).intensity.min() > 0
+    gated = vm.Gaussian(
+        "share", 0.5, 0.1, 1, 0.1, 1, where="norm(velocity) / sqrt(percentage * velocity_x**2) < 1"
+    )
+    with pytest.warns(UserWarning, match="left out everywhere"):
+        vm.render(GAS, gated, camera)
 
 
 def test_the_place_is_shown_in_a_text_as_it_was_written():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
-from ..units import as_quantity, is_quantity
+from ..units import as_quantity, is_quantity, parse_unit
 from .jumps import Margin, is_partial, is_smooth, is_stepped, margins, may_peak
 from .monotone import Kind, kind_of
 from .ops import Ops
@@ -18,7 +18,7 @@ from .parser import parse
 from .quantities import marked
 from .source import one_line
 from .text import text
-from .tree import Node
+from .tree import Node, Quantity
 from .vectors import Vector
 
 
@@ -225,7 +225,7 @@ def _source_text(source: Any) -> str:
         return one_line(source)
     source = as_quantity(source)
     if is_quantity(source) and np.ndim(source.value) == 0:
-        return f"{source.value} {source.unit}".strip()
+        return text(Quantity(float(source.value), parse_unit(source.unit)))
     if not isinstance(source, Real):
         raise ExpressionError(
             f"an expression is text such as 'log10(density)' or a number, "
