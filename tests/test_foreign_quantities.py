@@ -88,6 +88,11 @@ def test_numbers_without_a_unit_are_numbers(package):
     assert plain(value, None, "value") == 0.5
 
 
+def test_units_that_cancel_are_none():
+    mixing = as_quantity(xr.DataArray(np.ones(3), attrs={"units": "kg kg**-1"}))
+    assert unit_of(mixing) is None
+
+
 class Furlongs(np.ndarray):
     """Numbers of a package that nobody knows."""
 
