@@ -288,6 +288,21 @@ def test_bars_of_colormaps_tables_and_colours_by_another_field():
     assert scale.colormap(1.0)[:3] == pytest.approx((0, 0, 1), abs=0.01)
 
 
+@pytest.mark.parametrize("center", [1e-16 * u.kg / u.m**3, -16 * u.dex(u.kg / u.m**3)])
+def test_bars_of_logarithms_are_in_dex_of_their_values(center):
+    by = vm.ColorBy("log10(density)", "viridis", 1e-17 * u.kg / u.m**3, 1e-18 * u.g / u.cm**3)
+    medium = vm.Gaussian("log10(density)", center, 0.2 * u.dex, 1, 0.1, 1.0)
+    (shell,) = of_medium(medium.describe(), {})
+    assert u.Unit(shell.unit) == u.dex(u.kg / u.m**3)
+    assert shell.norm.vmin < -16.5
+    assert -15.5 < shell.norm.vmax < -14
+    *_, colors = of_medium(medium.replace(color=by).describe(), {})
+    np.testing.assert_allclose([colors.norm.vmin, colors.norm.vmax], [-17, -15])
+    volume = vm.Volume(vm.CartesianGrid.uniform(4, (0, 1)))
+    volume["density"] = np.full((4, 4, 4), 1e-19) * u.g / u.cm**3
+    np.testing.assert_allclose(FieldValues(volume).span("log10(density)", shell.unit), -16)
+
+
 def test_media_that_are_no_function_of_a_scalar_have_no_bar():
     assert of_medium(vm.Coefficients(["x", "y", "x"], "x").describe(), {}) == []
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -24,6 +26,9 @@ def gas():
     volume["same"] = 1e-17 * ones * u.kg / u.m**3
     volume["temperature"] = volume["T"] = 10 * ones * u.K
     volume["share"] = 0.5 * ones
+    volume["percentage"] = 20 * ones * u.percent
+    volume["B_x"] = volume["B_y"] = volume["B_z"] = ones * u.uG / np.sqrt(3)
+    volume["angle"] = 0.1 * ones * u.rad
     volume["velocity_x"] = 0.1 * ones * u.km / u.s
     volume["velocity_y"] = 1e4 * ones * u.cm / u.s
     volume["velocity_z"] = 1e2 * ones * u.m / u.s
@@ -65,6 +70,35 @@ KNOWN = [
     ("exp(0 * x**2) + share", "", 1.5),  # of coordinates alone
     ("theta_deg", "deg", 90),
     ("sin(theta_deg)", "", 1),
+    # Ratios are plain numbers wherever they meet one, whatever the units they are made of.
+    ("velocity_x / velocity_y > 0.5", "", 1),
+    ("norm(velocity) / velocity_y < 2", "", 1),
+    ("max(velocity_x / velocity_y, 0.5)", "", 1),
+    ("clip(velocity_y / velocity_x, 0, 10)", "", 1),
+    ("(velocity_x / velocity_y) % 0.3", "", 0.1),
+    ("velocity_x / velocity_y + 1 > 1.5", "", 1),
+    ("(velocity_x / velocity_y)**2 > 0.5", "", 1),
+    ("where(share > 3, share, velocity_x / velocity_y)", "", 1),
+    ("velocity_x / velocity_y > 2e-5 km/cm", "", 0),
+    ("1 - percentage > 0.5", "", 1),
+    ("max(share - percentage, 0.2)", "", 0.3),
+    ("percentage > 10", "", 1),
+    ("percentage > 0.3", "", 1),  # compared in percent, the unit of the field
+    # Gauss are those of Gaussian units where no others fit.
+    ("B_x**2 / (8*pi) + B_x * B_y / (8*pi)", "uG2", 1 / (12 * np.pi)),
+    ("8*pi*(1 dyn/cm2) / norm(B)**2", "", 8e12 * np.pi),
+    ("norm(velocity) / (norm(B) / sqrt(4*pi*density)) > 1", "", 1),
+    ("velocity_x + norm(B) / sqrt(4*pi*density)", "km/s", 0.1 + 1e-11 / np.sqrt(4e-20 * np.pi)),
+    ("norm(B)**2 / (2 * (1.25663706e-6 N/A2)) + 0 Pa", "uG2 A2/N", 0.5 / 1.25663706e-6),
+    # Radians are plain numbers, degrees become radians beside them.
+    ("angle - theta_deg", "rad", 0.1 - np.pi / 2),
+    ("max(angle, theta_deg)", "rad", np.pi / 2),
+    ("where(share > 0.1, angle, share)", "", 0.1),
+    ("atan2(velocity_x, velocity_y) > 30 deg", "", 1),
+    ("atan2(velocity_x, velocity_y) + 1", "rad", 1 + np.pi / 4),
+    ("atan2(velocity_x, velocity_y) / (1 deg)", "", 45),
+    ("exp(-(angle / (1 deg))**2 / 100)", "", np.exp(-((0.1 * 180 / np.pi) ** 2) / 100)),
+    ("interp(temperature, [0, 20 K], [0, 4 cm2/g]) * density", "1/cm", 2e-20),
 ]
 # Expression, and what the message must show.
 REFUSED = [
@@ -102,6 +136,58 @@ def test_the_unit_is_known_and_numbers_are_converted(expression, unit, value):
     np.testing.assert_allclose(GAS.evaluate(expression), value, rtol=1e-12, atol=1e-30)
     plain = GAS.without_units(vm.Expression(expression))
     assert GAS.without_units(plain) is plain
+
+
+ODD = ["10 m", "1e-20 erg / (s cm2 Angstrom)", "%", "1e-3 / cm"]
+
+
+def read_back(volume, expression):
+    plain = volume.without_units(vm.Expression(expression))
+    read = pickle.loads(pickle.dumps(plain))
+    np.testing.assert_allclose(volume.evaluate(read), volume.evaluate(expression), rtol=1e-12)
+    assert volume.expression_unit(read) == volume.expression_unit(plain)
+
+
+@pytest.mark.parametrize("expression", [e for e, _, _ in KNOWN])
+def test_plain_numbers_are_written_as_they_are_read(expression):
+    """Isosurfaces, messages and pickles make expressions of texts."""
+    read_back(GAS, expression)
+
+
+@pytest.mark.parametrize("expression", ["a + b", "log10(a) - log10(b) > 0", "a / b", "sqrt(a / b)"])
+@pytest.mark.parametrize("unit", ODD)
+def test_units_with_numbers_in_them_are_written_as_they_are_read(expression, unit):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
+    volume["a"] = np.full((2, 2, 2), 3.0) * u.Unit(unit)
+    volume["b"] = np.full((2, 2, 2), 2.0) * u.Unit(unit).decompose()
+    read_back(volume, expression)
+
+
+def test_a_surface_of_a_ratio_is_drawn_and_a_gate_of_it_told():
+    surface = vm.Isosurface("velocity_x / velocity_y + z / (1 AU)", 1.2, (1, 1, 1))
+    camera = vm.Orthographic(30, 0, width=0.1 * u.AU, resolution=4)
+    assert vm.render(GAS, surface, camera).intensity.min() > 0
+    gated = vm.Gaussian(
+        "share", 0.5, 0.1, 1, 0.1, 1, where="norm(velocity) / sqrt(percentage * velocity_x**2) < 1"
+    )
+    with pytest.warns(UserWarning, match="left out everywhere"):
+        vm.render(GAS, gated, camera)
+
+
+def test_the_place_is_shown_in_a_text_as_it_was_written():
+    with pytest.raises(vm.ExpressionError) as caught:
+        vm.Expression("interp(T, [10 K, 1000], [0, 2])")
+    assert "interp(T, [10 K, 1000], [0, 2])\n              ^" in str(caught.value)
+
+
+def test_angles_of_the_grid_are_compared_with_degrees():
+    grid = vm.SphericalGrid([1, 2, 3] * u.AU, np.linspace(0, np.pi, 9))
+    volume = vm.Volume(grid, density=np.ones(grid.shape) * u.g / u.cm**3)
+    theta = volume.evaluate("theta")
+    np.testing.assert_allclose(
+        volume.evaluate("density * exp(-((theta - 90 deg) / (20 deg))**2)"),
+        np.exp(-((np.degrees(theta) / 20 - 4.5) ** 2)),
+    )
 
 
 @pytest.mark.parametrize(("expression", "message"), REFUSED)

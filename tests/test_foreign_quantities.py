@@ -1,4 +1,4 @@
-"""Quantities of other packages keep their unit at every door, or are refused: never dropped."""
+"""Quantities of other packages keep their unit at every door, or are refused."""
 
 from __future__ import annotations
 
@@ -73,10 +73,25 @@ def test_fields_keep_their_unit(package):
 
 
 @pytest.mark.parametrize("package", MAKERS)
+def test_coefficients_may_be_quantities(package):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1), unit="pc"), v=np.ones((2, 2, 2)))
+    extinction = MAKERS[package](
+        np.float64(0.5), "1/kpc" if "pint" not in package else "1/kiloparsec"
+    )
+    image = vm.render(volume, vm.Coefficients(0, extinction), vm.Orthographic(0, 0, resolution=1))
+    np.testing.assert_allclose(image.optical_depth, 0.5e-3, rtol=1e-5)
+
+
+@pytest.mark.parametrize("package", MAKERS)
 def test_numbers_without_a_unit_are_numbers(package):
     value = MAKERS[package](0.5, "dimensionless" if "pint" in package else "")
     assert unit_of(value) is None
     assert plain(value, None, "value") == 0.5
+
+
+def test_units_that_cancel_are_none():
+    mixing = as_quantity(xr.DataArray(np.ones(3), attrs={"units": "kg kg**-1"}))
+    assert unit_of(mixing) is None
 
 
 class Furlongs(np.ndarray):

@@ -55,7 +55,9 @@ def as_quantity(value: Any) -> Any:
     if hasattr(value, "dims") and hasattr(attributes, "get"):  # xarray
         inner = as_quantity(value.data)
         name = "" if is_quantity(inner) else str(attributes.get("units", ""))
-        return inner if name in _NO_UNIT else _converted(value, lambda: inner * parse_unit(name))
+        if name in _NO_UNIT:
+            return inner
+        return _converted(value, lambda: inner * (parse_unit(name) or 1.0))
     unit = getattr(value, "units", getattr(value, "unit", None))
     if unit is not None and str(unit) not in _NO_UNIT:
         raise UnitsError(_UNKNOWN.format(type(value).__module__, type(value).__name__, unit))

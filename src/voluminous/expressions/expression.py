@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
+from ..units import as_quantity, is_quantity, parse_unit
 from .jumps import Margin, is_partial, is_smooth, is_stepped, margins, may_peak
 from .monotone import Kind, kind_of
 from .ops import Ops
@@ -17,7 +18,7 @@ from .parser import parse
 from .quantities import marked
 from .source import one_line
 from .text import text
-from .tree import Node
+from .tree import Node, Quantity
 from .vectors import Vector
 
 
@@ -26,8 +27,9 @@ class Expression:
 
     Parameters
     ----------
-    source : str, float or Expression
-        The text, for example ``"log10(density)"``, or a number. An `Expression` is returned as is.
+    source : str, float, Quantity or Expression
+        The text, for example ``"log10(density)"``, or a number, or one with a unit. An
+        `Expression` is returned as is.
 
     Attributes
     ----------
@@ -221,6 +223,9 @@ def check_names(expr: Expression, known: Iterable[str]) -> None:
 def _source_text(source: Any) -> str:
     if isinstance(source, str):
         return one_line(source)
+    source = as_quantity(source)
+    if is_quantity(source) and np.ndim(source.value) == 0:
+        return text(Quantity(float(source.value), parse_unit(source.unit)))
     if not isinstance(source, Real):
         raise ExpressionError(
             f"an expression is text such as 'log10(density)' or a number, "

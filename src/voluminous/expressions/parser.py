@@ -191,10 +191,9 @@ class _Builder(VectorBuilder):
         unit = given[0].unit if given else None
         if given and any(not number.unit.is_equivalent(unit) for number in given):
             self._fail(node, f"the numbers of a table need units of one kind, such as {unit}")
-        if given and len(given) < len(built):
+        if given and any(n not in given and n != Constant(0.0) for n, _ in built):
             self._fail(node, f"give all numbers of the table a unit, such as {unit}, or none")
-        factors = [number.unit.to(unit) for number in given] or [1.0] * len(built)
-        return [n.value * f for (n, _), f in zip(built, factors, strict=True)], unit  # type: ignore[attr-defined]
+        return [n.value * (n.unit.to(unit) if n in given else 1.0) for n, _ in built], unit  # type: ignore[attr-defined]
 
 
 def interpolation(argument: Node, places: Any, entries: Any) -> Node:

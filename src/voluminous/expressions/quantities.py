@@ -17,10 +17,12 @@ from .source import fail
 
 # A whole number literal: not the "10" of 0x10, nor the "2" of a2.
 _NUMBER = re.compile(r"(?<![\w.])(?!0[xXbBoO])(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\d.])")
-_POWER = r"(?:[-+]?\d+|\s*(?:\*\*|\^)\s*(?:[-+]?\d+(?:\.\d+)?|\([-+]?\d+(?:[./]\d+)?\)))?"
+_FRACTION = r"\([-+]?\d+(?:[./]\d+)?\)"
+_POWER = rf"(?:[-+]?\d+|{_FRACTION}|\s*(?:\*\*|\^)\s*(?:[-+]?\d+(?:\.\d+)?|{_FRACTION}))?"
 # One factor of a unit: a name that is no function being called, with its power.
 _FACTOR = re.compile(rf"([^\W\d]+)({_POWER})(?![\w(])")
 _FIRST = re.compile(r"\s*(?=[^\W\d])|\s+1\s*/\s*(?=[^\W\d(])")
+_OPENED = re.compile(r"(?:dex)?\(")
 _NEXT = re.compile(r"\s*[*/]\s*|\s+")
 # `a` and `b` are units too (years, bits), but nobody means these by "2a".
 _KEYWORDS = {"and", "or", "not", "if", "else", "in", "is", "lambda", "a", "b", *CONSTANTS}
@@ -82,8 +84,9 @@ def _factors_end(text: str, place: int, fields: Collection[str]) -> int | None:
 
 
 def _factor_end(text: str, place: int, excluded: Collection[str]) -> int | None:
-    if text[place : place + 1] == "(":
-        inside = _factors_end(text, place + 1, excluded)
+    opened = _OPENED.match(text, place)
+    if opened is not None:
+        inside = _factors_end(text, opened.end(), excluded)
         closed = None if inside is None else re.compile(rf"\s*\){_POWER}").match(text, inside)
         return None if closed is None else closed.end()
     factor = _FACTOR.match(text, place)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from typing import NoReturn
 
 from ..errors import ExpressionError
@@ -98,6 +99,9 @@ def fail(text: str, place: int, problem: str) -> NoReturn:
     ExpressionError
         Always; shows the 100 characters around the place.
     """
+    # Units stand in brackets and quotes, see `quantities.marked`.
+    before, after = (re.sub(r'\["(.*?)"\]', r" \1", part) for part in (text[:place], text[place:]))
+    text, place = before + after, len(before)
     start, end = max(0, place - 50), place + 50
     before, after = "…" * (start > 0), "…" * (end < len(text))
     shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[start:end])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import re
 from itertools import chain
+from typing import Any
 
 from .tree import (
     Call,
@@ -41,12 +44,15 @@ _INFIX = {
 # What needs no parentheses wherever it stands.
 _CLOSED = (Field, Earlier, Where, Interpolation, Quantity)
 
+# A number in the name of a unit, as in 1e-20 erg, which the language has no place for.
+_SCALED = re.compile(r"(?:^|\s\(?|dex\()(?!1 /)\d")
+
 
 def text(node: Node) -> str:
     """Return a text that is parsed into this very tree; steps, which no text has, one by one."""
     match node:
-        case Quantity(value, unit) | InUnit(value, unit):
-            return f"({text(Constant(value))} {unit})"
+        case Quantity(value, unit) | InUnit(value, unit) if unit is not None:
+            return _quantity(value, unit)
         case Constant(value):
             return repr(value).removesuffix(".0")
         case Field(name):  # a derivative too
@@ -67,6 +73,17 @@ def text(node: Node) -> str:
         case Call(operation, arguments) | Logic(operation, arguments):
             return _operation(operation, arguments)
     raise TypeError(f"not a number in an expression: {node!r}")
+
+
+def _quantity(value: float, unit: Any) -> str:
+    shown = str(unit)
+    if _SCALED.search(shown):
+        own = getattr(unit, "physical_unit", unit).decompose()
+        dex = hasattr(unit, "physical_unit")
+        value = value + math.log10(own.scale) if dex else value * own.scale
+        shown = str(type(own)(1.0, own.bases, own.powers))
+        shown = f"dex({shown})" if dex and shown else shown
+    return f"({text(Constant(value))} {shown.replace('%', 'percent')}".rstrip() + ")"
 
 
 def _operation(operation: str, arguments: tuple[Node, ...]) -> str:

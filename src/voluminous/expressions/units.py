@@ -5,13 +5,15 @@ tree once the units of its fields are known, puts a factor wherever numbers in d
 (``km/s`` and ``cm/s``), and refuses what has no unit (``density + temperature``).
 
 A plain number, written as such, is in the unit of what it is compared with (comparisons, ``min``,
-``max``, ``clip``, ``%``, the places of ``interp``), and nowhere else. ``log10`` of a unit is in dex
-of it, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain factor, is a power of the
-field.
+``max``, ``clip``, ``%``, the places of ``interp``), and nowhere else. A ratio of velocities is a
+plain number, in km/s and cm/s too; only fields in percent are compared in percent. ``log10`` of a
+unit is in dex of it, astropy's ``dex(g / cm3)``: a plain number added to it, or a plain factor, is
+a power of the field.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 from collections.abc import Callable
@@ -151,6 +153,10 @@ class _Part:
         """Whether it fits any unit: zero does, and infinity."""
         return self.number is not None and (self.number == 0 or not math.isfinite(self.number))
 
+    def bare(self, plain: bool) -> bool:
+        """Return whether it has no unit, nor takes that of others: with `plain` numbers do."""
+        return self.unit is None and not self.free and not (plain and self.number is not None)
+
 
 class _Walk:
     """One walk through the tree of an expression."""
@@ -214,15 +220,19 @@ class _Walk:
 
         With `plain`, numbers without a unit are in that of the others.
         """
+        own = self._units.values()
+        parts = [p if p.unit in own else self._plain_if_pure(p) for p in parts]
         varying = [p for p in parts if p.number is None and not isinstance(p.node, InUnit)]
         unit = _unit_of(varying) if varying else _unit_of(parts)
         plain = plain or is_dex(unit) or _is_radian(unit)
-        fits = [p.unit is None and (p.free or (plain and p.number is not None)) for p in parts]
+        if unit is not None and _is_pure(unit) and any(p.bare(plain) for p in parts):
+            unit = None  # 1 - a, of percent
+        fits = [p.unit is None and not p.bare(plain) for p in parts]
         return [p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)]
 
     def _in(self, part: _Part, unit: Any, node: Node) -> _Part:
         """Return a number in a unit (None: a plain number), of the same kind."""
-        if part.unit == unit:
+        if part.unit == unit or not (_counts(part.unit) or _counts(unit)):
             return part
         dex = is_dex(part.unit)
         if dex != is_dex(unit):
@@ -245,11 +255,11 @@ class _Walk:
         """Return what turns numbers in one unit into those in another; None if nothing does."""
         from astropy import units as u
 
-        plain = u.dimensionless_unscaled
-        try:
-            return float((own or plain).to(unit or plain))
-        except (u.UnitsError, TypeError):
-            return None
+        pair = [unit or u.dimensionless_unscaled for unit in (own, unit)]
+        for first, second in (pair, map(_of_gauss, pair)):
+            with contextlib.suppress(u.UnitsError, TypeError):
+                return float(first.to(second))
+        return None
 
     def _refuse_kind(self, node: Node, part: _Part, unit: Any) -> NoReturn:
         wanted = "a plain number is needed" if unit is None else f"expected {_named(unit)}"
@@ -369,9 +379,10 @@ class _Walk:
         return _Part(Call("negative", (x.node,)), unit)
 
     def _ratio(self, node: Call, parts: list[_Part]) -> _Part:
-        """Return a plain number made of two numbers of one kind."""
+        """Return a plain number or an angle, made of two numbers of one kind."""
         same = self._alike(node, parts)
-        return _Part(Call(node.operation, tuple(p.node for p in same)))
+        unit = _radian() if node.operation == "atan2" else None
+        return _Part(Call(node.operation, tuple(p.node for p in same)), unit)
 
     def _function(self, node: Call, parts: list[_Part]) -> _Part:
         """Return a function of plain numbers, angles in radians."""
@@ -424,7 +435,7 @@ def _product(first: Any, second: Any, sign: int) -> Any:
     if _is_radian(first) and _is_radian(second):
         return None
     first, second = (
-        None if _is_radian(own) and other is not None else own
+        None if _is_radian(own) and other is not None and not _has_angle(other) else own
         for own, other in ((first, second), (second, first))
     )
     plain = u.dimensionless_unscaled
@@ -442,11 +453,32 @@ def _is_pure(unit: Any) -> bool:
     """Return whether a unit is a mere number, such as km/cm."""
     from astropy import units as u
 
-    return bool(unit.is_equivalent(u.dimensionless_unscaled))
+    return not is_dex(unit) and bool(_of_gauss(unit).is_equivalent(u.dimensionless_unscaled))
+
+
+@functools.lru_cache(maxsize=64)
+def _of_gauss(unit: Any) -> Any:
+    """Return a unit with what gauss are in Gaussian units, where ``B**2 / (8*pi)`` is a pressure.
+
+    astropy has them as 1e-4 tesla only, of SI.
+    """
+    from astropy import units as u
+
+    if is_dex(unit):
+        return unit
+    gauss, found = u.Unit("g(1/2) / (cm(1/2) s)"), u.Unit(unit.scale)
+    for base, power in zip(unit.bases, unit.powers, strict=True):
+        is_gauss = base.name.endswith(("G", "Gauss", "gauss")) and base.is_equivalent(u.T)
+        found = found * (base.to(u.G) * gauss if is_gauss else base) ** power
+    return u.Unit(found)
 
 
 def _is_angle(unit: Any) -> bool:
     return bool(not is_dex(unit) and unit.is_equivalent(_radian()))
+
+
+def _has_angle(unit: Any) -> bool:
+    return any(_is_angle(base) for base in unit.bases)
 
 
 @functools.lru_cache(maxsize=64)  # comparing units takes 0.3 ms

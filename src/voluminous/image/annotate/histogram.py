@@ -34,7 +34,8 @@ class FieldValues:
             self._found[text] = self._sampled(Expression(text))
         own, wanted = self.volume.expression_unit(Expression(text)), parse_unit(unit)
         same = own is None or wanted is None
-        return self._found[text] * (1.0 if same else float(own.to(wanted)))
+        found = self._found[text]
+        return found if same else np.asarray(own.to(wanted, found))  # dex are shifted, not scaled
 
     def span(self, text: str, unit: str) -> tuple[float, float] | None:
         """Return the range of nearly all values; None if there are none."""

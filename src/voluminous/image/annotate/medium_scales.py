@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...expressions import Expression
 from ...units import parse_unit
 from ..plot import shows_one_channel
 from .scales import (
@@ -104,12 +105,21 @@ def of_medium(told: dict[str, Any], options: dict[str, Any], spans: Any = None) 
     return list({s.label: s for s in scales if s is not None}.values())
 
 
-def number(told: Any) -> tuple[float, str]:
-    """Return a number and its unit from what a medium says: 3.5, or ``"3.5 g / cm3"``."""
-    if isinstance(told, str):
-        value, _, unit = told.partition(" ")
-        return float(value), unit
-    return float(told), ""
+def number(told: Any, expr: str = "") -> tuple[float, str]:
+    """Return a number and its unit from what a medium says: 3.5, or ``"3.5 g / cm3"``.
+
+    A value of what `expr` is the logarithm of becomes one of it.
+    """
+    if not isinstance(told, str):
+        return float(told), ""
+    value, _, unit = told.partition(" ")
+    if unit and "dex" not in unit and _is_logarithm(expr):
+        return float(np.log10(float(value))), f"dex({unit})"
+    return float(value), unit
+
+
+def _is_logarithm(expr: str) -> bool:
+    return bool(expr) and getattr(Expression(expr).tree, "operation", "") == "log10"
 
 
 def _of_shells(expr: str, parts: Any, options: dict[str, Any], spans: Any) -> Scale:
@@ -136,12 +146,13 @@ def _shells(part: dict[str, Any]) -> Iterator[tuple[float, float, Any, str, str]
     """Give centre, half width, colour, and the units of both, of a shell or several surfaces."""
     place, extent, half = _SHELLS[part["type"]]
     width, width_unit = number(part[extent])
+    width_unit = "" if "dex" in width_unit else width_unit  # a difference of logarithms
     several = isinstance(part[place], list)
     centers = part[place] if several else [part[place]]
     colors = part["color"]
     rows = colors if several and isinstance(colors, list) else [colors] * len(centers)
     for center, color in zip(centers, rows, strict=True):
-        value, unit = number(center)
+        value, unit = number(center, part["expr"])
         yield value, half * width, color, unit, width_unit
 
 
@@ -217,7 +228,7 @@ def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
     colormap, name = colormap_of(part["cmap"]), part.get("norm")
     if colormap is None or name not in (*_LINEAR, *_LOGARITHMIC):
         return None
-    (low, unit), (high, other) = number(part["vmin"]), number(part["vmax"])
+    (low, unit), (high, other) = (number(part[v], part["expr"]) for v in ("vmin", "vmax"))
     norm = limits(low, _converted(high, other, unit), name in _LOGARITHMIC)
     rows = colormap(np.linspace(0.0, 1.0, _ENTRIES))[:, :3]
     bar = ListedColormap(displayed(rows, options, 1.0))
