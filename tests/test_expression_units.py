@@ -284,6 +284,14 @@ def test_measurements_have_the_unit_of_the_expression():
     assert abs(found / expected - 1).to_value("") < 1e-6
 
 
+def test_what_a_probe_shows_is_named_as_it_was_asked_for():
+    ratio = "velocity_x/velocity_y"
+    found = vm.probe(GAS, vm.Coefficients("j0", "a0"), CAMERA, (0, 0), also=[ratio, "T + 2 K"])
+    assert ratio in str(found)
+    np.testing.assert_allclose(found.fields[ratio], 1)
+    np.testing.assert_allclose(found.fields["T + 2 K"], 12)
+
+
 def test_a_logarithm_has_no_integral():
     for measured in (lambda e: vm.measure(GAS, e), lambda e: vm.column(GAS, e, CAMERA)):
         with pytest.raises(vm.UnitsError, match="depend on the unit"):

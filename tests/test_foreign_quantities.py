@@ -89,6 +89,21 @@ def test_numbers_without_a_unit_are_numbers(package):
     assert plain(value, None, "value") == 0.5
 
 
+@pytest.mark.parametrize("unit", [unyt.km / unyt.s, REGISTRY.km / REGISTRY.s])
+def test_units_themselves_may_be_of_other_packages(unit):
+    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1), unit="pc"), v=np.ones((2, 2, 2)))
+    volume.set_unit("v", unit)
+    assert volume.field_unit("v") == u.km / u.s
+    camera = vm.Orthographic(0, 0, resolution=1)
+    column = vm.column(
+        volume,
+        "v",
+        camera,
+        unit=unit * (unyt.kpc if "unyt" in str(type(unit)) else REGISTRY.kiloparsec),
+    )
+    np.testing.assert_allclose(column.intensity, 1e-3, rtol=1e-6)
+
+
 def test_units_that_cancel_are_none():
     mixing = as_quantity(xr.DataArray(np.ones(3), attrs={"units": "kg kg**-1"}))
     assert unit_of(mixing) is None

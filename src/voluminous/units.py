@@ -160,6 +160,8 @@ def parse_unit(unit: Any) -> Any:
 def _known_unit(unit: Any) -> Any:
     from astropy import units as u
 
+    if hasattr(unit, "dimensions") or hasattr(unit, "dimensionality"):  # of unyt, of pint
+        unit = as_quantity(1.0 * unit)
     try:
         parsed = u.Unit(unit)
     except (ValueError, TypeError) as error:

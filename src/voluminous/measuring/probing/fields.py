@@ -44,7 +44,8 @@ def wanted(volume: Any, expressions: Any) -> list[Expression]:
     """
     several = isinstance(expressions, (list, tuple))
     listed = list(expressions) if several else [expressions]
-    return [Quantity.of(volume, expr, "also").expression for expr in listed]
+    quantities = [Quantity.of(volume, expr, "also") for expr in listed]
+    return [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
 
 
 def units_of(volume: Any, expressions: list[Expression]) -> dict[str, str]:
