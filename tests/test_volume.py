@@ -210,7 +210,12 @@ def test_derived_fields_have_the_unit_of_their_expression():
     volume["half"] = "rho / 2"
     volume["far"] = "2 * r"
     volume["exponent"] = "log10(rho)"
-    assert volume.units == {"rho": "g / cm3", "half": "g / cm3", "far": "pc", "exponent": ""}
+    assert volume.units == {
+        "rho": "g / cm3",
+        "half": "g / cm3",
+        "far": "pc",
+        "exponent": "dex(g / cm3)",
+    }
 
 
 def test_a_unit_is_not_a_field():
