@@ -10,9 +10,8 @@ from typing import Any
 
 from ..errors import FileFormatError, UnitsError, VoluminousError
 
-# Errors of Python that mean damage (h5py raises RuntimeError), besides those of classes that
-# libraries have for it.
-_DAMAGE = (OSError, EOFError, UnicodeDecodeError, RuntimeError)
+# Errors of Python that mean damage, besides those of classes that libraries have for it.
+_DAMAGE = (OSError, EOFError, UnicodeDecodeError)
 _OWN = ("builtins", "voluminous", "numpy", "yt.", "unyt.")
 # Characters of a library's own message that are shown.
 _LONGEST = 400
@@ -66,17 +65,22 @@ def _blame(error: Exception) -> str:
     told = f"{type(error).__name__}: {_shortened(str(error))}"
     if isinstance(error, (FileNotFoundError, PermissionError)):
         return f"a file cannot be opened ({told})"
-    if isinstance(error, _DAMAGE) or not type(error).__module__.startswith(_OWN):
+    of_hdf5 = isinstance(error, RuntimeError) and _frames(error)[-1].startswith("h5py")
+    if of_hdf5 or isinstance(error, _DAMAGE) or not type(error).__module__.startswith(_OWN):
         return f"it is damaged, cut short or of another kind ({told})"
     return f"{_culprit(error)} failed on it with {told}. If the file is sound, please report it"
 
 
 def _culprit(error: Exception) -> str:
     """Return who raised an error: voluminous, or a frontend of yt."""
-    frames = [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
-    of_yt = [name for name in frames if name.startswith("yt.")]
+    of_yt = [name for name in _frames(error) if name.startswith("yt.")]
     frontend = next((n.split(".")[2] for n in of_yt if n.startswith("yt.frontends.")), "")
     return f"yt's {frontend} frontend".replace("  ", " ") if of_yt else "voluminous"
+
+
+def _frames(error: Exception) -> list[str]:
+    """Return the modules that an error went through, the one that raised it last."""
+    return [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
 
 
 def _shortened(text: str) -> str:
