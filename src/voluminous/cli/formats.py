@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from ..io import Reader
 
 _WIDTH = 100
+# So many endings of names are listed in the table.
+_MOST = 5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
 def _table(readers: list[Reader]) -> Iterator[str]:
     """Yield one line per format, in columns."""
     rows = [("format", "", "files", "needs", "what it is")]
-    rows += [(r.name, _modes(r), _files(r), _needs(r), _what(r)) for r in readers]
+    rows += [(r.name, _modes(r), _files(r, _MOST), _needs(r), _what(r)) for r in readers]
     widths = [max(len(row[k]) for row in rows) for k in range(4)]
     for row in rows:
         cells = [cell.ljust(width) for cell, width in zip(row, widths, strict=False)]
@@ -85,9 +87,10 @@ def _modes(reader: Reader) -> str:
     return "rw" if _writes(reader) else "r"
 
 
-def _files(reader: Reader) -> str:
-    directory = getattr(reader, "writes_directory", False) or not reader.suffixes
-    return " ".join(reader.suffixes) if not directory else "by content"
+def _files(reader: Reader, most: int | None = None) -> str:
+    if getattr(reader, "writes_directory", False) or not reader.suffixes:
+        return "by content"
+    return " ".join(reader.suffixes[:most]) + " …" * (len(reader.suffixes) > (most or 99))
 
 
 def _needs(reader: Reader) -> str:
