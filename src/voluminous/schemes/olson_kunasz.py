@@ -73,8 +73,7 @@ def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
 def _radmc_weights(tau: Any) -> tuple[Any, Any, Any]:
     """Return them by RADMC-3D's operations."""
     thin = tau <= _SERIES_BELOW
-    accurate = precision_of(type(tau)) == "single"
-    e, back, front = _accurate_weights(tau) if accurate else _subtracted_weights(tau, thin)
+    e, back, front = _subtracted_weights(tau, thin)
     half = 0.5 * tau
     return (
         dr.select(thin, 1.0 - tau, e),
@@ -89,16 +88,6 @@ def _subtracted_weights(tau: Any, thin: Any) -> tuple[Any, Any, Any]:
     e0 = 1.0 - e
     front = (tau - e0) / dr.select(thin, 1.0, tau)
     return e, e0 - front, front
-
-
-def _accurate_weights(tau: Any) -> tuple[Any, Any, Any]:
-    """Return the same without cancellation: in single precision no digit would be left."""
-    e, mean = attenuation(tau)
-    series = type(tau)(1.0)
-    for k in range(9, 2, -1):
-        series = dr.fma(tau * (-1.0 / k), series, 1.0)
-    front = dr.select(tau < _SERIES_ENDS, 0.5 * tau * series, 1.0 - mean)
-    return e, dr.fma(tau, mean, -front), front
 
 
 def _correctly_rounded_exp(tau: Any) -> Any:
