@@ -106,6 +106,7 @@ def test_voxels_of_gaussian_cubes_are_where_the_head_says(tmp_path, axes, edges)
     for found, right in zip(volume.grid.edges, (*edges, np.arange(1.5, 14, 3)), strict=True):
         np.testing.assert_allclose(found, right)
     values = np.arange(24).reshape(2, 3, 4)
+    assert volume.fields == ("d",)
     right = values if len(edges[0]) == 3 else values.transpose(1, 0, 2)
     np.testing.assert_array_equal(volume.array(volume.fields[0]), right)
 

@@ -116,6 +116,8 @@ def _place_cube(mesh: Any, to_indices: Any) -> None:
     steps = np.linalg.norm(matrix[:3, :3], axis=0)
     mesh.spacing, mesh.origin = steps, matrix[:3, 3]
     mesh.direction_matrix = matrix[:3, :3] / steps
+    for name in list(mesh.point_data):  # VTK's name is the second line with its end
+        mesh.rename_array(name, name.strip() or "values")
 
 
 def _choose_time(reader: Any, time: float | None) -> dict[str, float]:
