@@ -423,6 +423,21 @@ def test_mosaics_without_their_private_header_are_refused(tmp_path, pydicom):
         vm.open(path)
 
 
+def test_a_bad_mosaic_harms_no_other_series_of_its_directory(tmp_path, pydicom):
+    pytest.importorskip("nibabel")
+    path = write_mosaic(tmp_path / "epi.dcm", VALUES, ORIGIN, UPRIGHT)
+    head = pydicom.dcmread(path)
+    head.SeriesInstanceUID = "1.2.3"
+    head.remove_private_tags()
+    head.save_as(path)
+    other = tmp_path / "other.dcm"
+    dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT).save_as(other, enforce_file_format=True)
+    assert vm.open(other).grid.shape == (*VALUES.shape[:2], 1)
+    with pytest.raises(vm.FileFormatError, match=r"Siemens mosaic without") as caught:
+        vm.open(path)
+    assert str(caught.value).count(str(path)) == 1
+
+
 def test_mosaics_of_other_makers_and_films_are_refused(tmp_path, pydicom):
     head = dicom_slice(VALUES[:, :, 0], ORIGIN, UPRIGHT)
     head.ImageType = ["ORIGINAL", "PRIMARY", "M", "VFRAME"]

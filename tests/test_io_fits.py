@@ -557,6 +557,14 @@ def test_skirt_has_the_third_axis_in_a_table(tmp_path, name, unit, shown, center
         )
 
 
+def test_skirts_table_goes_before_a_kind_of_axis_in_the_header(tmp_path):
+    skirt(tmp_path / "cube.fits", [1.0, 2.0, 4.0, 8.0], "micron")
+    with fits.open(tmp_path / "cube.fits", mode="update") as hdus:
+        hdus[0].header["CTYPE3"] = "WAVELENGTH"
+    volume = vm.open(tmp_path / "cube.fits")
+    np.testing.assert_allclose(volume.array("wavelength")[0, 0], [1, 2, 4, 8])
+
+
 @pytest.mark.parametrize("centers", [[1.0, 2.0, 2.0, 3.0], [1.0, np.nan, 2.0, 3.0]])
 def test_a_table_that_is_no_axis_is_refused(tmp_path, centers):
     skirt(tmp_path / "cube.fits", centers, "micron")

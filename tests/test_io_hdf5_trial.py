@@ -141,7 +141,7 @@ class TestCost:
     def test_where_python_cannot_be_started_files_are_opened_all_the_same(self, path, monkeypatch):
         monkeypatch.setattr("sys.executable", "/opt/viewer/bin/viewer")
         os.utime(path, (3, 3))
-        assert not trial._can_start_python()
+        assert not trial.can_start_python()
         assert "rho" in str(vm.open(path).fields)
 
 

@@ -173,3 +173,13 @@ def test_files_named_like_data_without_a_head(tmp_path):
         (tmp_path / name).write_bytes(bytes(100))
         with pytest.raises(vm.VoluminousError):
             vm.open(tmp_path / name)
+
+
+def test_a_head_whose_data_are_missing_is_not_called_damaged(tmp_path):
+    source = SAMPLES / "phantom_varscale.PAR"
+    if not source.exists():
+        pytest.skip("nibabel was installed without its samples")
+    (tmp_path / source.name).write_bytes(source.read_bytes())
+    with pytest.raises(vm.FileFormatError, match="cannot be opened") as caught:
+        vm.open(tmp_path / source.name)
+    assert "damaged" not in str(caught.value)

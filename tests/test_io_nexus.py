@@ -139,3 +139,12 @@ def test_nexus_without_a_volume_is_left_to_others(tmp_path):
         file.create_group("entry").attrs["NX_class"] = "NXentry"
         file["entry/raw"] = VALUES
     assert find_reader(tmp_path / "a.h5").name == "hdf5"
+
+
+def test_errors_are_no_fields_unless_they_are_asked_for(tmp_path):
+    path = write(tmp_path / "a.nxs")
+    with h5py.File(path, "r+") as file:
+        file["entry/plot/counts_errors"] = np.ones(VALUES.shape)
+        file["entry/plot/more"] = np.ones(VALUES.shape)
+    assert vm.open(path).fields == ("counts", "more")
+    assert vm.open(path, "counts_errors").fields == ("counts_errors",)

@@ -91,6 +91,33 @@ def test_gaussian_cubes_are_image_data(tmp_path):
     np.testing.assert_array_equal(volume.array(volume.fields[0]).ravel(), np.arange(24))
 
 
+@pytest.mark.parametrize(
+    ("axes", "edges"),
+    [
+        ((" 2 1 0 0", " 3 0 2 0", " 4 0 0 3"), ((0.5, 1.5, 2.5), (1, 3, 5, 7))),
+        ((" 2 0 2 0", " 3 1 0 0", " 4 0 0 3"), ((0.5, 1.5, 2.5, 3.5), (1, 3, 5))),
+    ],
+)
+def test_voxels_of_gaussian_cubes_are_where_the_head_says(tmp_path, axes, edges):
+    path = tmp_path / "a.cube"
+    head = "\n".join(("t", "d", " 1 1 2 3", *axes, " 1 1 0 0 0", ""))
+    path.write_text(head + "\n".join(f" {n}.0" for n in range(24)) + "\n")
+    volume = vm.open(path)
+    for found, right in zip(volume.grid.edges, (*edges, np.arange(1.5, 14, 3)), strict=True):
+        np.testing.assert_allclose(found, right)
+    values = np.arange(24).reshape(2, 3, 4)
+    assert volume.fields == ("d",)
+    right = values if len(edges[0]) == 3 else values.transpose(1, 0, 2)
+    np.testing.assert_array_equal(volume.array(volume.fields[0]), right)
+
+
+@pytest.mark.parametrize("name", ["a.dem", "a.segy", "a.neu"])
+def test_what_vtk_crashes_on_is_an_error(tmp_path, name):
+    (tmp_path / name).write_bytes(b"1 2 3 4 5\n" * 300)
+    with pytest.raises(vm.FileFormatError, match="VTK crashes on it"):
+        vm.open(tmp_path / name, resolution=4)
+
+
 def test_no_file_of_another_reader_is_taken():
     own = set(PyVistaReader.suffixes)
     for reader in readers():

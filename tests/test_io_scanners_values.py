@@ -322,3 +322,13 @@ def test_nrrd_axes_that_run_backwards_are_flipped(tmp_path):
     volume = vm.open(path)
     np.testing.assert_allclose(volume.grid.bounds, [(0, 8), (10, 15), (-3, 3)])
     np.testing.assert_array_equal(volume.array("box"), VALUES[::-1])
+
+
+def test_nrrd_axes_with_a_range_in_place_of_a_spacing(tmp_path):
+    head = (
+        "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 3 4\nencoding: raw\n"
+        "axis mins: nan 0 1\naxis maxs: nan 3 9\nspacings: 1 nan nan\n\n"
+    )
+    (tmp_path / "a.nrrd").write_bytes(head.encode() + bytes(range(24)))
+    ends = [(edges[0], edges[-1]) for edges in vm.open(tmp_path / "a.nrrd").grid.edges]
+    np.testing.assert_allclose(ends, [(-0.5, 1.5), (0, 3), (1, 9)])

@@ -33,7 +33,8 @@ def placed(place: Any) -> Iterator[None]:
         yield
     except VoluminousError as error:
         # The message says all but what a library has raised: one traceback, not the same twice.
-        raise type(error)(f"{place}: {error}") from error.__cause__
+        said = str(error) if str(error).startswith(f"{place}: ") else f"{place}: {error}"
+        raise type(error)(said) from error.__cause__
 
 
 @contextmanager

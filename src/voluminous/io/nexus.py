@@ -118,6 +118,7 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
         if getattr(item, "shape", None) == shape and item.dtype.kind in "fiub":
             _check(path, group, name, item)
             attributes = {"units": text(item.attrs.get("units"))}
+            attributes["ancillary_variables"] = f"errors {name}_errors"
             variables[name] = (names, _lazy(xarray, item), attributes)
     return xarray.Dataset(variables, coords)
 

@@ -31,7 +31,7 @@ def skirt_centers(part: Part, header: Any) -> dict[int, np.ndarray]:
     """
     from astropy.io import fits
 
-    if header.get("NAXIS") != 3 or str(card(header, "CTYPE3", "")).strip():
+    if header.get("NAXIS") != 3 or str(card(header, "CTYPE3", "")).strip().endswith("-TAB"):
         return {}
     with fits.open(part.path, memmap=False) as hdus:
         table = next((hdu for hdu in hdus if hdu.name == _SKIRT), None)

@@ -49,10 +49,10 @@ def check(path: Path) -> None:
 
 @functools.lru_cache(maxsize=4096)
 def _trouble(path: str, size: int, changed: int) -> str:
-    return _LOOKER.look(path) if _can_start_python() else ""
+    return _LOOKER.look(path) if can_start_python() else ""
 
 
-def _can_start_python() -> bool:
+def can_start_python() -> bool:
     """Return False inside of a program (ParaView, Blender) that is not the interpreter."""
     return "py" in Path(sys.executable or "").name.lower() and not hasattr(sys, "frozen")
 

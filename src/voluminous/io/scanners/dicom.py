@@ -13,8 +13,9 @@ from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit
 from ..guard import reading
 from .dicom_directory import images_named, is_directory
-from .dicom_file import is_dicom, quiet, read_head, starts_dicom
+from .dicom_file import is_dicom, quiet, read_head, starts_dicom, take_apart
 from .dicom_frames import Frame, frames_of
+from .dicom_mosaic import is_mosaic
 from .dicom_pixels import read_values, value_type
 from .dicom_stack import stacked
 from .heads import by_library
@@ -88,6 +89,9 @@ def _unit(name: str) -> str:
 def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
     """Return the head that all slices of a series have, and the slices."""
     heads = _chosen(path, series)
+    for file, head in heads:
+        with reading(file, "a DICOM file"):
+            take_apart(file, head)
     common = _common_head(heads)
     frames: list[Frame] = []
     for file, head in heads:
@@ -122,7 +126,7 @@ def _chosen(path: Path, series: Any) -> _Heads:
         raise InputError("a file tells its series; give series for a directory only")
     if not _is_image(head):
         raise FileFormatError("expected a DICOM image, but there are no rows and columns of pixels")
-    if int(head.get("NumberOfFrames") or 1) > 1:
+    if is_mosaic(head) or int(head.get("NumberOfFrames") or 1) > 1:
         return [(path, head)]
     return _by_series(path.parent, path)[_uid(head)]
 

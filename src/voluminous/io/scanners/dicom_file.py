@@ -118,12 +118,21 @@ def read_head(path: Path) -> Any:
     FileFormatError
         If it is damaged.
     """
-    head = _read(path, _KEYWORDS, stop_before_pixels=True)
+    return _read(path, _KEYWORDS, stop_before_pixels=True)
+
+
+def take_apart(path: Path, head: Any) -> None:
+    """Make the head of a Siemens mosaic, and of nothing else, one of a file with many frames.
+
+    Raises
+    ------
+    FileFormatError
+        If its private header is missing or of another picture.
+    """
     if is_mosaic(head):
         private = _read(path, CSA_TAGS, stop_before_pixels=True)
         with by_library("nibabel"):
             describe_slices(head, private)
-    return head
 
 
 def read_whole(path: Path) -> Any:

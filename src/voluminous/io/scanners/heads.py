@@ -32,6 +32,10 @@ def by_library(name: str) -> Iterator[None]:
         yield
     except (VoluminousError, MemoryError, ImportError):
         raise
+    except NameError:  # a fault of a program, whatever is in the file
+        raise
+    except (FileNotFoundError, PermissionError) as error:
+        raise FileFormatError(f"a file cannot be opened ({error})") from error
     except Exception as error:
         raise FileFormatError(
             f"it is damaged, cut short or of another kind: {name} says {type(error).__name__}: "

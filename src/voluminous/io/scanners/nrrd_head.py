@@ -129,13 +129,13 @@ def axes_of(head: Head, timed: bool = False) -> Axes:
     """
     count = len(head.sizes)
     kinds = [kind.lower() for kind in head.words("kinds", count)]
-    spacings = head.words("spacings", count)
+    spacings, lows = head.words("spacings", count), head.words("axismins", count)
     directions = _directions(head, count)
     space = tuple(
         axis
         for axis in range(count)
         if kinds[axis] in _SPATIAL
-        and spacings[axis].lower() != "nan"
+        and (spacings[axis].lower() != "nan" or lows[axis].lower() not in ("", "nan"))
         and (directions is None or directions[axis] is not None)
     )
     if len(space) == 4:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
 from ...packages import require
 from ..contract import FieldInfo, Reader
+from ..hdf5.trial import can_start_python
 from .dataset import Dataset
 from .library import heard
 from .meshes import leaves
@@ -76,10 +79,13 @@ class PyVistaReader(Reader):
 
 def _dataset(path: Path, resolution: Any, time: float | None) -> Dataset:
     pyvista = require("pyvista", "vtk", "reading this file")
+    _check_survival(path)
     with heard(warnings=False):
         reader = pyvista.get_reader(str(path))
         meta = _choose_time(reader, time)
         mesh = reader.read()
+        if path.suffix.lower() == ".cube":
+            _place_cube(mesh, reader.reader.GetTransform().GetMatrix())
     parts = [part for part in leaves(mesh) if part.GetNumberOfPoints()]
     if not parts:
         raise InputError("there are no points in it")
@@ -87,6 +93,31 @@ def _dataset(path: Path, resolution: Any, time: float | None) -> Dataset:
     found = dataset_of(parts[0] if len(parts) == 1 else mesh, resolution)
     found.meta.update(meta)
     return found
+
+
+def _check_survival(path: Path) -> None:
+    """Let another process read the file first: VTK crashes on many that are damaged."""
+    if not can_start_python():
+        return
+    script = f"import sys; sys.path[:] = {sys.path!r}; import pyvista\n"
+    script += "pyvista.get_reader(sys.argv[1]).read()"
+    command = [sys.executable, "-I", "-c", script, str(path.absolute())]
+    if subprocess.run(command, capture_output=True, check=False).returncode < 0:
+        raise FileFormatError("VTK crashes on it: it is damaged, cut short or of another kind")
+
+
+def _place_cube(mesh: Any, to_indices: Any) -> None:
+    """Put voxels of a Gaussian cube where its head says: VTK leaves them at 0, 1, 2 …"""
+    elements = [[to_indices.GetElement(i, j) for j in range(4)] for i in range(4)]
+    try:
+        matrix = np.linalg.inv(elements)
+    except np.linalg.LinAlgError as error:
+        raise FileFormatError("the axes of its voxels do not span a volume") from error
+    steps = np.linalg.norm(matrix[:3, :3], axis=0)
+    mesh.spacing, mesh.origin = steps, matrix[:3, 3]
+    mesh.direction_matrix = matrix[:3, :3] / steps
+    for name in list(mesh.point_data):  # VTK's name is the second line with its end
+        mesh.rename_array(name, name.strip() or "values")
 
 
 def _choose_time(reader: Any, time: float | None) -> dict[str, float]:
