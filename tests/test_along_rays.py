@@ -354,3 +354,27 @@ def test_what_makes_no_sense():
         vm.moments(VOLUME, "rho", DOWN, "v", 5)
     with pytest.raises(vm.UnknownNameError, match="unknown field 'w'"):
         vm.moments(VOLUME, "rho", DOWN, "w")
+
+
+@pytest.mark.parametrize(
+    ("how", "unit", "factor"),
+    [
+        ("max", "kg / m3", 1e3),
+        ("min", "kg / m3", 1e3),
+        ("mean", "kg / m3", 1e3),
+        ("integral", "kg / m2", 10.0),
+        ("first", "m", 1e-2),
+    ],
+)
+def test_every_projection_is_in_the_unit_that_is_asked_for(how, unit, factor):
+    grid = vm.CartesianGrid.uniform(4, (-1, 1), unit="cm")
+    values = np.arange(1.0, 65.0).reshape(grid.shape)
+    volume = vm.Volume(grid, density=values * u.g / u.cm**3)
+    what = "density > 3 g/cm3" if how == "first" else "density"
+    camera = vm.Orthographic(width=2, resolution=4)
+    own = vm.project(volume, what, camera, how=how)
+    other = vm.project(volume, what, camera, how=how, unit=unit)
+    assert u.Unit(other.intensity_unit) == u.Unit(unit)
+    assert np.allclose(other.intensity, own.intensity * factor, rtol=1e-6, equal_nan=True)
+    with pytest.raises(vm.errors.UnitsError, match=r"is in .*, which is not K"):
+        vm.project(volume, what, camera, how=how, unit="K")

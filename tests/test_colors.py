@@ -25,6 +25,7 @@ DOORS = {
     "isosurface": lambda c: vm.Isosurface("a", 1, c).colors,
     "isosurfaces": lambda c: vm.Isosurface("a", levels=[1, 2], color=[c, c]).colors,
     "table": lambda c: vm.Table("a", [1, 2], [c, c], [0, 1]).colors,
+    "mix": lambda c: vm.Image(np.ones((2, 2, 2))).to_rgb(mix=[c, c]),
     "star": lambda c: drawn(objects=[vm.Star((0, 0, 0), c, radius=1e16)]),
     "stars": lambda c: drawn(objects=[vm.Stars(np.zeros((2, 3)), [c, c], radii=1e16)]),
     "spheres": lambda c: drawn(objects=[vm.Spheres(np.zeros((1, 3)), 1e16, c)]),
@@ -118,3 +119,11 @@ def test_a_volume_without_values_has_nothing_to_show():
 def test_one_emissivity_for_several_extinctions():
     with pytest.raises(InputError, match="give three emissivities"):
         vm.Coefficients(0, ["a", "b", "c"])
+
+
+def test_names_of_colours_are_colours_behind_and_in_mixtures():
+    red = [1.0, 0.0, 0.0]
+    assert np.array_equal(drawn(background="red"), drawn(background=red))
+    image = vm.Image(np.random.default_rng(0).random((3, 3, 2)))
+    by_name = image.to_rgb(mix=["red", "#0000ff"])
+    assert np.array_equal(by_name, image.to_rgb(mix=[red, (0, 0, 1)]))

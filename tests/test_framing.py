@@ -62,3 +62,13 @@ def test_what_cannot_be_drawn_is_told_as_by_render():
         vm.framed(lump((4, 10, 12), 2.0), vm.Coefficients("densty", 1.0))
     with pytest.raises(vm.InputError, match="medium"):
         vm.framed(lump((4, 10, 12), 2.0), "density")
+
+
+def test_without_a_medium_the_whole_volume_is_seen():
+    density = np.zeros((16, 16, 16))
+    density[4:6, 8:10, 8:10] = 1
+    volume = vm.Volume(vm.CartesianGrid.uniform(16, (0, 16)), density=density)
+    volume.meta["orientation"] = "LPS"
+    camera = vm.framed(volume, view="left", resolution=32)
+    assert camera.frame(volume.grid).pixel[0] == 0.5
+    assert vm.project(volume, "density", camera).intensity.max() == 1

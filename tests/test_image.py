@@ -427,3 +427,12 @@ def test_imshow_shows_an_image_upright():
     assert shown.origin == "upper"
     np.testing.assert_array_equal(shown.get_array()[0, 0], 1.0)
     assert shown.get_array().sum() == 3
+
+
+def test_numbers_of_an_image_are_not_changed_in_place():
+    numbers = np.ones((2, 2, 1))
+    image = Image(numbers)
+    with pytest.raises(ValueError, match="read-only"):
+        image.intensity *= 2
+    numbers[0, 0] = 1  # what it was made of is not locked
+    assert image.intensity.max() == 1

@@ -220,3 +220,10 @@ def test_a_bar_for_each_of_few_values():
         (bars,) = (p for other in axes.figure.axes for p in other.patches if hasattr(p, "get_data"))
         counts = bars.get_data().values
         assert counts.tolist() == ([22, 21, 21] if isinstance(medium, vm.Gaussian) else [21, 21])
+
+
+def test_a_surface_beyond_all_shells_is_whole_in_the_swatch():
+    shell = vm.Gaussian("a", 3.5, 0.1, "blue", 0.1, 1.0)
+    medium = shell + vm.Isosurface("a", levels=[4.0], color="red")
+    high = medium.plot().get_xlim()[1]
+    assert high > 4.0

@@ -51,3 +51,10 @@ def test_channels_are_shown_in_their_colours_without_a_medium():
     assert left[2] > 0.1
     assert right[0] > 0.1
     assert max(left[0], left[1], right[1], right[2]) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["mr_head", "mr_angiography", "fluorescence"])
+def test_presets_that_measure_levels_say_that_there_is_nothing_to_see(name):
+    volume = vm.Volume(GRID, signal=np.full(GRID.shape, 7.0))
+    with pytest.raises(vm.errors.InputError, match="signal is 7 everywhere: there is nothing"):
+        getattr(vm.presets, name)(volume)

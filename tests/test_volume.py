@@ -279,3 +279,14 @@ def test_a_core_of_cells_that_cannot_be_is_refused(resolution):
 def test_more_cells_than_fit_into_memory_are_refused():
     with pytest.raises(vm.errors.MemoryNeededError, match=r"a grid of 1\d+ x 1 x 1 cells needs"):
         vm.CartesianGrid.uniform((10**21, 1, 1), (0, 1))
+
+
+@pytest.mark.parametrize("name", ["grid", "unit", "units", "density", "fields"])
+def test_attributes_of_a_volume_are_not_assigned(name):
+    grid = vm.CartesianGrid.uniform(2, (0, 1), unit="pc")
+    volume = vm.Volume(grid, density=np.ones(grid.shape))
+    with pytest.raises(vm.errors.ImmutableError, match=f"Volume.{name} cannot be assigned"):
+        setattr(volume, name, "cm")
+    volume.meta = {"time": 1.0}
+    assert volume.grid is grid
+    assert volume.fields == ("density",)

@@ -97,7 +97,7 @@ class Value:
     def _refuse(self, name: str, how: str) -> None:
         kind = type(self).__name__
         raise ImmutableError(
-            f"{kind}.{name} cannot be changed: a {kind} is a value; make another one: "
+            f"{kind}.{name} cannot be changed: {kind} objects are values; make another one: "
             f"new = old.replace({how})"
         )
 

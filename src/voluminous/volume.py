@@ -13,7 +13,7 @@ import numpy as np
 from .deferred import Deferred, Fields
 from .derivatives import Derivatives, Sight, component
 from .digest import digest
-from .errors import InputError, unknown_name
+from .errors import ImmutableError, InputError, unknown_name
 from .evaluation import Evaluation
 from .expressions import DerivedField, Expression, derived_field, required_names
 from .fields import (
@@ -89,6 +89,16 @@ class Volume(Evaluation, OnOtherCells):
             )
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        free = name in ("meta", "wcs", "sight", "tables") or name.startswith("_")
+        if not free and (name != "grid" or "grid" in self.__dict__):
+            raise ImmutableError(
+                f"Volume.{name} cannot be assigned: a field is volume[{name!r}] = …, its unit "
+                "volume.set_unit(name, unit); lengths and their unit are the grid's, and "
+                "vm.Volume(grid, …) makes another volume"
+            )
+        object.__setattr__(self, name, value)
 
     @property
     def unit(self) -> Any:

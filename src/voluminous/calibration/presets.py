@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Medium, Sum, Table
-from .checks import check_volume
+from .checks import check_volume, nothing_to_see
 from .scalar import main_scalar
 
 __all__ = [
@@ -113,7 +113,9 @@ def _levels(volume: Any, field: Any, percentiles: Any) -> list[float]:
     values = np.asarray(volume.evaluate(expr), dtype=np.float64)
     values = values[np.isfinite(values)]
     if not values.size:
-        raise InputError(f"{expr} has no finite value in this volume; choose another field")
+        raise InputError(f"{expr.text} has no finite value in this volume; choose another field")
+    if values.min() == values.max():
+        raise nothing_to_see(expr, float(values[0]))
     found = np.percentile(values, percentiles)
     least = 1e-6 * max(float(np.abs(values).max()), 1e-300)
     return [float(v) for v in np.maximum.accumulate(found) + least * np.arange(len(found))]

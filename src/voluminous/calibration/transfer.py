@@ -73,6 +73,9 @@ class _Panel:
             positive = [low for low, _ in spans if low > 0]
             self.low = min([*positive, *known[:1]], default=self.low)
             self.log = self.low > 0
+        elif self.volume is None and any(isinstance(part, Isosurface) for part in self.parts):
+            aside = 0.0 if self.log else 0.05 * (self.high - self.low)  # no line on the edge
+            self.low, self.high = self.low - aside, self.high + aside
         if is_constant(self.low, self.high):
             aside = 0.5 * abs(self.low) or 1.0
             self.low, self.high = self.low - aside, self.high + aside

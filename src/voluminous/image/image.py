@@ -113,13 +113,13 @@ class Image(Made):
             "upper": upper,
         }
         vars(self).update(
-            intensity=values,
+            intensity=_read_only(values),
             intensity_unit=intensity_unit,
             _planes={name: planes.plane(p, shape, name) for name, p in beside.items()},
             _pending=pending,
             unit=name,
-            x=x,
-            y=y,
+            x=_read_only(x),
+            y=_read_only(y),
             pixel_size=coordinates.pixel_size(x, y, pixel_size, name),
             wcs=sky.as_wcs(wcs, shape),
             camera=json_value(camera, "camera"),
@@ -409,3 +409,9 @@ immutable(
     Image,
     "image.to(unit) converts it, image.plot(unit=) shows it so; Image(...) makes a new one",
 )
+
+
+def _read_only(values: Array) -> Array:
+    view = values.view()
+    view.flags.writeable = False  # ``image.intensity *= 2`` changed it and then raised
+    return view

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..colormaps import get_color, without_alpha
 from ..errors import InputError
 
 # Two channels get colours that people with any kind of colour vision tell apart, and that add up
@@ -60,8 +61,8 @@ def matrix(mix: Any, count: int) -> NDArray[np.float64]:
     Parameters
     ----------
     mix : array_like or None
-        Colours as given; None for the default: one channel grey, two orange and blue, three red,
-        green and blue, and every further one white.
+        Numbers or names of colours; None for the default: one channel grey, two orange and
+        blue, three red, green and blue, and every further one white.
 
     Raises
     ------
@@ -70,6 +71,8 @@ def matrix(mix: Any, count: int) -> NDArray[np.float64]:
     """
     if mix is None:
         return _default(count)
+    if isinstance(mix, (list, tuple, np.ndarray)):
+        mix = [get_color(c) if isinstance(c, str) else without_alpha(c, "mix") for c in mix]
     try:
         colors = np.array(mix, dtype=np.float64)
     except (TypeError, ValueError):

@@ -15,7 +15,7 @@ from .columns import column
 from .conditions import condition as converted_condition
 from .known import with_known
 from .maps import as_map, depth_map
-from .quantity import Quantity, check_volume
+from .quantity import Quantity, check_volume, converted
 from .scan import NOTHING, Scanned, Scanner, distance, scan
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def project(
     how: str = "max",
     *,
     depth: bool = False,
+    unit: Any = None,
     precision: str = "single",
     device: str = "auto",
     progress: Progress = None,
@@ -54,6 +55,8 @@ def project(
         For ``"max"`` and ``"min"``: return also where the extreme is, as a second map. Distances
         are those of the middle of the cell's chord from the observer; for an orthographic camera
         from the plane through its centre, away from the observer.
+    unit : str or unit, optional
+        Of the map, as for `column`; where there are two, of the extremes.
     precision, device, progress
         As for `render`.
 
@@ -70,6 +73,8 @@ def project(
         For a field or projection that does not exist; names the nearest.
     InputError
         If there is no depth of such a projection, or the quantity has no value in any cell.
+    UnitsError
+        If the map is not of the unit.
 
     Examples
     --------
@@ -87,25 +92,30 @@ def project(
         raise InputError(f"depth=True is for how='max' and 'min', got how={how!r}")
     options: dict[str, Any] = {"precision": precision, "device": device, "progress": progress}
     if how in ("integral", "mean"):
-        total = column(volume, quantity, camera, weight=1 if how == "mean" else None, **options)
+        total = column(
+            volume, quantity, camera, weight=1 if how == "mean" else None, unit=unit, **options
+        )
         return changed(total, provenance={**(total.provenance or {}), "how": how})
     if how == "first":
-        return _first(volume, quantity, camera, options)
+        return _first(volume, quantity, camera, unit, options)
     what = Quantity.of(volume.seen_by(camera), quantity)
     found = _scanned(volume, what, camera, _Largest(_SIGNS[how]), **options)
     kind = f"{how}imum"
     told = {"quantity": what.text, "how": how, "map": f"{kind} of {what.text}"}
-    values = as_map(found.unit * found.values[0], what.unit, volume, camera, told)
+    target, factor = converted(what.unit, unit, f"the {kind} of {what.text!r}")
+    values = as_map(factor * found.unit * found.values[0], target, volume, camera, told)
     if not depth:
         return values
     return values, depth_map(found.length * found.values[1], volume, camera, told)
 
 
-def _first(volume: Any, condition: Any, camera: Any, options: dict[str, Any]) -> Image:
+def _first(volume: Any, condition: Any, camera: Any, unit: Any, options: Any) -> Image:
     what = converted_condition(volume.seen_by(camera), condition, "condition")
     found = _scanned(volume, what, camera, _First(), **options)
     told = {"condition": what.text, "how": "first"}
-    return depth_map(found.length * found.values[0], volume, camera, told)
+    target, factor = converted(volume.unit, unit, "the distance")
+    told["map"] = "depth"
+    return as_map(factor * found.length * found.values[0], target, volume, camera, told)
 
 
 def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:

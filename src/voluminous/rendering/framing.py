@@ -26,7 +26,7 @@ _FILLED, _FULL = 0.85, 0.7
 
 def framed(
     volume: Volume,
-    medium: Medium,
+    medium: Medium | None = None,
     incl: Any = None,
     phi: Any = None,
     *,
@@ -43,8 +43,9 @@ def framed(
     ----------
     volume : Volume
         Grid and fields.
-    medium : Medium
-        What is to be seen of them.
+    medium : Medium, optional
+        What is to be seen of them. Without one the frame is around the whole volume: for
+        projections and columns.
     incl, phi, resolution
         As for `Orthographic`; for angles that are not given see `view`.
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
@@ -75,6 +76,8 @@ def framed(
     True
     """
     camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
+    if medium is None:
+        return camera
     job, _ = prepare(volume, medium, camera.replace(resolution=_COARSE), tolerance=None)
     light = job.run(0.0).emission.sum(axis=-1, dtype=np.float64)
     if not light.max() > 0.0:

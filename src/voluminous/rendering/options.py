@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import without_alpha
+from ..colormaps import get_color, without_alpha
 from ..errors import InputError, check_name, unknown_name
 from ..geometry import CARTESIAN, many_valued
 from ..memory import check_memory
@@ -218,6 +218,8 @@ def background_array(background: Any, pixels: tuple[int, int], channels: int) ->
         If it is neither a number, nor one per channel, nor an image of the right size.
     """
     given = as_quantity(getattr(background, "intensity", background))
+    if channels == 3 and isinstance(given, str):
+        given = get_color(given)
     if is_quantity(given):  # NumPy would drop the unit
         raise InputError(
             f"background must be plain numbers, in the unit of the image's intensity, got {given}"

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .result import Probe
 
 _SIZE = (8.0, 9.0)
+# Letters are smaller in panels that are less high than this, in inches.
+_HEIGHT = 1.4
 # Lines of three channels are red, green and blue; others, and fields, follow matplotlib's cycle.
 _RGB = ("#d1342f", "#2c9c3f", "#2f62d1")
 _FIRST, _SECOND = "#1f5fa8", "#b3541e"
@@ -26,8 +28,19 @@ _WIDE = 30.0
 
 def plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | None) -> Figure:
     """Draw a probe; see `Probe.plot`."""
+    import matplotlib
+
     panels = _panels(figure, ax)
     chosen = _chosen(probe, show)
+    low = panels[0].get_position().height * panels[0].get_figure().get_size_inches()[1]
+    size = matplotlib.rcParams["font.size"] * min(1.0, max(0.7, low / _HEIGHT))
+    with matplotlib.rc_context({"font.size": size}):
+        _draw(panels, probe, chosen)
+    drawn: Figure = panels[0].get_figure()
+    return drawn
+
+
+def _draw(panels: Any, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
     if len(probe):
         _fields(panels[0], probe, chosen)
         _coefficients(panels[1], probe)
@@ -37,10 +50,10 @@ def plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | Non
         panel.set_title(title, loc="left", fontsize="medium")
         panel.grid(alpha=0.25)
         _shade_hidden(panel, probe)
-    panels[-1].set_xlabel(_distance(probe))
+    panels[-1].set_xlabel(_distance(probe), fontsize="medium")
+    panels[-1].xaxis.get_offset_text().set_fontsize("medium")
     panels[-1].margins(x=0.01)
-    drawn: Figure = panels[0].get_figure()
-    return drawn
+    panels[-1].tick_params(axis="x", labelsize="medium")
 
 
 def _panels(figure: Figure | None, ax: Any) -> Any:
@@ -132,7 +145,7 @@ def _depth(panel: Axes, probe: Probe) -> None:
     other.set_ylim(-0.03, 1.05)
     if probe.depth[-1].max() > 1.0:
         panel.axhline(1.0, color="0.6", linewidth=0.8, linestyle=":")
-        panel.annotate("τ = 1", (x[0], 1.0), color="0.4", fontsize="small", va="bottom")
+        panel.annotate("τ = 1", (x[-1], 1.0), color="0.4", fontsize="small", va="top", ha="right")
 
 
 def _light(panel: Axes, probe: Probe) -> None:
@@ -153,7 +166,7 @@ def _light(panel: Axes, probe: Probe) -> None:
     low, high = panel.get_ylim()
     panel.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
     panel.legend(handles=handles, fontsize="small", loc="upper center", ncols=3)
-    panel.set_ylabel(_named("intensity", probe.units["intensity"]))
+    _labelled(panel, _named("intensity", probe.units["intensity"]), None)
 
 
 def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -186,8 +199,10 @@ def _set_scale(axis: Axes, values: np.ndarray) -> None:
 
 
 def _labelled(axis: Axes, label: str, color: str | None) -> None:
-    axis.set_ylabel(label, color=color or "black")
-    axis.tick_params(axis="y", colors=color or "black")
+    label = label.replace(" [" if " [" in label else " (", "\n[" if " [" in label else "\n(")
+    axis.set_ylabel(label, color=color or "black", fontsize="medium")
+    axis.yaxis.get_offset_text().set_fontsize("medium")
+    axis.tick_params(axis="y", colors=color or "black", labelsize="medium")
 
 
 def _shade_hidden(panel: Axes, probe: Probe) -> None:
