@@ -7,7 +7,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.rendering import slow
+from voluminous.rendering import options as slow
 
 GRID = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")
 VOLUME = vm.Volume(GRID, density=np.random.default_rng(1).uniform(1, 2, GRID.shape) / u.cm**3)

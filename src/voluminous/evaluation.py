@@ -108,7 +108,7 @@ class Evaluation:
         UnknownNameError
             If it names a field that does not exist.
         """
-        return self._resolved(expression)[0]
+        return self.resolved(expression)[0]
 
     def expression_unit(self: Any, expression: Expression) -> Any:
         """Return the unit of an expression (astropy), None for a plain number.
@@ -120,9 +120,10 @@ class Evaluation:
             asked of a density. The message shows where, and how to write it. Only what is made of
             coordinates and fields without a unit is then a plain number.
         """
-        return self._resolved(expression)[1]
+        return self.resolved(expression)[1]
 
-    def _resolved(self: Any, expression: Expression) -> tuple[Expression, Any]:
+    def resolved(self: Any, expression: Expression) -> tuple[Expression, Any]:
+        """Return what `without_units` and `expression_unit` do, at once."""
         expression = expression.among((*self._fields, *self.coordinates))
         self.check_names(expression)
         try:

@@ -200,8 +200,8 @@ class Volume(Evaluation, OnOtherCells):
         """Add or replace a field: an array, a Quantity, or an expression of other fields."""
         name = checked_name(name, self.coordinates)
         if isinstance(value, (str, Expression)):
-            expression = self.without_units(Expression(value))
-            array, unit = self.evaluate(expression), self.expression_unit(expression)
+            expression, unit = self.resolved(Expression(value))
+            array = self.evaluate(expression)
             given = [self.array(n) for n in expression.names if n in self]
             self._keep(name, array, unit)
             if not any(np.may_share_memory(array, other) for other in given):

@@ -54,10 +54,10 @@ class _Values(Evaluation):
     def given(self, names: Iterable[str]) -> set[str]:
         return set(names) & self._fields.keys()
 
-    def _resolved(self, expression: Expression) -> tuple[Expression, Any]:
+    def resolved(self, expression: Expression) -> tuple[Expression, Any]:
         if expression.text in self._fields:
             return expression, self._units[expression.text]
-        return super()._resolved(expression)
+        return super().resolved(expression)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return all values in one shape."""

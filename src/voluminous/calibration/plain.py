@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UnitsError
-from ..expressions import Expression, times
+from ..expressions import Expression, times, without_unit
 from ..media import Coefficients, ColorBy, Medium
 from ..media.formulas import Formulas
 from ..media.function import Function
@@ -61,13 +61,13 @@ def _plain_arguments(thing: Any, volume: Volume) -> Any:
 
 
 def _plain_coefficients(medium: Coefficients, volume: Volume) -> Any:
-    emissivity = [_plain(e, volume) for e in medium.emissivity]
+    emissivity = [volume.resolved(e) for e in medium.emissivity]
     wanted = next((unit for _, unit in emissivity if unit is not None), None)
-    length = None if volume.unit is None else parse_unit(volume.unit**-1)
+    length = _inverse_length(volume)
     j = [_in(e, unit, wanted, "emissivity") for e, unit in emissivity]
     alpha = [
         e if unit is None else _in(e, unit, length, "extinction")
-        for e, unit in (_plain(e, volume) for e in medium.extinction)
+        for e, unit in (volume.resolved(e) for e in medium.extinction)
     ]
     before, after = (*medium.emissivity, *medium.extinction), (*j, *alpha)
     same = all(new is old for new, old in zip(after, before, strict=True))
@@ -76,7 +76,7 @@ def _plain_coefficients(medium: Coefficients, volume: Volume) -> Any:
 
 def _plain_function(function: Function, volume: Volume) -> Medium:
     """Return a function of plain numbers, or the formulas that it computes, with their units."""
-    inputs, units = zip(*(_plain(e, volume) for e in function.inputs), strict=True)
+    inputs, units = zip(*(volume.resolved(e) for e in function.inputs), strict=True)
     if any(new is not old for new, old in zip(inputs, function.inputs, strict=True)):
         function = function.replace(fields=inputs)
     if function.units is None and not any(unit is not None for unit in units):
@@ -103,15 +103,12 @@ _TELL = (
 
 def _told_function(function: Function, inputs: Any, units: Any, volume: Volume) -> Function:
     """Return a function that says its units, as one of plain numbers, per length of the volume."""
-    stripped = [
-        e if unit is None else times(e, 1.0, unit**-1)
-        for e, unit in zip(inputs, units, strict=True)
-    ]
+    stripped = [without_unit(e, unit, e.text) for e, unit in zip(inputs, units, strict=True)]
     emission, own = function.units or (None, None)
     factor = 1.0
     if own is not None:
-        length = None if volume.unit is None else parse_unit(volume.unit**-1)
-        factor = _factor(own, length, f"the extinction of {function.title}", "extinction")
+        told = f"the extinction of {function.title}"
+        factor = _factor(own, _inverse_length(volume), told, "extinction")
     return function.replace(
         fields=stripped,
         function=_Scaled(function.function, factor),
@@ -172,9 +169,9 @@ def _is_dark(part: Any) -> bool:
     return not np.any(part.color) if hasattr(part, "color") else False
 
 
-def _plain(expression: Expression, volume: Volume) -> tuple[Expression, Any]:
-    plain = volume.without_units(expression)
-    return plain, volume.expression_unit(plain)
+def _inverse_length(volume: Volume) -> Any:
+    """Return the unit of extinctions; None in a volume without a unit of length."""
+    return None if volume.unit is None else parse_unit(volume.unit**-1)
 
 
 def _in(expression: Expression, own: Any, unit: Any, what: str) -> Expression:

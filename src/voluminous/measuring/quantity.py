@@ -41,7 +41,7 @@ class Quantity:
         parts = components(expression)
         if len(parts) != 1:
             raise InputError(f"{what} must be one number per cell, got the vector {expression!r}")
-        plain, unit = volume.without_units(parts[0]), volume.expression_unit(parts[0])
+        plain, unit = volume.resolved(parts[0])
         return cls(plain, unit, parts[0].text)
 
     @property

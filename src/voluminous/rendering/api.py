@@ -23,10 +23,9 @@ from .framing import first_camera, framed
 from .job import Job, Planes
 from .layers.objects import channel_count, check_objects, wide_background, with_objects
 from .layers.pairs import with_channels
-from .options import FINEST_SINGLE, background_array, refuse_unusable
+from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .prepare import prepare
 from .sky import image_wcs
-from .slow import name_slow_choices
 from .unseen import warn_of_unseen
 
 

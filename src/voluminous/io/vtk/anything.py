@@ -5,28 +5,24 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import require
-from ..contract import FieldInfo, Reader
 from ..hdf5.trial import can_start_python
 from .dataset import Dataset
 from .library import heard
 from .meshes import leaves
 from .objects import dataset_of
-from .volumes import OPTIONS, infos, volume_of
-
-if TYPE_CHECKING:
-    from ...volume import Volume
+from .volumes import OPTIONS, DatasetReader
 
 # How Tecplot's text begins: other programs call anything .dat.
 _TECPLOT = (b"TITLE", b"VARIABLES", b"ZONE", b"FILETYPE")
 
 
-class PyVistaReader(Reader):
+class PyVistaReader(DatasetReader):
     """Simulations on meshes and rarer images, known by the ends of their names."""
 
     name = "pyvista"
@@ -52,29 +48,11 @@ class PyVistaReader(Reader):
         # An empty file called .foam stands for the folder of a run of OpenFOAM.
         return suffix in self.suffixes and path.is_file() and bool(head or suffix == ".foam")
 
-    def read(
-        self,
-        path: Path,
-        fields: Any = None,
-        *,
-        unit: Any = None,
-        resolution: Any = None,
-        time: float | None = None,
-        **options: Any,
-    ) -> Volume:
-        """Return the volume."""
-        return volume_of(_dataset(path, resolution, time), fields, unit)
-
-    def info(
-        self,
-        path: Path,
-        *,
-        resolution: Any = None,
-        time: float | None = None,
-        **options: Any,
-    ) -> tuple[FieldInfo, ...]:
-        """Return the arrays, component by component."""
-        return infos(_dataset(path, resolution, time))
+    def dataset(
+        self, path: Path, *, resolution: Any = None, time: float | None = None, **options: Any
+    ) -> Dataset:
+        """Return what is in a file."""
+        return _dataset(path, resolution, time)
 
 
 def _dataset(path: Path, resolution: Any, time: float | None) -> Dataset:

@@ -8,34 +8,29 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError
-from ..contract import FieldInfo, Reader
 from ..hdf5 import data_set, is_hdf5, opened, read
 from ..scanners.placement import Arrangement
 from .axes import ADVICE, UPRIGHT, cell_counts, even_arrangement
 from .dataset import CELL, POINT, Array, Dataset
 from .library import heard, vtk
 from .objects import dataset_of
-from .volumes import OPTIONS, infos, volume_of
-
-if TYPE_CHECKING:
-    from ...volume import Volume
+from .volumes import DatasetReader
 
 _ROOT, _IMAGE = "VTKHDF", "ImageData"
 _SECTIONS = (("PointData", POINT), ("CellData", CELL))
 
 
-class VTKHDFReader(Reader):
+class VTKHDFReader(DatasetReader):
     """Image data of one time in an HDF5 file of VTK."""
 
     name = "vtkhdf"
     description = "an HDF5 file of VTK with image data (.vtkhdf)"
     suffixes = (".vtkhdf",)
-    options = OPTIONS
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True for HDF5 with VTK's group in it."""
@@ -47,21 +42,9 @@ class VTKHDFReader(Reader):
         except Exception:  # damaged, or another: whoever reads it says so
             return path.suffix.lower() in self.suffixes
 
-    def read(
-        self,
-        path: Path,
-        fields: Any = None,
-        *,
-        unit: Any = None,
-        resolution: Any = None,
-        **options: Any,
-    ) -> Volume:
-        """Return the volume; values are read when they are used."""
-        return volume_of(_dataset(path, resolution), fields, unit)
-
-    def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the arrays, component by component."""
-        return infos(_dataset(path, resolution))
+    def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
+        """Return what is in a file; values are read when they are used."""
+        return _dataset(path, resolution)
 
 
 def _dataset(path: Path, resolution: Any = None) -> Dataset:

@@ -8,17 +8,13 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...errors import FileFormatError
-from ..contract import FieldInfo, Reader
 from .dataset import Dataset
 from .library import heard, vtk
 from .objects import dataset_of
-from .volumes import OPTIONS, infos, volume_of
-
-if TYPE_CHECKING:
-    from ...volume import Volume
+from .volumes import DatasetReader
 
 _MAGIC = b"# vtk DataFile Version"
 _DIMENSIONS = re.compile(rb"\bDIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)\b", re.IGNORECASE)
@@ -27,13 +23,12 @@ _HEAD = 4096
 _ALL = ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields")
 
 
-class VTKReader(Reader):
+class VTKReader(DatasetReader):
     """Legacy files."""
 
     name = "vtk"
     description = "a legacy VTK file (.vtk)"
     suffixes = (".vtk",)
-    options = OPTIONS
     packages = ("vtkmodules",)
     extra = "vtk"
 
@@ -41,21 +36,9 @@ class VTKReader(Reader):
         """Return True for a file that starts as they do."""
         return head.startswith(_MAGIC)
 
-    def read(
-        self,
-        path: Path,
-        fields: Any = None,
-        *,
-        unit: Any = None,
-        resolution: Any = None,
-        **options: Any,
-    ) -> Volume:
-        """Return the volume."""
-        return volume_of(_dataset(path, resolution), fields, unit)
-
-    def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the arrays, component by component."""
-        return infos(_dataset(path, resolution))
+    def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
+        """Return what is in a file."""
+        return _dataset(path, resolution)
 
 
 def _dataset(path: Path, resolution: Any) -> Dataset:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
-from ..contract import FieldInfo
+from ..contract import FieldInfo, Reader
 from ..names import chosen_fields
 from ..scanners.placement import Arrangement
 from .dataset import CELL, POINT, Array, Dataset, is_internal
@@ -24,6 +25,24 @@ OPTIONS = {
     "unit": "unit of length",
     "resolution": "resample to equal cells: how many along the longest side, or three numbers",
 }
+
+
+class DatasetReader(Reader):
+    """A reader that makes a `Dataset` of a file; what there is in it follows."""
+
+    options = OPTIONS
+
+    def dataset(self, path: Path, **options: Any) -> Dataset:
+        """Return what a file tells, with the reader's options but for ``unit``."""
+        raise NotImplementedError
+
+    def read(self, path: Path, fields: Any = None, *, unit: Any = None, **options: Any) -> Volume:
+        """Return the volume."""
+        return volume_of(self.dataset(path, **options), fields, unit)
+
+    def info(self, path: Path, *, unit: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
+        """Return the arrays, component by component."""
+        return infos(self.dataset(path, **options))
 
 
 class Parts:
