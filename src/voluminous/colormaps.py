@@ -127,7 +127,6 @@ def without_alpha(colors: Any, what: str) -> Any:
 
 
 def _is_opaque(color: Any) -> bool:
-    """Return whether it is four numbers from 0 to 1, of which the last is 1."""
     if not isinstance(color, (list, tuple, np.ndarray)) or len(color) != 4:
         return False
     return all(isinstance(c, Real) and 0.0 <= float(c) <= 1.0 for c in color) and color[3] == 1.0

@@ -83,7 +83,6 @@ class Evaluation:
         return np.broadcast_to(result, (last - first,))  # a constant has no axes
 
     def _cells(self: Any, name: str, first: int, last: int) -> np.ndarray:
-        """Return a field, or what is made of fields, in consecutive cells."""
         derived = self._derived(name)
         if derived is not None and is_component(derived):
             return component_of_cells(self, derived, first, last)  # not kept: it is quickly made

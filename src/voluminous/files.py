@@ -135,7 +135,6 @@ def _is_about_space(error: BaseException | None) -> bool:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Name the file that a user asked for in errors, not the temporary one."""
     try:
         yield
     except VoluminousError:

@@ -73,7 +73,6 @@ def find_llvm_early() -> None:
 
 
 def _from_wheel() -> Path | None:
-    """Return the library carried by the LLVM wheel, if that is installed."""
     try:
         files = importlib.metadata.files(WHEEL) or []
     except importlib.metadata.PackageNotFoundError:
@@ -88,7 +87,6 @@ def _from_wheel() -> Path | None:
 
 
 def _from_system() -> Path | None:
-    """Return the newest system library that is new enough."""
     candidates = [(v, p) for p in _system_libraries() if (v := _version_in_name(p)) >= OLDEST_LLVM]
     return max(candidates)[1] if candidates else None
 

@@ -122,7 +122,6 @@ def _tqdm() -> Any:
 
 
 def _is_seen() -> bool:
-    """Return True on a terminal and in a notebook."""
     shell: Any = sys.modules.get("IPython")
     shell = None if shell is None else shell.get_ipython()
     notebook = shell is not None and "IPKernelApp" in shell.config

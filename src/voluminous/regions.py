@@ -112,12 +112,10 @@ class Box(Region):
         return low, high
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return which points are inside; see `Region.inside`."""
         low, high = (corner[:, None] for corner in self._corners(unit))
         return np.all((points >= low) & (points <= high), axis=0)
 
     def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return how far outside points are at least; see `Region.beyond`."""
         low, high = (corner[:, None] for corner in self._corners(unit))
         return np.asarray(np.maximum(low - points, points - high).max(axis=0))
 
@@ -135,13 +133,11 @@ class Sphere(Region):
         self.center, self.radius = _point(center, "center"), _length(radius, "radius")
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return which points are inside; see `Region.inside`."""
         away = points - plain(self.center, unit, "center")[:, None]
         limit = plain(self.radius, unit, "radius")
         return np.asarray(np.einsum("an,an->n", away, away) <= limit**2)
 
     def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return how far outside points are; see `Region.beyond`."""
         away = points - plain(self.center, unit, "center")[:, None]
         return np.asarray(np.linalg.norm(away, axis=0) - plain(self.radius, unit, "radius"))
 
@@ -169,14 +165,12 @@ class Cylinder(Region):
         return start, end
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return which points are inside; see `Region.inside`."""
         start, end = self._ends(unit)
         height, across = _along(points, start, end - start)
         between = (height >= 0) & (height <= np.linalg.norm(end - start))
         return between & (across <= plain(self.radius, unit, "radius"))
 
     def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return how far outside points are at least; see `Region.beyond`."""
         start, end = self._ends(unit)
         height, across = _along(points, start, end - start)
         above = np.maximum(-height, height - np.linalg.norm(end - start))
@@ -216,7 +210,6 @@ class DoubleCone(Region):
         self.side = side
 
     def inside(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return which points are inside; see `Region.inside`."""
         height, across = _along(points, plain(self.apex, unit, "apex"), self.axis)
         cosine = np.cos(np.radians(self.opening)) * np.hypot(height, across)
         found = np.abs(height) >= cosine
@@ -227,7 +220,6 @@ class DoubleCone(Region):
         return np.asarray(found)
 
     def beyond(self, points: np.ndarray, unit: Any) -> np.ndarray:
-        """Return how far outside points are at least; see `Region.beyond`."""
         height, across = _along(points, plain(self.apex, unit, "apex"), self.axis)
         height = {"both": np.abs(height), "up": height, "down": -height}[self.side]
         angle = np.radians(self.opening)
@@ -238,19 +230,16 @@ class DoubleCone(Region):
 
 
 def _along(points: np.ndarray, origin: np.ndarray, axis: np.ndarray) -> tuple[Any, Any]:
-    """Return how far points are along an axis from its origin, and across."""
     away, axis = points - origin[:, None], axis / np.linalg.norm(axis)
     height = axis @ away
     return height, np.linalg.norm(away - axis[:, None] * height, axis=0)
 
 
 def _alike(first: Any, second: Any) -> bool:
-    """Return True if both have a unit, or none."""
     return (unit_of(first) is None) == (unit_of(second) is None)
 
 
 def _point(value: Any, what: str) -> Any:
-    """Return three finite coordinates, with the unit they came with."""
     unit = unit_of(value)
     array = np.asarray(plain(value, unit, what))
     if array.shape != (3,) or not np.all(np.isfinite(array)):
@@ -259,7 +248,6 @@ def _point(value: Any, what: str) -> Any:
 
 
 def _length(value: Any, what: str) -> Any:
-    """Return a positive length, with the unit it came with."""
     value = as_given(value, what)
     number = plain(value, unit_of(value), what)
     if np.ndim(number) or not 0 < number < np.inf:

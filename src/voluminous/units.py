@@ -139,7 +139,6 @@ def as_given(value: Any, what: str = "value", like: str = "0.1 pc") -> Any:
 
 
 def _is_special(value: Any) -> bool:
-    """Return True for texts, and for what `as_quantity` has to look at."""
     return not isinstance(value, _PLAIN[1:]) and not is_quantity(value)
 
 

@@ -76,7 +76,6 @@ class Value:
         return f"{type(self).__name__}({told})"
 
     def _swatch(self) -> str:
-        """Return what a notebook shows of it before its arguments."""
         return ""
 
     def _repr_html_(self) -> str:
@@ -133,7 +132,6 @@ def _remembering(init: Callable[..., None]) -> Callable[..., None]:
 
 
 def _own(value: Any) -> Any:
-    """Return a copy of arrays and lists, which their owner may change."""
     if isinstance(value, dict):
         return {name: _own(part) for name, part in value.items()}
     if type(value) in (list, tuple):

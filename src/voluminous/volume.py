@@ -236,8 +236,6 @@ class Volume(Evaluation, OnOtherCells):
         return digest(array) if number is None else b"sealed %d" % number
 
     def _defer(self, name: str, value: Deferred) -> None:
-        """Keep how a field is read."""
-
         def check() -> None:
             size = 0 if value.mapped else self.grid.size * np.dtype(value.dtype).itemsize
             advice = "make a coarser volume of it, or use a machine with more memory"
@@ -295,7 +293,6 @@ class Volume(Evaluation, OnOtherCells):
         self._forget(name)
 
     def _forget(self, name: str) -> None:
-        """Forget all that was computed of a field."""
         self._derivatives.forget(name)
         self.tables.clear()
 

@@ -61,7 +61,6 @@ def any_attenuation(tau: Any) -> tuple[Any, Any]:
 
 
 def _mean_transparency_near_zero(r: Any, terms: int) -> Any:
-    """Return ``(1 - exp(-r))/r`` by its Taylor polynomial."""
     coefficients = [1.0]
     for k in range(2, terms + 1):
         coefficients.append(-coefficients[-1] / k)

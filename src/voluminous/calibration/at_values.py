@@ -60,7 +60,6 @@ class _Values(Evaluation):
         return super().resolved(expression)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Return all values in one shape."""
         try:
             return dict(zip(self._fields, np.broadcast_arrays(*self._fields.values()), strict=True))
         except ValueError:
@@ -113,7 +112,6 @@ def coefficients(
 
 
 def _only(medium: Medium) -> Expression:
-    """Return the one expression that a medium is a function of."""
     found = {scalar_of(part) for part in medium.components()}
     expr = found.pop() if len(found) == 1 else None
     if expr is None:
@@ -171,7 +169,6 @@ def _per_path_length(medium: Medium) -> Medium:
 
 
 def _length_unit(medium: Medium, fields: _Values) -> Any:
-    """Return the unit of length that numbers of a medium tell, or None."""
     parts = medium.components()
     found = [p.path_length.unit for p in parts if is_quantity(p.path_length)]
     for part in parts:

@@ -143,8 +143,6 @@ def _shell(kind: Any, expr: Expression, center: float, width: float) -> Callable
 
 
 def _label(expr: Expression, label: float) -> Callable[..., Shaped]:
-    """Return what makes a medium of one label, which is drawn cell by cell."""
-
     def make(color: Any, opacity: Any, length: Any) -> Shaped:
         return _Label(expr, float(label), 0.5, color, opacity, length)
 

@@ -110,7 +110,6 @@ def _scalar(medium: Medium) -> Expression:
 def _lengths(
     media: list[Any], volume: Volume, expr: Expression, known: dict[Any, Any]
 ) -> list[float]:
-    """Return how thick the shells of some media in one expression are."""
     profiles = _profiles(media, volume, expr, known)
     missing = {p.key: p for p in profiles if p.key not in known}
     if missing:

@@ -69,7 +69,6 @@ class _Shown:
 
 
 def _closed(colors: Any, shown: _Shown, known: Callable[..., dict[Any, Any]]) -> Any:
-    """Return colours with a range."""
     if not colors.range.is_open:
         return colors
     names = [Expression(name) for name in shown.names]
@@ -103,7 +102,6 @@ def _range(shown: _Shown, color: Any) -> tuple[float, float]:
 
 
 def _one_value(low: float, high: float, least: float) -> bool:
-    """Return whether two values differ by no more than a part of them."""
     return not high - low > least * max(abs(low), abs(high))
 
 

@@ -104,7 +104,6 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
 
 
 def _domain(grid: Any) -> float:
-    """Return the volume of a grid, in units of its scale."""
     if isinstance(grid, CartesianGrid):
         return float(np.prod(np.ptp(grid.bounds, axis=1) / grid.scale))
     return float(np.sum(grid.cell_volumes)) / grid.scale**3

@@ -135,7 +135,6 @@ class _Scaled:
 
 
 def _in_one_unit(medium: Medium, volume: Volume) -> Medium:
-    """Return a sum whose parts emit in the unit of the first that has one."""
     units = {id(part): _emission(part, volume) for part in medium.components()}
     wanted = next((unit for unit in units.values() if unit is not None), None)
 
@@ -156,7 +155,6 @@ def _in_one_unit(medium: Medium, volume: Volume) -> Medium:
 
 
 def _emission(part: Any, volume: Volume) -> Any:
-    """Return the unit of a part's emissivity."""
     if isinstance(part, Coefficients):
         found = [volume.expression_unit(e) for e in part.emissivity]
         return next((unit for unit in found if unit is not None), None)
@@ -175,7 +173,6 @@ def _inverse_length(volume: Volume) -> Any:
 
 
 def _in(expression: Expression, own: Any, unit: Any, what: str) -> Expression:
-    """Return an expression in another unit; zero is in any."""
     if own == unit or expression == Expression(0):
         return expression
     factor = _factor(own, unit, f"{what} {expression.text!r}", what)

@@ -108,7 +108,6 @@ def fluorescence(volume: Any, field: Any = None, **overrides: Any) -> Medium:
 
 
 def _levels(volume: Any, field: Any, percentiles: Any) -> list[float]:
-    """Return percentiles of a field that increase."""
     expr = main_scalar(volume) if field is None else Expression(field)
     values = np.asarray(volume.evaluate(expr), dtype=np.float64)
     values = values[np.isfinite(values)]

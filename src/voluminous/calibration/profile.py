@@ -56,7 +56,6 @@ class Profile:
         return out
 
     def _integral(self, x: np.ndarray) -> np.ndarray:
-        """Return the integral of the profile up to x."""
         x = np.clip(x, self.nodes[0], self.nodes[-1])
         k = np.clip(np.searchsorted(self.nodes, x, "right") - 1, 0, len(self.nodes) - 2)
         d = x - self.nodes[k]

@@ -151,7 +151,6 @@ def pieces(
 
 
 def _parts(shape: tuple[int, ...], budget: float) -> list[tuple[int, int]]:
-    """Return the layers of each piece, evenly spread where they are not all."""
     layers, size = shape[0], int(np.prod(shape, dtype=object))
     thick = max(1, _PIECE * layers // size)
     count = -(-layers // thick)

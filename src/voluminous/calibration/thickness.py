@@ -106,14 +106,12 @@ class _Shell:
         return float(sum(areas.sum() for areas in self.areas))
 
     def see(self, found: Lines, profile: Profile) -> None:
-        """Look along lines."""
         seen = found.seen(profile.mean(found.x, found.reach))
         self.seen.append(seen[seen > 0])
 
     def add(
         self, piece: Piece | ScatteredPiece | Between, profile: Profile, longest: float
     ) -> None:
-        """Look at cells."""
         mean = profile.mean(piece.x, piece.reach)
         # The most there can be, where a cell is steeper than the shell is wide.
         most = profile.width / np.maximum(profile.width, 2 * piece.reach)
@@ -171,7 +169,6 @@ def _look_between(
 
 
 def _between(volume: Volume, expr: Expression) -> Iterator[Between]:
-    """Yield a scalar from one cell centre to the next, along the axes."""
     for piece in pieces(volume, expr):
         if not isinstance(piece, Piece):
             found = lines(volume, expr)
@@ -181,5 +178,4 @@ def _between(volume: Volume, expr: Expression) -> Iterator[Between]:
 
 
 def _shortest_side(volume: Volume) -> float:
-    """Return the shortest side of the domain in units of the grid's scale."""
     return float(np.ptp(volume.grid.bounds, axis=1).min() / volume.grid.scale)

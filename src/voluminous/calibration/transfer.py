@@ -87,7 +87,6 @@ class _Panel:
         return next((unit for unit in told if unit is not None), None)
 
     def spread(self, count: int) -> np.ndarray:
-        """Return evenly spread values along the axis."""
         spaced = np.geomspace if self.log else np.linspace
         return np.asarray(spaced(self.low, self.high, count))
 
@@ -112,7 +111,6 @@ class _Panel:
         return None if self.volume is None else self.volume.expression_unit(expr)
 
     def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, and j and α (channel, x) there; all parts together."""
         parts = [_ungated(p) for p in self.parts if not isinstance(p, Isosurface)]
         x = self.x
         unit = None if self.volume is None else self.volume.unit
@@ -229,20 +227,17 @@ def _closed(part: Any) -> Any:
 
 
 def _ungated(part: Any) -> Any:
-    """Return a part without what other expressions vary."""
     if not hasattr(part, "modulation") or part.modulation.fixed:
         return part
     return part.changed(modulation=Modulation(None, None, part.channels), names=part.expr.names)
 
 
 def _unit_told(part: Any) -> Any:
-    """Return the unit of the values that a part was given."""
     given: Any = part.levels[0] if isinstance(part, Isosurface) else getattr(part, "center", None)
     return parse_unit(given.unit) if is_quantity(given) else getattr(part, "unit", None)
 
 
 def _spans(part: Any, unit: Any) -> list[tuple[float, float]]:
-    """Return between which values a part has something to show."""
     if isinstance(part, Shaped):
         center, width = (float(plain(value, unit, "center")) for value in (part.center, part.width))
         aside = width * min(_AROUND, 1.2 * float(part.profile_places[-1]))
@@ -334,7 +329,6 @@ def _draw_lines(
 
 
 def _fill(axes: Any, x: np.ndarray, j: np.ndarray) -> None:
-    """Fill below the brightest channel with the colour that all three are."""
     top = j.max(axis=0)
     shown = np.clip(j / np.where(top > 0, top, 1.0), 0.0, 1.0).T
     good = np.isfinite(top) & (top > 0)
@@ -355,7 +349,6 @@ def _fill(axes: Any, x: np.ndarray, j: np.ndarray) -> None:
 
 
 def _draw_surfaces(axes: Any, part: Isosurface, unit: Any) -> None:
-    """Draw each level in its colour, as high as it is opaque."""
     for x, color, opacity, width in _surfaces(part, unit):
         shown = tuple(np.clip(color, 0.0, 1.0)) if len(color) == 3 else "0.3"
         style = {"color": shown, "label": f"surface at {x:.4g}, opacity {opacity:.2g}"}
@@ -416,7 +409,6 @@ def _paint(part: Any) -> Any:
 
 
 def _told(parts: list[Any]) -> list[str]:
-    """Return what varies a medium besides the expression of a panel."""
     found: dict[str, None] = {}
     for part in parts:
         gate = getattr(getattr(part, "modulation", None), "where", None)

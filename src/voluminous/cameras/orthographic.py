@@ -101,7 +101,6 @@ class Orthographic(Camera):
         return cls(incl, phi, posang, **options)
 
     def frame(self, grid: Any) -> Frame:
-        """Return pixels and vectors for a grid: centre, image axes, direction of view."""
         bounds = grid.bounds
         middle = bounds.mean(axis=1)
         center = middle if self.center is None else point(self.center, grid.unit, "center")
@@ -118,7 +117,6 @@ class Orthographic(Camera):
         return Frame(self.resolution, size, (float(shift[0]), float(shift[1])), vectors)
 
     def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
-        """Return rays through points of the image plane."""
         center, ex, ey, away, *turns, back = vectors
         origin = [c + u * x + v * y for c, x, y in zip(center, ex, ey, strict=True)]
         turned = _turned(u, v, *turns)
@@ -126,22 +124,18 @@ class Orthographic(Camera):
         return Ray(origin, list(away), start=start)
 
     def key(self) -> Hashable:
-        """Return what decides how `rays` is traced; None for classes derived from this one."""
         return "orthographic" if type(self) is Orthographic else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
-        """Return the direction of view, the same at all points."""
         away = -image_axes(self.incl, self.phi, self.posang)[2]
         return np.broadcast_to(away[:, None], np.shape(points))
 
     def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return coordinates of points on the image plane, and how far they are behind it."""
         center, *axes = self.frame(grid).vectors[:4]
         u, v, depth = np.stack(axes) @ (np.asarray(points, dtype=np.float64) - center[:, None])
         return u, v, depth
 
     def describe(self) -> dict[str, Any]:
-        """Return type and arguments as plain values."""
         told = {"type": "orthographic", "incl": self.incl, "phi": self.phi, "posang": self.posang}
         told["resolution"] = list(self.resolution)
         for name in ("width", "center"):

@@ -103,7 +103,6 @@ class Perspective(Camera):
             self._axes(*(vector_of(p, "point") for p in (self.position, self.target)))
 
     def _axes(self, position: np.ndarray, target: np.ndarray) -> np.ndarray:
-        """Return the axes of the image, before the dome is tilted."""
         if np.array_equal(position, target):
             raise InputError("position and target of a perspective camera must not coincide")
         incl, phi = angles_towards(position - target)
@@ -120,7 +119,6 @@ class Perspective(Camera):
         return cls(position, target if unit is None else target * unit, **options)
 
     def frame(self, grid: Any) -> Frame:
-        """Return pixels and vectors for a grid: position, and the camera's three axes."""
         position = point(self.position, grid.unit, "position")
         target = point(self.target, grid.unit, "target")
         axes = self._axes(position, target)
@@ -130,7 +128,6 @@ class Perspective(Camera):
         return Frame(self.resolution, self.width, (0.0, 0.0), np.vstack([position, tilted]))
 
     def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
-        """Return rays from the observer through points of the screen."""
         position, ex, ey, ez = vectors
         if self.projection == "flat":
             inverse = 1.0 / dr.sqrt(1.0 + u * u + v * v)
@@ -144,17 +141,14 @@ class Perspective(Camera):
         return Ray([zero + p for p in position], direction, first=zero)
 
     def key(self) -> Hashable:
-        """Return what decides how `rays` is traced; None for classes derived from this one."""
         return ("perspective", self.projection) if type(self) is Perspective else None
 
     def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
-        """Return unit vectors from the observer to points; zero where the observer is."""
         away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
         distance = np.linalg.norm(away, axis=0)
         return np.asarray(away / np.where(distance > 0, distance, 1.0))
 
     def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return where points are seen on the screen, and how far they are from the observer."""
         position, *axes = self.frame(grid).vectors
         away = np.asarray(points, dtype=np.float64) - position[:, None]
         across, along, back = np.stack(axes) @ away
@@ -169,7 +163,6 @@ class Perspective(Camera):
         return across * stretch, along * stretch, np.hypot(aside, back)
 
     def describe(self) -> dict[str, Any]:
-        """Return type and arguments as plain values."""
         told: dict[str, Any] = {"type": "perspective", "projection": self.projection}
         told["position"], told["target"] = described(self.position), described(self.target)
         told["width"] = list(self.width)
@@ -194,7 +187,6 @@ def _not_lost(direction: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _screen(fov: Any, projection: str) -> float:
-    """Return the width of the screen that a field of view fills."""
     angle = degrees(fov, "fov")
     if projection == "spherical":
         return float(np.deg2rad(angle))

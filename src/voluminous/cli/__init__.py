@@ -82,7 +82,6 @@ def _open_streams() -> None:
 
 @contextlib.contextmanager
 def _plain_warnings() -> Iterator[None]:
-    """Show warnings as what they say, without the line of the program."""
     before = warnings.formatwarning
     warnings.formatwarning = lambda message, *_, **__: f"voluminous: warning: {message}\n"
     try:

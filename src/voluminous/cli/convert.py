@@ -72,7 +72,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_target(args: argparse.Namespace) -> None:
-    """Refuse what would destroy something, before any work."""
     target: Path = args.target
     if target.exists() and not args.overwrite and not _is_empty_directory(target):
         raise InputError(f"{target} is there already; give another name, or --overwrite")
@@ -93,7 +92,6 @@ def _writing_options(writer: Reader, compress: bool) -> dict[str, Any]:
 
 
 def _changed(data: DataFile, args: argparse.Namespace) -> Volume:
-    """Return the volume to write."""
     volume = _with_expressions(data, args.expr) if args.expr else data.open()
     if args.resample is None:
         return volume
@@ -134,7 +132,6 @@ def _names(expressions: list[str]) -> set[str]:
 
 
 def _counts(text: str) -> tuple[int, ...]:
-    """Return the three numbers in ``256x256x128``."""
     match = re.fullmatch(r"\s*(\d+)\s*[x×,]\s*(\d+)\s*[x×,]\s*(\d+)\s*", text)
     if match is None or not all(int(n) for n in match.groups()):
         raise InputError(f"--resample expects three numbers such as 256x256x256, got {text!r}")

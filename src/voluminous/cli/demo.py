@@ -186,7 +186,6 @@ def _draw(
     cells: int,
     quiet: bool,
 ) -> list[Image]:
-    """Render the panels, and write them and the figure."""
     from ..scene import Scene
 
     panels = (*PANELS, *MORE_PANELS) if all else PANELS
@@ -216,7 +215,6 @@ def _draw(
 
 
 def _save_figure(images: list[Image], titles: list[str], output: Path) -> None:
-    """Draw the panels with axes, three in a row; matplotlib without windows."""
     from matplotlib.figure import Figure
 
     from ..files import replacing

@@ -35,7 +35,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _examine(name: str, check: Callable[[], Iterator[str]]) -> bool:
-    """Print what a check finds, and return True if nothing is wrong."""
     title = name
     try:
         for line in check():
@@ -58,7 +57,6 @@ def _system() -> Iterator[str]:
 
 
 def _packages() -> Iterator[str]:
-    """Yield the versions of all that voluminous requires."""
     from packaging.requirements import Requirement
 
     distribution = importlib.metadata.distribution("voluminous")
@@ -114,7 +112,6 @@ def _cache() -> Iterator[str]:
 
 
 def _cache_folder() -> Path:
-    """Return the folder that Dr.Jit takes."""
     chosen = os.environ.get(_CACHE_VARIABLE)
     if chosen:
         return Path(chosen)
@@ -142,7 +139,6 @@ def _rays() -> Iterator[str]:
 
 
 def _slab_error(device: str, precision: str, scheme: str) -> float:
-    """Return the relative error of one ray through a homogeneous slab."""
     from ..cameras import Orthographic
     from ..media import Coefficients
     from ..models import uniform_slab

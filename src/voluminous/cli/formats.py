@@ -38,7 +38,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _table(readers: list[Reader]) -> Iterator[str]:
-    """Yield one line per format, in columns."""
     rows = [("format", "", "files", "needs", "what it is")]
     rows += [(r.name, _modes(r), _files(r, _MOST), _needs(r), _what(r)) for r in readers]
     widths = [max(len(row[k]) for row in rows) for k in range(4)]
@@ -51,7 +50,6 @@ def _table(readers: list[Reader]) -> Iterator[str]:
 
 
 def _one(reader: Reader) -> Iterator[str]:
-    """Yield all that is known of a format."""
     yield f"{reader.name}: {_what(reader)}"
     yield f"  files: {_files(reader)}; {'read and written' if _writes(reader) else 'read'}"
     if needs := _needs(reader):
@@ -94,7 +92,6 @@ def _files(reader: Reader, most: int | None = None) -> str:
 
 
 def _needs(reader: Reader) -> str:
-    """Return the packages that a format needs, and whether they are there."""
     from ..packages import is_installed
 
     packages = getattr(reader, "packages", ())

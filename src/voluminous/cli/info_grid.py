@@ -72,7 +72,6 @@ def _finest_across(grid: Any, base: Any, levels: np.ndarray) -> np.ndarray:
 
 
 def _widths(grid: Any, levels: np.ndarray, level: int) -> np.ndarray:
-    """Return the widths of the first cell of a level."""
     first = int(np.argmax(levels == level))
     return np.asarray(grid.cell_sizes(first, first + 1)[:, 0])
 

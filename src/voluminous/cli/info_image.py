@@ -36,7 +36,6 @@ def describe_image(path: Path) -> Iterator[str]:
 
 
 def _story(image: Image) -> Iterator[str]:
-    """Yield who made the picture, and how."""
     for title, known in (("camera", image.camera), ("made by", image.provenance)):
         if known:
             plain = {k: v for k, v in known.items() if not isinstance(v, dict)}

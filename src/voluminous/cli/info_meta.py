@@ -35,7 +35,6 @@ def _short(value: Any) -> str:
 
 
 def _sky(wcs: Any) -> Iterator[str]:
-    """Yield the world axes, and where on them the reference is."""
     for name, kind, unit, value in zip(
         wcs.wcs.ctype, wcs.world_axis_physical_types, wcs.wcs.cunit, wcs.wcs.crval, strict=True
     ):

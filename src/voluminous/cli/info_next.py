@@ -73,7 +73,6 @@ def _told(part: Any, volume: Volume) -> dict[str, Any]:
 
 
 def _digits(center: float, width: float) -> int:
-    """Return how many digits tell a shell from one beside it."""
     return max(_DIGITS, _FINE + ceil(log10(abs(center) / width))) if center else _DIGITS
 
 

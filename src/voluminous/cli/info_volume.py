@@ -54,7 +54,6 @@ def describe_volume(data: DataFile, *, histogram: bool = True) -> Iterator[str]:
 
 
 def _nothing(data: DataFile) -> Iterator[str]:
-    """Yield why there is nothing to tell of."""
     yield "It holds no three-dimensional array of numbers."
     try:
         data.open()

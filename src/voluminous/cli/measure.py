@@ -115,7 +115,6 @@ def _quantities(given: Iterable[str]) -> dict[str, str]:
 
 
 def _region(text: str | None) -> Region | None:
-    """Return the part of space that is measured: before any data are read."""
     from ..measuring.shapes import region_of
 
     return None if text is None else region_of(text)
@@ -130,7 +129,6 @@ def _named(text: str, option: str, example: str) -> tuple[str, str]:
 
 
 def _opened(args: argparse.Namespace, asked: dict[str, str]) -> tuple[Volume, Camera | None]:
-    """Return the volume, and the camera if a scene has one."""
     from ..scene import Scene
     from .file_kind import is_volume
     from .opened import opened
@@ -145,7 +143,6 @@ def _opened(args: argparse.Namespace, asked: dict[str, str]) -> tuple[Volume, Ca
 
 
 def _density(volume: Volume) -> dict[str, str]:
-    """Return what is measured by default."""
     from .choice import first_field
 
     name = first_field(volume)
@@ -155,7 +152,6 @@ def _density(volume: Volume) -> dict[str, str]:
 
 
 def _cameras(args: argparse.Namespace, volume: Volume) -> list[Camera]:
-    """Return one camera for each pair of angles."""
     from ..cameras import Orthographic
 
     frame = {} if args.aperture is None else _framed(args.aperture, volume)
@@ -172,7 +168,6 @@ def _cameras(args: argparse.Namespace, volume: Volume) -> list[Camera]:
 
 
 def _framed(aperture: str, volume: Volume) -> dict[str, Any]:
-    """Return the frame that an aperture fills: few of its pixels are cut."""
     from ..measuring.shapes import polygon_of
 
     corners = polygon_of(aperture, volume.unit)

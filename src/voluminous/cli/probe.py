@@ -91,7 +91,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _left_out(scene: Scene) -> Iterator[str]:
-    """Tell what a picture has that a single ray through the medium has not."""
     samples = scene.render_options.get("samples", 1)
     if samples != 1:
         yield f"the mean over a pixel's rays (samples = {samples!r}); this is the one at its centre"
@@ -101,7 +100,6 @@ def _left_out(scene: Scene) -> Iterator[str]:
 
 
 def _check(path: Path) -> None:
-    """Refuse, before any work, a file that cannot be written in the end."""
     from ..measuring.probing.saving import check_suffix
 
     check_suffix(path)
@@ -110,7 +108,6 @@ def _check(path: Path) -> None:
 
 
 def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
-    """Follow one ray of a scene."""
     from ..measuring import probe
     from ..progress import progress_bar
 
@@ -123,7 +120,6 @@ def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
 
 
 def _point(text: str | None) -> Any:
-    """Return the two numbers or quantities of ``0.1pc,0.2pc``."""
     from ..scene.kinds import QUANTITIES
 
     return None if text is None else QUANTITIES("--at", [part.strip() for part in text.split(",")])

@@ -140,7 +140,6 @@ def _angles(args: argparse.Namespace, given: Mapping[str, Any]) -> dict[str, Any
 
 
 def _told(volume: Volume, medium: Medium, camera: dict[str, Any], others: Iterable[str]) -> str:
-    """Return field, levels and camera in words, and how to change them."""
     parts: list[Any] = list(medium.components())
     if hasattr(parts[0], "center"):
         levels = _listed(f"{p.center:.4g}" for p in parts)

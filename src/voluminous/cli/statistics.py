@@ -75,7 +75,6 @@ def _sum(values: np.ndarray) -> float:
 
 
 def _finite(found: Statistics, piece: np.ndarray) -> np.ndarray:
-    """Return the finite values of a piece; count the others."""
     nan, finite = np.isnan(piece), np.isfinite(piece)
     found.nan += int(np.count_nonzero(nan))
     if found.first_nan is None and nan.any():

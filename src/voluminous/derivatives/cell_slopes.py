@@ -145,7 +145,6 @@ class CellSlopes:
         return Part(middle, size, self._of(number, True))
 
     def _where(self, runs: Sequence[tuple[int, int]], number: Any) -> Iterator[list[Any]]:
-        """Return lower corners and sizes of some cells."""
         if self.boxes is not None:
             return iter((self.boxes.low(number), self.boxes.size(number)))
         found = zip(*(self.grid.boxes(*run) for run in runs), strict=True)
@@ -155,7 +154,6 @@ class CellSlopes:
         )
 
     def _of(self, number: Any, active: Any) -> list[Any]:
-        """Return the values of all fields in cells."""
         real = self.backend.Float
         return [real(dr.gather(type(f), f, number, active)) for f in self.fields]
 
@@ -294,11 +292,9 @@ class CellSlopes:
         return [zero if alike else w for w, alike in zip(way, self.around.alike, strict=True)]
 
     def _across(self, face: Any) -> list[Any]:
-        """Return one for the axis of a face, zero for the others."""
         return [dr.abs(dr.gather(self.backend.Float, column, face)) for column in self.tables[0]]
 
     def _beyond(self, face: Any, part: Part) -> Iterator[Neighbour]:
-        """Yield the cells at four places beyond a face."""
         real = self.backend.Float
         sense, first, second = (
             [dr.gather(real, column, face) for column in table] for table in self.tables

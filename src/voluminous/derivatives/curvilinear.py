@@ -76,7 +76,6 @@ class Curvilinear:
         return np.asarray(first[0] / own[0])
 
     def _component(self, axis: int, slopes: list[np.ndarray], own: np.ndarray) -> np.ndarray:
-        """Return a Cartesian component of the gradient."""
         phi = own[self.azimuth]
         round_about = (-np.sin(phi), np.cos(phi), 0.0)[axis]
         outwards = (np.cos(phi), np.sin(phi), 0.0)[axis]

@@ -96,7 +96,6 @@ def _computed(volume: Any, derived: DerivedField) -> np.ndarray:
 
 
 def _sources(volume: Any, derived: DerivedField) -> dict[str, bytes]:
-    """Return the fields that something is made of, and a hash of each."""
     names = {n for a in derived.arguments for n in required_names(a)}
     given = volume.given(names)
     return {name: volume.digest(name) for name in given}

@@ -58,7 +58,6 @@ def _filled(
     centers: Sequence[np.ndarray],
     rule: Rule,
 ) -> tuple[np.ndarray, float]:
-    """Return the derivative, and its largest magnitude."""
     shape = tuple(len(c) for c in centers)
     nx, ny, nz = shape
     check_memory(
@@ -83,7 +82,6 @@ def _part(
     kept: tuple[int, int],
     rule: Rule,
 ) -> np.ndarray:
-    """Return the derivative on some layers."""
     first, last = kept
     low, high = max(0, first - _HALO), min(last + _HALO, len(centers[0]))
     # Differences lose digits, and squares of cgs units leave the range of float32.

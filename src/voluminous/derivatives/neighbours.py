@@ -91,7 +91,6 @@ class Cells:
         return out
 
     def _laplacian(self) -> np.ndarray:
-        """Return the sum of the second derivatives along the axes of each cell."""
         size = self.grid.size
         check_memory(48 * size, f"second differences of {size} cells", "coarsen the volume")
         bends, inner = np.empty((3, size)), np.empty((3, size), np.int64)
@@ -238,7 +237,6 @@ def _face(cells: Cells, part: Part, axis: int, sense: int) -> Face:
 def _beyond(
     cells: Cells, part: Part, which: np.ndarray, axis: int, sense: int, side: tuple[int, int]
 ) -> np.ndarray:
-    """Return the cells at a place beyond a face of some cells of a part."""
     offset = np.insert(_ASIDE * np.array(side), axis, _AHEAD * sense)
     own = part.middle[:, which] + part.width[:, which] * offset[:, None]
     place = position(tuple(cells.grid.coordinates), own)

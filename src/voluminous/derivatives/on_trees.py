@@ -100,7 +100,6 @@ class BoxesOfTree:
         found[:, np.array(which)] = _on_host(better)
 
     def _laplacian(self) -> np.ndarray:
-        """Return the sum of the second derivatives along the axes."""
         size = self.grid.size
         check_memory(36 * size, f"second differences of {size} cells", "coarsen the volume")
         bends, inner = np.empty((3, size)), np.empty((3, size), np.uint32)

@@ -59,29 +59,23 @@ class DrjitOps(Ops):
         self._rest_of_turn = (math.tau - self._turn) - math.sin(math.tau)
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        """Return this evaluator, and the fields as `float_type`."""
         return self, {name: self.number(value) for name, value in values.items()}
 
     def constant(self, value: float) -> Any:
-        """Return the constant as `float_type`."""
         return self._constant(value)
 
     def literal(self, value: float) -> Any:
-        """Return the number as `float_type`, in the code: functions take 0.6 to 0.9 of the time."""
         return self._float(value)
 
     def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
-        """Return the interpolated entries; places and entries are run-time data."""
         from .interpolation import interpolate
 
         return interpolate(self._float, x, places, [entries])[0]
 
     def is_mask(self, value: Any) -> bool:
-        """Return True for Dr.Jit's Bool types."""
         return bool(self._dr.is_mask_v(value))
 
     def number(self, value: Any) -> Any:
-        """Return `value` as `float_type`."""
         if self.is_mask(value):
             return self._dr.select(value, self._float(1), self._float(0))
         return value if isinstance(value, self._float) else self._float(value)

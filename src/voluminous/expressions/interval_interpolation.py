@@ -42,7 +42,6 @@ def interpolate_ranges(
 
 
 def _fraction(x: np.ndarray, nodes: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Return how far x is from the node before `upper` to that node."""
     low, high = nodes[upper - 1], nodes[upper]
     width = high - low
     inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)

@@ -39,23 +39,18 @@ class IntervalOps(Ops):
     """
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        """Return this evaluator, and the fields as intervals."""
         return self, {name: Interval.of(value) for name, value in values.items()}
 
     def constant(self, value: float) -> Interval:
-        """Return the interval of one number."""
         return Interval(value)
 
     def interpolate(self, x: Interval, places: np.ndarray, entries: np.ndarray) -> Interval:
-        """Return the range of the interpolated entries."""
         return interpolate_ranges(x, places, [entries])[0]
 
     def is_mask(self, value: Any) -> bool:
-        """Return True for truth values."""
         return isinstance(value, Truth)
 
     def number(self, value: Any) -> Interval:
-        """Return `value` as an interval; true is 1 and false is 0."""
         if isinstance(value, Truth):
             return Interval(np.where(value.false, 0.0, 1.0), np.where(value.true, 1.0, 0.0))
         return Interval.of(value)
@@ -81,7 +76,6 @@ class IntervalOps(Ops):
         return Interval(*ends, left.nan | right.nan)
 
     def integer_power(self, base: Interval, exponent: int) -> Interval:
-        """Return a whole power; odd ones grow with the base, even ones are squares."""
         if exponent < 3 or exponent % 2 == 0:
             return super().integer_power(base, exponent)
         low, high = (

@@ -62,7 +62,6 @@ def kind_of(node: Node, curved: Collection[str] = (), steps: Sequence[Kind] = ()
 
 
 def _call(operation: str, kinds: list[Kind]) -> Kind:
-    """Return what is known of an operation on what is known."""
     most, varying = max(kinds), sum(k != Kind.CONSTANT for k in kinds)
     if most == Kind.CONSTANT or (operation in _SUMS and most == Kind.SUM):
         return most
@@ -77,7 +76,6 @@ def _call(operation: str, kinds: list[Kind]) -> Kind:
 
 
 def _table(argument: Kind, entries: tuple[float, ...]) -> Kind:
-    """Return what is known of a table: it is monotonic if its entries are."""
     if argument in (Kind.CONSTANT, Kind.ANY):
         return argument
     one_way = list(entries) in (sorted(entries), sorted(entries, reverse=True))

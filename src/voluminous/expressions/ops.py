@@ -158,19 +158,15 @@ class NumpyOps(Ops):
         }
 
     def constant(self, value: float) -> Any:
-        """Return the constant as an array without axes."""
         return np.asarray(value, dtype=self._dtype)
 
     def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
-        """Return the interpolated entries, computed in double precision."""
         return self.number(np.interp(x, places, entries))
 
     def is_mask(self, value: Any) -> bool:
-        """Return True for arrays of bool."""
         return bool(value.dtype == np.bool_)
 
     def number(self, value: Any) -> Any:
-        """Return an array of the evaluator's type."""
         return np.asarray(value, dtype=self._dtype)
 
 

@@ -60,7 +60,6 @@ class _Builder(VectorBuilder):
     """Builds all that Python's grammar has; calls of vectors are its base's."""
 
     def build_any(self, node: ast.expr) -> Node:
-        """Return our node, a number or a vector, for Python's `node`."""
         handler = _HANDLERS.get(type(node))
         if handler is None:
             self._fail(node, FOREIGN.get(type(node), "this is not part of an expression"))
@@ -85,7 +84,6 @@ class _Builder(VectorBuilder):
         return Constant(value)
 
     def _quantity(self, node: ast.Subscript) -> Node:
-        """Return a number with a unit; `quantities.marked` has written it so."""
         number, unit = node.value, node.slice
         if not (isinstance(number, ast.Constant) and isinstance(unit, ast.Constant)):
             self._fail(node, FOREIGN[ast.Subscript])
@@ -180,7 +178,6 @@ class _Builder(VectorBuilder):
         return Call("multiply", (found, Quantity(1.0, entries_unit)))
 
     def _numbers(self, node: ast.expr) -> tuple[list[float], Any]:
-        """Return the numbers in a list, and the unit of the first that has one."""
         if not isinstance(node, ast.List):
             self._fail(node, f"here a list of numbers is needed: {FUNCTIONS['interp'].signature}")
         built = [(self.build(element), element) for element in node.elts]

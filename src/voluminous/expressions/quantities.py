@@ -70,7 +70,6 @@ def _unit_end(text: str, start: int, fields: Collection[str]) -> int:
 
 
 def _factors_end(text: str, place: int, fields: Collection[str]) -> int | None:
-    """Return where a product of units ends; None if there is none."""
     end = None
     while True:
         after = _factor_end(text, place, fields)

@@ -34,7 +34,6 @@ def on_one_side(
 
 
 def _decided(expression: Expression, sides: dict[Node, Side]) -> Expression:
-    """Return an expression that looks at fields in place of comparing."""
     tree = expression.tree
     before = tree.steps if isinstance(tree, Steps) else ()
 
@@ -55,7 +54,6 @@ def _fields(tree: Node) -> tuple[str, ...]:
 
 
 def _replaced(node: Any, side_of: Any) -> Any:
-    """Return a node, or several, with fields in place of comparisons."""
     if isinstance(node, tuple):
         return tuple(_replaced(part, side_of) for part in node)
     if isinstance(node, Comparison):

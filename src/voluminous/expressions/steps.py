@@ -25,12 +25,10 @@ def in_steps(steps: Sequence[Node], result: Node) -> Node:
 
 
 def _earlier(node: Node) -> list[int]:
-    """Return the numbers of the steps that a node looks at."""
     return [below.step for below in nodes(node) if isinstance(below, Earlier)]
 
 
 def _renumbered(node: Any, new: dict[int, int]) -> Any:
-    """Return a node that looks at the same steps by their new numbers."""
     if isinstance(node, tuple):
         return tuple(_renumbered(part, new) for part in node)
     if isinstance(node, Earlier):

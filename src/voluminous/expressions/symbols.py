@@ -125,7 +125,6 @@ def read(
 
 
 def _interpolated(x: Any, places: Any, entries: Any) -> Symbol:
-    """Return the symbol for a table looked up at another one."""
     if not isinstance(x, Symbol):
         raise UnreadableError("the tables of interp hold numbers only")
     return x.recorder.symbol(interpolation(x.node, places, entries))
@@ -185,7 +184,6 @@ def _of(operation: str, *parts: Node) -> Node:
 
 
 def _half_of(x: Node, operation: str) -> Node:
-    """Return half the sum or difference of exp(x) and its reciprocal."""
     up = _of("exp", x)
     return _of("multiply", Literal(0.5), _of(operation, up, _of("divide", Literal(1.0), up)))
 

@@ -95,7 +95,6 @@ def _operation(operation: str, arguments: tuple[Node, ...]) -> str:
 
 
 def _chained(symbols: list[str], operands: tuple[Node, ...]) -> str:
-    """Return operands with a symbol between each two."""
     first, *others = (_operand(operand) for operand in operands)
     return " ".join((first, *chain.from_iterable(zip(symbols, others, strict=True))))
 

@@ -70,17 +70,14 @@ class TracedInterval(Interval):
 
     @property
     def size(self) -> Any:
-        """The largest absolute value."""
         return larger(dr.abs(self.lo), dr.abs(self.hi))
 
     @property
     def smallest(self) -> Any:
-        """The smallest absolute value."""
         return positive(larger(self.lo, -self.hi))
 
     @property
     def infinite(self) -> Any:
-        """Where an infinity is among the values."""
         return (self.lo == -dr.inf) | (self.hi == dr.inf)
 
     def unknown_where(self, condition: Any, nan: Any) -> TracedInterval:

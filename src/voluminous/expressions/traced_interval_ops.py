@@ -48,27 +48,21 @@ class TracedIntervalOps(Ops):
         self._at = DrjitOps(float_type)
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        """Return this evaluator, and the fields as intervals."""
         return self, {name: traced(self._float, value) for name, value in values.items()}
 
     def constant(self, value: float) -> TracedInterval:
-        """Return the interval of one finite number."""
         return TracedInterval.constant(self._constant(value))
 
     def literal(self, value: float) -> TracedInterval:
-        """Return the interval of one finite number, in the code."""
         return TracedInterval.constant(self._float(value))
 
     def interpolate(self, x: TracedInterval, places: np.ndarray, entries: np.ndarray) -> Any:
-        """Return the range of the interpolated entries."""
         return interpolate_traced_ranges(x, places, [entries])[0]
 
     def is_mask(self, value: Any) -> bool:
-        """Return True for truth values."""
         return isinstance(value, Truth)
 
     def number(self, value: Any) -> TracedInterval:
-        """Return `value` as an interval; true is 1 and false is 0."""
         if not isinstance(value, Truth):
             return traced(self._float, value)
         zero, one = self._float(0), self._float(1)
@@ -100,7 +94,6 @@ class TracedIntervalOps(Ops):
         return TracedInterval(*ends, left.nan | right.nan)
 
     def integer_power(self, base: TracedInterval, exponent: int) -> TracedInterval:
-        """Return a whole power; odd ones grow with the base, even ones are squares."""
         if exponent < 2:
             return super().integer_power(base, exponent)
         return whole_power(lambda end: self._at.integer_power(end, exponent), base, exponent)
@@ -119,7 +112,6 @@ class TracedIntervalOps(Ops):
         return found.unknown_where(anything, base.nan | exponent.nan)
 
     def _power_of(self, lo: Any, hi: Any, exponent: TracedInterval) -> TracedInterval:
-        """Return the power of what is not negative between two ends."""
         base = TracedInterval(positive(lo), positive(hi))
         return TracedInterval(*positive_power(self._at, base, exponent))
 

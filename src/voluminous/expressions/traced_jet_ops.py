@@ -43,32 +43,26 @@ class TracedJetOps(Ops):
             setattr(self, name, self._rough(name))
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        """Return this evaluator and the fields, which are jets."""
         return self, dict(values)
 
     def constant(self, value: float) -> TracedJet:
-        """Return a number."""
         return TracedJet(self._at.constant(value))
 
     def interpolate(self, x: TracedJet, places: np.ndarray, entries: np.ndarray) -> TracedJet:
-        """Return the interpolated entries; there is a kink at every place."""
         value = self._at.interpolate(x.value, places, entries)
         slope, straight = slopes_in_ranges(x.value, places, entries)
         return chain(x, value, slope, self._zero().unknown_where(~straight, False))
 
     def is_mask(self, value: Any) -> bool:
-        """Return True for truth values."""
         return isinstance(value, Truth)
 
     def number(self, value: Any) -> TracedJet:
-        """Return `value` as a jet; true is 1 and false is 0, and between them is a jump."""
         if not isinstance(value, Truth):
             return value
         jump = self._zero().unknown_where(value.true & value.false, False)
         return TracedJet(self._at.number(value), jump, jump)
 
     def mask(self, value: Any) -> Any:
-        """Return `value` as a mask: numbers other than 0 are true."""
         return value if self.is_mask(value) else self._at.mask(value.value)
 
     def ones_like(self, value: TracedJet) -> TracedJet:
@@ -111,7 +105,6 @@ class TracedJetOps(Ops):
         return TracedJet(a.value / b.value, found.first, found.second)
 
     def integer_power(self, base: TracedJet, exponent: int) -> TracedJet:
-        """Return a whole power."""
         at = self._at
         value = at.integer_power(base.value, exponent)
         if base.fixed:

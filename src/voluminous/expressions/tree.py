@@ -41,7 +41,6 @@ class Constant(Node):
     value: float
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the constant in the evaluator's type."""
         return ops.constant(self.value)
 
 
@@ -50,7 +49,6 @@ class Literal(Constant):
     """A number that is not to be turned: part of the machine code of a kernel."""
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the number in the evaluator's type."""
         return ops.literal(self.value)
 
 
@@ -62,7 +60,6 @@ class Quantity(Node):
     unit: Any
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Raise the error that says what to do."""
         raise UnitsError(
             f"'{self.value:g} {self.unit}' is a number with a unit, which only a volume can "
             "convert: volume.evaluate, media, and measurements do; here write the number in the "
@@ -84,7 +81,6 @@ class Field(Node):
     name: str
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the field."""
         return fields[self.name]
 
 
@@ -100,7 +96,6 @@ class Earlier(Node):
         return f"%{self.step}"
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return that value."""
         return fields[self.name]
 
 
@@ -123,7 +118,6 @@ class Call(Node):
     arguments: tuple[Node, ...]
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the operation's result on the arguments as numbers."""
         numbers = [argument.number(ops, fields) for argument in self.arguments]
         return getattr(ops, self.operation)(*numbers)
 
@@ -136,7 +130,6 @@ class IntegerPower(Node):
     exponent: int
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the power, by multiplication."""
         return ops.integer_power(self.base.number(ops, fields), self.exponent)
 
 
@@ -148,7 +141,6 @@ class Comparison(Node):
     operands: tuple[Node, ...]
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the mask; each operand is evaluated once."""
         values = [operand.number(ops, fields) for operand in self.operands]
         pairs = zip(self.operations, pairwise(values), strict=True)
         result, *others = (getattr(ops, operation)(*pair) for operation, pair in pairs)
@@ -165,7 +157,6 @@ class Logic(Node):
     arguments: tuple[Node, ...]
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the mask."""
         result, *others = (argument.mask(ops, fields) for argument in self.arguments)
         if not others:
             return getattr(ops, self.operation)(result)
@@ -183,7 +174,6 @@ class Interpolation(Node):
     entries: tuple[float, ...]
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the interpolated entry."""
         x = self.argument.number(ops, fields)
         return ops.interpolate(x, np.array(self.places), np.array(self.entries))
 
@@ -197,7 +187,6 @@ class Where(Node):
     otherwise: Node
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the selected numbers; both branches are evaluated everywhere."""
         mask = self.condition.mask(ops, fields)
         return ops.where(mask, self.chosen.number(ops, fields), self.otherwise.number(ops, fields))
 
@@ -213,7 +202,6 @@ class Steps(Node):
     result: Node
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
-        """Return the result."""
         known = dict(fields)
         for number, step in enumerate(self.steps):
             known[Earlier(number).name] = step.evaluate(ops, known)

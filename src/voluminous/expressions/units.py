@@ -150,7 +150,6 @@ class _Part:
 
     @property
     def free(self) -> bool:
-        """Whether it fits any unit: zero does, and infinity."""
         return self.number is not None and (self.number == 0 or not math.isfinite(self.number))
 
     def bare(self, plain: bool) -> bool:
@@ -207,7 +206,6 @@ class _Walk:
         raise TypeError(f"not a number in an expression: {node!r}")
 
     def _constant(self, node: Call, parts: list[_Part]) -> _Part:
-        """Return what numbers without units make: another one."""
         ops = NumpyOps()
         with np.errstate(all="ignore"):
             values = [np.float64(p.number) for p in parts]
@@ -231,7 +229,6 @@ class _Walk:
         return [p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)]
 
     def _in(self, part: _Part, unit: Any, node: Node) -> _Part:
-        """Return a number in a unit (None: a plain number), of the same kind."""
         if part.unit == unit or not (_counts(part.unit) or _counts(unit)):
             return part
         dex = is_dex(part.unit)
@@ -369,7 +366,6 @@ class _Walk:
         return _Part(Call("log10", (x.node,)), _dex(x.unit))
 
     def _same(self, node: Call, parts: list[_Part]) -> _Part:
-        """Return numbers of one kind, of which the result is one."""
         same = self._alike(node, parts, plain=True)
         return _Part(Call(node.operation, tuple(p.node for p in same)), _unit_of(same))
 
@@ -379,13 +375,11 @@ class _Walk:
         return _Part(Call("negative", (x.node,)), unit)
 
     def _ratio(self, node: Call, parts: list[_Part]) -> _Part:
-        """Return a plain number or an angle, made of two numbers of one kind."""
         same = self._alike(node, parts)
         unit = _radian() if node.operation == "atan2" else None
         return _Part(Call(node.operation, tuple(p.node for p in same)), unit)
 
     def _function(self, node: Call, parts: list[_Part]) -> _Part:
-        """Return a function of plain numbers, angles in radians."""
         return _Part(Call(node.operation, tuple(self._pure(node, p) for p in parts)))
 
     def _refuse_dex(self, node: Node, part: _Part) -> NoReturn:
@@ -425,7 +419,6 @@ def _dex(unit: Any) -> Any:
 
 
 def _unit_of(parts: list[_Part]) -> Any:
-    """Return the unit of the first that has one."""
     return next((p.unit for p in parts if p.unit is not None), None)
 
 
@@ -450,7 +443,6 @@ def _quotient(first: Any, second: Any) -> Any:
 
 
 def _is_pure(unit: Any) -> bool:
-    """Return whether a unit is a mere number, such as km/cm."""
     from astropy import units as u
 
     return not is_dex(unit) and bool(_of_gauss(unit).is_equivalent(u.dimensionless_unscaled))

@@ -70,7 +70,6 @@ class VectorBuilder(ABC):
         return gradient(self._differentiated(node))
 
     def _differentiated(self, node: ast.Call) -> Node:
-        """Return the argument of a derivative, which may be in quotes."""
         argument = node.args[0]
         # A builder of its own: the names in the argument are not names of the expression.
         if isinstance(argument, ast.Constant) and isinstance(argument.value, str):

@@ -102,13 +102,11 @@ class Axis:
         return dr.clip(dr.select(below, wall - 1, wall), 0, self.last_cell)
 
     def _wall_near(self, side: Side, coordinate: Any) -> Any:
-        """Return the number of a wall that bounds the cell of `coordinate`."""
         raise NotImplementedError
 
     def _narrowed(
         self, position: Any, speed: Any, pace: Any, lead: Any, table: Any = None
     ) -> AxisTrack:
-        """Return a track in the kernel's precision."""
         Float = self.backend.Float
         return AxisTrack(Float(position), Float(speed), Float(pace), Float(lead), table)
 

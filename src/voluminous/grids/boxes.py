@@ -23,7 +23,6 @@ def expanded(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _starts(count: np.ndarray) -> np.ndarray:
-    """Return where runs of these lengths begin."""
     starts: np.ndarray = np.cumsum(count) - count
     return starts
 

@@ -63,5 +63,4 @@ class StraightChord:
         return trilinear_cubic(values, self.start, self.way)
 
     def _fractions(self, t: Any) -> list[Any]:
-        """Return where a ray is in its cell, counted upwards along each axis."""
         raise NotImplementedError

@@ -62,7 +62,6 @@ def _line(low: Any, high: Any, start: Any, way: Any) -> list[Any]:
 
 
 def _blend(low: list[Any], high: list[Any], start: Any, way: Any) -> list[Any]:
-    """Return low + (start + s way) (high - low), one degree higher."""
     rise = [b - a for a, b in zip(low, high, strict=True)]
     here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
     onward = [r * way for r in rise]

@@ -115,7 +115,6 @@ class TwoWalks:
 
 
 def _arrive(track: Any) -> Any:
-    """Return what the distances of segments count from, in those of cursors."""
     return getattr(track, "arrive", 0.0)
 
 

@@ -54,7 +54,6 @@ def convolve(image: Image, beam: Any) -> Image:
 
 
 def _check_sums(how: dict[str, Any]) -> None:
-    """Refuse maps whose numbers do not add up: means, extremes, depths."""
     kind = str(how.get("map", how.get("kind", "mean" if "weight" in how else "column")))
     if kind.split()[:1] != ["column"]:  # or "column of …"
         raise InputError(
@@ -64,7 +63,6 @@ def _check_sums(how: dict[str, Any]) -> None:
 
 
 def _check_width(covariance: np.ndarray, image: Image) -> None:
-    """Refuse beams that see nothing but one point of the whole image."""
     ny, nx = image.shape[:2]
     widest = math.sqrt(np.linalg.eigvalsh(covariance)[-1]) / _SIGMA / max(nx, ny)
     if not widest <= _WIDEST:
@@ -176,7 +174,6 @@ def _frame(image: Image, unit: Any) -> tuple[np.ndarray, Any]:
 
 
 def _kernel(covariance: np.ndarray) -> Any:
-    """Return a Gaussian kernel, averaged over pixels where it is narrow."""
     from astropy.convolution import Gaussian2DKernel
 
     (minor, major), axes = np.linalg.eigh(covariance)

@@ -61,7 +61,6 @@ def _plane(image: Image, distance: Any) -> tuple[float, str]:
 
 
 def _length(distance: Any, unit: str) -> float:
-    """Return a distance in the unit of the plane."""
     from astropy import units as u
 
     distance = as_quantity(distance)
@@ -119,14 +118,12 @@ def as_position(position: Any) -> Any:
 
 
 def _finite(angle: float, what: str) -> float:
-    """Return an angle that is a number."""
     if not np.isfinite(angle):
         raise InputError(f"{what} must be finite, got {angle} degrees")
     return angle
 
 
 def _frame_wcs(center: Any, projection: str) -> Any:
-    """Return a WCS with the names and equinox of the position's frame."""
     from astropy.wcs.utils import celestial_frame_to_wcs
 
     try:
@@ -140,7 +137,6 @@ def _frame_wcs(center: Any, projection: str) -> Any:
 
 
 def _zero(centres: np.ndarray, step: float) -> float:
-    """Return where the plane's origin is in pixels, the first being 1."""
     even = centres[0] + step * np.arange(centres.size)
     if np.abs(even - centres).max() > _EVEN_TO * abs(step):
         raise InputError("the pixels of this picture are not evenly spaced, as FITS needs them")

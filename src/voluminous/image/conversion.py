@@ -61,7 +61,6 @@ def _scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:
 
 
 def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
-    """Return how many of the new unit one of the old is."""
     from astropy import units as u
 
     target = u.dimensionless_unscaled if target is None else target
@@ -82,7 +81,6 @@ def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
 
 
 def _power(unit: Any, base: Any) -> float:
-    """Return the power of a base in a unit."""
     plain = unit.decompose()
     return float(dict(zip(plain.bases, plain.powers, strict=True)).get(base, 0.0))
 
@@ -96,7 +94,6 @@ def _beam_area(image: Image, beam: Any) -> float:
 
 
 def _pixel_area(image: Image, beam: Any) -> float:
-    """Return the steradians of a pixel."""
     to_sky = sky_matrix(image)
     if to_sky is None:
         raise UnitsError(

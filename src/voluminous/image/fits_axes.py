@@ -38,7 +38,6 @@ def cards(image: Image) -> Iterator[Card]:
 
 
 def _plane_cards(image: Image, key: str) -> Iterator[Card]:
-    """Give the cards for x and y, as the WCS of this key."""
     if key:
         yield f"WCSAXES{key}", 2, "number of axes"
         yield f"WCSNAME{key}", _PLANE_NAME, "coordinates on the image plane"

@@ -54,7 +54,6 @@ def _header(image: Image) -> Any:
 
 
 def _camera(image: Image) -> Iterator[Card]:
-    """Give the cards that tell readers without JSON from where it is seen."""
     camera = image.camera or {}
     if isinstance(camera.get("type"), str):
         yield "CAMERA", camera["type"], "what saw it"
@@ -64,7 +63,6 @@ def _camera(image: Image) -> Iterator[Card]:
 
 
 def _beam(image: Image) -> Iterator[Card]:
-    """Give the cards of the beam, which FITS knows on the sky only."""
     beam = fits_beam(image)
     if beam is not None:
         yield "BMAJ", beam[0], "[deg] full width of the beam at half maximum"

@@ -387,7 +387,6 @@ class Image(Made):
         return plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
 
     def _repr_png_(self) -> bytes:
-        """Return the picture for notebooks."""
         from .formats.png import encode
 
         return encode(self)

@@ -47,7 +47,6 @@ def plain_options(options: dict[str, Any], unit: Any) -> dict[str, Any]:
 
 
 def _as_they_are(options: dict[str, Any]) -> dict[str, Any]:
-    """Return what shows intensities as red, green and blue."""
     if options["exposure"] != "rgb":
         raise InputError(
             f"exposure must be a number, or 'rgb' for intensities as they are, got "

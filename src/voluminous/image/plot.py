@@ -80,7 +80,6 @@ def _thin_out(axes: Axes, extent: Extent) -> None:
 
 
 def _aspect(image: Image, extent: Extent) -> float:
-    """Return the height of a unit of y over the width of a unit of x."""
     if extent == image.extent:
         return 1.0
     left, right, bottom, top = extent

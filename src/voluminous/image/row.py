@@ -104,13 +104,11 @@ def _in_one_unit(images: list[Any], unit: Any) -> list[Image]:
 
 
 def _stacked(images: list[Image]) -> Image:
-    """Return all pixels, one under the other."""
     pixels = [image.intensity.reshape(-1, 1, image.channels) for image in images]
     return Image(np.concatenate(pixels), intensity_unit=images[0].intensity_unit)
 
 
 def _common_norm(images: list[Image], options: dict[str, Any]) -> dict[str, Any]:
-    """Return display options with one norm for one channel."""
     drawn = one_channel(_stacked(images), **options)
     rest = {name: value for name, value in options.items() if name not in _OF_NORM}
     return {**rest, "channels": options.get("channels"), "norm": drawn["norm"]} | {
@@ -119,7 +117,6 @@ def _common_norm(images: list[Image], options: dict[str, Any]) -> dict[str, Any]
 
 
 def _common_exposure(images: list[Image], options: dict[str, Any]) -> dict[str, Any]:
-    """Return display options with one exposure."""
     if options.get("exposure") is not None or options.get("vmax") is not None:
         return options
     chosen = options.get("channels"), options.get("mix")
@@ -128,7 +125,6 @@ def _common_exposure(images: list[Image], options: dict[str, Any]) -> dict[str, 
 
 
 def _axes(images: list[Image], given: Any) -> NDArray[Any]:
-    """Return one axes for each image."""
     if given is None:
         figure, count = new_figure(), len(images)
         figure.set_size_inches(_PANEL * count + 0.8, _PANEL)
@@ -140,7 +136,6 @@ def _axes(images: list[Image], given: Any) -> NDArray[Any]:
 
 
 def _differ(scales: list[Any], others: list[Any]) -> bool:
-    """Return True if the colour bars of two images do not show the same."""
     if [s.label for s in scales] != [s.label for s in others]:
         return True
     places = np.linspace(0.0, 1.0, 64)
@@ -152,6 +147,5 @@ def _differ(scales: list[Any], others: list[Any]) -> bool:
 
 
 def _room(axes: NDArray[Any]) -> Any:
-    """Return the axes at the end of one row; of several rows all of them."""
     rows = {round(float(place.get_position(original=True).y0), 6) for place in axes}
     return axes[-1] if len(rows) == 1 else list(axes)

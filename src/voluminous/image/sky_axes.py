@@ -83,13 +83,11 @@ def _ends(wcs: Any, number: int) -> tuple[float, float]:
 
 
 def _decimals(wcs: Any, number: int) -> int:
-    """Return how many decimals tell a tenth of the axis."""
     low, high = _ends(wcs, number)
     return max(0, -math.floor(math.log10(abs(high - low) / _TICKS)))
 
 
 def _unit(wcs: Any, number: int) -> Any:
-    """Return the unit in which a coordinate is read."""
     unit = parse_unit(wcs.wcs.cunit[number])
     if unit is None:
         return None

@@ -55,18 +55,15 @@ class PackedReader(Reader):
         self._find, self._check_options = find, check_options
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for what a packer wrote; it is asked last, after those that unpack."""
         return is_packed(head)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume, with all fields in memory: the unpacked file does not stay."""
         with self._inside(path, options) as (reader, inner):
             volume = reader.read(inner, fields, **options).load()
             held = {name: volume.array(name) for name in volume.fields}
             return volume.with_arrays({n: np.array(a) for n, a in held.items() if _is_mapped(a)})
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return what there is in the file inside."""
         with self._inside(path, options) as (reader, inner):
             return reader.info(inner, **options)
 

@@ -73,7 +73,6 @@ def _blame(error: Exception) -> str:
 
 
 def _culprit(error: Exception) -> str:
-    """Return who raised an error: voluminous, or a frontend of yt."""
     of_yt = [name for name in _frames(error) if name.startswith("yt.")]
     frontend = next((n.split(".")[2] for n in of_yt if n.startswith("yt.frontends.")), "")
     return f"yt's {frontend} frontend".replace("  ", " ") if of_yt else "voluminous"

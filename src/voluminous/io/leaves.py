@@ -116,7 +116,6 @@ def _fillers(
 
 
 def _is_full(counts: np.ndarray, level: np.ndarray, bits: int) -> bool:
-    """Return True if leaves fill as much as the domain holds."""
     deepest = int(level.max())
     per_level = np.bincount(level).tolist()  # Python's integers do not overflow
     filled = sum(n << bits * (deepest - depth) for depth, n in enumerate(per_level))
@@ -150,7 +149,6 @@ def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _tree(
     kind: Any, edges: Any, level: np.ndarray, index: np.ndarray, axes: tuple[int, ...], unit: Any
 ) -> tuple[Any, np.ndarray]:
-    """Return the grid of leaves that fill the domain, and their order in it."""
     if hasattr(kind, "from_leaves"):
         found: tuple[Any, np.ndarray] = kind.from_leaves(*edges, level, index, unit=unit)
         return found

@@ -66,7 +66,6 @@ def chosen_fields(known: Mapping[str, str], fields: Any, kind: str = "field") ->
 
 
 def _places(known: Mapping[str, str], asked: Any, kind: str) -> list[str]:
-    """Return the places of a field, or of the components of a vector."""
     names = {name: place for place, name in known.items()}
     if isinstance(asked, str) and asked.strip("/") not in known and asked not in names:
         for endings in _COMPONENTS:

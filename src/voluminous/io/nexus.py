@@ -37,12 +37,10 @@ class NeXusReader(LabelledReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with an NXdata group that has a signal of three dimensions."""
         return holds(path, head, lambda file: _is_nexus(file) and _groups(file))
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
-        """Give the signals of a group, and their axes."""
         xarray = require("xarray", self.extra, "reading NeXus")
         with opened(path) as file:
             known = _groups(file)
@@ -57,7 +55,6 @@ def _is_nexus(file: Any) -> bool:
 
 
 def _members(group: Any) -> Iterator[tuple[str, Any]]:
-    """Yield what is in a group; not what is in other files, or is not there."""
     import h5py
 
     for name in group:
@@ -152,7 +149,6 @@ def _check(path: Path, group: Any, name: str, item: Any) -> None:
 
 
 def _lazy(xarray: Any, item: Any) -> Any:
-    """Return what reads a data set when its values are used."""
     indexing = xarray.core.indexing
 
     class Stored(xarray.backends.BackendArray):

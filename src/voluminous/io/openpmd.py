@@ -68,13 +68,11 @@ class OpenPMDReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with the attributes of the standard."""
         return holds(path, head, lambda file: {"openPMD", "basePath"} <= set(file.attrs))
 
     def read(
         self, path: Path, fields: Any = None, *, unit: Any = None, azimuths: Any = None, **at: Any
     ) -> Volume:
-        """Return the volume of components with the same points; values are read when used."""
         from ..volume import Volume
 
         meshes, meta = _meshes(path, **at)
@@ -91,7 +89,6 @@ class OpenPMDReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all components of meshes that can be fields."""
         meshes, _ = _meshes(path, options.get("iteration"), options.get("centred", False))
         return tuple(
             FieldInfo(m.name, m.place, m.points.shape, str(m.dtype), unit_name(m.unit))
@@ -102,7 +99,6 @@ class OpenPMDReader(Reader):
 def _meshes(
     path: Path, iteration: Any = None, centred: bool = False
 ) -> tuple[list[Mesh], dict[str, Any]]:
-    """Return the components in an iteration that can be fields, and `meta`."""
     if not isinstance(centred, bool):
         raise InputError(f"centred must be True or False, got {centred!r}")
     found: list[Mesh] = []
@@ -133,7 +129,6 @@ def _told(left: dict[str, str]) -> str:
 
 
 def _iteration(file: Any, wanted: Any) -> tuple[Any, dict[str, Any]]:
-    """Return the group of an iteration, and what it tells of itself."""
     before, _, after = text(file.attrs["basePath"]).partition("%T")
     root = file[before.strip("/") or "/"]
     groups = {int(name): f"{name}/{after}".strip("/") for name in root if name.isdigit()}
@@ -212,7 +207,6 @@ def _metres(lengths: np.ndarray, scale: Any) -> tuple[float, ...]:
 
 
 def _numbers(item: Any, name: str, count: int) -> np.ndarray:
-    """Return an attribute of finite numbers; one unit stands for all."""
     values = np.ravel(item.attrs.get(name, ()))
     if name == "position" and len(values) == 3:
         values = values[-count:]  # some writers have one along modes, too
@@ -285,7 +279,6 @@ def _grid(points: Points, unit: Any, azimuths: Any) -> tuple[Any, np.ndarray]:
 
 
 def _load(path: Path, mesh: Mesh, angles: np.ndarray) -> np.ndarray:
-    """Return values along x, y, z or R, phi, z, in the unit."""
     points = mesh.points
     count = int(np.prod(points.shape[1:])) * max(points.shape[0], len(angles))
     check_memory(8 * count, f"reading {mesh.place}", "take fewer azimuths, or a coarser mesh")

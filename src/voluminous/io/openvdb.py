@@ -48,11 +48,9 @@ class OpenVDBReader(Reader):
     packages = ("openvdb",)
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as they do."""
         return head.startswith(MAGIC)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume of grids whose voxels lie on each other."""
         grids = _grids(path)
         told = Dataset((1, 1, 1), _nowhere, [_array(path, name, g) for name, g in grids.items()])
         chosen = {array.name for array, _ in chosen_arrays(told, fields).values()}
@@ -60,7 +58,6 @@ class OpenVDBReader(Reader):
         return volume_of(shown, fields, **options)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the grids, component by component."""
         found: list[FieldInfo] = []
         for name, grid in _grids(path).items():
             found += infos(_dataset(path, {name: grid}))
@@ -84,7 +81,6 @@ def _module() -> Any:
 
 
 def _grids(path: Path) -> dict[str, Any]:
-    """Return what the file tells of its grids, by name; no voxels."""
     module = _module()
     check_whole(path)
     grids: dict[str, Any] = {}
@@ -99,7 +95,6 @@ def _grids(path: Path) -> dict[str, Any]:
 
 
 def _dataset(path: Path, grids: dict[str, Any]) -> Dataset:
-    """Return grids on the smallest box that holds all voxels that are set."""
     steps = {name: _steps(grid) for name, grid in grids.items()}
     first = next(iter(steps.values()))
     if not all(np.allclose(first, other, rtol=1e-6, atol=0) for other in steps.values()):
@@ -135,7 +130,6 @@ def _steps(grid: Any) -> np.ndarray:
 
 
 def _box(path: Path, name: str, grid: Any) -> tuple[Any, Any]:
-    """Return the lowest and the highest index of the voxels that are set."""
     told = grid.metadata
     if "file_bbox_min" in told and "file_bbox_max" in told:
         low, high = told["file_bbox_min"], told["file_bbox_max"]
@@ -153,7 +147,6 @@ def _array(path: Path, name: str, grid: Any, low: Any = (0, 0, 0), points: Any =
 
 
 def _load(path: Path, name: str, low: tuple[int, ...], points: tuple[int, ...]) -> np.ndarray:
-    """Return the voxels of a grid in a box, shape (nz, ny, nx, components)."""
     grid = _voxels(path, name)
     dtype, components = _TYPES[grid.valueTypeName]
     shape = points if components == 1 else (*points, components)
@@ -163,7 +156,6 @@ def _load(path: Path, name: str, low: tuple[int, ...], points: tuple[int, ...]) 
 
 
 def _voxels(path: Path, name: str) -> Any:
-    """Return a grid with its voxels."""
     module = _module()
     check_whole(path)
     with _explained():

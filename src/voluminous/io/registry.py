@@ -275,7 +275,6 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
 
 
 def _if_image(path: Path) -> str:
-    """Return how a file is opened that is named like an image."""
     from ..image.formats import FORMATS
 
     named = any(path.suffix.lower() in form.suffixes for form in FORMATS)

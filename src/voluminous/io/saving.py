@@ -88,7 +88,6 @@ def writer_for(path: Path, format: str | None = None) -> Reader:
 
 @contextmanager
 def _new_directory(path: Path) -> Iterator[Path]:
-    """Give an empty directory, which becomes `path` when all went well."""
     target = Path(os.path.realpath(path))
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InputError(f"{path} is there already; give a new name, or remove it first")

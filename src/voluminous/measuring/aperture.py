@@ -60,7 +60,6 @@ class Aperture:
         return self._covered(self.polygon)
 
     def _covered(self, polygon: np.ndarray) -> np.ndarray:
-        """Return the parts of pixels that are inside of a polygon."""
         from matplotlib.path import Path
 
         x, y = np.meshgrid(*self.frame.coordinates())

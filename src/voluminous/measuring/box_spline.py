@@ -74,7 +74,6 @@ def _along(edges: np.ndarray) -> np.ndarray:
 
 
 def _merged(slopes: np.ndarray) -> np.ndarray:
-    """Return sorted slopes; those that differ by rounding only are alike."""
     for k in range(1, len(slopes)):
         if slopes[k] - slopes[k - 1] < _SAME:
             slopes[k] = slopes[k - 1]

@@ -72,7 +72,6 @@ def _defined(volume: Any, expression: Expression) -> bool:
 
 
 def _lacking(volume: Any, expression: Expression) -> np.ndarray | None:
-    """Return its values, as a field, if it has none in some cells."""
     values = np.concatenate(list(_pieces(volume, expression)))
     unknown = np.isnan(values)
     if unknown.all():
@@ -81,7 +80,6 @@ def _lacking(volume: Any, expression: Expression) -> np.ndarray | None:
 
 
 def _pieces(volume: Any, expression: Expression) -> Iterator[np.ndarray]:
-    """Yield its values, some cells at a time."""
     size = volume.grid.size
     for first in range(0, size, _CHUNK):
         last = min(first + _CHUNK, size)

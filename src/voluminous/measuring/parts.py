@@ -65,7 +65,6 @@ class Parts:
         return np.concatenate(found).reshape(grid.shape)
 
     def _inside(self, first: int, last: int) -> np.ndarray:
-        """Return the parts of cells that are in the region."""
         assert self.region is not None
         corners = self._tally(first, last, np.arange(last - first), [np.linspace(0, 1, 3)] * 3)
         part = np.round(corners)  # all points inside, or none
@@ -107,7 +106,6 @@ class Parts:
 
 
 def _reach(grid: Any, first: int, last: int) -> np.ndarray:
-    """Return how far from their middles cells reach at most."""
     half = 0.5 * np.asarray(grid.cell_sizes(first, last))
     if tuple(grid.coordinates) == CARTESIAN:
         return np.asarray(np.linalg.norm(half, axis=0))
@@ -116,7 +114,6 @@ def _reach(grid: Any, first: int, last: int) -> np.ndarray:
 
 
 def _native_boxes(grid: Any, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return lower corners and sizes of cells in the grid's own coordinates."""
     if tuple(grid.coordinates) == CARTESIAN:
         size = np.asarray(grid.cell_sizes(first, last))
         return np.asarray(grid.cell_centers(first, last)) - 0.5 * size, size

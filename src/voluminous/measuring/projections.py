@@ -119,7 +119,6 @@ def _first(volume: Any, condition: Any, camera: Any, unit: Any, options: Any) ->
 
 
 def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
-    """Return what rays find of a quantity in cells in which it has a value."""
     seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
     return scan(seen, Coefficients(known, 0), camera, scheme, **options)
 
@@ -136,13 +135,11 @@ class _Largest(Scanner):
         self.sign = sign
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry nothing yet."""
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Any, list[Any]]:
-        """Look at one cell; see `schemes.contract.Scheme`."""
         (value,), _ = source.at(segment.cell, segment.active)
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
@@ -158,13 +155,11 @@ class _First(Scanner):
     place = "cell"
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
-        """Carry nothing yet."""
         return [source.backend.Float(np.nan)]
 
     def solve(
         self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
     ) -> tuple[Any, list[Any]]:
-        """Look at one cell; see `schemes.contract.Scheme`."""
         (value,), _ = source.at(segment.cell, segment.active)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
         return NOTHING, [dr.select(hit, distance(track, segment.begin), carried[0])]

@@ -51,7 +51,6 @@ class Quantity:
 
 
 def _told(value: Any) -> str:
-    """Return what was given instead; an array could be a field."""
     if isinstance(value, np.ndarray):
         return "an array; put it into the volume, volume['name'] = array, and give the name"
     return repr(value)

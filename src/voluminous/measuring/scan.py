@@ -53,11 +53,9 @@ class Scan(Drawing):
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """As many numbers as are recorded."""
         return self.job.scheme.count(self.source.numbers), 0, 0
 
     def nothing(self) -> Path:
-        """Gather nothing."""
         return NOTHING
 
     def _followed(self, ray: Any) -> State:

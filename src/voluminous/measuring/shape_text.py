@@ -151,7 +151,6 @@ class ShapeReader:
         self.fail(f"expected a number, with or without a unit, or a point, got {_told(node)}")
 
     def _sequence(self, parts: list[Any], node: ast.expr) -> Any:
-        """Return a tuple, or one quantity of several; zero needs no unit."""
         units = [part.unit for part in parts if is_quantity(part)]
         if not units:
             return tuple(parts)
@@ -182,6 +181,5 @@ class ShapeReader:
 
 
 def _told(node: ast.AST) -> str:
-    """Return a part of the text, with units as they are written."""
     text = re.sub(r"(?<=[\d)])\s*\*\s*(?=[^\W\d])", " ", ast.unparse(node))
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "…"

@@ -97,7 +97,6 @@ def _polygon(*points: Any) -> Callable[[Any], np.ndarray]:
 
 
 def _plane(point: Any, unit: Any) -> np.ndarray:
-    """Return a point of the image plane as two plain numbers."""
     array = np.asarray(plain(point, unit, "point"))
     if array.shape != (2,) or not np.all(np.isfinite(array)):
         raise InputError(f"a point on the image plane is two numbers, got {point}")

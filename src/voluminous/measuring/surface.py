@@ -110,7 +110,6 @@ class Surface(Scanner):
         self.place = scheme.place
 
     def count(self, numbers: Any) -> int:
-        """Return how many places and depths there are: one of each for every extinction."""
         return 2 * int(numbers.extinctions)
 
     def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
@@ -124,13 +123,11 @@ class Surface(Scanner):
     def leapt(
         self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
-        """Let the scheme know."""
         own = self.recorded
         inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
         return [*carried[:own], *inner]
 
     def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
-        """Keep places and depths, and let the scheme know."""
         own = self.recorded
         return [*carried[:own], *carried_beyond(self.scheme, carried[own:], onward[own:])]
 
@@ -149,7 +146,6 @@ class Surface(Scanner):
     def _reached(
         self, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
     ) -> Any:
-        """Return where the depth is reached."""
         hit = dr.isnan(place) & (after >= self.limit) & segment.active
         part = (self.limit - before) / dr.select(hit, more, 1.0)
         here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)

@@ -191,7 +191,6 @@ def _as_dict(name: str) -> str:
 
 
 def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measurement:
-    """Return sums over cells, some at a time."""
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
     space, cells, grid = 0.0, 0, volume.grid
     volumes = np.asarray(grid.cell_volumes).reshape(-1)
@@ -218,7 +217,6 @@ def _in_pixels(
     maps: bool,
     device: str,
 ) -> Measurement:
-    """Return sums over pixels of exact maps."""
     if camera is None:
         raise InputError("aperture and maps need to know the pixels: give a camera")
     check_exact(volume.grid, camera)
@@ -253,7 +251,6 @@ def _with_unit(volume: Any, total: float, unit: Any) -> Any:
 def _table(
     volume: Any, quantities: Any, where: Any, cameras: Any, options: Mapping[str, Any]
 ) -> Any:
-    """Return one row of totals per camera."""
     from astropy import units as u
     from astropy.table import QTable
 

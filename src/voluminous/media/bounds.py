@@ -58,13 +58,11 @@ class RangeContext(Context):
 
     @property
     def ops(self) -> IntervalOps:
-        """The operations of intervals."""
         return IntervalOps()
 
     def interpolate(
         self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
     ) -> list[Interval]:
-        """Return enclosures of the columns of a table, interpolated anywhere in an interval."""
         return interpolate_ranges(x, nodes, columns)
 
 

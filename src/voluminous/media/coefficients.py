@@ -86,7 +86,6 @@ class Coefficients(Medium):
         self.names = tuple(dict.fromkeys(used))
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Values:
-        """Return j and α per unit length."""
         return Values(
             [context.evaluate(e, fields) for e in self.emissivity],
             [
@@ -96,26 +95,21 @@ class Coefficients(Medium):
         )
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return the expressions of all coefficients; no difference of values is too small."""
         return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
 
     @property
     def _sides(self) -> tuple[Side, ...]:
-        """The comparisons in all expressions; none if there are too many."""
         return _on_one_side((*self.emissivity, *self.extinction))[1]
 
     def edges(self, context: Context) -> list[Edge]:
-        """Return where comparisons change, unless there are too many."""
         zero = context.kept_number(0.0)
         return [Edge(m, zero) for side in self._sides for m in side.condition.margins()]
 
     @property
     def smooth(self) -> bool:
-        """Whether no expression has jumps, kinks or waves."""
         return all(e.smooth for e in (*self.emissivity, *self.extinction))
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α from five samples; see `Medium.sampled`."""
         values = [self.in_units(stretch.fields(s), context) for s in FIVE]
         found = [compared(list(own)) for own in zip(*values, strict=True)]
         _, hidden = self.visible(stretch, context)
@@ -180,23 +174,19 @@ class Coefficients(Medium):
         return kept(stretch, (id(self), "side"), make), (pieces[:k], pieces[k:])
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Values:
-        """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        """Return what is certain on a panel: means of smooth expressions are well known."""
         from .mean_bounds import expression_parts
 
         return expression_parts(self, courses, context)
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return the unit of emissivity times the volume's length unit."""
         units = (context.unit_of(e) for e in self.emissivity)
         unit = next((unit for unit in units if unit is not None), None)
         return unit if unit is None or context.unit is None else unit * context.unit
 
     def key(self) -> Any:
-        """Return all expressions."""
         return (
             "Coefficients",
             *(e.text for e in self.emissivity),
@@ -205,7 +195,6 @@ class Coefficients(Medium):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values."""
         extinction = [e.text for e in self.extinction]
         return {
             "type": "coefficients",
@@ -236,7 +225,6 @@ def _on_one_side(
 
 
 def _restless(expr: Expression) -> bool:
-    """Return whether an expression may do more than its fields do."""
     return expr.peaked or not expr.smooth
 
 

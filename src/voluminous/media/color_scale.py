@@ -134,7 +134,6 @@ class OpenRange:
 
 
 def _entries(samples: Any) -> int:
-    """Return how many entries are taken from a map."""
     return whole_number(samples, "samples", 2, _MOST_SAMPLES)
 
 

@@ -98,11 +98,9 @@ class Colormap(Table):
         return super().nodes(context)
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return it as one, told by where its range begins."""
         return tuple(replace(s, value=self.range.describe()["vmin"]) for s in super().shells())
 
     def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values."""
         ends = {key: value for key, value in self.range.describe().items() if value is not None}
         own = {"opacity": self._opacity, "expr": self.expr.text}
         last = {"path_length": named(self.path_length)}

@@ -131,7 +131,6 @@ class CourseContext(TracedRangeContext):
         return self.keep(("number", value), lambda: self._opaque(value))
 
     def evaluate(self, expression: Any, fields: dict[str, Any]) -> Any:
-        """Return the interval of an expression on the present panel."""
         assert self.courses is not None
         return self.courses.course(expression).values
 

@@ -67,7 +67,6 @@ def first_edge(stretch: Stretch, edges: Sequence[Edge]) -> Any:
 
 
 def _by_expression(edges: Sequence[Edge]) -> list[list[Edge]]:
-    """Return edges in lists of one expression each."""
     found: dict[str, list[Edge]] = {}
     for edge in edges:
         found.setdefault(edge.expr.text, []).append(edge)

@@ -35,22 +35,18 @@ class Formulas(Coefficients):
         self.function, self.names = function, function.names
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Values:
-        """Return j and α per unit length."""
         return Values(
             *([context.evaluate(e, fields) for e in every] for every in self._expressions())
         )
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return what the function says of it, or what follows from the units of its fields."""
         told = self.function.units is not None
         return self.function.intensity_unit(context) if told else super().intensity_unit(context)
 
     def key(self) -> Any:
-        """Return the formulas, with all numbers in them."""
         return ("Formulas", *(tuple(e.text for e in every) for every in self._expressions()))
 
     def describe(self) -> dict[str, Any]:
-        """Return what can be said of the function."""
         return self.function.describe()
 
     def _expressions(self) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:

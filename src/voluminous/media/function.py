@@ -91,7 +91,6 @@ class Function(Medium):
             return None
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
-        """Return j and α as the function gives them."""
         arguments = [context.evaluate(e, fields) for e in self.inputs]
         numbers = {name: context.number(value) for name, value in self.parameters.items()}
         try:
@@ -131,16 +130,13 @@ class Function(Medium):
         return f"the function {getattr(self.function, '__name__', 'given')!r} of the medium"
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return the unit of emissivity times the volume's length unit."""
         unit = None if self.units is None else self.units[0]
         return unit if unit is None or context.unit is None else unit * context.unit
 
     def key(self) -> Any:
-        """Return None: what a function closes over may change unseen."""
         return None
 
     def describe(self) -> dict[str, Any]:
-        """Return what can be said of a function."""
         return {
             "type": "function",
             "function": getattr(self.function, "__qualname__", repr(self.function)),
@@ -151,7 +147,6 @@ class Function(Medium):
 
 
 def _listed(fields: Any) -> tuple[Any, ...]:
-    """Return the fields of a function, of which one may stand for itself."""
     if isinstance(fields, str):
         return (fields,)
     try:

@@ -86,7 +86,6 @@ class Gaussian(SampledShaped):
         return ops.exp(-0.5 * (scaled * scaled))
 
     def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
-        """Return the mean of a Gaussian between two distances, in σ."""
         return gaussian_mean(first, last, faint)
 
     def sample(self, offset: Any) -> Any:
@@ -95,28 +94,23 @@ class Gaussian(SampledShaped):
 
     @property
     def finer(self) -> bool:
-        """Whether samples tell of all narrow stretches."""
         return self.smooth
 
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
     ) -> Sampled:
-        """Return the mean of a Gaussian over a stretch from samples."""
         own = finely_sampled_gaussian if fine else sampled_gaussian
         return own(nodes, derivatives)
 
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
     ) -> TracedInterval:
-        """Return the mean on the chord, up to what the bow can change."""
         from .mean_bounds import gaussian_bounds
 
         return gaussian_bounds(gaussian_mean(first, last), off, z)
 
     def middle(self, first: Any, last: Any, mean: Any) -> Middle:
-        """Return where the mass of a Gaussian is between two distances, in σ."""
         return gaussian_middle(first, last, mean)
 
     def reach(self, faint: float) -> float:
-        """Return how many σ away it is below `faint`."""
         return math.sqrt(-2.0 * math.log(max(faint, _LEAST)))

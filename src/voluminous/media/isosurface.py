@@ -146,17 +146,14 @@ class Isosurface(Medium):
         return tuple(o for row in self.opacities for o in row)
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return the expression of the surfaces, with their width, and all others."""
         others = ((expr, 0.0) for expr in self._directions())
         return ((self.expr, self.width), *others, *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:
-        """Whether anything is looked up where a panel crosses a surface."""
         return not (self._flat and self.modulation.fixed)
 
     def strongest(self) -> tuple[float, float]:
-        """Return the largest colour and the largest opacity."""
         return max(map(abs, self.color)), max(self.opacity)
 
     def edges(self, context: Context) -> list[Edge]:
@@ -174,12 +171,10 @@ class Isosurface(Medium):
 
     @property
     def _varies(self) -> bool:
-        """Whether a crossing may look different from one place to the next."""
         return not (self._flat and self.modulation.even)
 
     @property
     def _flat(self) -> bool:
-        """Whether how it lies makes no difference."""
         return not self._directions()
 
     def steepness(self, fields: dict[str, Any], context: Context) -> Any:
@@ -188,44 +183,36 @@ class Isosurface(Medium):
 
     @property
     def hollow(self) -> bool:
-        """Whether there is no width."""
         return not self.thick
 
     @property
     def finer(self) -> bool:
-        """Whether samples tell of all narrow stretches without edges."""
         return self.hollow or (self._varies and self.expr.smooth)
 
     @property
     def linear(self) -> bool:
-        """Whether closed forms are exact where the scalar is linear."""
         return not self._varies
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
         if self.hollow or not self.finer:
             return super().sampled(stretch, context, fine=fine)
         own = surface_sampled.sampled if fine else surface_sampled.roughly
         return own(self, stretch, context)
 
     def scalars(self) -> tuple[Expression, ...]:
-        """Return the expression whose levels are shown."""
         return (self.expr,)
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return each level: colour shows times opacity."""
         return tuple(
             Shell(self._level(k), _named(level), dark=not any(opacity))
             for k, (level, opacity) in enumerate(zip(self.levels, self.opacities, strict=True))
         )
 
     def _level(self, k: int) -> Isosurface:
-        """Return one of several surfaces."""
         every = {"levels": self.levels, "colors": self.colors, "opacities": self.opacities}
         return self.changed(**{name: values[k : k + 1] for name, values in every.items()})
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
-        """Return the means of j and α over a panel: what is crossed, over its length."""
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
         if self.hollow and panel.stretch.edgeless:
@@ -235,7 +222,6 @@ class Isosurface(Medium):
         return self.in_colors(found, zero, context)
 
     def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
-        """Return what is crossed on a stretch, if there is no width."""
         if self.thick:
             return None
         found = surface_crossing.layers(self, stretch, context, place)
@@ -252,24 +238,19 @@ class Isosurface(Medium):
         return Coefficients(emission, extinction)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return where a level may be crossed, and where more often than a panel's ends show."""
         return surface_panels.visible(self, stretch, context)
 
     @property
     def steady(self) -> bool:
-        """Whether the colour is one."""
         return len(self.levels) == 1 and self.modulation.color is None and not self.shading
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return how many surfaces are crossed in each half."""
         return surface_panels.cores(self, stretch, context)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return one: surfaces are thinner than all panels; crossings are counted exactly."""
         return surface_panels.sharpness(self, stretch, context)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
-        """Return where x may reach a level while the fields stay in ranges."""
         levels, width = self.plain_numbers(context)
         x = context.evaluate(self.expr, fields)
         seen = x.nan
@@ -278,7 +259,6 @@ class Isosurface(Medium):
         return seen & self.modulation.visible_in(fields, context)
 
     def visible_key(self) -> Any:
-        """Return expression, levels and width."""
         numbers = (*map(_named, self.levels), _named(self.width))
         return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
 
@@ -314,27 +294,22 @@ class Isosurface(Medium):
         return self.modulation.coefficients(Coefficients(emission, extinction), fields, context)
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
-        """Return intervals that hold j and α, with |∇x| for the slope."""
         return self.coefficients(fields, context) if self.thick else super().ranges(fields, context)
 
     def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
-        """Return nothing where no level is reached; on one, x may be as steep as can be."""
         most = np.where(self.visible_in(fields, context), np.inf, 0.0)
         return Coefficients([most] * self.channels, [most] * len(self.opacities[0]))
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        """Return what is certain on a panel: how often levels are crossed."""
         from .surface_bounds import surface_parts
 
         return surface_parts(self, courses, context)
 
     def key(self) -> Any:
-        """Return all numbers, units included."""
         look = (self.colors, self.opacities, self.density, self.shading, self.lights)
         return (*self.visible_key(), *look, self.modulation.key())
 
     def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values."""
         one = len(self.levels) == 1
         return {
             "type": "isosurface",
@@ -360,7 +335,6 @@ class Isosurface(Medium):
         return plain_number(self.width) > 0
 
     def _directions(self) -> list[Expression]:
-        """Return the derivatives that are looked at on a ray."""
         slope = [self.slope] if self.density == "gradient" else []
         return [*slope, *(self.normal if self.shading > 0 else ())]
 

@@ -163,7 +163,6 @@ class _Means:
         self.unit, self.unit_of = context.unit, context.unit_of
 
     def evaluate(self, expression: Any, fields: Any) -> TracedInterval:
-        """Return the mean of an expression on the present panel."""
         assert self._courses is not None
         return mean_of(self._courses.course(expression))
 
@@ -204,7 +203,6 @@ def _modulated(
 def _paint(
     color: ColorBy, courses: Courses, context: CourseContext
 ) -> tuple[list[TracedInterval], list[TracedInterval]]:
-    """Return red, green and blue on a panel, and their means."""
     nodes, rgb = color.nodes(context), color.scale.rgb
     course = courses.course(color.expr)
     table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))

@@ -296,15 +296,12 @@ class Modulation:
         return self.stepped and stretch.edgeless
 
     def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Any]:
-        """Return the factors at a place of a stretch with these fields."""
         light = self.shade.seen(fields, stretch, context) if self.shade else None
         if not self._decided(stretch):
             return self._factors(fields, context, light)
         return self._painted(self._middle(stretch, context), fields, context, light)
 
     def _middle(self, stretch: Stretch, context: Context) -> Any:
-        """Return the gate in the middle of a stretch; computed once."""
-
         def make() -> Any:
             return context.narrow(self.gate(stretch.fields(0.5), context))
 
@@ -320,7 +317,6 @@ def kept(stretch: Stretch, key: Any, make: Any) -> Any:
 
 
 def _possible(where: Expression, stretch: Stretch) -> Any:
-    """Return what a gate may be anywhere on a stretch."""
     return _defined_unit(within(stretch, where))
 
 
@@ -329,7 +325,6 @@ def _product(factor: Any, value: Any) -> Any:
 
 
 def _defined_unit(value: Any) -> Any:
-    """Return a number limited to 0 … 1; 0 for NaN. Also of intervals."""
     if not isinstance(value, Interval):
         return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
     where: Any = dr.select if isinstance(value, TracedInterval) else np.where

@@ -161,6 +161,5 @@ def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Any) -> tupl
 
 
 def _jet(cubic: Cubic, place: Any) -> TracedJet:
-    """Return a polynomial and its slope at a place."""
     slope = [k * c for k, c in enumerate(cubic)][1:]
     return TracedJet(*(TracedInterval.constant(horner(place, own)) for own in (cubic, slope)))

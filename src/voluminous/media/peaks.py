@@ -49,7 +49,6 @@ def unseen_kink(stretch: Stretch, expr: Expression) -> Any:
 
 
 def _size(stretch: Stretch, expr: Expression) -> Any:
-    """Return how large what is seen of an expression is."""
     return extremes([dr.abs(x) for x in stretch.nodes(expr)])[1]
 
 

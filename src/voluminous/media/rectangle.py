@@ -61,12 +61,10 @@ class Rectangle(SampledShaped):
         )
 
     def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
-        """Return one within the half width, else zero; NaN stays NaN."""
         box = ops.number(abs(offset) <= width)
         return ops.where(offset == offset, box, offset)
 
     def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
-        """Return which part of the way is within the half width."""
         return box_mean(first, last)
 
     def edges(self, context: Context) -> list[Edge]:
@@ -83,13 +81,11 @@ class Rectangle(SampledShaped):
         return [*own, *super().edges(context)]
 
     def sample(self, offset: Any) -> Any:
-        """Return one: samples are taken within the half width."""
         return type(offset)(1.0)
 
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
     ) -> Sampled:
-        """Return one: known where the whole stretch is within the half width."""
         one = type(ends[0])(1.0)
         inside = _within(*ends)
         return Sampled(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
@@ -97,17 +93,14 @@ class Rectangle(SampledShaped):
     def mean_bounds(
         self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
     ) -> TracedInterval:
-        """Return the part of the chord within the half width, with that moved in and out."""
         from .mean_bounds import box_bounds
 
         return box_bounds(first, last, farthest)
 
     def middle(self, first: Any, last: Any, mean: Any) -> Middle:
-        """Return the middle of the part that is within the half width."""
         return box_middle(first, last)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return also where an edge may be passed more often than a panel's ends show."""
         seen, hidden = super().visible(stretch, context)
         center, narrowness, _ = self._kept(context)
         for edge in (center - 1.0 / narrowness, center + 1.0 / narrowness):
@@ -116,21 +109,17 @@ class Rectangle(SampledShaped):
         return seen, hidden
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return one where an edge may be: nothing is thinner, however wide the shell is."""
         low, high = self._offsets(stretch.hull(self.expr), context)
         thin, off = super().sharpness(stretch, context)
         edge = (low <= 1.0) & (high >= -1.0) & ~_within(low, high)
         return dr.select(edge, type(thin)(1.0), 0.0), dr.select(edge, off, 0.0)
 
     def is_thin(self, extent: Any) -> Any:
-        """Return that it may be: it ends somewhere, however wide it is."""
         return extent >= 0.0
 
     def reach(self, faint: float) -> float:
-        """Return one: beyond the half width there is nothing."""
         return 1.0
 
 
 def _within(low: Any, high: Any) -> Any:
-    """Return where a whole stretch is within the half width."""
     return (low >= -1.0) & (high <= 1.0)

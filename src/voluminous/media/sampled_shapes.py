@@ -19,16 +19,13 @@ class SampledShaped(Shaped):
 
     @property
     def smooth(self) -> bool:
-        """Whether the scalar has neither jumps nor kinks."""
         return self.expr.smooth
 
     @property
     def quick(self) -> bool:
-        """Whether nothing multiplies the shape that is looked up in more places."""
         return self.modulation.even
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α over a stretch from samples; see `Medium.sampled`."""
         if not self.smooth:
             return super().sampled(stretch, context)
         if not self.modulation.even:

@@ -52,7 +52,6 @@ def box_extent(first: Any, last: Any) -> Any:
 
 
 def _part_within(first: Any, last: Any) -> tuple[Any, Any]:
-    """Return the least and the largest z of those from -1 to 1."""
     low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
     return _within(low), _within(high)
 

@@ -103,7 +103,6 @@ class Shaped(Medium):
         raise NotImplementedError
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
-        """Return j and α per unit length."""
         shape = self.per_length(fields, context)
         found = Coefficients(
             [context.number(h) * shape for h in self.color],
@@ -119,33 +118,26 @@ class Shaped(Medium):
         return context.number(1.0 / length) * shape
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return the expression of the shape, with its width, and those of the modulation."""
         return ((self.expr, self.width), *self.modulation.expressions())
 
     @property
     def looks_inside(self) -> bool:
-        """Whether colours or a gate are looked up between a panel's ends."""
         return not self.modulation.fixed
 
     def strongest(self) -> tuple[float, float]:
-        """Return the largest colour and the largest opacity."""
         return max(map(abs, self.color)), max(self.opacity)
 
     def edges(self, context: Context) -> list[Edge]:
-        """Return those of the gate."""
         return self.modulation.edges(context)
 
     def scalars(self) -> tuple[Expression, ...]:
-        """Return the expression that the shape is a function of."""
         return (self.expr,)
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return it as one."""
         dark = not (any(self.color) or any(self.opacity))
         return (Shell(self, _named(self.center), dark),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
-        """Return the means of j and α over a panel."""
         shape = self.mean_per_length(panel, context)
         color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
         found = Coefficients([h * shape for h in color], [h * shape for h in opacity])
@@ -184,7 +176,6 @@ class Shaped(Medium):
         )
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return how thin the shell is on a stretch, and what bends of x may do to it."""
         center, narrowness, _ = self._kept(context)
         reach = self._reach(context)
 
@@ -201,7 +192,6 @@ class Shaped(Medium):
         return dr.select(seen, thin, 0.0), dr.select(seen, off, 0.0)
 
     def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
-        """Return it as a shell in which colours and a gate are looked up."""
         center, narrowness, per_length = self._kept(context)
         _, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
         reach = self._reach(context) / narrowness
@@ -221,7 +211,6 @@ class Shaped(Medium):
         return extent < 2.0
 
     def _ends(self, panel: Panel, context: Context) -> tuple[Any, Any]:
-        """Return how far x is from the centre at both ends, in widths."""
         first, last = self._offsets(panel.ends(self.expr), context)
         return first, last
 
@@ -231,7 +220,6 @@ class Shaped(Medium):
         return ~((low > reach) | (high < -reach))
 
     def _offsets(self, values: Iterable[Any], context: Context) -> list[Any]:
-        """Return how far values of x are from the centre, in widths."""
         center, narrowness, _ = self._kept(context)
         return [context.narrow(x - center) * narrowness for x in values]
 
@@ -254,7 +242,6 @@ class Shaped(Medium):
         raise NotImplementedError
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return where the shape may be noticeable, and where a panel's ends may not show that."""
         reach = self._reach(context)
         nodes = extremes(stretch.nodes(self.expr))
         below, above, low, high = self._offsets((*nodes, *stretch.hull(self.expr)), context)
@@ -273,11 +260,9 @@ class Shaped(Medium):
 
     @property
     def steady(self) -> bool:
-        """Whether the colour is one."""
         return not self.modulation.painted
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return in which halves the shell is: one if it is narrower than they are, else less."""
         nodes = self._offsets(stretch.nodes(self.expr), context)
         counts = []
         for pair in (nodes[:2], nodes[1:]):
@@ -287,19 +272,16 @@ class Shaped(Medium):
         return counts
 
     def prominence(self, x: Any, context: Context) -> Any:
-        """Return the shape."""
         center, width = (context.kept_number(v) for v in self._plain_shape(context))
         return self.shape(context.ops, x - center, width)
 
     def profile(self, unit: Any, extent: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Return the shape at some distances from the centre; see `Medium.profile`."""
         center = plain(self.center, unit, "center")
         width = plain(self.width, unit, self.width_name)
         offsets = width * self.profile_places
         return center + offsets, np.asarray(self.shape(NumpyOps(), offsets, width))
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
-        """Return where the shape may be noticeable while the fields stay in ranges."""
         center, width = self._plain_shape(context)
         reach = self.reach(context.faint) * width
         x = context.evaluate(self.expr, fields)
@@ -307,7 +289,6 @@ class Shaped(Medium):
         return seen & self.modulation.visible_in(fields, context)
 
     def visible_key(self) -> Any:
-        """Return expression, centre, width and gate."""
         return (*self.shape_key()[:-1], self.modulation.gate_key())
 
     def plain_numbers(self, context: Context) -> tuple[float, float, float]:
@@ -348,11 +329,9 @@ class Shaped(Medium):
         )
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
-        """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        """Return what is certain on a panel."""
         from .mean_bounds import shaped_parts
 
         return shaped_parts(self, courses, context)
@@ -379,11 +358,9 @@ class Shaped(Medium):
         return (type(self).__name__, self.expr.text, *numbers)
 
     def key(self) -> Any:
-        """Return the class and all its numbers, units included."""
         return (*self.shape_key(), self.color, self.opacity, self.modulation.key())
 
     def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values."""
         return {
             "type": type(self).__name__.lower(),
             "expr": self.expr.text,

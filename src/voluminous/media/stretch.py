@@ -184,7 +184,6 @@ class Stretch:
         return with_coordinates(within_limits(fields, self.context), self.context)
 
     def _control(self, number: int) -> dict[str, Any]:
-        """Return the second or third of the fields' four Bézier control points."""
         return self._complete({n: control_point(c, number) for n, c in self.cubics.items()})
 
 
@@ -192,22 +191,18 @@ class Straight(Stretch):
     """A stretch on which scalars are taken as linear, whatever the fields do between its ends."""
 
     def scalar(self, expr: Expression | Margin, s: float) -> Any:
-        """Return an expression at a place."""
         if 0.0 < s < 1.0:
             return (1.0 - s) * self.scalar(expr, 0.0) + s * self.scalar(expr, 1.0)
         return super().scalar(expr, s)
 
     def controls(self, expr: Expression | Margin) -> list[Any]:
-        """Return an expression at both ends: nothing between them counts."""
         return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
 
     def ranges(self) -> dict[str, tuple[Any, Any]]:
-        """Return that each field stays between its ends."""
         first, _, last = self.places()
         return {name: extremes([first[name], last[name]]) for name in first}
 
     def turning(self, expr: Expression | Margin) -> Turning:
-        """Return that an expression stays between its ends: nothing else is looked at."""
         first, last = self.controls(expr)
         zero = self.length * 0.0
         return Turning(*extremes([first, last]), zero, dr.abs(last - first), zero)

@@ -46,84 +46,67 @@ class Sum(Medium):
         self.sensitivity = max(part.sensitivity for part in parts)
 
     def components(self) -> tuple[Medium, ...]:
-        """Return the media this one is the sum of."""
         return self.parts
 
     def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
-        """Return the sum of the parts, each changed; itself if none is."""
         changed = tuple(change(part) for part in self.parts)
         same = all(new is old for new, old in zip(changed, self.parts, strict=True))
         return self if same else Sum(changed)
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
-        """Return the sums of j and of α."""
         return self._total([part.coefficients(fields, context) for part in self.parts])
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return the expressions of all parts."""
         return tuple(found for part in self.parts for found in part.expressions())
 
     @property
     def looks_inside(self) -> bool:
-        """Whether one of the parts looks at fields between a panel's ends."""
         return any(part.looks_inside for part in self.parts)
 
     def scalars(self) -> tuple[Expression, ...]:
-        """Return the parts' scalars, each once."""
         found = (e for part in self.parts for e in part.scalars())
         return tuple({e.text: e for e in found}.values())
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return the parts' shells."""
         return tuple(shell for part in self.parts for shell in part.shells())
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
-        """Return the sums of the parts' means."""
         return self._total([part.means(panel, context) for part in self.parts])
 
     def edges(self, context: Context) -> list[Edge]:
-        """Return the edges of all parts, those that they share once."""
         every = (edge for part in self.parts for edge in part.edges(context))
         return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
 
     def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
-        """Return the sum of the parts' layers."""
         found = [part.layer(stretch, context, place) for part in self.parts]
         some = [one for one in found if one is not None]
         return self._total(some) if some else None
 
     @property
     def hollow(self) -> bool:
-        """Whether all parts are."""
         return all(part.hollow for part in self.parts)
 
     @property
     def smooth(self) -> bool:
-        """Whether one of the parts is."""
         return any(part.smooth for part in self.parts)
 
     @property
     def linear(self) -> bool:
-        """Whether one of the parts is."""
         return any(part.linear for part in self.parts)
 
     @property
     def finer(self) -> bool:
-        """Whether all parts are known from samples on all narrow stretches."""
         return all(part.finer for part in self.parts)
 
     @property
     def quick(self) -> bool:
-        """Whether one of the parts is."""
         return any(part.quick for part in self.parts)
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the sums of the parts' means, and of what they may be off by."""
         found = [part.sampled(stretch, context, fine=fine) for part in self.parts]
         return Sampled(*(self._total(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return where one of the parts may be noticeable, and where one may hide."""
         masks = [part.visible(stretch, context) for part in self.parts]
         seen, hidden = masks[0]
         for a, b in masks[1:]:
@@ -131,38 +114,31 @@ class Sum(Medium):
         return seen, hidden
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return the largest of the parts'."""
         found = [part.sharpness(stretch, context) for part in self.parts]
         thin, off = zip(*found, strict=True)
         return extremes(thin)[1], extremes(off)[1]
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return the sums of the parts' counts."""
         counts = [part.cores(stretch, context) for part in self.parts]
         return [sum(own[1:], own[0]) for own in zip(*counts, strict=True)]
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
-        """Return where one of the parts may be noticeable while the fields stay in ranges."""
         seen = self.parts[0].visible_in(fields, context)
         for part in self.parts[1:]:
             seen = seen | part.visible_in(fields, context)
         return seen
 
     def visible_key(self) -> Any:
-        """Return the keys of all parts."""
         keys = tuple(part.visible_key() for part in self.parts)
         return None if None in keys else keys
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
-        """Return the sums of the parts' intervals."""
         return self._total([part.ranges(fields, context) for part in self.parts])
 
     def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
-        """Return the sums of the parts' magnitudes."""
         return self._total([part.largest(fields, context) for part in self.parts])
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        """Return what is certain of all parts."""
         return [found for part in self.parts for found in part.on_panel(courses, context)]
 
     def _total(self, solved: list[Coefficients]) -> Coefficients:
@@ -173,17 +149,14 @@ class Sum(Medium):
         )
 
     def intensity_unit(self, context: Context) -> Any:
-        """Return the unit of the parts' intensity; those without one emit nothing beside others."""
         units = (part.intensity_unit(context) for part in self.parts)
         return next((unit for unit in units if unit is not None), None)
 
     def key(self) -> Any:
-        """Return the keys of all parts."""
         keys = tuple(part.key() for part in self.parts)
         return None if None in keys else keys
 
     def describe(self) -> dict[str, Any]:
-        """Return the parts as plain values."""
         return {"type": "sum", "parts": [part.describe() for part in self.parts]}
 
     def _repr_html_(self) -> str:

@@ -103,7 +103,6 @@ def _shell(course: Course, level: Any, width: Any) -> tuple[TracedInterval, Any]
 
 
 def _place(x: TracedInterval, level: Any, width: Any) -> TracedInterval:
-    """Return how far into a shell a value is, from 0 to 1."""
     inside = (x - level) / TracedInterval.constant(width) + 0.5
     ends = [dr.select(v < 0.0, 0.0, dr.select(v > 1.0, 1.0, v)) for v in (inside.lo, inside.hi)]
     return TracedInterval(*ends)

@@ -47,7 +47,6 @@ def layers(surface: Isosurface, stretch: Stretch, context: Context, place: Any) 
 
 
 def _between(ends: Iterable[Any], level: Any) -> Any:
-    """Return where a level is between two values."""
     first, last = (x < level for x in ends)
     return first ^ last
 

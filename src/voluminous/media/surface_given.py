@@ -47,7 +47,6 @@ def modulated_colors(
 
 
 def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
-    """Return one colour per level."""
     if isinstance(color, str) and not (count == 1 and is_color(color)):
         return _mapped(color, count)
     several = listed(color) and len(color) and not is_name_and_alpha(color)
@@ -62,7 +61,6 @@ def _colors(color: Any, count: int) -> tuple[tuple[float, ...], ...]:
 
 
 def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
-    """Return colours from a colormap, or one that all levels share."""
     try:
         colormap = get_colormap(name)
     except UnknownNameError:
@@ -95,7 +93,6 @@ def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[floa
 
 
 def _opacity_rows(opacity: Any, count: int, channels: int) -> list[Any]:
-    """Return what is given for each level."""
     several = listed(opacity)
     nested = several and any(np.ndim(row) for row in opacity)
     if nested and len(opacity) != count:

@@ -93,7 +93,6 @@ class Lamp:
         return high - low > _TURN
 
     def _share(self, context: Context) -> Any:
-        """Return how much shading there is, as a number of a kernel."""
         return context.keep(("shading", self.shading), lambda: context.narrow_number(self.shading))
 
     def _lit(self, stretch: Stretch, context: Context) -> list[Any]:
@@ -105,7 +104,6 @@ class Lamp:
         )
 
     def _cosine(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
-        """Return the mean cosine of lights and normal at a place."""
         across = _scaled([context.evaluate(e, fields) for e in self.normal], context)
         found = 0.0
         for direction, weight in self.lights:

@@ -121,12 +121,10 @@ def _folded(surface: Isosurface, stretch: Stretch, context: Context, level: Any)
 
 
 def _deepest(surface: Isosurface, context: Context) -> Any:
-    """Return the largest optical depth of a crossing."""
     return extremes([d for row in surface.numbers(context).depths for d in row])[1]
 
 
 def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]:
-    """Return how far off each surface may be for the bends of the scalar."""
     own = surface.numbers(context)
     near = context.narrow(0.5 * own.width)
     names = ("r", *context.coordinates)

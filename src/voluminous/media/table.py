@@ -127,7 +127,6 @@ class Table(Medium):
         return tuple(self.opacities.max(axis=0).tolist())
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
-        """Return j and α per unit length, interpolated in x."""
         x = context.evaluate(self.expr, fields)
         scale = 1.0 / self._length(context)
         columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
@@ -135,7 +134,6 @@ class Table(Medium):
         return self.modulation.coefficients(result, fields, context)
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return the expression, with the narrowest interval of the table, and the modulation's."""
         steps = np.diff(self.values)
         # None if there is nothing but a jump: 0, no difference is too small.
         least = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
@@ -144,27 +142,21 @@ class Table(Medium):
 
     @property
     def looks_inside(self) -> bool:
-        """Whether colours or a gate are looked up between a panel's ends."""
         return not self.modulation.fixed
 
     def strongest(self) -> tuple[float, float]:
-        """Return the largest emission and the largest extinction."""
         return max(self.color), max(self.opacity)
 
     def edges(self, context: Context) -> list[Edge]:
-        """Return those of the gate."""
         return self.modulation.edges(context)
 
     def scalars(self) -> tuple[Expression, ...]:
-        """Return the expression that the table is a function of."""
         return (self.expr,)
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return it as one."""
         return (Shell(self, None, dark=not self.rows.any(), has_entries=True),)
 
     def means(self, panel: Panel, context: Context) -> Coefficients:
-        """Return the means of j and α over a panel, exact if x is linear there."""
         stretch = panel.stretch
         ends = [self._place(stretch, s, context) for s in (panel.first, panel.last)]
         heights = self.heights(context)
@@ -178,13 +170,11 @@ class Table(Medium):
 
     @property
     def smooth(self) -> bool:
-        """Whether there are neither jumps in the table nor kinks in x, and no colours vary."""
         jumps = np.any(np.diff(self.values) == 0)
         return self.modulation.even and self.expr.smooth and not jumps
 
     @property
     def finer(self) -> bool:
-        """Whether samples tell of all narrow stretches: there are no jumps."""
         return self.smooth
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
@@ -217,19 +207,15 @@ class Table(Medium):
         return Sampled(*map(self.split, (middle, start, end, [h * off for h in heights])))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return where an entry may be noticeable, and where a panel's ends may not show that."""
         return table_panels.visible(self, stretch, context)
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return how many structures are in each half: two where colours vary in one narrower."""
         return table_panels.cores(self, stretch, context)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return how thin the narrowest structure is, and what bends of x may do to it."""
         return table_panels.sharpness(self, stretch, context)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
-        """Return where an entry may be noticeable while the fields stay in ranges."""
         x = context.evaluate(self.expr, fields)
         found = context.interpolate(x, self.nodes(context), list(self.shape.T))
         seen: Any = x.nan
@@ -238,20 +224,16 @@ class Table(Medium):
         return seen & self.modulation.visible_in(fields, context)
 
     def prominence(self, x: Any, context: Context) -> Any:
-        """Return the column that shows most there, over its peak: the lines between entries."""
         (most,) = context.interpolate(x, self.nodes(context), [np.abs(self.shape).max(axis=1)])
         return most
 
     def visible_key(self) -> Any:
-        """Return the expression, all entries and the gate."""
         return (*self._entries(), self.modulation.gate_key())
 
     def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
-        """Return intervals that hold j and α: the formulas are the same."""
         return self.coefficients(fields, context)
 
     def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        """Return what is certain on a panel."""
         from .mean_bounds import table_parts
 
         length = length_in(self.path_length, context.unit)
@@ -282,7 +264,6 @@ class Table(Medium):
 
     @property
     def _weight(self) -> np.ndarray:
-        """The mean of all columns' magnitudes: where the mass is."""
         return np.abs(self.shape).mean(axis=1)
 
     def _table(self, context: Context, real: Any) -> PiecewiseLinear:
@@ -335,7 +316,6 @@ class Table(Medium):
     def profile(
         self, unit: Any, extent: Callable[[], tuple[float, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return its opacity, or its brightness where it has none; see `Medium.profile`."""
         values = self.values
         if self.unit is not None:
             values = np.asarray(plain(values * self.unit, unit, "values"))
@@ -351,7 +331,6 @@ class Table(Medium):
         return nodes, np.concatenate([ends[:1], heights[inside], ends[1:]])
 
     def key(self) -> Any:
-        """Return the expression and all numbers."""
         return (*self._entries(), named(self.path_length), self.modulation.key())
 
     def _entries(self) -> tuple[Any, ...]:
@@ -360,7 +339,6 @@ class Table(Medium):
         return ("Table", self.expr.text, *data, *shapes)
 
     def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values."""
         return {
             "type": "table",
             "expr": self.expr.text,

@@ -88,7 +88,6 @@ class TableBends:
         return off + dr.select(steep > 0.0, steep * (bow * self.table.unit), 0.0)
 
     def _window(self, first: Any, last: Any) -> list[Any]:
-        """Return the numbers of the least window that holds some intervals."""
         passed = dr.select(last > first, last - first, 0)
         # Of four and more: the least of which three quarters hold what is passed.
         steps = (passed + 2) // 3

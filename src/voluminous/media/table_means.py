@@ -132,12 +132,10 @@ class PiecewiseLinear:
         return found
 
     def _near(self, x: Any) -> Any:
-        """Return x in the unit of the nodes, and not too far from them."""
         x = x * self.unit
         return dr.select(x > self.far, self.far, dr.select(x < -self.far, -self.far, x))
 
     def _position(self, x: Any) -> Any:
-        """Return where x is among evenly spaced nodes, counted from the first."""
         assert self.even is not None
         start, per_node = self.even
         return (x - start) * per_node
@@ -151,7 +149,6 @@ class PiecewiseLinear:
         return self.UInt(dr.select(place > 0.0, dr.select(place < most, place, most), 0.0))
 
     def _interval(self, x: Any) -> Any:
-        """Return the number of nodes that are not above x."""
         if self.even is None:
             return first_true(
                 len(self.walls) - 2,
@@ -214,7 +211,6 @@ class Sums:
 
 
 def _fraction(f: Any) -> Any:
-    """Return a number from 0 to 1; NaN stays."""
     return dr.select(f < 0.0, 0.0, dr.select(f > 1.0, 1.0, f))
 
 

@@ -81,12 +81,10 @@ class TableMiddles:
 
 
 def _to_node(p: Place) -> list[Any]:
-    """Return mass, moment from x and square from x to the node behind it."""
     return [p.right[-1], *_moments(p.high - p.x, p.value[-1], p.after[-1])]
 
 
 def _from_node(p: Place) -> list[Any]:
-    """Return mass, moment from x and square from the node before x to it."""
     return [p.left[-1], *_moments(p.x - p.low, p.value[-1], p.before[-1])]
 
 
@@ -95,5 +93,4 @@ def _moments(way: Any, near: Any, far: Any) -> tuple[Any, Any]:
 
 
 def _square(a: Any, b: Any) -> Any:
-    """Return the mean square of what is linear from a to b."""
     return (a * a + a * b + b * b) / 3.0

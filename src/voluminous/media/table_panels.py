@@ -108,8 +108,6 @@ def cores(table: Table, stretch: Stretch, context: Context) -> list[Any]:
 
 
 def _parts(table: Table, context: Context, real: Any) -> _Parts:
-    """Return what the table shows; put there once."""
-
     def make() -> _Parts:
         nodes, shape = table.nodes(context), table.shape
         first, last = visible_range(nodes, shape, context.faint)

@@ -50,11 +50,9 @@ class TracedRangeContext(Context):
 
     @property
     def ops(self) -> TracedIntervalOps:
-        """The operations of intervals inside kernels."""
         return TracedIntervalOps(self._float, self._constant)
 
     def interpolate(
         self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
     ) -> list[TracedInterval]:
-        """Return enclosures of the columns of a table, interpolated anywhere in an interval."""
         return interpolate_traced_ranges(x, nodes, columns)

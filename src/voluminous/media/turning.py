@@ -76,7 +76,6 @@ def _kind(expr: Expression | Margin, context: Context) -> Kind:
 
 
 def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
-    """Return where a sum of fields is, or what grows or falls with one."""
     controls = stretch.controls(expr)
     low, high = extremes(controls)
     apart = stretch.length * 0.0
@@ -155,7 +154,6 @@ def spread(stretch: Stretch, expr: Expression) -> tuple[Any, Any, Any]:
 
 
 def _derived(stretch: Stretch, expr: Expression | Margin) -> TracedJet:
-    """Return intervals of the value and the derivatives of an expression."""
     context = stretch.context
     ops = TracedJetOps(context.real, context.kept_number)
     jets = {name: _jet(stretch.field_points(name)) for name in stretch.cubics}

@@ -81,7 +81,6 @@ def misplaced_change(
 
 
 def _sag(stretch: Stretch, expr: Expression) -> Any:
-    """Return how far a scalar may be from a line through the ends of a half."""
     first, middle, last = stretch.nodes(expr)
     b0, b1, b2, b3 = stretch.controls(expr)
     noise = _NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last))

@@ -28,7 +28,6 @@ class Axes(SceneObject):
         self.style = {"width": width, **options}
 
     def layers(self, view: View) -> Layers | None:
-        """Return the layers that are in view."""
         grid = view.grid if self.grid is None else self.grid
         start, ends = grid.bounds[:, 0], grid.bounds[:, 1]
         if self.origin is not None:
@@ -45,7 +44,6 @@ class Axes(SceneObject):
         return found
 
     def describe(self, most: float = math.inf) -> dict[str, Any]:
-        """Return type and arguments as plain values; see `SceneObject.describe`."""
         return {"type": "axes", **options_of(axes, self, most)}
 
 

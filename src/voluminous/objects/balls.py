@@ -72,7 +72,6 @@ class Balls:
         return np.asarray(x + 1j * y)
 
     def _by_rays(self, ball: int) -> Seen:
-        """Return what `seen` does for one ball, by which rays meet it."""
         y, x = (a.ravel().astype(float) for a in np.indices(self.view.frame.pixels[::-1]))
         owner = np.full(len(x), ball)
         way, miss, _ = self._nearest(owner, x, y)

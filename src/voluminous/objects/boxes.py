@@ -31,7 +31,6 @@ class Boxes(SceneObject):
         Lines(np.zeros((1, 2, 3)), **{**style, "colors": _first(self.colors)})
 
     def layers(self, view: View) -> Layers | None:
-        """Return the layers that are in view."""
         grid = view.grid if self.grid is None else self.grid
         if self._found is None or self._found[0] is not grid:  # found once for many pictures
             self._found = (grid, *self._lines(grid))
@@ -54,7 +53,6 @@ class Boxes(SceneObject):
         return lines, np.concatenate(which)
 
     def describe(self, most: float = math.inf) -> dict[str, Any]:
-        """Return type and arguments as plain values; see `SceneObject.describe`."""
         return {"type": "boxes", **options_of(boxes, self, most)}
 
 
@@ -109,7 +107,6 @@ def boxes(
 
 
 def _checked(levels: Any) -> Any:
-    """Return None, a level or a list of levels, whatever the grid."""
     if levels is None:
         return None
     several = isinstance(levels, (Sequence, np.ndarray))
@@ -121,7 +118,6 @@ def _checked(levels: Any) -> Any:
 
 
 def _chosen(levels: Any, count: int) -> list[int]:
-    """Return the levels to draw of a grid."""
     wanted = [levels] if isinstance(levels, int) else levels
     found = [k for k in range(count) if wanted is None or k in wanted]
     if not found:
@@ -130,7 +126,6 @@ def _chosen(levels: Any, count: int) -> list[int]:
 
 
 def _several(colors: Any) -> bool:
-    """Return True for a list of colours: of names, or of channels."""
     return not (isinstance(colors, str) or is_name_and_alpha(colors)) and (
         np.ndim(colors) == 2 or (np.ndim(colors) == 1 and isinstance(colors[0], str))
     )
@@ -141,7 +136,6 @@ def _first(colors: Any) -> Any:
 
 
 def _of_levels(colors: Any, level: np.ndarray) -> Any:
-    """Return colours of lines, from those of levels."""
     if not _several(colors) or len(colors) == 1:
         return colors
     if len(colors) <= level.max():

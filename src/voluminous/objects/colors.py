@@ -87,7 +87,6 @@ def _named(colors: Any) -> bool:
 
 
 def _rgb(names: Any, count: int, what: str) -> np.ndarray:
-    """Return red, green and blue of one name, or of each of `count`."""
     listed = [names] if isinstance(names, str) else list(names)
     if len(listed) not in (1, count):
         raise InputError(f"{what}: expected one name, or {count}, got {len(listed)}")

@@ -46,7 +46,6 @@ class Ellipses:
         return owner.take(some), x.take(some), y.take(some), covered.take(some)
 
     def _pixels(self) -> _Pixels:
-        """Return how pixels are seen where the ellipses are unit circles."""
         with np.errstate(invalid="ignore", divide="ignore"):
             right, up = self._turned(np.array([1.0, 1.0j])[:, None])
             corners = self._turned(_CORNERS[:, None])
@@ -54,7 +53,6 @@ class Ellipses:
         return _Pixels(x, y, right, up, corners, cross(self.a, self.b))
 
     def _turned(self, way: np.ndarray) -> np.ndarray:
-        """Return ways in pixels as ways where the ellipse is the unit circle."""
         a, b = self.a, self.b
         return np.asarray((cross(way, b) + 1j * cross(a, way)) / cross(a, b))
 
@@ -80,7 +78,6 @@ class _Pixels:
         self.least = _LEAST * np.minimum(np.abs(self.size), 1.0)
 
     def covered(self, owner: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return the part of each pixel that lies in an ellipse."""
         place = (x - self.x.take(owner)) * self.right.take(owner)
         place += (y - self.y.take(owner)) * self.up.take(owner)
         distance, reach = np.abs(place), self.reach.take(owner)

@@ -73,12 +73,10 @@ def lattice_of(grid: Any, level: int) -> Lattice:
 
 
 def _of_bounds(grid: Any) -> Lattice:
-    """Return one box around a grid."""
     return Lattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
 
 
 def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what looks up walls."""
     return lambda place: np.stack([w[k] for w, k in zip(walls, place, strict=True)])
 
 
@@ -147,7 +145,6 @@ def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
 
 
 def _both_halves(grid: Any, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return θ walls and blocks on both sides of the midplane."""
     if grid.mirror:
         below = block.copy()
         below[:, 1] = 2 * (len(walls) - 1) - 1 - block[:, 1]

@@ -76,7 +76,6 @@ class Lines(SceneObject):
         self.opacity, self.closed = float(opacity), closed
 
     def layers(self, view: View) -> Layers | None:
-        """Return the layers that are in view."""
         line, begin, end = self._segments(view)
         if not len(line):
             return None
@@ -103,7 +102,6 @@ class Lines(SceneObject):
         return line[kept], places[kept], places[after[kept]]
 
     def _pieces(self, begin: np.ndarray, end: np.ndarray, view: View) -> Pieces:
-        """Return the images of segments."""
         segment, first, last = straight_parts(begin, end, view)
         a, b = (image_of(segment, part, begin, end, view) for part in (first, last))
         if not is_quantity(self.width):
@@ -132,7 +130,6 @@ def _lines(points: Any) -> tuple[np.ndarray, np.ndarray, Any]:
 
 
 def _check(points: np.ndarray, count: int | None = None) -> None:
-    """Refuse what is no line, of `count` points or all of them."""
     count = len(points) if count is None else count
     if points.ndim != 2 or points.shape[1] != 3 or count < 2:
         raise InputError(

@@ -45,7 +45,6 @@ def outline(grid: Any, level: int, merged: bool) -> list[np.ndarray]:
 
 
 def _closed(edges: Edges, lattice: Lattice) -> Edges:
-    """Return edges with the end of a closed axis the same as its beginning."""
     for axis, period in enumerate(lattice.period):
         if period:
             across = edges.axis != axis
@@ -54,7 +53,6 @@ def _closed(edges: Edges, lattice: Lattice) -> Edges:
 
 
 def _visible(edges: Edges, lattice: Lattice) -> Edges:
-    """Return edges that are no points; those on the axis once, and no seams."""
     first, last = edges.ends()
     ends = [position(lattice.system, lattice.own(place.T)) for place in (first, last)]
     near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
@@ -75,7 +73,6 @@ def _on_planes(edges: Edges, lattice: Lattice) -> np.ndarray:
 
 
 def _polylines(edges: Edges, lattice: Lattice) -> list[np.ndarray]:
-    """Return the places of edges; all that have as many points at once."""
     first, last = (lattice.own(place.T) for place in edges.ends())
     turned = np.isin(np.array(lattice.system)[edges.axis], ("theta", "phi"))
     way = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]

@@ -68,7 +68,6 @@ class Spheres(SceneObject):
         self.colors = colors
 
     def _numbers(self, value: Any, what: str) -> np.ndarray:
-        """Return one number for all, or one for each."""
         array = np.asarray(plain(value, unit_of(value), what))
         if array.shape not in ((), (self.count,)):
             raise InputError(
@@ -77,7 +76,6 @@ class Spheres(SceneObject):
         return array
 
     def _positive(self, value: Any, what: str) -> Any:
-        """Return what was given, once it is seen to be positive and finite."""
         value = merged(value)
         array = self._numbers(value, what)
         if not np.all((array > 0.0) & np.isfinite(array)):
@@ -85,14 +83,12 @@ class Spheres(SceneObject):
         return value
 
     def _fraction(self, value: Any, what: str) -> np.ndarray:
-        """Return numbers from 0 to 1."""
         array = self._numbers(value, what)
         if not np.all((array >= 0.0) & (array <= 1.0)):
             raise InputError(f"{what} must be from 0 to 1, got {value!r}")
         return np.asarray(np.broadcast_to(array, self.count))
 
     def layers(self, view: View) -> Layers | None:
-        """Return the layers that are in view."""
         if not self.count:
             return None
         radius = np.broadcast_to(view.length(self.radii, "radii"), self.count)
@@ -112,5 +108,4 @@ class Spheres(SceneObject):
         return layers if met.all() else layers.some(np.flatnonzero(met))
 
     def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
-        """Return the intensities in the middle of spheres, shape (n, channel)."""
         return intensities(self, self.colors, self.count, view, view.intensity_unit)

@@ -125,11 +125,9 @@ class Stars(Spheres):
         )
 
     def layers(self, view: View) -> Layers | None:
-        """Return the discs that are in view."""
         return None if self.radii is None else super().layers(view)
 
     def lights(self, view: View) -> Points | None:
-        """Return the points of light that are in view."""
         if self.radii is not None or not self.count:
             return None
         positions = np.asarray(view.length(self.positions, "positions"))
@@ -146,7 +144,6 @@ class Stars(Spheres):
         return Points(x[some], y[some], depth[some], flux, sigma)
 
     def _sigma(self, view: View) -> np.ndarray:
-        """Return the standard deviations of the PSF in pixels, along x and y."""
         if self.psf is None:
             return np.zeros(2)
         width = self.psf
@@ -156,7 +153,6 @@ class Stars(Spheres):
         return np.asarray(np.broadcast_to(width, 2), dtype=np.float64) / _FWHM
 
     def _luminosity(self, view: View) -> np.ndarray:
-        """Return luminosities in all channels, shape (n, channel)."""
         unit = view.intensity_unit
         if view.grid.unit is not None:
             unit = view.grid.unit**2 * (1 if unit is None else unit)
@@ -165,7 +161,6 @@ class Stars(Spheres):
         return np.asarray(np.broadcast_to(total, self.count)[:, None] * color)
 
     def _surface(self, view: View, radius: np.ndarray) -> np.ndarray:
-        """Return the intensities in the middle of discs, shape (n, channel)."""
         if self.luminosities is None:
             return super()._surface(view, radius)
         # The mean over a disc of 1 - u (1 - μ) is 1 - u/3.
@@ -226,7 +221,6 @@ def _widths(psf: Any) -> Any:
 
 
 def _colors_in(table: Any, color: Any) -> Any:
-    """Return the colours of the stars in a table."""
     names = [color] if isinstance(color, str) else color
     if not isinstance(names, (list, tuple)) or not all(isinstance(n, str) for n in names):
         return color

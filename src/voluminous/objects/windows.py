@@ -32,7 +32,6 @@ def window_pixels(
 
 
 def _range(low: np.ndarray, high: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the first pixel that an interval touches, and how many in all."""
     seen = np.isfinite(low) & np.isfinite(high)
     first, last = (
         np.clip(np.floor(np.where(seen, edge, 0.0) + 0.5), -1, count).astype(np.int64)

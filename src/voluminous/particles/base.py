@@ -93,5 +93,4 @@ class Base:
 
 
 def _cubes(extent: np.ndarray, width: float) -> np.ndarray:
-    """Return how many cubes of a width cover an extent along each axis."""
     return np.maximum(np.ceil(extent / width - 1e-9), 1).astype(int)

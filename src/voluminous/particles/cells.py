@@ -61,7 +61,6 @@ class CellsDeposit(Deposit):
         self.stray, self.cell = stray, grid.locate(points[stray])
 
     def _volumes(self, count: int) -> np.ndarray:
-        """Return the volume of the octants of each particle."""
         volume = np.zeros(count)
         for part in _parts(self.grid.size):
             owners = self.owners[part].ravel()
@@ -69,7 +68,6 @@ class CellsDeposit(Deposit):
         return volume
 
     def amounts(self, *carried: np.ndarray) -> list[np.ndarray]:
-        """Return how much is in each cell of what particles carry."""
         found = []
         for values in carried:
             total = np.empty(self.grid.size)
@@ -87,7 +85,6 @@ def _parts(size: int) -> Iterator[slice]:
 
 
 def _at_walls(grid: OctreeGrid) -> np.ndarray:
-    """Return which cells lie at the walls of the domain."""
     low, size = grid.boxes(0, grid.size)
     walls: np.ndarray = ((low == 0) | (low + size == grid.extent[:, None])).any(axis=0)
     return walls

@@ -69,7 +69,6 @@ def _claims(
     most: int,
     offsets: np.ndarray,
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield levels, and numbers of cells there that are just too wide."""
     wanted = np.ceil(np.log2(base.width.max() / widest) - 1e-9)
     level = np.clip(wanted, 0, most).astype(np.int64) - 1
     for offset in offsets:
@@ -82,7 +81,6 @@ def _claims(
 
 
 def _parents(base: Base, numbers: np.ndarray, level: int) -> np.ndarray:
-    """Return the numbers of the parents of cells of a level."""
     nx, ny, _ = (np.uint64(n) << np.uint64(level) for n in base.counts)
     rows, x = np.divmod(numbers, nx)
     z, y = np.divmod(rows, ny)

@@ -52,11 +52,9 @@ class _Sizes:
 
     @property
     def cell_width(self) -> float:
-        """How wide cells are at most, in sizes, if nobody tells."""
         return self._widths[len(self.size) > _FEW]
 
     def steps(self, cell_width: float) -> int:
-        """Return how many times finer than usual cells are."""
         return min(max(1, math.ceil(self._widths[0] / cell_width)), _FINEST)
 
     @property
@@ -100,7 +98,6 @@ def deposit(
 
 
 def _box(bounds: Any, periodic: bool, unit: Any) -> Base | None:
-    """Return the domain that a user gives."""
     if bounds is not None:
         return Base.within(_limits(bounds, unit), periodic)
     if periodic:
@@ -109,7 +106,6 @@ def _box(bounds: Any, periodic: bool, unit: Any) -> Base | None:
 
 
 def _placed(box: Base, points: np.ndarray) -> np.ndarray:
-    """Return positions, those of a periodic domain in it."""
     points = box.wrapped(points)
     if not box.inside(points).any():
         raise InputError(f"no particle is inside of bounds {box.bounds.tolist()}")
@@ -149,7 +145,6 @@ def _around(points: np.ndarray, sizes: _Sizes) -> Base:
 
 
 def _limits(bounds: Any, unit: Any) -> np.ndarray:
-    """Return bounds as an array (3, 2) in the unit of the particles."""
     box = CartesianGrid.uniform(1, bounds, unit=unit)
     limits: np.ndarray = box.bounds
     if box.unit != unit:

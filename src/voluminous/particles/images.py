@@ -43,7 +43,6 @@ def with_images(base: Base, points: np.ndarray, reach: np.ndarray) -> tuple[np.n
 
 
 def _shifts(base: Base, reach: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield by how many boxes images are moved, none first."""
     if not base.periodic:
         return iter([np.zeros(3)])
     size = np.ptp(base.bounds, axis=1)

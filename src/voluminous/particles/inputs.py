@@ -132,7 +132,6 @@ def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.
 
 
 def _array(name: Any, values: Any) -> np.ndarray:
-    """Return what a user gives for a field as an array of real numbers."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:

@@ -42,8 +42,6 @@ class Kernel:
 
 
 def _spline(power: int, terms: tuple[tuple[float, float], ...]) -> Callable[..., Any]:
-    """Return Σ c (t − u)₊ⁿ over terms (c, t)."""
-
     def shape(u: Any, positive: Callable[[Any], Any]) -> Any:
         parts = [c * _power(positive(t - u), power) for c, t in terms]
         return sum(parts[1:], parts[0])

@@ -89,7 +89,6 @@ class Nearest:
         return np.array(dr.sqrt(far)) * (1 + 1e-9) + np.linalg.norm(step, axis=0)
 
     def _places(self, center: np.ndarray, step: np.ndarray) -> list[Any]:
-        """Return the middles of the octants of boxes, eight lanes for each box."""
         Float = self.backend.Float
         lane = dr.arange(self.backend.UInt, 8 * center.shape[1])
         places = []
@@ -121,7 +120,6 @@ class Nearest:
     def _nearest(
         self, places: list[Any], points: tuple[Any, Any], best: Any, found: Any
     ) -> tuple[Any, Any]:
-        """Look at the points from one to before another."""
         packet, (first, end) = self.backend.packet(4), points
 
         def more(k: Any, best: Any, found: Any) -> Any:

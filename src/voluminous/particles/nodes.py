@@ -77,7 +77,6 @@ def nodes_of(grid: OctreeGrid) -> Nodes:
 
 
 def _after(level: np.ndarray) -> np.ndarray:
-    """Return the next node of the same or a lower level, for each node."""
     after = np.empty(len(level), np.uint32)
     for own in range(int(level.max()) + 1):
         ends = np.append(np.flatnonzero(level <= own), len(level))

@@ -99,7 +99,6 @@ class _Crowd:
         return crowded
 
     def descend(self, split: np.ndarray) -> None:
-        """Go on to the children of the cells that are split, eight by eight."""
         deeper, self.below = split[self.cell], self.below - 1
         parent = (np.cumsum(split) - 1)[self.cell[deeper]]
         self.place, self.finest = self.place[deeper], self.finest[deeper]
@@ -112,7 +111,6 @@ def _children(cells: np.ndarray) -> np.ndarray:
 
 
 def _among(numbers: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return which numbers are among known, ascending ones."""
     if not len(known):
         return np.zeros(len(numbers), bool)
     place = np.minimum(np.searchsorted(known, numbers), len(known) - 1)

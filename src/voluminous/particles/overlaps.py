@@ -101,7 +101,6 @@ class Overlaps:
         return dr.while_loop((node, count), inside, step, label="overlaps")
 
     def _distance2(self, sphere: Any, box: Any) -> Any:
-        """Return the squared distance of a node from a sphere's centre."""
         total = self.backend.Wide(0.0)
         for axis, width in enumerate(self.width):
             below = box[axis] - sphere[axis]

@@ -73,7 +73,6 @@ class SmoothedDeposit(Deposit):
             self.norm[crossing(base, points, radius)] = 1.0
 
     def _norm(self, count: int) -> np.ndarray:
-        """Return the sum of the weights of each particle."""
         norm = np.zeros(count)
         for first, counts, node, weight in self._found():
             owner = np.repeat(self.owner[first : first + len(counts)], counts)
@@ -97,7 +96,6 @@ class SmoothedDeposit(Deposit):
             report(last, len(ends))
 
     def amounts(self, *carried: np.ndarray) -> list[np.ndarray]:
-        """Return how much is in each cell of what particles carry."""
         sums = [np.zeros(self.nodes.size) for _ in carried]
         parts = [(values / self.norm)[self.owner] for values in carried]
         for first, counts, node, weight in self.kept if self.kept is not None else self._found():

@@ -55,7 +55,6 @@ class KernelWeights:
         return dr.select(a > -1.0, a, -1.0), dr.select(b < 1.0, b, 1.0)
 
     def _integral(self, low: list[Any], size: list[Any]) -> Any:
-        """Return the integral of the kernel over boxes around its centre."""
         UInt, Float = self.single.UInt, self.single.Float
         counts = [UInt(dr.ceil(s * (1.0 / _STEP))) for s in size]
         counts = [dr.select(n > 0, n, 1) for n in counts]

@@ -54,7 +54,6 @@ def _checked(axis: str, count: Any) -> int:
 
 
 def _check_goes_around(grid: Any, counts: dict[str, int], around: int) -> None:
-    """Refuse to divide cells that do not go all around."""
     possible = ("phi", "theta")[:around]
     for axis in counts:
         if axis not in possible:

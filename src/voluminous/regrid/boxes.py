@@ -95,7 +95,6 @@ def _boxes(cells: Any, first: int, last: int) -> Boxes:
 
 
 def _clipped(boxes: Boxes, bounds: np.ndarray) -> Boxes:
-    """Return the parts of boxes that are inside a domain."""
     for axis in range(3):
         low = np.maximum(boxes.low[axis], bounds[axis, 0])
         boxes = boxes.between(axis, low, np.minimum(boxes.high[axis], bounds[axis, 1]))

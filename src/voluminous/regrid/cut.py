@@ -105,7 +105,6 @@ class Slice:
         return axes
 
     def _limits(self, *limits: Any) -> list[float | None]:
-        """Return the ends of the colours as plain numbers in the slice's unit."""
         pairs = zip(("vmin", "vmax"), limits, strict=True)
         unit = self.unit or None
         return [None if v is None else float(plain(v, unit, what)) for what, v in pairs]
@@ -127,7 +126,6 @@ class Slice:
         return f"<Slice {nx}×{ny} pixels, {size}, {what}>"
 
     def _label(self, way: np.ndarray) -> str:
-        """Return the name of a coordinate axis, or the direction that it has."""
         along = np.flatnonzero(way >= _ALONG)
         rounded = ", ".join(f"{part:.2g}" for part in way)
         return _with_unit("xyz"[along[0]] if along.size else f"({rounded})", self.length_unit)
@@ -148,7 +146,6 @@ def make_slice(
 
 
 def _norm(values: np.ndarray, norm: Any, vmin: float | None, vmax: float | None) -> Any:
-    """Return the norm of matplotlib that is asked for, with its limits."""
     from matplotlib.colors import LogNorm, Normalize
 
     if isinstance(norm, Normalize):

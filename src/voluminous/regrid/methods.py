@@ -227,7 +227,6 @@ class OnOtherCells:
 
 
 def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
-    """Return what is told besides and holds on another grid."""
     meta = dict(volume.meta)
     old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
     if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):

@@ -96,14 +96,12 @@ def cells_on(grid: Any, plane: Plane) -> np.ndarray:
 
 
 def _told(grid: Any) -> str:
-    """Return the bounds of a grid in words."""
     spans = zip("xyz", grid.bounds, strict=True)
     listed = ", ".join(f"{axis}: {low:g} … {high:g}" for axis, (low, high) in spans)
     return f"{listed} {unit_name(grid.unit)}".rstrip()
 
 
 def _frame(normal: Any, up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return unit vectors: normal to the plane, to the right, and up."""
     if isinstance(normal, str):
         if normal not in AXES:
             raise unknown_name("axis", normal, AXES)

@@ -62,7 +62,6 @@ def _known_means(
 def _means(
     fields: Mapping[str, np.ndarray], source: Any, target: Any, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
-    """Return means of fields without missing values."""
     if not (_is_boxes(source) and _is_boxes(target)):
         return _sampled(fields, source, target, fill, samples)
     if len(source.shape) == len(target.shape) == 3:
@@ -119,7 +118,6 @@ def _box_overlaps(source: Any, target: Any) -> Iterator[Overlap]:
 
 
 def _inside(source: Any, target: Any, samples: int) -> np.ndarray:
-    """Return the part of each target cell that is inside the source."""
     inside = np.zeros(target.size)
     for cell, points, volume in points_in(target, samples):
         np.add.at(inside, cell, np.where(source.locate(points) >= 0, volume, 0.0))
@@ -128,7 +126,6 @@ def _inside(source: Any, target: Any, samples: int) -> np.ndarray:
 
 
 def _without(part: np.ndarray) -> np.ndarray:
-    """Return the part that is not covered; none where only rounding says so."""
     rest = 1.0 - part
     return np.where(rest > _COVERED, rest, 0.0)
 

@@ -22,7 +22,6 @@ def axis_means(values: np.ndarray, source: Any, target: Any) -> np.ndarray:
 
 
 def _means(values: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Return means over new intervals along the first axis."""
     out = np.zeros((len(new) - 1, *values.shape[1:]))
     walls = np.union1d(old, new)
     walls = walls[(walls >= max(old[0], new[0])) & (walls <= min(old[-1], new[-1]))]

@@ -49,7 +49,6 @@ def on_more_cells(volume: Any, grid: Any, values: Callable[[str], np.ndarray]) -
 
 
 def _changes_sign(name: str, fields: Container[str]) -> bool:
-    """Return True for a component of a vector that runs up or down."""
     stem, _, axis = name.rpartition("_")
     if not stem or axis not in _UPWARDS:
         return False

@@ -161,7 +161,6 @@ def render(
 
 
 def _chosen(volume: Any, medium: Any, camera: Any, view: str | None) -> tuple[Any, Any]:
-    """Return medium and camera, for a first picture where there are none."""
     if camera is not None and view is not None:
         raise InputError(f"give a camera or view={view!r}, not both")
     first = medium is None and isinstance(volume, Volume)

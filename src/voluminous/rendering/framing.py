@@ -115,7 +115,6 @@ def _limits(light: np.ndarray, frame: Any) -> list[tuple[float, float]]:
 
 
 def _span(light: np.ndarray) -> tuple[int, int]:
-    """Return the first and the last row with light, but for wisps."""
     total = np.cumsum(light) / max(light.sum(), 1e-300)
     first, last = np.searchsorted(total, [_WISPS, 1.0 - _WISPS])
     return int(first), int(min(last, len(light) - 1))

@@ -240,7 +240,6 @@ class Job:
         self.progress(self.done, total)
 
     def _classifying(self, done: int, total: int) -> None:
-        """Progress of classification: reported as work not begun."""
         self.progress(0, 1)
 
     def _planes(self, paths: Paths, drawing: Drawing, brightest_background: float) -> Planes:

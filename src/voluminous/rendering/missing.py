@@ -99,7 +99,6 @@ def _complete(volume: Any, names: list[str]) -> tuple[Any, Hidden, dict[str, int
 
 
 def _check_finite(volume: Any, name: str, missing: np.ndarray) -> None:
-    """Refuse fields with infinite values, and such without any."""
     array = volume.array(name).reshape(-1)
     count, first = 0, -1
     for start in range(0, array.size, _CHUNK):
@@ -156,7 +155,6 @@ def _boxes(
 
 
 def _box_sums(values: np.ndarray) -> np.ndarray:
-    """Return sums over 3 x 3 x 3 cells."""
     for axis in range(3):
         own = np.moveaxis(values, axis, 0)
         total = own.copy()

@@ -39,7 +39,6 @@ def image_wcs(volume: Volume, camera: Any, frame: Any) -> Any:
 
 
 def _of_sky(grid: Any, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: Any) -> Any:
-    """Return the celestial WCS of a picture along z."""
     if not wcs.has_celestial or not all(is_uniform(edges) for edges in grid.edges[:2]):
         return None
     width = np.array([np.ptp(edges) / (len(edges) - 1) for edges in grid.edges[:2]])

@@ -68,7 +68,6 @@ class _Values:
         self.context = RangeContext(self.volume.unit, self.volume.expression_unit, _TAIL)
 
     def outside(self) -> list[list[Shell]]:
-        """Return of each part of the medium the shells that are nowhere."""
         parts = [part.shells() for part in self.medium.components()]
         rows = self._kept_rows(parts)
         return [[shells[k] for k in own] for shells, own in zip(parts, rows, strict=True)]
@@ -104,7 +103,6 @@ class _Values:
         return light, depth
 
     def text(self, expr: Expression) -> str:
-        """Return between which values an expression is."""
         x: Interval = self.context.evaluate(expr, self.fields)
         unit = unit_name(self.context.unit_of(expr))
         ends = f"from {float(x.lo):.6g} to {float(x.hi):.6g}{f' {unit}' if unit else ''}"
@@ -162,7 +160,6 @@ def _missed(values: _Values, planes: Planes) -> list[list[Shell]]:
 
 
 def _is_all(shells: list[list[Shell]], medium: Medium) -> bool:
-    """Return whether these are the whole medium."""
     whole = sum(len(part.shells()) or 1 for part in medium.components())
     return sum(map(len, shells)) == whole
 
@@ -178,7 +175,6 @@ def _are_tails(outside: list[list[Shell]], values: _Values) -> bool:
 
 
 def _listed(texts: list[str]) -> str:
-    """Return texts, each once, in one."""
     several = list(dict.fromkeys(texts))
     rest = len(several) - _MOST
     return "; ".join(several[:_MOST]) + (f"; and {rest} more" if rest > 0 else "")

@@ -51,7 +51,6 @@ def _of(*types: type) -> Callable[[Any], Any]:
 
 
 def _quantity(value: Any) -> Any:
-    """Return a number, or the quantity in a text such as "2.5e16 cm"."""
     if not isinstance(value, str):
         return _number(value)
     found = quantity_in(value)
@@ -74,8 +73,6 @@ def _plain_quantity(value: Any) -> Any:
 
 
 def _listed(take: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Return what takes one value, or a list of them, or a list of lists …"""
-
     def take_all(value: Any) -> Any:
         if isinstance(value, list):
             return [take_all(v) for v in value]

@@ -226,7 +226,6 @@ class Scene:
 
 
 def _held(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of `render` that a scene can hold; warn of others."""
     plain = plain_render({k: value for k, value in options.items() if k != "progress"})
     others = [key for key, value in plain.items() if not _is_short(value)]
     if others:

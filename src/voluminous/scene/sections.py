@@ -97,7 +97,6 @@ def _listed(
     types: Mapping[str, Any],
     known: Mapping[str, Kind],
 ) -> list[Any]:
-    """Return what is in all sections of a name, each of a type."""
     found = []
     for number, section in enumerate(sections, start=1):
         with placed(f"[[{name}]] {number}"):
@@ -199,7 +198,6 @@ def image_options(section: Mapping[str, Any], channels: int) -> dict[str, Any]:
 
 
 def _typed(section: Mapping[str, Any], types: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """Return the class that a section's ``type`` names, and the other keys."""
     if "type" not in section:
         raise InputError(f"type is missing; there are: {', '.join(sorted(types))}")
     name = kinds.TEXT("type", section["type"])

@@ -113,7 +113,6 @@ class Bracket:
         return state.path, [seen * most(state.path.transparency), *after]
 
     def _bounded(self, parts: Any) -> tuple[Path, tuple[Any, Any]]:
-        """Return a panel's path, and how wide its brackets are."""
         emission, transparency = solve_parts(parts)
         grey = len(transparency) == 1
         through = [transparency[0 if grey else c] for c in range(len(emission))]

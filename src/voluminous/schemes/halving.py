@@ -96,7 +96,6 @@ def _sure(halves: list[Path], parts: list[list[Share]], least: Any) -> Any:
 
 
 def _in_parts(source: Any, part: Any, halves: list[Path]) -> list[list[Share]]:
-    """Return what each medium of a sum does in both halves."""
     counts, found = source.cores(part), []
     for h, (half, (start, end)) in enumerate(zip(halves, pairwise(NODES), strict=True)):
         shares = source.shares(half, part.panel(start, end))

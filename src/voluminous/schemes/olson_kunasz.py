@@ -43,7 +43,6 @@ class OlsonKunasz(Linear):
     reckoned = True
 
     def between(self, front: End, back: End, length: Any) -> Solution:
-        """Return the solution of a segment from the coefficients at its two ends."""
         (j_front, a_front), (j_back, a_back) = front, back
         depth = [0.5 * (f + b) * length for f, b in zip(a_front, a_back, strict=True)]
         weights = [_weights(tau) for tau in depth]
@@ -71,7 +70,6 @@ def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
 
 
 def _radmc_weights(tau: Any) -> tuple[Any, Any, Any]:
-    """Return them by RADMC-3D's operations."""
     thin = tau <= _SERIES_BELOW
     e, back, front = _subtracted_weights(tau, thin)
     half = 0.5 * tau

@@ -101,7 +101,6 @@ def _invisible(source: Any, known: Any, length: Any) -> Path:
 
 
 def _visible(source: Any, chord: Any, corners: Any, known: Any, length: Any) -> Path:
-    """Return a segment solved with its mean coefficients."""
     stretch = _straight(source, chord, corners, length)
     for expr, ends in zip(source.scalars, known, strict=True):
         for s, value in zip((0.0, 1.0), ends, strict=True):

@@ -44,7 +44,6 @@ def _transparency(depth: TracedInterval) -> Ends:
 
 
 def _emission(part: PartBounds, channel: int) -> Ends:
-    """Return bounds of what is emitted in a channel."""
     e = channel if len(part.extinction) > 1 else 0
     j, total = part.emissivity[channel], part.emitted[channel]
     least, most = (positive(v) for v in (part.extinction[e].lo, part.extinction[e].hi))
@@ -90,13 +89,11 @@ def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
 
 
 def _absorbed(depth: Any) -> Any:
-    """Return 1 - e^{-τ} with all its digits."""
     theta, mean = any_attenuation(depth)
     return dr.select(depth < 1.0, depth * mean, 1.0 - theta)
 
 
 def _scaled(ends: Ends, factors: Ends) -> Ends:
-    """Return bounds of a product with a factor that is not negative."""
     (low, high), (least, most) = ends, factors
     return (
         low * dr.select(low < 0.0, most, least),
@@ -105,7 +102,6 @@ def _scaled(ends: Ends, factors: Ends) -> Ends:
 
 
 def _met(a: Ends, b: Ends) -> Ends:
-    """Return what both allow; ends that are NaN say nothing."""
     low = dr.select(dr.isnan(a[0]), -dr.inf, a[0])
     high = dr.select(dr.isnan(a[1]), dr.inf, a[1])
     return dr.select(b[0] > low, b[0], low), dr.select(b[1] < high, b[1], high)

@@ -78,7 +78,6 @@ def _whole(piece: Piece, known: Any) -> Piece:
 
 
 def _cut(source: Any, piece: Piece, known: Any) -> Piece:
-    """Return a panel up to just beyond its first edge."""
     place = first_edge(piece.stretch(source, edgeless=False), source.edges)
     end = dr.fma(place, piece.width, _BEHIND[precision_of(type(place))])
     width = dr.select(end < piece.width, end, piece.width)

@@ -91,7 +91,6 @@ def in_panels(
 
 
 def _straight(source: Any, cubics: Any, known: Any, length: Any) -> Any:
-    """Return where all scalars are linear along a segment."""
     whole = known_stretch(source, cubics, known, length, rough=True)
     found = length >= 0.0
     for expr in source.scalars:
@@ -103,7 +102,6 @@ def _straight(source: Any, cubics: Any, known: Any, length: Any) -> Any:
 def _solved(
     source: Any, backward: bool, piece: Piece, seen: InFront, closed: Any
 ) -> tuple[Path, Any]:
-    """Return a panel solved, and where that is good enough."""
     if source.hollow:
         return _nothing(source, piece), piece.width > 0.0
     if not source.finer:
@@ -122,13 +120,11 @@ def _nothing(source: Any, piece: Piece) -> Path:
 
 
 def _sampled(source: Any, backward: bool, piece: Piece, seen: InFront) -> tuple[Path, Any]:
-    """Return a panel solved with samples."""
     found, good = smooth_segment(source, piece.stretch(source), seen, backward, fine=True)
     return found, good
 
 
 def _compared(source: Any, backward: bool, piece: Piece, seen: InFront) -> tuple[Path, Any]:
-    """Return a panel solved as one and as two, which are compared."""
     part = piece.stretch(source)
     least = piece.width <= _NARROWEST
     found, good = attempt(source, part, seen, backward, least)

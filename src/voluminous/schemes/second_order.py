@@ -45,7 +45,6 @@ class SecondOrder(Linear):
     reckoned = False
 
     def between(self, front: End, back: End, length: Any) -> Solution:
-        """Return the solution of a segment from the coefficients at its two ends."""
         (j_front, alpha_front), (j_back, alpha_back) = front, back
         a_front, a_back = ([a * length for a in alpha] for alpha in (alpha_front, alpha_back))
         depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]
@@ -82,7 +81,6 @@ def visibility(
 
 
 def _faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
-    """Return W_f, W_b and θ for each extinction, by their power series."""
     order, _ = _FAINT[precision_of(type(deepest))]
     exponential = [(-1.0) ** k / math.factorial(k) for k in range(order + 1)]
     flat = []
@@ -132,7 +130,6 @@ def _weights(
     count: int,
     exp: Callable[[Any], Any],
 ) -> list[Any]:
-    """Return W_f, W_b and θ for each extinction, by so many nodes."""
     nodes, weights = gauss_legendre(count)
     flat = []
     for af, ab, tau in zip(a_front, a_back, depth, strict=True):

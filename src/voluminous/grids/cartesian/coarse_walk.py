@@ -70,12 +70,10 @@ class CoarseChord(Chord):
 
     @property
     def cell(self) -> Any:
-        """Flat number of the first dual cell."""
         return self._flat(self.walk.own_cells)
 
     @property
     def corner(self) -> Any:
-        """Flat number of the lower corner, among the padded centres."""
         return self._flat(self.walk.own_corners)
 
     def _flat(self, strides: list[Any]) -> Any:
@@ -83,7 +81,6 @@ class CoarseChord(Chord):
         return self.walk.backend.UInt(found[0] + found[1] + found[2])
 
     def _fractions(self, t: Any) -> list[Any]:
-        """Return where a ray is in the cube, counted upwards along each axis."""
         exit_ = self.segment.exit
         scale, found = inverse_power_of_two(exit_.width), []
         for k in range(3):
@@ -111,7 +108,6 @@ class CoarseWalk(DualWalk):
         return track, CoarseCursor(cursor.index, one, cursor.t, cursor.inside)
 
     def next(self, track: Any, cursor: Any) -> tuple[Segment, CoarseCursor]:
-        """Return the segment through the present cube, and the cursor in the next one."""
         last = cursor.width - 1.0
         ahead = self._crossings(track.axes, [i + last for i in cursor.index])
         end = lesser(least(ahead), track.leave)
@@ -124,11 +120,9 @@ class CoarseWalk(DualWalk):
         return segment, CoarseCursor(index, cursor.width, end, end < track.leave)
 
     def at(self, track: Any, index: list[Any], t: Any) -> CoarseCursor:
-        """Return the cursor in the cell with mirrored indices, at a distance."""
         return CoarseCursor(list(index), self.backend.Float(1), t, t < track.leave)
 
     def precise(self, track: Any, cursor: Any) -> CoarseCursor:
-        """Return the cursor in the cell it is in, within its cube."""
         index = [
             cell_ahead(axis, own, cursor.t, i, i + (cursor.width - 1.0))
             for axis, own, i in zip(self.axes, track.axes, cursor.index, strict=True)
@@ -136,11 +130,9 @@ class CoarseWalk(DualWalk):
         return CoarseCursor(index, self.backend.Float(1), cursor.t, cursor.inside)
 
     def settle(self, cursor: Any, width: Any) -> CoarseCursor:
-        """Return the cursor in a cube of so many cells, around the cell it is in."""
         narrow = inverse_power_of_two(width)
         index = [dr.floor(i * narrow) * width for i in cursor.index]
         return CoarseCursor(index, width, cursor.t, cursor.inside)
 
     def chord(self, track: DualTrack, segment: Segment) -> CoarseChord:
-        """Return a segment as a straight line through its cube."""
         return CoarseChord(self, track, segment)

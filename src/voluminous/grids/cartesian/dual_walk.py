@@ -49,7 +49,6 @@ class Chord(StraightChord):
         return self.walk.backend.UInt(self.segment.exit.vertex + self.track.first_corner)
 
     def _fractions(self, t: Any) -> list[Any]:
-        """Return where a ray is in its dual cell, counted upwards along each axis."""
         track = self.track
         mirrored = self.walk.fractions(track, self.segment.exit.index, t)
         return [dr.fma(f, s, o) for f, s, o in zip(mirrored, track.sign, track.offset, strict=True)]
@@ -74,7 +73,6 @@ class DualWalk(CartesianWalk):
         self.faces = [(backend.wide(e[0]), backend.wide(e[-1])) for e in edges]
 
     def enter(self, ray: Ray) -> tuple[Track, Cursor]:
-        """Return the track and the cursor at the point where each ray enters the domain."""
         first, last = self._between_faces(ray)
         if ray.first is not None:
             first = dr.maximum(first, ray.first)

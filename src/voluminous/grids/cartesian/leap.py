@@ -258,7 +258,6 @@ class Way:
         return dr.select(t > state.t, t, dr.fma(dr.abs(state.t), 1e-6, state.t) + 1e-6)
 
     def _ways(self, ahead: list[Any]) -> list[Any]:
-        """Return the distances where rays come to blocks ahead, along each axis."""
         return [
             axis.crossing(self.track.axes[a], lesser(self.wall(a, ahead[a]) - 1.0, self.lasts[a]))
             for a, axis in enumerate(self.walk.axes)

@@ -48,7 +48,6 @@ class ReckonedWalk(CartesianWalk):
     leaps = False  # every position follows from the one before
 
     def enter(self, ray: Ray) -> tuple[ReckonedTrack, ReckonedCursor]:
-        """Return the track and the cursor at the point where each ray enters the domain."""
         plain_track, cursor = super().enter(ray)
         down = [d < 0 for d in ray.direction]
         first_wall = [
@@ -69,7 +68,6 @@ class ReckonedWalk(CartesianWalk):
         return track, ReckonedCursor(**vars(cursor), position=position)
 
     def next(self, track: Any, cursor: Any) -> tuple[Segment, ReckonedCursor]:
-        """Return the segment through the present cell, and the cursor in the next one."""
         segment, counted = super().next(track, cursor)
         behind, ahead = self._walls(track, cursor.index)
         here = cursor.position

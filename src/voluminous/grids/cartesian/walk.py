@@ -77,7 +77,6 @@ class CartesianWalk(BoxWalk):
     def _start(
         self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
     ) -> tuple[Track, Any]:
-        """Return track and cursor of rays that reach the domain, and start `begin` later."""
         Float, Int = self.backend.Float, self.backend.Int
         tracks, index, cell, vertex = [], [], Int(0), Int(0)
         cell_stride, vertex_stride = [], []
@@ -109,7 +108,6 @@ class CartesianWalk(BoxWalk):
         return whole, Cursor(index, cell, vertex, t, inside & (t < leave))
 
     def _crossings(self, tracks: list[AxisTrack], index: list[Any]) -> list[Any]:
-        """Return the distances of the next wall of each axis."""
         return [
             axis.crossing(track, i) for axis, track, i in zip(self.axes, tracks, index, strict=True)
         ]

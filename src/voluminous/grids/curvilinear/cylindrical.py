@@ -91,14 +91,12 @@ class CylindricalGrid(CurvilinearGrid):
 
     @property
     def bounds(self) -> np.ndarray:
-        """Box around the domain, shape (3, 2), in the grid's unit."""
         R, phi, z = ((e[0], e[-1]) for e in self.edges)
         quarter = (phi[0] - 0.5 * np.pi, phi[1] - 0.5 * np.pi)
         across = [interval_product(R, cosine_range(*ends)) for ends in (phi, quarter)]
         return np.array([*across, z])
 
     def _volumes(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Return the volumes (n,) of cells between own coordinates (3, n)."""
         dR, dphi, dz = high - low
         volumes: np.ndarray = 0.5 * dR * (low[0] + high[0]) * dphi * dz
         return volumes
@@ -116,18 +114,15 @@ class CylindricalGrid(CurvilinearGrid):
         return np.stack([[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]])
 
     def position(self, native: np.ndarray) -> np.ndarray:
-        """Return x, y and z (3, n) of points given by R, φ and z."""
         R, phi, z = native
         return np.stack([R * np.cos(phi), R * np.sin(phi), z])
 
     def native(self, points: Any) -> np.ndarray:
-        """Return R, φ and z (3, n) of points (n, 3)."""
         x, y, z = plain_points(points, self.unit).T
         return np.stack([np.hypot(x, y), self._azimuth(x, y, self.edges[1]), z])
 
     @property
     def resolution(self) -> float:
-        """Smallest width of a cell, as a fraction of the numbers it is computed from."""
         R, phi, z = self.edges
         high = np.diff(z).min() / max(abs(z[0]), abs(z[-1]))
         return min(np.min(np.diff(R) / R[1:]), np.diff(phi).min(), high)

@@ -69,7 +69,6 @@ def dual_values(array: np.ndarray, grid: Any) -> np.ndarray:
 
 
 def _at_walls(array: np.ndarray, axis: int, periodic: bool) -> np.ndarray:
-    """Return a field at the walls of the dual cells along one axis."""
     if array.shape[axis] > 1 and periodic:
         return np.concatenate([array, np.take(array, [0], axis)], axis)
     widths = [(0, 0)] * array.ndim

@@ -56,11 +56,9 @@ class GapCrossing:
         return Landing(there, gap, self, track)
 
     def _standing(self, track: Any, count: list[Any], t: Any, inside: Any) -> Any:
-        """Return the cursor of rays at a distance, from their counts."""
         raise NotImplementedError
 
     def _times(self, track: Any, count: list[Any]) -> list[Any]:
-        """Return the distances of the next wall of each family."""
         return [f.time(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]
 
     def _gaps(self, track: Any, count: list[Any]) -> list[Any]:
@@ -86,7 +84,6 @@ class GapCrossing:
         return dr.while_loop((count, t), in_gap, cross, label="gap")
 
     def _jump(self, track: Any, count: list[Any], t: Any) -> Jump:
-        """Return where rays leave that gap of those they are in that ends last."""
         gaps, ahead = self._gaps(track, count), self._times(track, count)
         ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
         through = nearest(ends)

@@ -45,7 +45,6 @@ class CurvilinearGrid(OnDevices):
 
     @classmethod
     def _refined_class(cls) -> type[CurvilinearGrid]:
-        """Return the class of grids of this kind that are refined."""
         raise NotImplementedError
 
     def _refine(self, refined: Any) -> None:
@@ -117,7 +116,6 @@ class CurvilinearGrid(OnDevices):
         return self._volumes(*self.spans()).reshape(self.shape)
 
     def _volumes(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Return the volumes (n,) of cells between own coordinates (3, n)."""
         raise NotImplementedError
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
@@ -150,7 +148,6 @@ class CurvilinearGrid(OnDevices):
         return np.where(inside, np.ravel_multi_index(index, self.shape), -1)
 
     def _azimuth(self, x: np.ndarray, y: np.ndarray, edges: np.ndarray) -> np.ndarray:
-        """Return azimuths, above the first edge by less than a full circle."""
         angle = np.mod(np.arctan2(y, x) - edges[0], FULL_CIRCLE)
         return edges[0] + np.where(angle >= FULL_CIRCLE, 0.0, angle)
 

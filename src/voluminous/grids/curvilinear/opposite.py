@@ -66,7 +66,6 @@ class Opposite:
         return out
 
     def _through_centre(self, place: list[Any]) -> list[Any]:
-        """Return where places are; on cylindrical grids the centre is the axis."""
         beyond, out = place[0] < 0.0, list(place)
         out[0] = dr.abs(place[0])
         out[self.azimuth] = self._half_turned(place[self.azimuth])

@@ -94,7 +94,6 @@ class RefinedCells(CurvilinearGrid):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of a field: one value per leaf."""
         return (len(self.levels),)
 
     @functools.cached_property
@@ -121,7 +120,6 @@ class RefinedCells(CurvilinearGrid):
         return corner, size
 
     def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return where consecutive cells begin and end along their own coordinates, (3, n) each."""
         corner, size = self.boxes(first, last)
         low, high = (
             np.stack([e[i] for e, i in zip(self.fine_edges, index, strict=True)])
@@ -130,7 +128,6 @@ class RefinedCells(CurvilinearGrid):
         return low, high
 
     def locate(self, points: Any) -> np.ndarray:
-        """Return the number of the leaf of each point (n, 3); see `CurvilinearGrid.locate`."""
         native = self.native(points)
         place, inside = np.empty(native.shape, np.int64), np.ones(native.shape[1], bool)
         for axis, (edges, value) in enumerate(zip(self.fine_edges, native, strict=True)):
@@ -141,7 +138,6 @@ class RefinedCells(CurvilinearGrid):
 
     @property
     def resolution(self) -> float:
-        """Smallest width of a cell, as a fraction of the numbers it is computed from."""
         return super().resolution / float(self.divisions.max())
 
     @functools.cached_property
@@ -151,11 +147,9 @@ class RefinedCells(CurvilinearGrid):
 
     @property
     def vertex_count(self) -> int:
-        """Number of vertices."""
         return self.vertex_numbers.count
 
     def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
-        """Return the cells around consecutive vertices, and whether they exist."""
         return cells_around(self, lane, backend)
 
     def surroundings(self, backend: Any) -> RefinedSurroundings:
@@ -185,7 +179,6 @@ class RefinedCells(CurvilinearGrid):
         return self.on_device(backend, kind, lambda: RefinedFieldWalk(self, cells, backend))
 
     def describe(self) -> dict[str, Any]:
-        """Return the base grid's description, and the number of cells of each level."""
         return {
             **super().describe(),
             "base": list(self.base_shape),
@@ -211,7 +204,6 @@ class RefinedCylindricalGrid(RefinedCells, CylindricalGrid):
 
 
 def _divided(edges: np.ndarray, parts: int) -> np.ndarray:
-    """Return edges with every cell divided into equal parts."""
     steps = np.arange(parts) / parts
     inner = edges[:-1, None] + np.diff(edges)[:, None] * steps
     return np.append(inner.ravel(), edges[-1])

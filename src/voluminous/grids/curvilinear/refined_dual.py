@@ -33,7 +33,6 @@ class RefinedChord(CurvilinearChord):
         return self.segment.cell
 
     def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
-        """Return where in its leaf a point is, from 0 to 1 along all three axes."""
         return self.walk.fractions(self.segment.exit.left, point, own)
 
 

@@ -44,11 +44,9 @@ class StraightSurroundings(RefinedSurroundings):
         self.opposite = Opposite(grid, self.alike, np.pi / _TURNED, backend)
 
     def spacing(self, grid: Any, backend: Any) -> StraightSpacing:
-        """Return what knows lengths on the grid."""
         return StraightSpacing(grid, backend)
 
     def cell_at(self, place: list[Any], active: Any) -> tuple[Cell, Any]:
-        """Return the leaves around places, or what they continue as, and where there is one."""
         # Aside of a place is the leaf itself, not one that is turned.
         whole = [
             dr.round(p - 0.5) if alike else p for p, alike in zip(place, self.alike, strict=True)
@@ -88,7 +86,6 @@ class StraightSpacing(ContinuedSpacing):
         self.open = _open(grid, alike)
 
     def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:
-        """Return the widths of boxes at their middles."""
         own, (first, second, third) = self._own(middle), super().widths(middle, size)
         if self.spherical:
             return [first, own[0] * second, own[0] * dr.sin(own[1]) * third]
@@ -138,18 +135,15 @@ class StraightSpacing(ContinuedSpacing):
         return dr.select(axis == 0, 0.0, dr.select(axis == 1, away, around))
 
     def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
-        """Return the ways between places; see the class."""
         own, differences = self._own(start), super().ways(start, end)
         return (_spherical if self.spherical else _cylindrical)(own, differences)
 
     def _own(self, place: list[Any]) -> list[Any]:
-        """Return coordinates of places, which are within the grid."""
         axes = zip(self.axes, self.before, place, self.starts, strict=True)
         return [axis.way(before, before + p) + start for axis, before, p, start in axes]
 
 
 def _alike(grid: Any) -> list[bool]:
-    """Return which axes are angles that are not divided."""
     counts = grid.tree.extent
     return [
         bool(count == 1) and name in ("theta", "phi")
@@ -158,7 +152,6 @@ def _alike(grid: Any) -> list[bool]:
 
 
 def _open(grid: Any, alike: list[bool]) -> list[tuple[bool, bool]]:
-    """Return for both ends of each axis whether places beyond are somewhere."""
     turning, mirrored = endless(grid)
     found = [(turns, turns or mirror) for turns, mirror in zip(turning, mirrored, strict=True)]
     if grid.is_periodic and "theta" in grid.coordinates:
@@ -184,13 +177,11 @@ def _spherical(own: list[Any], differences: list[Any]) -> list[Any]:
 
 
 def _cylindrical(own: list[Any], differences: list[Any]) -> list[Any]:
-    """Return a way along R, φ and z; see `_spherical`."""
     outwards, dphi, dz = differences
     end = own[0] + outwards
     return [outwards - end * _versine(dphi), end * dr.sin(dphi), dz]
 
 
 def _versine(angle: Any) -> Any:
-    """Return 1 - cos."""
     sine = dr.sin(0.5 * angle)
     return 2.0 * sine * sine

@@ -35,7 +35,6 @@ class RefinedSurroundings(Surroundings):
         self.parts = [float(p) for p in grid.divisions]
 
     def spacing(self, grid: Any, backend: Any) -> ContinuedSpacing:
-        """Return what knows lengths on the grid."""
         return OwnSpacing(grid, backend)
 
     def steps(self, middle: list[Any], size: list[Any], width: list[Any]) -> list[Any]:
@@ -105,11 +104,9 @@ class ContinuedSpacing(Spacing):
         self.before = [dr.opaque(backend.Float, float(n)) for n in before]
 
     def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:
-        """Return the widths of boxes along their own coordinates."""
         return super().widths(self._moved(middle), size)
 
     def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
-        """Return the differences between places."""
         return super().ways(self._moved(start), self._moved(end))
 
     def _moved(self, place: list[Any]) -> list[Any]:
@@ -134,7 +131,6 @@ class OwnSpacing(ContinuedSpacing):
         self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
 
     def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
-        """Return differences between places, in widths of the base cells at the first ones."""
         ways, bases = super().ways(start, end), self.widths(start, self.parts)
         return [w / base for w, base in zip(ways, bases, strict=True)]
 

@@ -75,11 +75,9 @@ class RefinedWalk(CurvilinearWalk):
         self.axes, self.lookup = axes, TreeLookup(grid.tree, self.backend)
 
     def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> RefinedCursor:
-        """Return the cursor of rays at a distance, from their counts."""
         return RefinedCursor(count, [], t, inside, self._leaf(track, count, inside))
 
     def _leaf(self, track: Track, count: list[Any], active: Any) -> Leaf:
-        """Return the leaves around cells of the evenly refined grid."""
         Float, Int = self.backend.Float, self.backend.Int
         place = [Float(0.5)] * 3
         for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
@@ -91,7 +89,6 @@ class RefinedWalk(CurvilinearWalk):
         return Leaf(cell.number, low, size)
 
     def next(self, track: Track, cursor: Any) -> tuple[Segment, RefinedCursor]:
-        """Return the segment through the present leaf, and the cursor in the next one."""
         count, t, family = self._leave(track, cursor)
         inside = cursor.inside & (t < track.leave)
         onward = inside if not self.has_gaps else inside & ~self.in_gap(track, count)
@@ -154,17 +151,14 @@ class RefinedWalk(CurvilinearWalk):
         return found
 
     def _between(self, family: Any, axis: Any, first: Any, last: Any, t: Any) -> Any:
-        """Return the count at a distance, between two others."""
         count = later(family.enter(axis, t), first)
         return lesser(count, last)
 
     def entry_corners(self, track: Track, cursor: Any) -> Corners:
-        """Return the vertices of the leaf and multilinear weights at the cursor."""
         standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
         return leaf_corners(self, track, standing, cursor.leaf, cursor.inside)
 
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
-        """Return the vertices around the end of a segment: of the finer of the two leaves there."""
         leaving = segment.exit
         finer = functools.reduce(
             either,

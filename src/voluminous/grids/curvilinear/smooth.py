@@ -101,12 +101,10 @@ class Smooth:
         return dr.select(short, stop, end), short
 
     def _on_axis(self, track: Any, begin: Any, end: Any) -> Any:
-        """Return where a segment ends that may not go on beyond the axis."""
         turn = track.passage.turn
         return dr.select(track.passage.meets & (begin < turn) & (turn < end), turn, end)
 
     def _near_axis(self, track: Any, begin: Any) -> Any:
-        """Return how long segments may be for the distance from the axis."""
         (x, y), (dx, dy, _) = track.passage.foot, track.direction
         speed = dr.sqrt(dr.fma(dx, dx, dy * dy))
         parallel = speed < _PARALLEL

@@ -108,7 +108,6 @@ class SphericalGrid(CurvilinearGrid):
 
     @property
     def bounds(self) -> np.ndarray:
-        """Box around the domain, shape (3, 2), in the grid's unit."""
         r, theta, phi = ((e[0], e[-1]) for e in self.edges)
         low, high = theta
         if self.mirror:
@@ -124,7 +123,6 @@ class SphericalGrid(CurvilinearGrid):
         )
 
     def _volumes(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Return the volumes (n,) of cells between own coordinates (3, n)."""
         (r0, a, _), (r1, b, _), (dr, dtheta, dphi) = low, high, high - low
         shell = dr * (r1 * r1 + r1 * r0 + r0 * r0) / 3
         # cos a - cos b as a product: a difference would lose digits near the axis.
@@ -147,13 +145,11 @@ class SphericalGrid(CurvilinearGrid):
         return np.stack([outwards, southwards, [-sp, cp, np.zeros_like(sp)]])
 
     def position(self, native: np.ndarray) -> np.ndarray:
-        """Return x, y and z (3, n) of points given by r, θ and φ."""
         r, theta, phi = native
         across = r * np.sin(theta)
         return np.stack([across * np.cos(phi), across * np.sin(phi), r * np.cos(theta)])
 
     def native(self, points: Any) -> np.ndarray:
-        """Return r, θ and φ (3, n) of points (n, 3); below a mirror those of their image."""
         x, y, z = plain_points(points, self.unit).T
         z = np.abs(z) if self.mirror else z
         across = np.hypot(x, y)
@@ -162,7 +158,6 @@ class SphericalGrid(CurvilinearGrid):
 
     @property
     def resolution(self) -> float:
-        """Smallest width of a cell, as a fraction of the numbers it is computed from."""
         r, theta, phi = self.edges
         return min(np.min(np.diff(r) / r[1:]), np.diff(theta).min(), np.diff(phi).min())
 

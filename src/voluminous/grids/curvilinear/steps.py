@@ -38,7 +38,6 @@ class SteppedWalk(CurvilinearWalk):
     stops_inside = True
 
     def _step(self, track: Track, cursor: Cursor) -> Step:
-        """Return where rays leave the present cell, or as far inside as a step may go."""
         count, ahead, t, family = super()._step(track, cursor)
         part, short = self._cut(track, cursor, t)
         return (

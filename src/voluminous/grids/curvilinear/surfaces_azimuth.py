@@ -119,12 +119,10 @@ class HalfPlanes(Running):
         return angle - FULL_CIRCLE * dr.floor(angle * (1.0 / FULL_CIRCLE))
 
     def place(self, surface: HalfPlaneTrack, t: Any) -> tuple[Any, Any]:
-        """Return where rays are across the axis."""
         away = t - surface.turn
         return dr.fma(away, surface.dx, surface.x), dr.fma(away, surface.dy, surface.y)
 
     def is_ahead(self, surface: HalfPlaneTrack, wall: list[Any], here: Any) -> Any:
-        """Return True for half planes that a ray has not met."""
         (c, s), (x, y) = wall, here
         met = dr.fma(c, surface.dy, -s * surface.dx) > surface.slowest
         return ~met | (dr.fma(c, y, -s * x) < 0.0)
@@ -143,14 +141,12 @@ class HalfPlanes(Running):
         return self._of_grid(dr.select(track.down, down, up))
 
     def _slot(self, track: RunningTrack, count: Any) -> Any:
-        """Return the number of the wall ahead, in the sense the ray runs."""
         return self._around(track.slot - track.start + count)
 
     def _around(self, slot: Any) -> Any:
         return dr.select(slot >= self.wall_count, slot - self.wall_count, slot)
 
     def in_gap(self, track: RunningTrack, count: Any) -> Any:
-        """Return the lanes in the wedge without cells."""
         return self.cell(track, count) > self.last_cell
 
     def vertex(self, track: RunningTrack, count: Any) -> Any:
@@ -170,7 +166,6 @@ class HalfPlanes(Running):
         return dr.select(number > self.halved, number - 1, number) if self.halves_cell else number
 
     def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
-        """Return where between its two half planes a point is."""
         (x, y, _), cell = point, self.backend.UInt(cell)
         c, s = dr.gather(self.backend.packet(2), self.lower, cell)
         left, along = own.mixed(y, c, x, -s), own.mixed(x, c, y, s)
@@ -195,6 +190,5 @@ def _with_wide_halved(angles: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 def _directions(angles: np.ndarray) -> np.ndarray:
-    """Return cosines and sines, shape (n, 2); exactly zero on the axes."""
     pair = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return np.where(np.abs(pair) < 1e-15, 0.0, pair)

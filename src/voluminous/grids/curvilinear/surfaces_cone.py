@@ -80,7 +80,6 @@ class Cones(Turning):
         self.widest = float(np.diff(edges).max())
 
     def surface(self, approach: CentreApproach) -> tuple[ConeTrack, Any, Any]:
-        """Return how rays run; those whose closest approach is below the midplane are mirrored."""
         Float = self.backend.Float
         (hx, hy, hz), (dx, dy, dz) = approach.normal, approach.direction
         down = hz < 0
@@ -98,7 +97,6 @@ class Cones(Turning):
         return track, down, dr.select(down, self.mirrored_start, 0)
 
     def is_met(self, surface: ConeTrack, wall: list[Any]) -> Any:
-        """Return True for cones below the ray's highest point."""
         c, square = wall
         highest = dr.select(square > 0.0, surface.tilt, surface.steepest)
         return (square > highest) | (c < 0.0)
@@ -120,7 +118,6 @@ class Cones(Turning):
         return (height, dr.select(central, 1.0, radius), across), inward
 
     def is_above(self, wall: list[Any], here: Any) -> Any:
-        """Return True for cones that a point is above."""
         (c, v), (height, radius, across) = wall, here
         # Near the axis cos θ would lose digits: sin² θ is what counts.
         north, wide = height > 0.0, v * radius * radius
@@ -128,7 +125,6 @@ class Cones(Turning):
         return dr.select(v > 0.0, steep, c * radius < height)
 
     def lines(self, surface: ConeTrack) -> Lines:
-        """Return when rays meet the cones."""
         rise, height, radius = surface.rise, surface.height, surface.radius
         return Lines(
             (None, rise * radius, height * radius),
@@ -149,7 +145,6 @@ class Cones(Turning):
         return up ^ (number > self.last_cell)
 
     def in_gap(self, track: TurningTrack, count: Any) -> Any:
-        """Return the lanes in an open cone at one of the poles."""
         number = self.number(track, count)
         north, south = number == 0, number == self.wall_count
         if self.above and self.below:
@@ -167,7 +162,6 @@ class Cones(Turning):
         return dr.select(number < other, number, other)
 
     def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
-        """Return where between its two cones a point is."""
         x, y, z = point
         z = own.magnitude(z) if self.mirrored else z
         across, cell = own.length(x, y), self.backend.UInt(cell)

@@ -45,7 +45,6 @@ class Planes(Running):
         self.inverse_width = from_host(backend.Float, 1.0 / np.diff(edges))
 
     def track(self, approach: Approach) -> RunningTrack:
-        """Return how rays see this family."""
         Float = self.backend.Float
         z, dz = approach.point[2], approach.direction[2]
         down, parallel = dz < 0, dr.abs(dz) < PARALLEL
@@ -55,12 +54,10 @@ class Planes(Running):
         return RunningTrack(surface, self.lines(surface), start, start, down)
 
     def place(self, surface: PlaneTrack, t: Any) -> Any:
-        """Return the mirrored height."""
         way = dr.select(surface.parallel, 0.0, t / surface.pace)
         return surface.height + way
 
     def is_ahead(self, surface: PlaneTrack, wall: list[Any], here: Any) -> Any:
-        """Return True for planes that a ray has not met."""
         return wall[0] > here
 
     def lines(self, surface: PlaneTrack) -> Lines:
@@ -70,7 +67,6 @@ class Planes(Running):
         return Lines((lead, pace, None), (1.0, None, None))
 
     def enter(self, track: RunningTrack, t: Any) -> Any:
-        """Return the count at a distance: rays are always between the outermost planes."""
         return dr.clip(super().enter(track, t), 1, self.last_cell + 1)
 
     def leave(self, track: RunningTrack) -> Any:
@@ -86,7 +82,6 @@ class Planes(Running):
         return dr.select(track.down, self.wall_count - 1 - count, count)
 
     def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
-        """Return where between its two planes a point is."""
         cell = self.backend.UInt(cell)
         lower = dr.gather(self.backend.Float, self.lower, cell)
         inverse = dr.gather(self.backend.Float, self.inverse_width, cell)

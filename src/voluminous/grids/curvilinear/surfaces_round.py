@@ -44,15 +44,12 @@ class Round(Turning):
         raise NotImplementedError
 
     def is_met(self, surface: Any, wall: list[Any]) -> Any:
-        """Return True for surfaces that are wider than the closest approach."""
         return wall[1] > surface.nearest
 
     def is_above(self, wall: list[Any], here: Any) -> Any:
-        """Return True for surfaces of which a point at the square of a distance is inside."""
         return wall[1] > here
 
     def enter(self, track: TurningTrack, t: Any) -> Any:
-        """Return the count at a distance: rays are always within the outermost surface."""
         most = track.reach - 1
         return dr.clip(super().enter(track, t), -most, most)
 
@@ -70,7 +67,6 @@ class Round(Turning):
         return self.backend.Bool(True)
 
     def in_gap(self, track: TurningTrack, count: Any) -> Any:
-        """Return the lanes in the cavity."""
         return (track.turn | count) == 0
 
     def vertex(self, track: TurningTrack, count: Any) -> Any:
@@ -94,11 +90,9 @@ class Shells(Round):
     """Spheres; distances count from the closest approach b to the centre: t² = r² - b²."""
 
     def surface(self, approach: CentreApproach) -> tuple[ShellTrack, None, None]:
-        """Return how rays run past them."""
         return ShellTrack(self.backend.Float(approach.radius * approach.radius)), None, None
 
     def place(self, surface: ShellTrack, t: Any) -> tuple[Any, Any]:
-        """Return the square of the radius, and where it still falls."""
         return dr.fma(t, t, surface.nearest), t < 0.0
 
     def lines(self, surface: ShellTrack) -> Lines:
@@ -106,11 +100,9 @@ class Shells(Round):
         return Lines((None, None, 1.0), (None, 1.0, None), (surface.nearest, surface.nearest))
 
     def first_number(self, square: np.ndarray) -> np.ndarray:
-        """Return ones: the denominator."""
         return np.ones_like(square)
 
     def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
-        """Return where between its two spheres a point is."""
         return self._fraction(cell, own.length(*point), own)
 
 
@@ -149,7 +141,6 @@ class Tubes(Round):
     """
 
     def surface(self, approach: AxisApproach) -> tuple[TubeTrack, None, None]:
-        """Return how rays run past them."""
         Float = self.backend.Float
         (x, y, _), (dx, dy, _) = approach.point, approach.direction
         speed = dr.sqrt(dx * dx + dy * dy)
@@ -166,22 +157,18 @@ class Tubes(Round):
         return TubeTrack(*(Float(number) for number in numbers)), None, None
 
     def place(self, surface: TubeTrack, t: Any) -> tuple[Any, Any]:
-        """Return the square of the distance from the axis, and where it still falls."""
         across = dr.abs(t) / surface.pace
         return dr.fma(across, dr.fma(2.0, surface.bias, across), surface.nearest), t < 0.0
 
     def lines(self, surface: TubeTrack) -> Lines:
-        """Return when rays meet the cylinders."""
         side, pace = surface.side, surface.pace
         passes = 1.0 - dr.abs(side)
         top = (-side * pace * surface.nearest, side * pace, passes * pace)
         return Lines(top, (surface.bias + passes, None, side), (surface.passing, surface.passing))
 
     def first_number(self, square: np.ndarray) -> np.ndarray:
-        """Return the square itself."""
         return square
 
     def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
-        """Return where between its two cylinders a point is."""
         x, y, _ = point
         return self._fraction(cell, own.length(x, y), own)

@@ -43,7 +43,6 @@ def cells_around(grid: Any, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
 
 
 def _side(cell: Any, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
-    """Return a number along one axis within its limits, and whether it was."""
     if cyclic:
         cell = dr.select(cell < 0, last, dr.select(cell > last, 0, cell))
     elif folded:
@@ -53,7 +52,6 @@ def _side(cell: Any, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
 
 
 def _unravel(lane: Any, shape: tuple[int, ...], backend: Any) -> list[Any]:
-    """Return the numbers of vertices along each axis."""
     Int, UInt, rest, numbers = backend.Int, backend.UInt, backend.UInt(lane), []
     for count in shape[:0:-1]:
         row = backend.quotient(rest, dr.opaque(UInt, count + 1))

@@ -158,7 +158,6 @@ class CurvilinearWalk(GapCrossing):
         return track, self._standing(track, count, t, inside & (t < track.leave))
 
     def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> Cursor:
-        """Return the cursor of rays at a distance, from their counts."""
         return Cursor(count, self._times(track, count), t, inside)
 
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
@@ -187,7 +186,6 @@ class CurvilinearWalk(GapCrossing):
         return count, times, end, self._number(through)
 
     def _next_wall(self, track: Track, count: list[Any], through: list[Any]) -> Any:
-        """Return the distance of the next wall of the family that was crossed."""
         zero = self.backend.Float(0)
         lines = choose(through, [axis.lines for axis in track.axes], zero)
         slot = pick(through, [axis.slot for axis in track.axes], self.backend.Int(0))
@@ -196,7 +194,6 @@ class CurvilinearWalk(GapCrossing):
         return meet(lines, wall, number < 0)
 
     def _number(self, through: list[Any]) -> Any:
-        """Return the number of the family that is crossed."""
         number = self.backend.Int(0)
         for k, crossed in enumerate(through[1:]):
             number = dr.select(crossed, k + 1, number)

@@ -141,7 +141,6 @@ class RectilinearTreeAxis(Axis):
         return dr.select(base < self.last, base, self.last)
 
     def _cell(self, table: Any, base: Any) -> tuple[Any, Any, Any]:
-        """Return the lower wall of a base cell, its width, and one over it."""
         slot = table + self.backend.UInt(base)
         low, width, inverse, _ = dr.gather(self.backend.packet(4), self.cells, slot)
         return low, width, inverse

@@ -197,7 +197,6 @@ class TreeCells(OnDevices):
         return found
 
     def _places(self, points: np.ndarray) -> np.ndarray:
-        """Return the places of points (3, n) inside the domain."""
         places = np.empty(points.shape, np.int64)
         for axis, (edges, parts) in enumerate(zip(self.base_edges, self.divisions, strict=True)):
             base = np.clip(np.searchsorted(edges, points[axis], "right") - 1, 0, len(edges) - 2)

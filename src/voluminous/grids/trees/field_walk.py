@@ -75,7 +75,6 @@ class TreeFieldWalk(TreeWalk):
         return cursor.inside & ~self.lookup.is_cell(cursor.cell)
 
     def enter(self, ray: Ray) -> tuple[TreeRayTrack, TreeCursor]:
-        """Return the track and the cursor at the point where each ray enters the domain."""
         track, cursor = super().enter(ray)
         Float = self.backend.Float
         here = track.entry * self.scale

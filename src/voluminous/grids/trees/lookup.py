@@ -146,14 +146,12 @@ class TreeLookup:
         return cell
 
     def _move_holes(self, cell: Cell, there: list[Any], way: Orientation) -> None:
-        """Let holes, which are entries, begin where these do."""
         hole = ~self.is_cell(cell)
         for axis, size in enumerate(self.sizes(cell)):
             low = dr.floor(there[axis] / size) * size - way.padding[axis]
             cell.low[axis] = dr.select(hole, low, cell.low[axis])
 
     def _keep_within_stretches(self, cell: Cell, place: list[Any]) -> None:
-        """Cut holes off where the stretches begin and end that places are in."""
         hole, sizes = ~self.is_cell(cell), self.sizes(cell)
         for axis, stretch in enumerate(self.stretches):
             if stretch is None:
@@ -208,7 +206,6 @@ class TreeLookup:
         return entered
 
     def _root(self, index: list[Any], way: Orientation) -> Any:
-        """Return where the root's entries with mirrored indices are."""
         root, shift = way.start, 0
         for i, stride, flip, bits in zip(
             index, way.strides, way.flip, self.tree.bricks, strict=True

@@ -95,7 +95,6 @@ class OctreeGrid(TreeCells):
         self.extent = np.array(self.base_shape, np.int64) << self.places.deepest
 
     def _with_levels(self, levels: np.ndarray, parents: np.ndarray | None = None) -> OctreeGrid:
-        """Return another octree on the same base cells."""
         grid = type(self).__new__(type(self))
         grid.unit, grid.base_edges = self.unit, self.base_edges
         grid._set_levels(levels, parents)
@@ -198,7 +197,6 @@ class OctreeGrid(TreeCells):
         return grid
 
     def _asked(self, refine: Callable[..., Any], level: int) -> np.ndarray:
-        """Return which leaves a function says to split, of those of one level."""
         here = np.flatnonzero(self.levels == level)
         check_memory(
             _ASKED_BYTES * len(here),
@@ -214,7 +212,6 @@ class OctreeGrid(TreeCells):
         return where
 
     def _check_split(self, count: int) -> None:
-        """Refuse to split so many leaves if there is no memory for theirs."""
         cells = self.size + 7 * count
         check_memory(_CELL_BYTES * cells, f"an octree of {cells} cells", "split fewer cells")
 
@@ -250,12 +247,10 @@ class OctreeGrid(TreeCells):
 
     @functools.cached_property
     def tree(self) -> Tree:
-        """From places to leaves."""
         return octree_tree(self.base_shape, self.places)
 
     @functools.cached_property
     def vertex_numbers(self) -> VertexNumbers:
-        """Numbers of the vertices of all leaves."""
         return octree_vertices(self)
 
     def pruned(self, visible: Any) -> Tree:
@@ -273,13 +268,11 @@ class OctreeGrid(TreeCells):
 
     @functools.cached_property
     def level_sizes(self) -> np.ndarray:
-        """Sizes of the cells of each level in finest units, int64 (levels, 3)."""
         deepest = self.places.deepest
         sizes = 1 << (deepest - np.arange(deepest + 1, dtype=np.int64))
         return np.broadcast_to(sizes[:, None], (deepest + 1, 3))
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
         base, corner = self.places.corners(first, last)
         nx, ny, _ = self.base_shape
         deepest = self.places.deepest

@@ -115,7 +115,6 @@ class TracedHalved:
         return (self.backend.UInt(index) ^ flip) & mask
 
     def _spread(self, v: Any) -> Any:
-        """Return four bits moved apart, as many places as there are axes."""
         n = len(self.axes)
         if n == 1 or self.even < 2:
             return v

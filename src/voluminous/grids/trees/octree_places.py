@@ -66,7 +66,6 @@ class Places:
 
     @cached_property
     def _starts(self) -> np.ndarray:
-        """Places (words + 1, parts + 1) where parts of consecutive leaves start."""
         sums = [
             [self._sizes[:, self.levels[k : k + _PART]].sum(axis=1)]
             for k in range(0, len(self.levels), _PART)

@@ -142,7 +142,6 @@ class _Leaves:
         return even
 
     def _within(self, start: np.ndarray, chosen: np.ndarray) -> _Leaves:
-        """Return the leaves of some nodes, which start at the given ones."""
         inside = np.repeat(chosen, np.diff(start, append=len(self.level)))
         inside = np.flatnonzero(inside)
         number = inside if self.number is None else self.number[inside]

@@ -100,7 +100,6 @@ class _Chosen:
 
 
 def _chosen(places: Places) -> _Chosen:
-    """Return which nodes have lattices."""
     levels = places.levels
     of = np.full(len(levels), _NONE)
     leaf, level, depth, count = [], [], [], 0

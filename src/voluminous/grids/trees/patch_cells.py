@@ -58,7 +58,6 @@ class Patches:
 
     @functools.cached_property
     def _named(self) -> PatchEntries:
-        """The tree that names patches."""
         order = np.argsort(self.level, kind="stable")
         low, high = self.corners
         boxes = Boxes(low[order], high[order], self.level[order], order)
@@ -255,6 +254,5 @@ def _cuts(first: np.ndarray, last: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 
 def _names(words: np.ndarray) -> np.ndarray:
-    """Return which entries name a patch."""
     named: np.ndarray = (words >> NUMBER_BITS == PLAIN) & (words != ABSENT)
     return named

@@ -140,7 +140,6 @@ def _whole(values: Any, name: str, axes: int) -> np.ndarray:
 
 
 def _ratios(ratio: Any, levels: int) -> np.ndarray:
-    """Return the ratios of refinement of so many levels, (levels, 3)."""
     ratios = as_array(ratio, "ratio")
     if ratios.size == 0 and levels == 0:  # a base grid alone
         return np.ones((0, 3), np.int64)

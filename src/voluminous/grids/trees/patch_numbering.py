@@ -131,7 +131,6 @@ class TracedPatches:
         return self.backend.UInt(self.Whole(index))
 
     def _number(self, number: Any, tabled: Any, hole: Any) -> Any:
-        """Look up the numbers of cells of patches that are seen partly."""
         if self.tabled:
             if hole is not None:
                 tabled &= ~hole
@@ -182,7 +181,6 @@ class _Units:
         return per_unit, per_outer, dr.gather(UInt, self.ratios[axis], level)
 
     def sizes(self, level: Any) -> tuple[list[Any], list[Any]]:
-        """Return the sizes of a level's entries, and one over them."""
         level, Float = self.backend.UInt(level), self.backend.Float
         return (
             [dr.gather(Float, u, level) for u in self.unit],
@@ -191,7 +189,6 @@ class _Units:
 
 
 def _but(hole: Any, patch: Any) -> Any:
-    """Return some patch's number for holes."""
     return dr.select(hole, 0, patch)
 
 

@@ -157,11 +157,9 @@ def _beyond(
 
 
 def _by_size(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which boxes are small, and which are large; none that is empty."""
     count = np.maximum(high - low, 0).prod(axis=1)
     return np.flatnonzero((count > 0) & (count <= _LARGE)), np.flatnonzero(count > _LARGE)
 
 
 def _inside(low: np.ndarray, high: np.ndarray) -> tuple[slice, ...]:
-    """Return what selects the entries of a box from an array (nz, ny, nx)."""
     return tuple(slice(a, b) for a, b in zip(low[::-1].tolist(), high[::-1].tolist(), strict=True))

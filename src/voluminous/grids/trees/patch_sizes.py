@@ -54,7 +54,6 @@ class PowersOfTwo:
         return [self._power(b) for b in bits], [self._power(-b) for b in bits], counts
 
     def _power(self, exponent: Any) -> Any:
-        """Return two to a power."""
         return dr.reinterpret_array(self.backend.Float, (exponent + self.bias) << self.shift)
 
 
@@ -94,7 +93,6 @@ class AnySizes:
 
 
 def _chosen(which: list[Any], values: Any) -> Any:
-    """Return the value whose mask is true, the last one where none is."""
     *others, found = values
     for mask, value in zip(which, others, strict=True):
         found = dr.select(mask, value, found)

@@ -150,7 +150,6 @@ class PatchGrid(TreeCells):
 
     @property
     def level_sizes(self) -> np.ndarray:
-        """Sizes of the cells of each level in finest units, int64 (levels, 3)."""
         return self.patches.sizes
 
     @property
@@ -160,20 +159,16 @@ class PatchGrid(TreeCells):
 
     @functools.cached_property
     def tree(self) -> Tree:
-        """From places to cells."""
         return self.patches.tree
 
     @functools.cached_property
     def vertex_numbers(self) -> VertexNumbers:
-        """Numbers of the vertices of all cells."""
         return patch_vertices(self.patches)
 
     def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lower corners and sizes of consecutive cells in finest units, int64 (3, n)."""
         return self.patches.boxes(first, last)
 
     def pack(self, value: Any) -> np.ndarray:
-        """Return a field as a flat array, from a list of arrays, one per patch."""
         shapes = self.patches.shape
         if np.ndim(value[0] if isinstance(value, (list, tuple)) and len(value) else 0) != 3:
             array = np.asarray(value)
@@ -191,7 +186,6 @@ class PatchGrid(TreeCells):
         return np.concatenate(parts)
 
     def _seen(self, patch: int, array: np.ndarray) -> np.ndarray:
-        """Return the cells of a patch that are seen, in their order."""
         patches = self.patches
         shape = tuple(int(n) for n in patches.shape[patch])
         if array.shape != shape:
@@ -229,7 +223,6 @@ class PatchGrid(TreeCells):
         return arrays
 
     def describe(self) -> dict[str, Any]:
-        """Return type, patches, cells per level, hidden ones, bounds and unit as plain values."""
         told = {"patches": len(self.patches.level), "hidden_cells": self.hidden_cells}
         return {**super().describe(), **told}
 
@@ -241,7 +234,6 @@ def _of_each(shape: Any, corners: Any, name: str) -> np.ndarray:
 
 
 def _check_count(shape: Any) -> None:
-    """Refuse more cells than can be counted, or held."""
     try:
         count = float(np.prod(np.asarray(shape, dtype=float).reshape(-1, 3), axis=1).sum())
     except (TypeError, ValueError):

@@ -52,11 +52,9 @@ class _Even:
         self.width = dr.opaque(backend.Float, width)
 
     def unit(self, place: Any) -> Any:
-        """Return the width of a finest unit at a place."""
         return self.width
 
     def way(self, start: Any, end: Any) -> Any:
-        """Return the distance between two places."""
         return (end - start) * self.width
 
 
@@ -72,11 +70,9 @@ class _Uneven:
         self.widths = from_host(backend.Float, np.diff(edges) / parts)
 
     def unit(self, place: Any) -> Any:
-        """Return the width of a finest unit at a place."""
         return dr.gather(self.real, self.widths, self.UInt(self._base(place)))
 
     def way(self, start: Any, end: Any) -> Any:
-        """Return the distance between two places."""
         bases = [self._base(place) for place in (start, end)]
         first, last = (
             dr.fma(place - base * self.parts, self.unit(place), self._wall(base))

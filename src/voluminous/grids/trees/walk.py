@@ -107,7 +107,6 @@ class TreeWalk(BoxWalk):
     def _start(
         self, sides: list[Any], arrive: Any, begin: Any, inside: Any, bound: Any
     ) -> tuple[TreeTrack, TreeCursor]:
-        """Return track and cursor of rays that reach the domain, and start `begin` later."""
         tracks, place = [], []
         for axis, side in zip(self.axes, sides, strict=True):
             tracks.append(axis.track(side, dr.fma(arrive, side.speed, side.position)))

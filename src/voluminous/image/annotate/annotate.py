@@ -82,7 +82,6 @@ def annotate(image: Image, **options: Any) -> Any:
 
 
 def _in_axes(image: Image, wanted: Wanted, shown: dict[str, Any], pixels: NDArray[np.uint8]) -> Any:
-    """Draw the picture and its annotations into axes of a figure."""
     if wanted.paper is not None or wanted.transparent:
         raise InputError("paper and transparent are for pictures of their own; leave out ax=")
     axes = plot(image, wanted.ax, scale_bar=False, colorbar=False, **shown)
@@ -101,7 +100,6 @@ def _in_axes(image: Image, wanted: Wanted, shown: dict[str, Any], pixels: NDArra
 
 
 def _check_kinds(wanted: Wanted) -> None:
-    """Refuse what is neither a volume nor a medium."""
     for name, has in (("volume", "evaluate_cells"), ("medium", "describe")):
         given = getattr(wanted, name)
         if given is not None and not hasattr(given, has):
@@ -109,7 +107,6 @@ def _check_kinds(wanted: Wanted) -> None:
 
 
 def _pixels(image: Image, transparent: bool, shown: dict[str, Any]) -> NDArray[np.uint8]:
-    """Return the pixels that `Image.save` writes, row 0 at the bottom."""
     from ..formats.png import display_values
 
     values = np.rint(display_values(image, transparent, shown) * np.float32(255)).astype(np.uint8)
@@ -152,7 +149,6 @@ def _parts(image: Image, wanted: Wanted, shown: dict[str, Any]) -> list[Draw]:
 
 
 def _inside(image: Image, wanted: Wanted, unit: tuple[float, str] | None) -> list[Draw]:
-    """Return what draws the annotations that stand in the picture."""
     parts: list[Draw] = []
     bar = scale_bar(image, wanted.scale_bar, unit)
     if bar is not None:
@@ -170,7 +166,6 @@ def _inside(image: Image, wanted: Wanted, unit: tuple[float, str] | None) -> lis
 
 
 def _bars(image: Image, wanted: Wanted, shown: dict[str, Any]) -> Draw:
-    """Return what draws the colour bars beside each other."""
     fields = None if wanted.volume is None else FieldValues(wanted.volume)
     told = None if wanted.medium is None else wanted.medium.describe()
     scales = scales_of(image, shown, told, fields)

@@ -37,7 +37,6 @@ def draw_color_bar(sheet: Sheet, scale: Scale, counts: Any, start: float) -> flo
 
 
 def _draw_counts(sheet: Sheet, counts: Any, x: float) -> None:
-    """Draw how often values occur, growing away from the bar."""
     axes = sheet.axes(x, 0.0, _COUNTS * sheet.em, float(sheet.height), gid="histogram")
     edges = np.linspace(0.0, 1.0, len(counts) + 1)
     axes.stairs(counts, edges, orientation="horizontal", fill=True, color=sheet.ink, alpha=0.45)

@@ -163,7 +163,6 @@ def _converted(value: float, unit: str, target: str) -> float:
 
 
 def _shown_colors(colors: list[Any], options: dict[str, Any]) -> NDArray[Any]:
-    """Return display colours; white for those that another expression tells."""
     rows = [np.atleast_1d(np.ones(3) if isinstance(c, dict) else c) for c in colors]
     return full_colors(np.array(rows, dtype=float), options)
 
@@ -208,7 +207,6 @@ def _bands(
 
 
 def _of_table(part: dict[str, Any], options: dict[str, Any]) -> Scale:
-    """Return the colours of a table over its values."""
     from matplotlib.colors import ListedColormap
 
     values = np.array(part["values"], dtype=float)

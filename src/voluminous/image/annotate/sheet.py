@@ -185,7 +185,6 @@ class Sheet:
         return over(drawn, self._below())
 
     def _below(self) -> NDArray[np.uint8]:
-        """Return the picture on its paper."""
         base = np.zeros((self.size[1], self.size[0], 4), dtype=np.uint8)
         if self.paper is not None:
             base[...] = [*np.rint(np.array(self.paper) * 255), 255]
@@ -222,7 +221,6 @@ class AxesSheet(Sheet):
 
     @property
     def transform(self) -> Any:
-        """From points to the screen."""
         from matplotlib.transforms import Affine2D
 
         return Affine2D().scale(1.0 / self.width, 1.0 / self.height) + self._to_axes

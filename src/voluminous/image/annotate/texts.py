@@ -45,7 +45,6 @@ def time_text(time: Any, volume: Any) -> str:
 
 
 def _of_meta(meta: dict[str, Any]) -> str:
-    """Return time and redshift as far as a file tells them."""
     time: Any = meta.get("time")
     redshift: Any = meta.get("redshift")
     words = []

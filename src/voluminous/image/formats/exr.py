@@ -24,7 +24,6 @@ _EXTRA = "channel."
 
 
 def _names(channels: int) -> list[str]:
-    """Return the names of the channels, as other programs know them."""
     if channels == 1:
         return ["Y"]
     return ["R", "G", "B"][:channels] + [f"{_EXTRA}{i}" for i in range(3, channels)]
@@ -80,7 +79,6 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _stacked(layers: Layers, prefix: str) -> NDArray[Any] | None:
-    """Return the channels that `_names` would name, as many as there are."""
     names = [prefix + "Y"] if prefix + "Y" in layers else _counted(layers, prefix)
     return np.stack([layers[name] for name in names], axis=-1) if names else None
 

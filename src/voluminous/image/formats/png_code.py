@@ -105,7 +105,6 @@ def _chunks(content: bytes) -> dict[bytes, bytes]:
 
 
 def _unfiltered(kinds: NDArray[np.uint8], rows: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """Undo the filter of each row; `width` is the number of bytes per pixel."""
     result = np.empty_like(rows, order="C")
     above = np.zeros(rows.shape[1], dtype=np.uint8)
     for kind, row, out in zip(kinds.tolist(), rows, result, strict=True):

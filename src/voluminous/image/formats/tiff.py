@@ -65,7 +65,6 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _check_sizes(page: Any, stored: int) -> None:
-    """Refuse sizes that cannot be true, before time and memory go into them."""
     needed, found = math.prod(page.chunked), len(page.dataoffsets)
     if found < needed:
         raise FileFormatError(f"the picture has {needed} strips or tiles, the file holds {found}")

@@ -44,11 +44,9 @@ class HDF5Reader(NamedArraysReader):
     suffixes = (".h5", ".hdf5", ".he5", ".hdf", ".mat")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as HDF5 files do (a user block may come first)."""
         return is_hdf5(head)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; layouts of other programs only if the user says what is where."""
         if all(options.get(name) is None for name in _PLACED_BY):
             with opened(path) as file:
                 known = next((what for mark, what in _LAYOUTS.items() if _has(file, mark)), None)
@@ -63,7 +61,6 @@ class HDF5Reader(NamedArraysReader):
     def entries(
         self, path: Path, only: str | None = None, **options: Any
     ) -> Iterator[dict[str, Entry]]:
-        """Give all data sets; each is read when it is asked for."""
         import h5py
 
         with open(path, "rb") as start:

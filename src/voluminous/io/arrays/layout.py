@@ -105,7 +105,6 @@ def make_grid(
 
 
 def _rising(edges: list[Any]) -> tuple[list[Any], tuple[slice, ...]]:
-    """Return edges from low to high, and what turns arrays in the same way."""
     down = [bool(len(line) > 1 and line[0] > line[-1]) for line in edges]
     turns = tuple(slice(None, None, -1 if d else None) for d in down)
     return [line[turn] for line, turn in zip(edges, turns, strict=True)], turns
@@ -123,7 +122,6 @@ def _lines(entries: Mapping[str, Entry], place: str, order: tuple[int, ...]) -> 
 
 @contextmanager
 def _explained(lines: tuple[str, ...]) -> Iterator[None]:
-    """Say where edges are from if they do not make a grid."""
     try:
         yield
     except InputError as error:
@@ -193,7 +191,6 @@ def _is_line(entry: Entry | None) -> bool:
 
 
 def _loaded(entry: Entry) -> Any:
-    """Return an array of the file, as a Quantity if it has a unit."""
     unit = parse_unit(entry.unit)
     return entry.load() if unit is None else entry.load() * unit
 

@@ -46,7 +46,6 @@ class NamedArraysReader(Reader):
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; reads the chosen fields and the edges only."""
         from ...volume import Volume
 
         axes, components = options.pop("axes", None), options.pop("components", None)
@@ -81,7 +80,6 @@ class NamedArraysReader(Reader):
             return with_components(entries, components)[place].load().transpose(order)[turns]
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all numeric arrays of three dimensions, whether or not they fit together."""
         with self.entries(path, **self._own(options)) as found:
             entries = with_components(found, options.get("components"))
             places = [p for p, entry in entries.items() if _is_field(entry)]
@@ -97,7 +95,6 @@ class NamedArraysReader(Reader):
             )
 
     def _own(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Return, and take away, the options that are not of all such readers."""
         own = [name for name in options if name not in NamedArraysReader.options]
         return {name: options.pop(name) for name in own}
 
@@ -107,7 +104,6 @@ def _is_field(entry: Entry) -> bool:
 
 
 def _chosen(entries: Mapping[str, Entry], fields: Any) -> dict[str, str]:
-    """Return name → place of the fields asked for; of all fields if none is."""
     if fields is not None:
         return chosen_fields({place: field_name(place) for place in entries}, fields, "array")
     places = {p: field_name(p) for p, entry in entries.items() if _is_field(entry)}
@@ -127,7 +123,6 @@ def _order(name: str, entry: Entry, axes: Any) -> tuple[int, ...]:
 def _common_shape(
     chosen: Mapping[str, Entry], orders: Mapping[str, tuple[int, ...]]
 ) -> tuple[int, ...]:
-    """Return the shape of all fields, (nx, ny, nz)."""
     shapes = {tuple(entry.shape[k] for k in orders[name]) for name, entry in chosen.items()}
     if len(shapes) > 1:
         listed = ", ".join(f"{name} {entry.shape}" for name, entry in chosen.items())

@@ -28,14 +28,12 @@ class NPYReader(NamedArraysReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as NPY files do."""
         return head.startswith(MAGIC)
 
     @contextmanager
     def entries(
         self, path: Path, only: str | None = None, **options: Any
     ) -> Iterator[dict[str, Entry]]:
-        """Give the one array; pages of it come into memory when they are used."""
         with open(path, "rb") as file:
             shape, fortran, dtype = header(file)
             _check_length(path, file.tell(), shape, dtype)

@@ -39,21 +39,18 @@ class NPZReader(NamedArraysReader):
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for an archive with an array in it."""
         if not head.startswith(ZIP):
             return False
         named = path.suffix.lower() in self.suffixes
         return named or any(name.endswith(_ENDING) for name in zip_names(path))
 
     def holds_image(self, path: Path) -> bool:
-        """Return True for an archive that `Image.save` wrote."""
         return zip_names(path) >= _IMAGE
 
     @contextmanager
     def entries(
         self, path: Path, only: str | None = None, **options: Any
     ) -> Iterator[dict[str, Entry]]:
-        """Give all arrays; each is read when it is asked for."""
         with zipfile.ZipFile(path) as archive:
             names = [n for n in archive.namelist() if n.endswith(_ENDING)]
             if set(names) >= _IMAGE:
@@ -66,7 +63,6 @@ class NPZReader(NamedArraysReader):
             }
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write edges, fields and units, uncompressed: numbers hardly get smaller, only slower."""
         from ..cartesian import cartesian
 
         grid = cartesian(volume)

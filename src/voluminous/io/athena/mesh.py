@@ -110,7 +110,6 @@ def _kind(file: Any) -> str:
 
 
 def _blocks(file: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return levels (n,) and locations (n, 3) of all blocks."""
     level = checked(file["Levels"])[()].astype(np.int64)
     location = checked(file["LogicalLocations"])[()].astype(np.int64)
     count = int(file.attrs["NumMeshBlocks"])
@@ -129,7 +128,6 @@ def _blocks(file: Any) -> tuple[np.ndarray, np.ndarray]:
 def _edges(
     file: Any, axis: int, count: int, level: np.ndarray, low: np.ndarray, block: np.ndarray
 ) -> np.ndarray:
-    """Return the walls of the root cells along an axis."""
     first, last, ratio = (float(v) for v in file.attrs[f"RootGridX{axis + 1}"])
     faces = checked(file[f"x{axis + 1}f"])[()].astype(np.float64)
     if faces.shape != (len(level), block[axis] + 1):

@@ -36,11 +36,9 @@ class PlutoReader(Reader):
     options = AthenaReader.options
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with nodes and a step as PLUTO has them."""
         return holds(path, head, lambda f: _NODES in f and any(n.startswith(_STEP) for n in f))
 
     def read(self, path: Path, fields: Any = None, *, unit: Any = None, **units: Any) -> Volume:
-        """Return the volume; a field is read when it is used."""
         from ...volume import Volume
 
         code = CodeUnits(**units)
@@ -61,7 +59,6 @@ class PlutoReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all variables in cells."""
         options.pop("unit", None)
         with opened(path) as file:
             kind, edges = _grid(file)
@@ -91,7 +88,6 @@ def _variables(
 
 
 def _grid(file: Any) -> tuple[str, Sequence[np.ndarray]]:
-    """Return the coordinates that the nodes are a grid in, and its walls."""
     nodes = [file[_NODES][axis] for axis in "XYZ"]
     if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):
         raise InputError(f"its grid has {nodes[0].ndim} dimensions, expected 3")

@@ -43,13 +43,11 @@ class AthenaReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with the attributes that Athena++ gives it."""
         return holds(path, head, lambda file: all(mark in file.attrs for mark in _MARKS))
 
     def read(
         self, path: Path, fields: Any = None, *, unit: Any = None, **code_units: Any
     ) -> Volume:
-        """Return the volume; a field is read when it is used."""
         from ...volume import Volume
         from .arrange import grid_of_mesh
 
@@ -71,7 +69,6 @@ class AthenaReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all variables."""
         options.pop("unit", None)
         units = CodeUnits(**options)
         with opened(path) as file:
@@ -89,7 +86,6 @@ class AthenaReader(Reader):
 
 
 def _dataset(file: Any, variable: Variable, mesh: Mesh) -> Any:
-    """Return the data set with a variable, which is as large as the mesh."""
     dataset = checked(file[variable.dataset])
     blocks = (len(mesh.level), *mesh.block[::-1].tolist())
     if dataset.shape[1:] != blocks or variable.row >= dataset.shape[0]:
@@ -103,7 +99,6 @@ def _dataset(file: Any, variable: Variable, mesh: Mesh) -> Any:
 
 
 def _load(path: Path, variable: Variable, mesh: Mesh, arrange: Arrange, factor: float) -> Any:
-    """Return the values of a variable, as they can be given to the volume."""
     with opened(path) as file:
         values = _dataset(file, variable, mesh)[variable.row]
     values = values.astype(_native(values.dtype), copy=False)
@@ -128,7 +123,6 @@ def in_unit(
 
 
 def _meta(file: Any, units: CodeUnits) -> dict[str, Any]:
-    """Return time and step, as far as they are told."""
     meta: dict[str, Any] = {}
     if "Time" in file.attrs:
         factor, unit = units.of(("time", (0, 0, 1), "s"))

@@ -133,7 +133,6 @@ def _header(file: IO[bytes], number: int, at: int) -> tuple[Any, int]:
 
 
 def _data_size(part: Part) -> int:
-    """Return the bytes of data that a header promises."""
     sides = shape(part)
     if not sides:
         return 0

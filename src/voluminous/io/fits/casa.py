@@ -28,7 +28,6 @@ class CASAReader(Reader):
     options = FITSReader.options
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a directory of tables that says it is an image."""
         try:
             text = (path / _TOLD).read_bytes()[:200] if (path / _TABLE).is_file() else b""
         except OSError:
@@ -36,14 +35,12 @@ class CASAReader(Reader):
         return b"Type = Image" in text
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume, as of the FITS file that the image exports to."""
         exported = _exported(path)
         volume = FITSReader().read(Path(exported.name) / "image.fits", fields, **options)
         volume.load()  # the file goes away
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the image, and the coordinate along its third axis."""
         return FITSReader().info(Path(_exported(path).name) / "image.fits", **options)
 
 

@@ -197,7 +197,6 @@ def _three(part: Part, real: list[int]) -> tuple[list[int], list[int]]:
 
 
 def _planes(part: Part, others: list[int], plane: Any) -> dict[int, int]:
-    """Return the pixel along each axis that is not of the cube."""
     sides = image_shape(part)
     kinds = [str(card(part.header, f"CTYPE{k + 1}", "")).strip() for k in others]
     if plane is None:

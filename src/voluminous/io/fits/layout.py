@@ -94,7 +94,6 @@ def layout(found: World, header: Any, unit: Any, depth: Any, spectral_scale: Any
 
 
 def _plane(found: World, unit: Any) -> tuple[list[np.ndarray], Any]:
-    """Return the edges along x and y, and their unit."""
     from astropy import units as u
 
     wcs = found.wcs
@@ -146,7 +145,6 @@ def _scale(
 
 
 def _depths(third: np.ndarray, scale: float) -> np.ndarray:
-    """Return edges along z around 0, as even as those of the third axis."""
     half = 0.5 * scale * float(np.ptp(third))
     if is_uniform(third):  # a difference of large numbers would not be
         return np.linspace(-half, half, len(third))

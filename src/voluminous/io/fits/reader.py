@@ -55,7 +55,6 @@ class FITSReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as FITS files do, packed or not."""
         if not is_packed(head):
             return head.startswith(_MAGIC)
         try:
@@ -65,7 +64,6 @@ class FITSReader(Reader):
             return False
 
     def holds_image(self, path: Path) -> bool:
-        """Return True for a picture: one that `Image.save` wrote, or any without a cube in it."""
         try:
             found = parts(path)
         except Exception:  # damaged: the error comes when it is read
@@ -73,7 +71,6 @@ class FITSReader(Reader):
         return _is_picture(found) or not any(len(real) >= 3 for _, real in images(found))
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all cubes, and the coordinate that their third axis measures."""
         found = _cubes(path, options)
         told = [cube.info() for cube in found]
         axis = _layout(found[0], options)[1].axis
@@ -83,7 +80,6 @@ class FITSReader(Reader):
         return tuple(told)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; values are read when they are used."""
         from ...volume import Volume
 
         found = _cubes(path, options)
@@ -110,7 +106,6 @@ class FITSReader(Reader):
         return volume
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write a cube of equal cells, or one with world coordinates; an HDU for each field."""
         write(volume, path)
 
 
@@ -165,7 +160,6 @@ def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, 
 
 
 def _load(path: Path, cube: Cube, seen: World | None) -> np.ndarray:
-    """Return the values of a cube on its grid."""
     arrange = (lambda stored: stored.T) if seen is None else seen.arrange
     return values(path, cube.part, cube.index, arrange)
 
@@ -175,7 +169,6 @@ def _spread(axis: Axis, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _told(part: Part, seen: World | None, where: Layout) -> dict[str, Any]:
-    """Return what the header tells of the observation."""
     told = {key.lower(): card(part.header, key) for key in _TOLD}
     told = {k: v for k, v in told.items() if v != "" and isinstance(v, (str, int, float))}
     if seen is not None and seen.on_sky:

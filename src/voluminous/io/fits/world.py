@@ -134,7 +134,6 @@ def _order(wcs: Any) -> list[int]:
 
 
 def _linear(wcs: Any) -> np.ndarray:
-    """Return the matrix from pixels to the plane of projection."""
     return np.asarray(np.diag(wcs.wcs.get_cdelt()) @ wcs.wcs.get_pc())
 
 

@@ -51,7 +51,6 @@ def write(volume: Volume, path: Path) -> None:
 
 
 def _written(volume: Volume) -> list[str]:
-    """Return the fields that are not told by the WCS."""
     told = axis_name(volume.wcs) if _has_axis(volume) else None
     names = [name for name in volume.fields if name != told] or list(volume.fields)
     if not names:
@@ -101,7 +100,6 @@ def _world_cards(volume: Volume) -> Any:
 
 
 def _meta_cards(volume: Volume) -> dict[str, Any]:
-    """Return what is known besides, as far as a card can hold it."""
     return {
         key.upper(): value
         for key, value in volume.meta.items()

@@ -124,7 +124,6 @@ def _ending(code: int) -> str:
 
 
 def _hear(process: subprocess.Popen[bytes], said: queue.SimpleQueue[bytes]) -> None:
-    """Pass on every byte, and an empty one at the end."""
     assert process.stdout is not None
     with process.stdout as pipe:
         while byte := pipe.read(1):

@@ -76,7 +76,6 @@ def _ordered(dims: Sequence[str], axes: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _told(sizes: Mapping[str, int], kept: Sequence[str], axes: Mapping[str, str]) -> str:
-    """Return what is wrong with dimensions, and what to type."""
     if len(kept) < 3:
         return f"expected three dimensions, got ({_listed(sizes)})"
     extra = [d for d in kept if axes[d] == "t"] or [d for d in kept if not axes[d]] or [kept[0]]

@@ -76,7 +76,6 @@ def _kind(line: Line) -> str:
 
 
 def _mixed(lines: Sequence[Line]) -> list[np.ndarray]:
-    """Return plain edges of axes of different units, and warn."""
     kinds = [_kind(line) for line in lines]
     common = max(kinds, key=kinds.count)
     if kinds.count(common) == 1:
@@ -117,7 +116,6 @@ def _told(axis: str, line: Line) -> str:
 
 
 def _fitted(line: Line, side: float) -> np.ndarray:
-    """Return edges between 0 and a length."""
     low, high = line.edges[0], line.edges[-1]
     return np.asarray((line.edges - low) * (side / (high - low)))
 

@@ -62,7 +62,6 @@ class _Header:
         self.offset = 4 if version == 1 else 8
 
     def read(self) -> tuple[int, list[_Variable]]:
-        """Return the number of records (0 if it is not told) and the variables."""
         records = self.number(self.count)
         records = 0 if records == 256**self.count - 1 else records
         lengths = [self.dimension() for _ in range(self.list_of(_DIMENSIONS))]
@@ -84,7 +83,6 @@ class _Header:
         self.file.seek(size, 1)
 
     def list_of(self, kind: int) -> int:
-        """Return the length of the list that begins here."""
         found, length = self.number(4), self.number(self.count)
         if found not in (0, kind) or (found == 0 and length):
             raise FileFormatError(

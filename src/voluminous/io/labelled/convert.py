@@ -171,7 +171,6 @@ def volume_of(
 
 
 def _meta(data: xarray.Dataset, layout: Layout) -> dict[str, Any]:
-    """Return what the axes are, and the coordinates that have one value."""
     told: dict[str, Any] = {}
     for name, coordinate in data.coords.items():
         single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)

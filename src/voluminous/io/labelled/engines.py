@@ -35,20 +35,16 @@ class EngineReader(LabelledReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for GRIB, and for what an engine claims."""
         return head.startswith(_GRIB) or _engine(path) is not None
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; of large files it reads coordinates only."""
         return super().read(path, fields, group=options.pop("filter_by_keys", None), **options)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all variables of three dimensions or more."""
         return super().info(path, group=options.pop("filter_by_keys", None), **options)
 
     @contextmanager
     def dataset(self, path: Path, group: Any) -> Iterator[xarray.Dataset]:
-        """Give the variables; of GRIB those of the messages with the keys in `group`."""
         xarray = require("xarray", "arrays", "reading by an engine of xarray")
         with open(path, "rb") as file:
             engine = "cfgrib" if file.read(len(_GRIB)) == _GRIB else _engine(path)
@@ -72,7 +68,6 @@ class EngineReader(LabelledReader):
 
 
 def _engine(path: Path) -> str | None:
-    """Return the first engine of another package that takes a file."""
     for entry in importlib.metadata.entry_points(group="xarray.backends"):
         try:
             if entry.load()().guess_can_open(str(path)):

@@ -115,7 +115,6 @@ def plain_values(array: xarray.DataArray) -> np.ndarray:
 
 
 def _numbers(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
-    """Return a coordinate as float64, times as hours since the first."""
     if values.dtype.kind in "mM":
         return (values - values[0]) / np.timedelta64(1, "h"), "h"
     return values.astype(np.float64), unit

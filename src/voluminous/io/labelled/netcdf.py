@@ -30,7 +30,6 @@ class NetCDFReader(LabelledReader):
     suffixes = (".nc", ".nc4", ".cdf", ".netcdf")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for the classic format, and for HDF5 with the marks of NetCDF-4."""
         if not is_hdf5(head):
             return head.startswith(_CLASSIC)
         marked = _is_netcdf4(path)
@@ -39,7 +38,6 @@ class NetCDFReader(LabelledReader):
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
-        """Give the variables of a group."""
         xarray = require("xarray", self.extra, "reading NetCDF")
         with open(path, "rb") as file:
             head = file.read(8)
@@ -57,7 +55,6 @@ class NetCDFReader(LabelledReader):
 
 
 def _decoded(xarray: Any, path: Path, options: dict[str, Any]) -> Any:
-    """Return the data set; times of an unknown calendar stay numbers."""
     try:
         return xarray.open_dataset(path, decode_timedelta=False, **options)
     except (ValueError, OverflowError, ImportError):
@@ -117,7 +114,6 @@ def _groups(path: Path) -> list[str]:
 
 
 def _tell_groups(path: Path) -> None:
-    """Raise an error that names the groups of a file, if there are any."""
     groups = _groups(path)
     if groups:
         listed = ", ".join(groups[:20]) + (", …" if len(groups) > 20 else "")

@@ -38,7 +38,6 @@ class LabelledReader(Reader):
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; of large files it reads coordinates only."""
         source = _Source(self, path, options.pop("group", None), options)
 
         def reader_of(layout: Layout, place: str) -> Callable[[], np.ndarray]:
@@ -51,7 +50,6 @@ class LabelledReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all variables of three dimensions or more."""
         with self.dataset(path, options.get("group")) as data:
             return infos(data)
 
@@ -67,7 +65,6 @@ class _Source:
 
     @contextmanager
     def opened(self) -> Iterator[xarray.Dataset]:
-        """Give the part of the data that the options select."""
         if self.data is not None:
             yield self.data
             return
@@ -79,6 +76,5 @@ class _Source:
                 self.data = None
 
     def values(self, layout: Layout, place: str) -> np.ndarray:
-        """Return the values of a field."""
         with self.opened() as data:
             return layout.values(data[place])

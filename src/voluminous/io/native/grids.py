@@ -175,7 +175,6 @@ def _make_cylindrical(arrays: Mapping[str, Any], attributes: dict[str, Any], uni
 
 
 def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
-    """Return the split flags of a refined grid; None if it is not refined."""
     if "levels" not in arrays:
         return None
     from ...grids.trees.octree_leaves import checked_levels
@@ -190,7 +189,6 @@ def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
 
 
 def _checked(grid: Any, arrays: Mapping[str, Any]) -> Any:
-    """Return a grid, once its leaves are those of the file."""
     if "levels" in arrays and not np.array_equal(grid.levels, arrays["levels"]):
         raise FileFormatError("/grid/levels do not describe a refined grid on these base cells")
     return grid

@@ -35,11 +35,9 @@ class NativeReader(Reader):
     write_options = {"compress": "True to pack the fields (gzip)"}  # noqa: RUF012 - as in Reader
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file with the mark."""
         return layout.is_native(path, head)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; fields stay in the file until they are used."""
         from ...volume import Volume
 
         with opened(path) as file:
@@ -52,7 +50,6 @@ class NativeReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all fields."""
         with opened(path) as file:
             layout.check_version(file)
             group = _group(file, layout.FIELDS)
@@ -118,7 +115,6 @@ def _read_grid(group: Any) -> Any:
 
 
 def _deferred(path: Path, group: Any, name: str, shape: tuple[int, ...]) -> Deferred:
-    """Return a field that is read when it is used."""
     item = sound_array(group, name)
     if item.shape != shape:
         raise FileFormatError(

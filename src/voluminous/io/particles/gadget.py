@@ -39,7 +39,6 @@ class GadgetReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with a header and particles, or a directory of its pieces."""
         first = first_file(path)
         types = {f"PartType{k}" for k in range(7)}
         start = head if first == path else MAGIC
@@ -58,7 +57,6 @@ class GadgetReader(Reader):
         velocity_unit: Any = None,
         **placing: Any,
     ) -> Volume:
-        """Return the volume; a field is read when it is used."""
         snapshot = Snapshot(path, particle_type, (length_unit, mass_unit, velocity_unit))
         make = functools.partial(_deposit, snapshot, unit, placing)
         volume = volume_of(make, _density(snapshot), snapshot.columns(), fields, empty)
@@ -68,7 +66,6 @@ class GadgetReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return density and all properties of the particles."""
         length, mass, velocity = (options.get(name) for name in _UNITS)
         snapshot = Snapshot(path, options.get("particle_type", 0), (length, mass, velocity))
         columns = snapshot.columns()
@@ -76,7 +73,6 @@ class GadgetReader(Reader):
 
 
 def _density(snapshot: Snapshot) -> Density:
-    """Return the field that masses make."""
     known = snapshot.header.units.known
     for common in ("density", "mass"):
         if common in snapshot.data:
@@ -86,7 +82,6 @@ def _density(snapshot: Snapshot) -> Density:
 
 
 def _deposit(snapshot: Snapshot, unit: Any, placing: dict[str, Any]) -> Deposit:
-    """Return the particles on a grid."""
     points, box = snapshot.scaled("coordinates"), snapshot.box()
     sizes = _sizes(snapshot)
     if placing.get("bounds") is None and box is not None:
@@ -98,7 +93,6 @@ def _deposit(snapshot: Snapshot, unit: Any, placing: dict[str, Any]) -> Deposit:
 
 
 def _sizes(snapshot: Snapshot) -> dict[str, Any]:
-    """Return what tells how large particles are, and their kernel."""
     if "smoothing_length" in snapshot.data:
         from ...particles import get_kernel
 

@@ -138,7 +138,6 @@ def _units(
 
 
 def _size(unit: Any, kind: str) -> float:
-    """Return a unit that a user gives in cgs."""
     from astropy import units as u
 
     size = unit if is_quantity(unit) else u.Quantity(1.0, parse_unit(unit))

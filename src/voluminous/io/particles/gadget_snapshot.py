@@ -80,7 +80,6 @@ class Snapshot:
         self._describe()
 
     def _add(self, path: Path) -> None:
-        """Add a file, if it has such particles."""
         with opened(path) as file:
             if self.group not in file or "Coordinates" not in file[self.group]:
                 return
@@ -97,7 +96,6 @@ class Snapshot:
             self.files.append((path, shape[0]))
 
     def _describe(self) -> None:
-        """Look at the data sets of the first file."""
         path, count = self.files[0]
         self.data: dict[str, str] = {}
         self.items: dict[str, Item] = {}

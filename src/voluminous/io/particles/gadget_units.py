@@ -106,7 +106,6 @@ def dimension_of(name: str, attributes: Mapping[str, Any]) -> Dimension:
 
 
 def _told(attributes: Mapping[str, Any]) -> Dimension | None:
-    """Return what attributes tell; None if they tell nothing."""
     if "a_scaling" in attributes:
         names = ("mass_scaling", "length_scaling", "velocity_scaling", "a_scaling", "h_scaling")
         mass, length, velocity, a, h = (number(attributes, name) or 0.0 for name in names)
@@ -121,7 +120,6 @@ def _told(attributes: Mapping[str, Any]) -> Dimension | None:
 
 
 def _composed(mass: float, length: float, velocity: float) -> str:
-    """Return a unit in cgs; the empty string if it has none."""
     from astropy import units as u
 
     unit = u.g**mass * u.cm ** (length + velocity) * u.s**-velocity

@@ -36,7 +36,6 @@ class PhantomReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as native dumps do, or with their names in HDF5."""
         return holds(path, head, is_dump) if is_hdf5(head) else byte_order(head) is not None
 
     def read(
@@ -49,7 +48,6 @@ class PhantomReader(Reader):
         unit: Any = None,
         **placing: Any,
     ) -> Volume:
-        """Return the volume; a field is read when it is used."""
         source = _source(path)
         source.choose(particle_type)
         make = functools.partial(_deposit, source, unit, placing)
@@ -58,7 +56,6 @@ class PhantomReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return density and all properties of the particles."""
         source = _source(path)
         columns = columns_of(source)
         return (density_of(source).info, *(column.info for column in columns))
@@ -91,7 +88,6 @@ def _load(path: Path, array: Array) -> np.ndarray:
 
 
 def _deposit(source: Source, unit: Any, placing: dict[str, Any]) -> Deposit:
-    """Return the particles on a grid."""
     return placed(
         source.points(),
         source.masses(),

@@ -37,7 +37,6 @@ def density_of(source: Source) -> Density:
 
 
 def _described(source: Source, tag: str) -> tuple[str, float, Any]:
-    """Return the name of an array, the factor to its unit, and that."""
     if tag in _KNOWN:
         name, powers, unit = _KNOWN[tag]
         return name, *source.factor(powers, unit)

@@ -99,7 +99,6 @@ class _Records:
         file.seek(0)
 
     def skip(self) -> tuple[int, int]:
-        """Return where the values of the next record begin, and their length."""
         place = self.file.tell()
         length = self._marker(place)
         if length < 0:
@@ -120,7 +119,6 @@ class _Records:
         return int(np.frombuffer(raw, f"{self.order}i4")[0])
 
     def read(self) -> bytes:
-        """Return the bytes of the next record."""
         place, length = self.skip()
         end = self.file.tell()
         self.file.seek(place)
@@ -129,7 +127,6 @@ class _Records:
         return content
 
     def numbers(self, dtype: Any, count: int) -> np.ndarray:
-        """Return the numbers of the next record."""
         content = self.read()
         if len(content) != count * np.dtype(dtype).itemsize:
             raise FileFormatError(
@@ -139,7 +136,6 @@ class _Records:
         return np.frombuffer(content, dtype)
 
     def tags(self, count: int) -> list[str]:
-        """Return names, sixteen letters each."""
         letters = self.numbers("S1", count * _TAG).tobytes().decode("latin-1")
         return [letters[k * _TAG : (k + 1) * _TAG].strip() for k in range(count)]
 

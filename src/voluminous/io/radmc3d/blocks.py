@@ -98,7 +98,6 @@ class NumbersInText:
         return int(np.count_nonzero(blank[:-1] & ~blank[1:]))
 
     def _values(self, block: int) -> NDArray[np.float64]:
-        """Return the numbers that begin in a block."""
         text, length = self._text(block, _LONGEST)
         padded = np.full(len(text) + PADDING, _SPACE, np.uint8)
         padded[: len(text)] = np.frombuffer(text, np.uint8)
@@ -113,7 +112,6 @@ class NumbersInText:
         return values
 
     def _cut(self, padded: NDArray[np.uint8], length: int, block: int) -> None:
-        """Blank what begins before a block, and what begins after it."""
         blank = padded <= _SPACE
         begin = 0 if blank[0] else int(np.argmax(blank))
         end = length + (1 if blank[length] else int(np.argmax(blank[length:])))
@@ -139,7 +137,6 @@ def _keep_freed_memory() -> None:
 
 
 def _line(path: Path, place: int) -> int:
-    """Return the number, from 1, of the line that a byte is in."""
     lines = 1
     with open(path, "rb") as file:
         while place > 0 and (piece := file.read(min(place, _BLOCK))):

@@ -59,7 +59,6 @@ def decimals(
 
 
 def _signed(text: NDArray[np.uint8], at: Places) -> tuple[NDArray[np.bool_], Places]:
-    """Return where there is a minus, and the places after signs."""
     sign = text.take(at)
     negative = sign == _MINUS
     return negative, at + (negative | (sign == _PLUS))
@@ -85,7 +84,6 @@ def _is_letter(characters: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 
 def _points(text: NDArray[np.uint8], first: Places, letter: Places, ends: Places) -> Places:
-    """Return the places of decimal points; of the letter where none is."""
     point = first + 1
     if (text.take(point) == _POINT).all() and (point < letter).all():
         return point
@@ -114,7 +112,6 @@ def _digits(
 def _run(
     words: NDArray[np.uint64], first: Places, count: Places, unsure: NDArray[np.bool_]
 ) -> NDArray[np.uint64]:
-    """Return the numbers that runs of up to 19 digits make."""
     found = _up_to_eight(words, first, count, unsure)
     for read in range(_WORD, min(int(count.max(initial=0)), _DIGITS), _WORD):
         left = np.clip(count - read, 0, _WORD)

@@ -138,7 +138,6 @@ def _guessed(source: Source, cells: int) -> Kind:
 
 
 def _endings(source: Source, kind: Kind, grid: GridFile) -> list[str]:
-    """Return what is put behind the file's name for each field in it."""
     if kind.layout in ("scalar", "vector"):
         return list(grid.names) if kind.layout == "vector" else [""]
     (count,) = source.integers(1, f"the number of {kind.layout}")

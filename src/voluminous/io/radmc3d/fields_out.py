@@ -88,7 +88,6 @@ def files_out(volume: Volume, fields: Any) -> list[FileOut]:
 
 
 def _guessed(volume: Volume) -> dict[str, Any]:
-    """Return the fields whose names tell their files; warn of the others."""
     given: dict[str, Any] = {}
     for name in volume.fields:
         stem = _stem_of(volume, name)
@@ -120,7 +119,6 @@ def _components(volume: Volume, vector: str) -> list[str]:
 
 
 def _stem_of(volume: Volume, name: str) -> str | None:
-    """Return the file that a field of RADMC-3D's own name belongs to."""
     kind = known_kind(name)
     if kind is not None:
         return name if kind.layout in ("scalar", "species") else None

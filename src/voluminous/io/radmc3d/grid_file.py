@@ -142,7 +142,6 @@ def _check_shape(shape: list[int], active: tuple[bool, ...]) -> None:
 
 
 def _sizes(source: Source, style: int) -> list[int]:
-    """Return the numbers that say how much is refined."""
     if style < OCTREE:
         return []
     layered = style >= LAYERS

@@ -105,7 +105,6 @@ def _octree(grid: Any, number: int) -> GridOut:
 
 
 def _levels(grid: Any) -> int:
-    """Return how often cells are refined."""
     levels: int = len(grid.cells_per_level) - 1
     if levels > DEEPEST:
         raise InputError(f"the tree is {levels} levels deep; RADMC-3D takes {DEEPEST} at most")

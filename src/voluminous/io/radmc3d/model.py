@@ -84,7 +84,6 @@ def open_model(path: Path) -> Model:
 
 
 def _files(directory: Path, given: Path) -> list[Path]:
-    """Return the files that may have fields, one of each name."""
     found: dict[str, list[Path]] = {}
     for path in sorted(directory.iterdir()):
         if path.suffix in FORMATS and path.stem != GRID and path.is_file():
@@ -99,7 +98,6 @@ def _files(directory: Path, given: Path) -> list[Path]:
 
 
 def _tell_apart(paths: list[Path]) -> None:
-    """Warn where a file is there in several forms: they may differ."""
     if len(paths) > 1:
         others = " and ".join(path.name for path in paths[1:])
         warnings.warn(
@@ -117,7 +115,6 @@ def holds_model(path: Path, head: bytes) -> bool:
 
 
 def _begins(suffix: str, head: bytes) -> bool:
-    """Return True if the format number may be what the first bytes are."""
     numbers, size = ((4, 8, 16), 4) if suffix[1] == "u" else ((1, 2), 8)
     if suffix[1] in "ub":
         orders: tuple[Literal["little", "big"], ...] = ("little", "big")

@@ -40,14 +40,12 @@ class RADMC3DReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a directory with a grid in it, and for the files beside one."""
         try:
             return holds_model(path, head)
         except OSError:
             return False
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; of a path to a file with values, these alone."""
         from ...volume import Volume
 
         unit = options.get("unit")
@@ -66,7 +64,6 @@ class RADMC3DReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all fields in the directory, or in a file; also those that cannot be read."""
         model = open_model(path)
         shape = model.grid.shape
         if math.prod(shape) != model.grid.cells:
@@ -75,7 +72,6 @@ class RADMC3DReader(Reader):
         return tuple(FieldInfo(p.name, p.place, shape, str(_dtype(p)), p.unit) for p in parts)
 
     def write(self, volume: Volume, path: Path, **options: Any) -> None:
-        """Write the grid, and the fields whose names tell their files."""
         from .writer import write
 
         write(volume, path, **options)

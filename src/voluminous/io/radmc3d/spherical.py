@@ -48,7 +48,6 @@ def spherical_cells(found: GridFile, unit: Any = None) -> Cells:
 
 
 def _angles(found: GridFile) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the walls in theta and phi."""
     with_r, with_theta, with_phi = found.active
     if not with_r or (with_phi and not with_theta):
         raise FileFormatError(
@@ -85,7 +84,6 @@ def _polar(theta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _azimuth(phi: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return walls in phi; a circle that is meant to be whole is."""
     if abs(phi[0]) < _NEAR_CIRCLE:
         phi[0] = 0.0
     if abs(phi[-1] - _WHOLE) < _NEAR_CIRCLE:

@@ -78,7 +78,6 @@ class TextFile(OpenedFile):
         return np.array(values)
 
     def _tokens(self, what: str, expected: str) -> list[bytes]:
-        """Return the parts of the next line that is not blank."""
         while line := self._file.readline(_LONGEST_LINE):
             self._line += 1
             if tokens := line.split():

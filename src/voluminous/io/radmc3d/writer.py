@@ -94,12 +94,10 @@ def _ending(text: str, binary: bool) -> str:
 
 
 def _forms(path: Path) -> list[Path]:
-    """Return the files of this name that are there, in any form."""
     return find(path.parent, path.stem, tuple(FORMATS))
 
 
 def _is_there(directory: Path, grid: GridFile) -> bool:
-    """Return True if there is one grid file, and it says the same."""
     there = find(directory, GRID, INPUT)
     if len(there) != 1:
         return False

@@ -152,7 +152,6 @@ def _turned(content: Content) -> Content:
 
 
 def _check_size(content: Content) -> None:
-    """Check that a file is as long as is told of it."""
     found = content.path.stat().st_size - content.offset
     expected = math.prod(content.cells) * content.dtype.itemsize
     if found == expected:

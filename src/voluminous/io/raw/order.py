@@ -46,7 +46,6 @@ def _roughness(values: np.ndarray, shape: tuple[int, int, int]) -> float:
 
 
 def _difference(values: np.ndarray, step: int) -> float:
-    """Return the mean difference of values that are so many places apart."""
     count = len(values) - step
     if count < 1:
         return float("nan")

@@ -58,7 +58,6 @@ class RawReader(Reader):
         return bool(head) and (suffix == ".raw" or (suffix in _SUFFIXES and named))
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; the values stay in the file until they are used."""
         from ...volume import Volume
 
         content = content_of(_numbers_of(path), options)
@@ -73,7 +72,6 @@ class RawReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the one field."""
         content = content_of(_numbers_of(path), options)
         name = options.get("name") or content.place
         return (FieldInfo(name, content.place, content.shape, str(content.dtype)),)

@@ -103,7 +103,6 @@ def _json(text: bytes) -> Told | None:
 
 
 def _scivis(found: Mapping[str, Any]) -> Told:
-    """Return what an entry of Open SciVis Datasets tells."""
     return Told(
         given_shape(found["size"]),
         _little(found["type"]),
@@ -112,7 +111,6 @@ def _scivis(found: Mapping[str, Any]) -> Told:
 
 
 def _vtkjs(found: Mapping[str, Any]) -> Told:
-    """Return what an image of vtk.js (a directory with index.json) tells."""
     extent = [int(n) for n in found["extent"]]
     spacing = _three(found.get("spacing", (1, 1, 1)))
     origin = np.array(_three(found.get("origin", (0, 0, 0))))

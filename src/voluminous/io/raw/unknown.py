@@ -34,7 +34,6 @@ def what_to_give(told: Told, size: int | None, header: str) -> str:
 
 
 def _guesses(size: int, told: Told) -> str:
-    """Return which cubes, or which types for a known shape, have this size."""
     found = []
     for width, name in _NAMES.items():
         count = size // width

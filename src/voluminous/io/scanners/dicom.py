@@ -46,7 +46,6 @@ class DICOMReader(VoxelReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a DICOM file, or a directory in which they lie."""
         if head:
             return starts_dicom(head)
         try:
@@ -56,7 +55,6 @@ class DICOMReader(VoxelReader):
 
     @by_library("pydicom")  # elements are converted when they are first asked for
     def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
-        """Return what the heads of all slices tell."""
         head, frames = _frames(path, series)
         slices, placement, times = stacked(frames, time)
         if head.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
@@ -87,7 +85,6 @@ def _unit(name: str) -> str:
 
 @quiet()
 def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
-    """Return the head that all slices of a series have, and the slices."""
     heads = _chosen(path, series)
     for file, head in heads:
         with reading(file, "a DICOM file"):
@@ -101,7 +98,6 @@ def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
 
 
 def _files(directory: Path) -> Iterator[Path]:
-    """Give the files of a directory, hidden ones left out."""
     with os.scandir(directory) as entries:
         for entry in entries:
             if not entry.name.startswith(".") and entry.is_file():
@@ -151,7 +147,6 @@ def _by_series(directory: Path, asked: Path) -> dict[str, _Heads]:
 
 
 def _of_contents(path: Path) -> dict[str, _Heads]:
-    """Return all images that a table of contents names by their series."""
     groups: dict[str, _Heads] = {}
     for file in images_named(path):
         head = read_head(file)
@@ -163,7 +158,6 @@ def _of_contents(path: Path) -> dict[str, _Heads]:
 
 
 def _named(groups: dict[str, _Heads], series: Any) -> str:
-    """Return the UID of the series that a user asks for, or of the only one."""
     names = {uid: _names(uid, heads[0][1]) for uid, heads in groups.items()}
     found = [uid for uid in groups if series is None or str(series) in names[uid]]
     if len(found) == 1:
@@ -212,7 +206,6 @@ def _uid(head: Any) -> str:
 
 
 def _meta(head: Any) -> dict[str, Any]:
-    """Return what the values are; nothing of whom they are."""
     told = {
         "modality": head.get("Modality"),
         "series": head.get("SeriesDescription"),

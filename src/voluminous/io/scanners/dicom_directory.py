@@ -39,7 +39,6 @@ def images_named(path: Path) -> list[Path]:
 
 
 def _names(records: Any) -> Iterator[str]:
-    """Give the names of files, parts of them joined by strokes."""
     for record in records:
         name = record.get("ReferencedFileID")
         if name and str(record.get("DirectoryRecordType", "")) == "IMAGE":

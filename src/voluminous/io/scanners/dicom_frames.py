@@ -68,7 +68,6 @@ def frames_of(path: Path, head: Any) -> list[Frame]:
 
 
 def _groups(head: Any, count: int) -> tuple[list[Any], list[Any]]:
-    """Return where attributes of all frames are, and those of each."""
     shared = [*(head.get("SharedFunctionalGroupsSequence") or ()), head]
     each = list(head.get("PerFrameFunctionalGroupsSequence") or ())
     if not each and count > 1:

@@ -61,7 +61,6 @@ def read_values(frames: Sequence[Frame], shape: tuple[int, ...], dtype: Any) -> 
 
 
 def _stored_pixels(path: Path, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the stored values of one file, shape (frames, rows, columns)."""
     whole = read_whole(path)
     _check_decoder(whole)
     pixels = np.asarray(whole.pixel_array)

@@ -48,7 +48,6 @@ def stacked(frames: Sequence[Frame], time: int) -> tuple[list[Frame], Placement,
 
 
 def _in_file_order(frames: Sequence[Frame], time: int) -> tuple[list[Frame], Placement, int]:
-    """Return slices that do not say where they are, by their numbers."""
     time_step(time, 1)
     ordered = sorted(frames, key=lambda f: (f.order, str(f.path), f.number))
     row, column = ordered[0].spacing or (1.0, 1.0)

@@ -33,7 +33,6 @@ class ImarisReader(VoxelReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with Imaris's groups in it."""
         if not is_hdf5(head):
             return False
         try:
@@ -43,7 +42,6 @@ class ImarisReader(VoxelReader):
             return False
 
     def voxels(self, path: Path, *, time: int = 0, level: int = 0) -> Voxels:
-        """Return what the attributes say; they are arrays of characters."""
         with by_library("h5py"), opened(path) as file:
             levels, info = file["DataSet"], file[_IMAGE]
             if f"ResolutionLevel {level}" not in levels:

@@ -24,7 +24,6 @@ class ITKReader(VoxelReader):
     suffixes = (".hdf5", ".h5")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with ITK's group in it."""
         if not is_hdf5(head):
             return False
         try:
@@ -34,7 +33,6 @@ class ITKReader(VoxelReader):
             return False
 
     def voxels(self, path: Path) -> Voxels:
-        """Return what is told of the image."""
         with opened(path) as file:
             group = file[_IMAGE]
             item = data_set(path, group, "VoxelData")
@@ -61,7 +59,6 @@ class ITKReader(VoxelReader):
 
 
 def _load(path: Path, component: int) -> np.ndarray:
-    """Return one component, axes x, y, z."""
     with opened(path) as file:
         values = read(data_set(path, file[_IMAGE], "VoxelData"))
     return (values[..., component] if values.ndim == 4 else values).transpose()

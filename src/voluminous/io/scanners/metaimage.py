@@ -64,11 +64,9 @@ class MetaImageReader(VoxelReader):
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a text that starts with the keys of an image."""
         return bool(_FIRST_KEY.match(head) and _NEEDED_KEY.search(head))
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
-        """Return what the head tells."""
         lines, end, found = head_lines(path, lambda line: "=" in line and _key(line) == _DATA)
         if not found:
             raise FileFormatError(f"expected a line '{_DATA} = …' at the end of its head")
@@ -97,7 +95,6 @@ class MetaImageReader(VoxelReader):
         )
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write one field of a uniform Cartesian volume, the data behind the head."""
         name = single_field(volume, "a MetaImage")
         placed = lattice(volume, "mm")
         values = volume.array(name)
@@ -152,7 +149,6 @@ def _one(head: dict[str, str], key: str, default: int) -> int:
 
 
 def _shape(head: dict[str, str]) -> tuple[int, ...]:
-    """Return the sizes of all dimensions, the fastest first."""
     shape = checked_shape(whole_numbers(head.get("DimSize", ""), "DimSize"), "DimSize")
     if len(shape) != _one(head, "NDims", 0) or len(shape) not in (3, 4):
         raise FileFormatError(

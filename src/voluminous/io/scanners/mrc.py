@@ -37,11 +37,9 @@ class MRCReader(VoxelReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a head with the word of maps in its place."""
         return len(head) >= _HEAD and head[_MAP] == b"MAP"
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
-        """Return what the head tells."""
         mrcfile = require("mrcfile", self.extra, f"reading {self.description}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters is checked here

@@ -28,11 +28,9 @@ class _ByNibabel(VoxelReader):
     }
 
     def library(self, path: Path) -> str:
-        """Return module and class of nibabel for a file."""
         raise NotImplementedError
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
-        """Return what the head tells."""
         with by_library("nibabel"):
             image = self._image(path)
             dtype, affine = _dtype(path, image), np.array(image.affine, float)
@@ -99,7 +97,6 @@ class MINCReader(_ByNibabel):
     suffixes = (".mnc",)
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for MINC's group in HDF5, or for its axes in NetCDF."""
         if head.startswith(b"CDF\x01"):
             return all(word in head for word in (b"xspace", b"yspace", b"zspace"))
         if not is_hdf5(head):
@@ -111,7 +108,6 @@ class MINCReader(_ByNibabel):
             return False
 
     def library(self, path: Path) -> str:
-        """Return the class for the container."""
         with open(path, "rb") as file:
             return "minc1.Minc1Image" if file.read(3) == b"CDF" else "minc2.Minc2Image"
 
@@ -124,7 +120,6 @@ class MGHReader(_ByNibabel):
     suffixes = (".mgh", ".mgz")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for version 1, sizes, a known type and the flag of a sound position."""
         start = unpacked_start(head, 30)[:30]
         if len(start) < 30 or not start.startswith(b"\0\0\0\1"):
             return False
@@ -133,7 +128,6 @@ class MGHReader(_ByNibabel):
         return all(0 < n < 1 << 20 for n in sizes) and kind in (0, 1, 3, 4, 10) and good in (0, 1)
 
     def library(self, path: Path) -> str:
-        """Return nibabel's class."""
         return "freesurfer.mghformat.MGHImage"
 
 
@@ -145,14 +139,12 @@ class AFNIReader(_ByNibabel):
     suffixes = (".head", ".brik", ".brik.gz")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a head, or for data that have one."""
         if b"-attribute" in head[:100] and head.lstrip().startswith(b"type"):
             return True
         name, dot, _ = path.name.rpartition(".BRIK")
         return bool(dot) and path.with_name(f"{name}.HEAD").is_file()
 
     def library(self, path: Path) -> str:
-        """Return nibabel's class."""
         return "brikhead.AFNIImage"
 
 
@@ -164,12 +156,10 @@ class PARRECReader(_ByNibabel):
     suffixes = (".par", ".rec")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a head, or for data that have one."""
         if b"DATA DESCRIPTION FILE" in head[:200]:
             return True
         pair = {".rec": ".par", ".REC": ".PAR"}.get(path.suffix)
         return pair is not None and path.with_suffix(pair).is_file()
 
     def library(self, path: Path) -> str:
-        """Return nibabel's class."""
         return "parrec.PARRECImage"

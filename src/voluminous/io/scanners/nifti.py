@@ -58,11 +58,9 @@ class NIfTIReader(VoxelReader):
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a head of any version, packed or not, or for data beside one."""
         return bool(_kind(unpacked_start(head, _SECOND))) or (_is_data(path) and _has_head(path))
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
-        """Return what the head tells."""
         head_path, data_path = _pair(path)
         head = _read_head(head_path)
         with by_library("nibabel"):
@@ -99,7 +97,6 @@ class NIfTIReader(VoxelReader):
         )
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write one field of a uniform Cartesian volume as NIfTI-1; packed if named ``.gz``."""
         values = volume.array(single_field(volume, "a NIfTI image"))
         if not path.name.lower().endswith((".nii", ".gz")):
             raise InputError(f"give a name that ends with .nii or .nii.gz, got {path.suffix!r}")
@@ -164,7 +161,6 @@ def _start(path: Path) -> bytes:
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
-    """Return the files of the head and of the data: often one."""
     if _is_data(path):
         head = _beside(path, ".hdr")
         if head is None:
@@ -196,7 +192,6 @@ def _read_head(path: Path) -> Any:
 
 
 def _sizes(head: Any) -> tuple[tuple[int, ...], int, int]:
-    """Return the shape, and how many time steps and components there are."""
     shape = head.get_data_shape()
     if not 2 <= head["dim"][0] <= 7:
         raise FileFormatError(f"dim[0] must be from 2 to 7, got {head['dim'][0]}")
@@ -235,7 +230,6 @@ def _stored(path: Path, head: Any, dtype: np.dtype[Any], count: int) -> Stored:
 
 
 def _scaled(values: np.ndarray, slope: float, intercept: float) -> np.ndarray:
-    """Return true values: the stored ones where nothing is done to them."""
     if (slope, intercept) == (1.0, 0.0):
         return values
     kind = np.float64 if values.dtype == np.float64 else np.float32

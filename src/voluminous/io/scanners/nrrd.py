@@ -63,11 +63,9 @@ class NRRDReader(VoxelReader):
     writes = True
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as they do."""
         return head.startswith(MAGIC)
 
     def voxels(self, path: Path, *, time: int | None = None) -> Voxels:
-        """Return what the head tells."""
         head = read_head(path)
         sizes, axes, dtype = head.sizes, axes_of(head, time is not None), _dtype(head)
         stored = _stored(path, head, dtype).check()
@@ -89,7 +87,6 @@ class NRRDReader(VoxelReader):
         )
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write one field of a uniform Cartesian volume, the data behind the head."""
         name = single_field(volume, "an NRRD file")
         values = volume.array(name)
         with open(path, "wb") as file:

@@ -214,7 +214,6 @@ def _along_axes(head: Head, axes: Axes, space: str) -> Placement:
 
 
 def _directions(head: Head, count: int) -> list[np.ndarray | None] | None:
-    """Return a step, or None, for each axis; None if the file does not tell."""
     text = head.get("spacedirections")
     if not text:
         return None
@@ -231,7 +230,6 @@ def _directions(head: Head, count: int) -> list[np.ndarray | None] | None:
 
 
 def _in_space(step: np.ndarray | None) -> np.ndarray | None:
-    """Return the part of a step that is in space; None for one in time."""
     if step is None or not step[:3].any():
         return None
     if step[3]:
@@ -240,7 +238,6 @@ def _in_space(step: np.ndarray | None) -> np.ndarray | None:
 
 
 def _dimensions(head: Head) -> int:
-    """Return of how many numbers places are: 3, or 4 if the last is time."""
     timed = _TIMED.search(head.get("space").lower())
     return 4 if timed or head.get("spacedimension") == "4" else 3
 

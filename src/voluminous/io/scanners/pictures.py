@@ -35,14 +35,12 @@ class PicturesReader(VoxelReader):
     options = {**VoxelReader.options, **STACK_OPTIONS}  # noqa: RUF012 - as in Reader
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a directory with pictures of one kind, and nothing else but notes."""
         try:
             return path.is_dir() and len(_slices(path)) > 1
         except OSError:
             return False
 
     def voxels(self, path: Path, *, spacing: Any = None, unit: Any = None) -> Voxels:
-        """Return what the first picture and the number of them tell."""
         slices = _slices(path)
         if len(slices) < 2:
             raise FileFormatError(
@@ -96,7 +94,6 @@ def _numbers(name: str) -> list[int]:
 
 
 def _picture(path: Path) -> np.ndarray:
-    """Return one picture, shape (rows, columns, samples)."""
     with reading(path, "a picture"):
         values = _tiff(path) if path.suffix.lower() in _TIFF else _png(path)
     return values if values.ndim == 3 else values[..., None]

@@ -125,7 +125,6 @@ def arranged(shape: tuple[int, ...], placement: Placement) -> Arrangement:
 
 
 def _lengths(origin: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the voxels' widths, once it is sure that they fill space."""
     widths = np.linalg.norm(steps, axis=1)
     sound = np.all(np.isfinite(origin)) and np.all(np.isfinite(widths)) and np.all(widths > 0)
     if not sound or abs(np.linalg.det(steps / widths[:, None])) < _SHEARED:
@@ -137,8 +136,6 @@ def _lengths(origin: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _nearest_axes(units: np.ndarray) -> tuple[int, ...]:
-    """Return the axes of the array that are nearest to x, y and z."""
-
     def nearness(order: tuple[int, ...]) -> float:
         return float(sum(abs(units[source, axis]) for axis, source in enumerate(order)))
 
@@ -162,7 +159,6 @@ def _warn_of_shear(direction: np.ndarray) -> None:
 
 
 def _edges(count: int, width: float, stations: Any) -> np.ndarray:
-    """Return the walls between voxels, relative to the centre of the first."""
     if stations is None:
         return width * (np.arange(count + 1) - 0.5)
     return edges_of_centers(stations)

@@ -99,7 +99,6 @@ class Stored:
         return (parts[0] if len(parts) == 1 else np.concatenate(parts)).reshape(shape)
 
     def _part(self, file: Path, low: int, high: int) -> np.ndarray:
-        """Return the numbers `low` to `high` of one file."""
         if self.packing == TEXT:
             return self._words(file)[low:high]
         if self.packing == PLAIN:
@@ -108,7 +107,6 @@ class Stored:
         return self._unpacked(file, low, high)
 
     def _byte(self, file: Path) -> int:
-        """Return where plain numbers begin."""
         if self.start != AT_THE_END:
             return self.start + self.skipped
         return file.stat().st_size - self.count // len(self.files) * self.dtype.itemsize

@@ -32,15 +32,12 @@ class TIFFReader(VoxelReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for any TIFF file: of one picture it is told that it is no volume."""
         return head.startswith(MAGICS)
 
     def holds_image(self, path: Path) -> bool:
-        """Return True for a single picture, thumbnails left out."""
         return not holds_stack(path)
 
     def voxels(self, path: Path, *, spacing: Any = None, unit: Any = None, time: int = 0) -> Voxels:
-        """Return what the tags tell."""
         check_chain(path)
         with opened(path) as file:
             number, series = _stack(file)
@@ -75,7 +72,6 @@ class TIFFReader(VoxelReader):
 
 
 def _check_slices(listed: list[Channel]) -> None:
-    """Refuse channels for slices where the file says that they are channels."""
     names = [str(entry.get("label", "?")) for entry in listed]
     if any({"label", "color"} & entry.keys() for entry in listed):
         raise FileFormatError(
@@ -85,7 +81,6 @@ def _check_slices(listed: list[Channel]) -> None:
 
 
 def _stack(file: Any) -> tuple[int, Any]:
-    """Return the first series of pictures that is a stack."""
     for number, series in enumerate(file.series):
         if _third(_sizes(series)):
             return number, series
@@ -121,7 +116,6 @@ def _third(sizes: dict[str, int]) -> str:
 
 
 def _read(path: Path, number: int, chosen: dict[str, int], third: str) -> np.ndarray:
-    """Return one component of one time step, axes x, y, z."""
     with opened(path) as file:
         series = file.series[number]
         index = tuple(chosen.get(axis, slice(None)) for axis in series.axes)

@@ -34,17 +34,14 @@ class _Layout:
 
     @property
     def offset(self) -> str:
-        """Type of an offset in the file."""
         return f"{self.order}u{8 if self.big else 4}"
 
     @property
     def count(self) -> str:
-        """Type of the number of tags."""
         return f"{self.order}u{8 if self.big else 2}"
 
     @property
     def tag(self) -> np.dtype:
-        """What a tag is: its code, the type, number and place of its values."""
         short = f"{self.order}u2"
         return np.dtype(
             [("code", short), ("type", short), ("length", self.offset), ("value", self.offset)]
@@ -111,7 +108,6 @@ def _read(file: IO[bytes], dtype: np.dtype | str, size: int, count: int = 1) -> 
 
 
 def _check_values(tags: np.ndarray, layout: _Layout, size: int) -> None:
-    """Check that values that lie elsewhere in the file lie in it."""
     public = tags[(tags["code"] < _FIRST_PRIVATE) & (tags["type"] < len(_TYPE_SIZES))]
     lengths = public["length"].astype(float) * _TYPE_SIZES[public["type"]]
     elsewhere = lengths > np.dtype(layout.offset).itemsize

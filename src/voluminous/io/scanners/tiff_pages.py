@@ -80,7 +80,6 @@ def part_of(path: Path, file: Any, number: int, index: tuple[Any, ...]) -> np.nd
 
 
 def _outer_axes(series: Any) -> int:
-    """Return how many axes go from picture to picture."""
     for outer in range(len(series.shape)):
         if math.prod(series.shape[:outer]) == len(series.pages):
             return outer
@@ -90,7 +89,6 @@ def _outer_axes(series: Any) -> int:
 
 
 def _check_pages(path: Path, pages: list[Any]) -> None:
-    """Check that all pictures are in the file, and can be unpacked."""
     if any(page is None for page in pages):
         raise FileFormatError("some of its pictures are missing: they are in other files")
     first, found = pages[0].keyframe, path.stat().st_size

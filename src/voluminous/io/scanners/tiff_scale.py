@@ -54,7 +54,6 @@ def _tag(element: ElementTree.Element) -> str:
 
 
 def _ome_channel(told: Mapping[str, str]) -> Channel:
-    """Return name and colour, the latter RGBA in a signed number of 32 bits."""
     try:
         color = list((int(told["Color"]) % 2**32).to_bytes(4, "big")[:3])
     except (KeyError, ValueError):

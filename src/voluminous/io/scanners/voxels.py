@@ -77,7 +77,6 @@ class VoxelReader(Reader):
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; values are read when they are used."""
         from ...volume import Volume
 
         named = options.pop("name", None)
@@ -96,7 +95,6 @@ class VoxelReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the field, or one for each component."""
         named = options.pop("name", None)
         voxels = self.voxels(path, **options)
         arrangement = arranged(voxels.shape, voxels.placement)

@@ -41,7 +41,6 @@ class PyVistaReader(DatasetReader):
     extra = "vtk"
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file of such a name."""
         suffix = path.suffix.lower()
         if suffix == ".dat":
             return head.lstrip().upper().startswith(_TECPLOT)
@@ -51,7 +50,6 @@ class PyVistaReader(DatasetReader):
     def dataset(
         self, path: Path, *, resolution: Any = None, time: float | None = None, **options: Any
     ) -> Dataset:
-        """Return what is in a file."""
         return _dataset(path, resolution, time)
 
 
@@ -99,7 +97,6 @@ def _place_cube(mesh: Any, to_indices: Any) -> None:
 
 
 def _choose_time(reader: Any, time: float | None) -> dict[str, float]:
-    """Set the step to read; return its time, if there are several."""
     times = np.asarray(getattr(reader, "time_values", ()), float)
     if not len(times):
         if time is not None:

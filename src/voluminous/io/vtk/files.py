@@ -84,7 +84,6 @@ _SECTIONS = ((POINT, "Point"), (CELL, "Cell"))
 
 
 def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
-    """Return the pieces of a file that have points."""
     parts = []
     for piece in children(element, "Piece"):
         extent = numbers(piece, "Extent", 6)
@@ -110,7 +109,6 @@ def _piece(path: Path, kind: str, extent: tuple[int, ...]) -> Dataset:
 
 
 def _load(path: Path, kind: str, extent: tuple[int, ...], array: Array) -> np.ndarray:
-    """Return the values of one array, shape (nz, ny, nx, components)."""
     values = array.components * array.dtype.itemsize
     size = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True)) * values
     check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")

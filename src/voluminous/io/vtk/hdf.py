@@ -33,7 +33,6 @@ class VTKHDFReader(DatasetReader):
     suffixes = (".vtkhdf",)
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for HDF5 with VTK's group in it."""
         if not is_hdf5(head):
             return False
         try:
@@ -43,12 +42,10 @@ class VTKHDFReader(DatasetReader):
             return path.suffix.lower() in self.suffixes
 
     def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
-        """Return what is in a file; values are read when they are used."""
         return _dataset(path, resolution)
 
 
 def _dataset(path: Path, resolution: Any = None) -> Dataset:
-    """Return what is in a file as for any file of VTK."""
     if resolution is not None:
         reader = vtk("vtkIOHDF").vtkHDFReader()
         reader.SetFileName(str(path))
@@ -94,7 +91,6 @@ def _check_kind(root: Any) -> None:
 
 
 def _arrays(path: Path, root: Any, tag: str, at: str, points: Any) -> Iterator[Array]:
-    """Give the arrays at points, or in cells."""
     shape = cell_counts(points, at)[::-1]
     for name in root.get(tag) or ():
         item = data_set(path, root[tag], name)
@@ -115,7 +111,6 @@ def _load(path: Path, place: str) -> np.ndarray:
 
 
 def _active(root: Any) -> dict[str, str]:
-    """Return the names of the active scalars."""
     found = {}
     for tag, at in _SECTIONS:
         for name, item in (root.get(tag) or {}).items():
@@ -125,7 +120,6 @@ def _active(root: Any) -> dict[str, str]:
 
 
 def _numbers(root: Any, name: str, count: int, default: Any = None) -> np.ndarray:
-    """Return an attribute of so many finite numbers."""
     values = np.ravel(root.attrs.get(name, () if default is None else default))
     if len(values) != count or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise FileFormatError(f"expected {name} to be {count} numbers, got {values!r:.100}")

@@ -33,11 +33,9 @@ class VTKReader(DatasetReader):
     extra = "vtk"
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a file that starts as they do."""
         return head.startswith(_MAGIC)
 
     def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
-        """Return what is in a file."""
         return _dataset(path, resolution)
 
 

@@ -90,7 +90,6 @@ def leaves(mesh: Any) -> list[Any]:
 
 
 def _shape(resolution: Any, lengths: np.ndarray) -> np.ndarray:
-    """Return the number of cells along x, y and z."""
     asked = np.asarray(resolution)
     if asked.shape not in ((), (3,)) or asked.dtype.kind not in "iu" or np.any(asked < 1):
         raise InputError(

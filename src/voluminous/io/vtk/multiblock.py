@@ -82,7 +82,6 @@ def listed(blocks: list[Block]) -> str:
 
 
 def _blocks(path: Path) -> list[Block]:
-    """Return the files that a file names."""
     root = tree(path)
     told = root.GetAttribute("type")
     told_of = list(_named(needed(root, told), ""))
@@ -111,7 +110,6 @@ def _named(element: Any, above: str) -> Iterator[tuple[str, Any]]:
 
 
 def _check_times(path: Path, sets: list[Any]) -> None:
-    """Refuse a series of several times: each is a volume."""
     times = {element.GetAttribute("timestep") or "0": element for element in sets}
     if len(times) > 1:
         lines = [f"  {path.parent / e.GetAttribute('file')} (time {t})" for t, e in times.items()]

@@ -154,13 +154,11 @@ def _array(array: Any, name: str, at: str, shape: tuple[int, ...]) -> Array:
 
 
 def _numpy(array: Any) -> np.ndarray:
-    """Return the values of a VTK array, which are not copied."""
     values: np.ndarray = vtk("util.numpy_support").vtk_to_numpy(array)
     return values
 
 
 def _remarks(dataset: Any) -> dict[str, Any]:
-    """Return the few numbers and the texts of field data, by name."""
     data, found = dataset.GetFieldData(), {}
     for number in range(data.GetNumberOfArrays()):
         array = data.GetAbstractArray(number)

@@ -50,7 +50,6 @@ def together(parts: Sequence[Dataset]) -> Dataset:
 
 
 def _arrange(parts: Sequence[Dataset], starts: Any, low: Any, points: tuple[int, ...]) -> Any:
-    """Return where the cells of all pieces are."""
     first = parts[0].arrange
     if isinstance(first, Even):
         return replace(first, low=tuple(int(n) for n in low), points=points)
@@ -63,7 +62,6 @@ def _arrange(parts: Sequence[Dataset], starts: Any, low: Any, points: tuple[int,
 
 
 def _joined(whole: Dataset, starts: Any, arrays: list[Array]) -> Array:
-    """Return an array of which each piece has a part."""
     first = arrays[0]
     if len({(array.dtype, array.components) for array in arrays}) > 1:
         raise FileFormatError(f"array {first.name!r} has another type in some of the pieces")

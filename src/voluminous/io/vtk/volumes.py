@@ -37,11 +37,9 @@ class DatasetReader(Reader):
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, *, unit: Any = None, **options: Any) -> Volume:
-        """Return the volume."""
         return volume_of(self.dataset(path, **options), fields, unit)
 
     def info(self, path: Path, *, unit: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the arrays, component by component."""
         return infos(self.dataset(path, **options))
 
 
@@ -125,7 +123,6 @@ class Source:
 
 
 def _parts(chosen: dict[str, tuple[Array, int]]) -> dict[str, Parts]:
-    """Return, by place, the arrays of which components are chosen."""
     wanted: dict[str, set[int]] = {}
     for array, component in chosen.values():
         wanted.setdefault(array.place, set()).add(component)

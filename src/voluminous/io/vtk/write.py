@@ -120,7 +120,6 @@ def _array(name: str, values: np.ndarray) -> Any:
 
 
 def _add_remarks(volume: Volume, data: Any) -> None:
-    """Add the numbers and texts that the volume tells besides."""
     meta = {("TimeValue" if name == "time" else name): v for name, v in volume.meta.items()}
     if volume.unit is not None:
         meta["length_unit"] = str(volume.unit)

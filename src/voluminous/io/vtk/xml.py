@@ -41,7 +41,6 @@ class VTKXMLReader(Reader):
     kind = ""
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for XML of VTK with data of this kind."""
         tag = _FIRST_TAG.match(head)
         if tag is None:
             return False
@@ -57,7 +56,6 @@ class VTKXMLReader(Reader):
         resolution: Any = None,
         **options: Any,
     ) -> Volume:
-        """Return the volume; values are read when they are used."""
         if resolution is not None:
             return volume_of(_resampled(path, resolution), fields, unit)
         if names_others(tree(path)):
@@ -65,7 +63,6 @@ class VTKXMLReader(Reader):
         return volume_of(dataset(path), fields, unit)
 
     def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the arrays, component by component."""
         if resolution is not None:
             return infos(_resampled(path, resolution))
         if names_others(tree(path)):
@@ -74,7 +71,6 @@ class VTKXMLReader(Reader):
 
 
 def _resampled(path: Path, resolution: Any) -> Dataset:
-    """Return what is in a file of any kind on equal cells."""
     tree(path)  # VTK does not tell of a file that is cut short
     reader = vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
     reader.SetFileName(str(path))
@@ -93,7 +89,6 @@ class VTIReader(VTKXMLReader):
     writes = True
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write a volume of equal cells."""
         write_image(volume, path)
 
 
@@ -107,5 +102,4 @@ class VTRReader(VTKXMLReader):
     writes = True
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write a volume whose cells lie between planes."""
         write_rectilinear(volume, path)

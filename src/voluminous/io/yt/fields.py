@@ -76,7 +76,6 @@ class Fields:
         return [_place(field) for field in ([fields] if self._is_one(fields) else fields)]
 
     def _is_one(self, fields: Any) -> bool:
-        """Return True for a single field; a tuple may also be two of them."""
         if isinstance(fields, tuple):
             return len(fields) == 2 and any(fields[0] == kind for kind, _ in self._fields.values())
         return isinstance(fields, str) or hasattr(fields, "name")
@@ -94,7 +93,6 @@ class Fields:
 
 
 def _place(field: Any) -> Any:
-    """Return where a field is, as text: ``"gas/density"``."""
     field = getattr(field, "name", field)  # of ds.fields.gas.density
     return "/".join(map(str, field)) if isinstance(field, tuple) else field
 
@@ -134,7 +132,6 @@ def _common(ds: Any, field: Field, kind: str) -> Field:
 
 
 def _root(aliases: Any, field: Field) -> Field:
-    """Return what a name stands for in the end."""
     for _ in range(len(aliases)):
         if aliases.get(field, field) == field:
             break

@@ -86,7 +86,6 @@ def _box(
 
 
 def _joined(source: Source, lattice: Lattice, low: np.ndarray) -> tuple[Any, Load]:
-    """Return the regular grid that grids of one level make side by side."""
     grid = _REGULAR[lattice.kind](*lattice.walls, unit=lattice.unit)
 
     def load(field: tuple[str, str], unit: Any) -> np.ndarray:
@@ -142,7 +141,6 @@ def _tree(
     index: np.ndarray,
     box: tuple[int, np.ndarray, np.ndarray],
 ) -> tuple[Any, Load]:
-    """Return the tree of cells of levels that count from the box's."""
     base, low, high = box
     ratio = lattice.sizes // lattice.sizes[base]
     ratios = lattice.sizes[1:] // lattice.sizes[:-1]

@@ -92,7 +92,6 @@ def _plain(source: Source, field: Field, unit: Any) -> np.ndarray:
 
 
 def _set_density(volume: Volume, name: str, units: dict[str, Any]) -> None:
-    """Give the density that the cells have a name and unit."""
     from astropy import units as u
 
     wanted = units.get(name, "g / cm3")

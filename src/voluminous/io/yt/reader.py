@@ -43,7 +43,6 @@ class YtReader(Reader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a layout that a code is known by."""
         return code_output(path, head) is not None
 
     def read(
@@ -56,14 +55,12 @@ class YtReader(Reader):
         bounds: Any = None,
         **options: Any,
     ) -> Volume:
-        """Return the volume; a field is read when it is used."""
         with quiet(f"reading {self.description}"):
             ds = _loaded(path, **options)
             data = ds if bounds is None else _box(ds, bounds, unit)
             return volume_of(data, fields, unit=unit, units=units)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return the fields in the file."""
         told = {name: options.get(name) for name in ("units_override", "load")}
         with quiet(f"reading {self.description}"):
             ds = _loaded(path, **told)
@@ -85,7 +82,6 @@ class AnyYtReader(YtReader):
         self._named = reader_for_suffix
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True if yt is installed and knows the file; imports it to ask."""
         # A damaged file of another format is none of yt's, and it takes seconds to ask.
         if self._named(path) or not (head or path.is_dir()) or not is_installed("yt"):
             return False
@@ -99,7 +95,6 @@ class AnyYtReader(YtReader):
 
 
 def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
-    """Return the data set, with its index made."""
     head = _head(path)
     output = code_output(path, head) or path
     check_output(output)
@@ -134,7 +129,6 @@ def _kinds(path: Path) -> list[Any]:
 
 
 def _kind(path: Path, hint: str) -> Any:
-    """Return the class of yt for a file; `hint` is a part of its name."""
     claiming = _kinds(path)
     kinds = [kind for kind in claiming if hint.lower() in kind.__name__.lower()]
     if len(kinds) == 1:
@@ -158,7 +152,6 @@ def _head(path: Path) -> bytes:
 
 
 def _box(ds: Any, bounds: Any, unit: Any) -> Any:
-    """Return the part of a data set in a box."""
     from ...grids import CartesianGrid
 
     if str(ds.geometry) != "cartesian":
@@ -172,7 +165,6 @@ def _box(ds: Any, bounds: Any, unit: Any) -> Any:
 
 
 def _cell_count(ds: Any) -> int:
-    """Return how many cells there are; no values are read."""
     source = source_of(ds)
     if source.kind == "particles":
         return int(sum(ds.particle_type_counts.values()))

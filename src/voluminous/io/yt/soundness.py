@@ -118,7 +118,6 @@ def _check_records(path: Path) -> None:
 
 
 def _check_names(path: Path, values: Path) -> None:
-    """Check that there is a name for each variable, or none at all."""
     if not path.is_file():
         return
     named = re.findall(r"^\s*(?:\d+\s*,|variable)", _text(path), re.MULTILINE)

@@ -78,7 +78,6 @@ def source_of(data: Any) -> Source:
 
 
 def _kind(ds: Any) -> str:
-    """Return how a data set keeps its cells, by the class of its index."""
     modules = {
         "grids": "yt.geometry.grid_geometry_handler:GridIndex",
         "particles": "yt.geometry.particle_geometry_handler:ParticleIndex",

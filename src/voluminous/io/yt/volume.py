@@ -122,7 +122,6 @@ def _layout(source: Source, unit: Any) -> tuple[Any, Load]:
 
 
 def _sampled(source: Source, unit: Any) -> tuple[Any, Load]:
-    """Return the grid of an array that yt samples."""
     from ...grids import CartesianGrid
 
     region = source.region
@@ -139,7 +138,6 @@ def _code_lengths(values: Any) -> np.ndarray:
 
 
 def _deferred(ds: Any, field: tuple[str, str], load: Load, wanted: Any) -> Deferred:
-    """Return a field that is read when it is used, in the unit wanted."""
     own, unit = units_of_field(ds, field)
     factor = 1.0
     if wanted is not None:

@@ -29,14 +29,12 @@ class ZarrReader(NamedArraysReader):
     extra = "arrays"
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a directory or a ZIP file with Zarr's JSON in it."""
         return holds_zarr(path, head)
 
     @contextmanager
     def entries(
         self, path: Path, only: str | None = None, **options: Any
     ) -> Iterator[dict[str, Entry]]:
-        """Give all arrays; each is read when it is asked for."""
         stem = field_name(path.name.split(".")[0])
         with stored(path) as store:
             root = node_at(store)

@@ -26,7 +26,6 @@ class LabelledZarrReader(LabelledReader):
     packages = ("zarr", "xarray")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True if all arrays have names of dimensions."""
         if not holds_zarr(path, head):
             return False
         try:
@@ -39,7 +38,6 @@ class LabelledZarrReader(LabelledReader):
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
-        """Give the variables of a group."""
         xarray = require("xarray", self.extra, "reading Zarr with named dimensions")
         with stored(path) as store:
             place = _group(store, group)

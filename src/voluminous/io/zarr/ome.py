@@ -43,7 +43,6 @@ class OMEZarrReader(Reader):
     extra = "arrays"
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True for a store with ``multiscales``, or with images that Bio-Formats wrote."""
         if not holds_zarr(path, head):
             return False
         try:
@@ -53,7 +52,6 @@ class OMEZarrReader(Reader):
             return ".ome." in path.name.lower()  # of others the plain reader tells what is wrong
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; reads no values."""
         from ...volume import Volume
 
         image = _image(path, options.get("image"))
@@ -75,7 +73,6 @@ class OMEZarrReader(Reader):
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return all channels at the finest resolution."""
         image = _image(path, options.get("image"))
         with zarr_store(path) as opened:
             array = zarr_array(opened, image.levels[0].place)

@@ -105,7 +105,6 @@ def _mixed(found: Followed, what: str) -> np.ndarray:
 
 
 def _ending(found: Followed, background: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the pixel as `render` makes it of what the march gathered."""
     emission = found.numbers.mix([np.asarray(v) for v in found.path.emission])
     through = np.stack(found.path.transparency)
     total = before(background, emission, through)
@@ -141,7 +140,6 @@ def _values(
     hidden: np.ndarray,
     more: Any,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, str]]:
-    """Return fields, scalars, and their units."""
     names, expressions = looked_at(job.medium)
     recorded = {n[6:]: v[:, 0] for n, v in rows.items() if n.startswith("field ")}
 

@@ -27,12 +27,10 @@ class Watched(Drawing):
     allowed: Any = ()
 
     def frame(self) -> Paths:
-        """Return the paths of all pixels."""
         self.allowed = getattr(self.source, "tolerance", ())
         return super().frame()
 
     def pixels(self, pixel: np.ndarray) -> Paths:
-        """Return the mean paths of some pixels."""
         if self.watched in pixel:
             self.allowed = self.source.tolerance
         return super().pixels(pixel)
@@ -97,7 +95,6 @@ class _Recording(Drawing):
     """Rays that are recorded."""
 
     def follow(self, place: Any, names: tuple[str, ...], capacity: int) -> Followed:
-        """Return one ray; see `follow`."""
         scheme, tape = self.scheme, Tape(self.backend, capacity)
         self.scheme = Recorder(scheme, tape, names)
         ray = self.ray_through(*(np.array([part]) for part in place))
@@ -136,7 +133,6 @@ def follow(
 
 
 def _outwards(rows: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return rows of a ray that ran to the observer the other way round."""
     turned = {name: values[::-1] for name, values in rows.items()}
     return {**turned, "begin": -turned["end"], "end": -turned["begin"]}
 

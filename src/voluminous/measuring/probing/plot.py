@@ -57,7 +57,6 @@ def _draw(panels: Any, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
 
 
 def _panels(figure: Figure | None, ax: Any) -> Any:
-    """Return four axes: those given, or new ones in a figure or in one axes."""
     if ax is None:
         if figure is None:
             figure = new_figure()
@@ -110,7 +109,6 @@ def _fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
 
 
 def _coefficients(panel: Axes, probe: Probe) -> None:
-    """Draw emissivities, and extinctions on an axis of their own."""
     length = probe.units["length"]
     light = probe.units["intensity"]
     unit = f"{light or '1'} / {length}" if length else light
@@ -179,12 +177,10 @@ def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _walls(probe: Probe) -> np.ndarray:
-    """Return where the first segment begins, and all end."""
     return np.append(probe.begin[0], probe.end)
 
 
 def _lines(columns: np.ndarray, alone: str = "0.15") -> list[tuple[np.ndarray, dict[str, Any]]]:
-    """Return the channels, and the colour of each."""
     count = columns.shape[1]
     colors: Sequence[str] = [f"C{c}" for c in range(count)]
     if count in (1, 3):

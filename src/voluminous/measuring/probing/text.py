@@ -29,7 +29,6 @@ def text(probe: Probe, rows: int | None) -> str:
 
 
 def _heading(probe: Probe, channel: int) -> list[str]:
-    """Return what is told of the ray as a whole."""
     unit, how = probe.units["intensity"], probe.provenance
     scheme = f"{how['scheme']}, {how['precision']} precision"
     lines = [
@@ -47,7 +46,6 @@ def _heading(probe: Probe, channel: int) -> list[str]:
 
 
 def _columns(probe: Probe, channel: int) -> list[list[str]]:
-    """Return columns of texts: name, unit, and a number per segment."""
     length, light = probe.units["length"], probe.units["intensity"]
     extinction = min(channel, probe.tau.shape[1] - 1)
     columns: list[list[str]] = [
@@ -73,7 +71,6 @@ def _columns(probe: Probe, channel: int) -> list[list[str]]:
 
 
 def _cells(probe: Probe) -> list[str]:
-    """Return the cells' numbers; those that lack a value are hidden."""
     where = probe.cell[:, None] if probe.index is None else probe.index
     names = [",".join(map(str, index)) for index in where]
     return ["hidden" if h else name for h, name in zip(probe.hidden, names, strict=True)]
@@ -93,7 +90,6 @@ def _listed(values: np.ndarray) -> str:
 
 
 def _some(table: list[str], rows: int | None) -> list[str]:
-    """Return the first and the last lines where there are too many."""
     if rows is None or len(table) <= rows:
         return table
     half = max(1, rows // 2)

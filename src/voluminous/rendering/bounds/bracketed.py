@@ -168,7 +168,6 @@ def _curved(fields: dict[str, Any]) -> list[CurvedField]:
 
 
 def _not_negative(part: Medium, volume: Any, ranges: dict[str, Interval]) -> bool:
-    """Return whether the emissivity is known not to be negative."""
     for name in ("colors", "color"):
         if hasattr(part, name):
             return bool(np.min(getattr(part, name)) >= 0.0)

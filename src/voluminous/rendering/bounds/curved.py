@@ -181,13 +181,11 @@ def _point(a: Any, b: Any) -> TracedJet:
 
 
 def _line(a: Any, b: Any) -> TracedJet:
-    """Return a coordinate of a ray over a panel, along which it is linear."""
     slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
     return TracedJet(_point(a, b).value, TracedInterval(b - a - slack, b - a + slack))
 
 
 def _either(mask: Any, a: TracedInterval, b: TracedInterval) -> TracedInterval:
-    """Return one interval where a condition holds, another elsewhere."""
     pairs = ((a.lo, b.lo), (a.hi, b.hi), (a.nan, b.nan))
     return TracedInterval(*(dr.select(mask, *pair) for pair in pairs))
 

@@ -157,7 +157,6 @@ def _defined(values: np.ndarray, otherwise: float) -> np.ndarray:
 
 
 def _check_known(part: Medium) -> None:
-    """Refuse media that say nothing of their coefficients' ranges."""
     own = type(part)
     if own.ranges is Medium.ranges and own.on_panel is Medium.on_panel:
         raise InputError(

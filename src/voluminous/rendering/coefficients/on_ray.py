@@ -50,7 +50,6 @@ class OnRay:
 
 
 def _whole_field(array: np.ndarray, backend: Any) -> Any:
-    """Return a field on the device; a copy of integers must fit into memory."""
     if array.dtype.kind != "f":
         size = array.size * (4 if array.dtype.itemsize <= 2 else 8)
         check_memory(size, "an integer field as floating point", "crop or coarsen the volume")

@@ -152,7 +152,6 @@ class Shapes:
 
 
 def _mix(emission: list[np.ndarray], heights: np.ndarray, out: np.ndarray) -> None:
-    """Put the sum of shapes, each so high, into an array."""
     heights, part = heights.astype(out.dtype), np.empty_like(out)
     np.multiply(emission[0], heights[0], out=out)
     for values, height in zip(emission[1:], heights[1:], strict=True):

@@ -98,7 +98,6 @@ def cell_table(classifier: Any, backend: Any, report: Any) -> Table:
 
 
 def _cells(classifier: Any, backend: Any, low: int, high: int, report: Any) -> Table:
-    """Return the coefficients of consecutive cells."""
     table = _empty_table(classifier, backend, high - low)
     for first in range(low, high, SLAB):
         last = min(first + SLAB, high)

@@ -63,7 +63,6 @@ def field_ranges(array: np.ndarray, window: Window) -> Interval:
 
 
 def _windows(plane: np.ndarray, ufunc: np.ufunc, window: Window) -> np.ndarray:
-    """Return the extremes in and around each block along the first axis."""
     count = window.count(len(plane))
     end = max(count * _WIDTH + window.after - len(plane), 0)
     padded = np.pad(plane, [(window.before, end), (0, 0)], mode="edge")

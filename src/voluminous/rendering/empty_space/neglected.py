@@ -63,7 +63,6 @@ def empty_blocks(
 def _largest(
     medium: Medium, ranges: dict[str, Interval], context: RangeContext, shape: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of j per channel, and of the largest α, in every block."""
     emission, depth = np.zeros((medium.channels, *shape)), np.zeros(shape)
     for part in medium.components():
         found = part.largest(ranges, context)

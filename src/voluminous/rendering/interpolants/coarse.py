@@ -149,7 +149,6 @@ class _Cubes:
         ]
 
     def smooth(self) -> Any:
-        """Return the lanes in which nowhere an expression is off by too much."""
         UInt, backend = self.backend.UInt, self.backend
         row = dr.opaque(UInt, self.side + 1)
         count = row * row * row
@@ -184,7 +183,6 @@ class _Cubes:
         return means
 
     def _alike(self, inner: list[Any], planes: dict[str, tuple[Any, list[Any]]]) -> Any:
-        """Return where expressions at a centre are near what rays take them for."""
         exact = self.fields.at([f + i for f, i in zip(self.first, inner, strict=True)])
         fraction = [self.backend.Wide(i) * (1.0 / self.side) for i in inner]
         near = self._trilinear(fraction)
@@ -199,7 +197,6 @@ class _Cubes:
         return alike
 
     def _trilinear(self, fraction: list[Any]) -> dict[str, Any]:
-        """Return the fields interpolated between the corners."""
         weights = []
         for up in _UP:
             parts = [f if b else 1.0 - f for f, b in zip(fraction, up, strict=True)]

@@ -75,7 +75,6 @@ class CornerValues:
         return self.data
 
     def _set_slopes(self) -> None:
-        """Compute the gradients in all cells."""
         UInt = self.backend.UInt
         for first, part in self.derivatives.parts():
             number = dr.arange(UInt, dr.width(part.middle)) + dr.opaque(UInt, first)
@@ -122,7 +121,6 @@ class CornerValues:
             dr.eval(self.data)
 
     def _lacking(self, cell: Any) -> Any:
-        """Return the corners of some cells that have no value."""
         UInt = self.backend.UInt
         if not dr.width(cell):
             return UInt()
@@ -134,13 +132,11 @@ class CornerValues:
         return slot
 
     def _values(self, vertex: list[Any]) -> list[Any]:
-        """Return the values of all fields at vertices."""
         found = self._meeting(vertex)
         pairs = zip(self._inside(vertex, found), found.means(), strict=True)
         return [self.real(dr.select(found.hanging, inside, mean)) for inside, mean in pairs]
 
     def _cell(self, vertex: list[Any], octant: Any) -> tuple[Cell, Any]:
-        """Return the cells in an octant around vertices, and where there is one."""
         place = [
             v + dr.select((octant >> (2 - axis)) & 1 == 1, 0.5, -0.5)
             for axis, v in enumerate(vertex)
@@ -148,8 +144,6 @@ class CornerValues:
         return self.around.cell_at(place, dr.full(self.backend.Bool, True, dr.width(vertex)))
 
     def _meeting(self, vertex: list[Any]) -> Meeting:
-        """Return what the cells around vertices say of them."""
-
         def more(octant: Any, found: Meeting) -> Any:
             return octant < 8
 
@@ -163,7 +157,6 @@ class CornerValues:
         return found
 
     def _asked(self, found: Meeting, vertex: list[Any], cell: Cell, there: Any) -> Meeting:
-        """Return what cells say of vertices, with one cell more."""
         low, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
         width = self.spacing.widths(middle, extent)
@@ -193,14 +186,12 @@ class CornerValues:
         )
 
     def _rise(self, slopes: list[Any], way: list[Any], number: Any, active: Any) -> Any:
-        """Return what a field changes by on the way from the middles of cells."""
         rise = self.backend.Float(0)
         for own, slope in zip(way, slopes, strict=True):
             rise = dr.fma(own, self._of(slope, number, active), rise)
         return rise
 
     def _of(self, table: Any, number: Any, active: Any) -> Any:
-        """Return what a table tells of cells, in double precision."""
         return self.backend.Float(dr.gather(self.real, table, number, active))
 
     def _inside(self, vertex: list[Any], found: Meeting) -> list[Any]:

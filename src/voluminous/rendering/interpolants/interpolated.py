@@ -114,7 +114,6 @@ class Interpolated:
         return {name: [self._value(name, v) for v in c] for name, c in cubics.items()}
 
     def _value(self, name: str, value: Any) -> Any:
-        """Return a field's value in the type that expressions are evaluated in."""
         value = self.context.real(value)
         return value * self.units[name] if name in self.units else value
 

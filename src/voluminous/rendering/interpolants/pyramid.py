@@ -80,7 +80,6 @@ def make_pyramid(
 
 
 def _quads(array: np.ndarray, step: int, dtype: Any, unit: float) -> np.ndarray:
-    """Return the quads of every 2^step-th centre, shape (nx + 1, ny, nz, 4)."""
     cells = [padded_count(n) >> step for n in array.shape]
     place = [
         np.clip((np.arange(m + 1) << step) - 1, 0, n - 1)

@@ -151,7 +151,6 @@ def with_objects(
 
 
 def _widened(planes: Planes, medium: Any, total: int) -> Planes:
-    """Return planes with all channels of the picture."""
     more = total - int(medium.channels)
     if not more:
         return planes
@@ -165,7 +164,6 @@ def _widened(planes: Planes, medium: Any, total: int) -> Planes:
 
 
 def _lay_in_front(planes: Planes, layers: Layers) -> None:
-    """Put layers in front of a picture."""
     if not len(layers.pixel):
         return
     layers = layers.some(np.lexsort((layers.depth, layers.pixel)))

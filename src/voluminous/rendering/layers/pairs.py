@@ -89,7 +89,6 @@ def fold(pairs: Pairs, count: np.ndarray) -> Pairs:
 
 
 def _joined(pairs: Pairs, count: np.ndarray) -> Pairs:
-    """Return one pair per group, in rounds."""
     while np.any(count > 1):
         start = np.cumsum(count) - count
         place = np.arange(int(count.sum())) - np.repeat(start, count)

@@ -101,7 +101,6 @@ class Stretches(Drawing):
         return replace(ray, first=first, last=last)
 
     def _pairs(self, paths: Paths, channels: int) -> Pairs:
-        """Return paths as pairs; channels beyond the medium's are empty."""
         numbers = self.source.numbers
         emission = numbers.mix(paths.emission).astype(np.float64)
         transparency = with_channels(_columns(paths.transparency), channels, 1.0)

@@ -152,7 +152,6 @@ def _seen(drawing: Drawing, paths: Paths) -> np.ndarray:
 
 
 def _scale(seen: np.ndarray, extinctions: int) -> np.ndarray:
-    """Return what differences in each row are compared with."""
     brightest = float(np.max(np.abs(seen[:-extinctions]), initial=0.0))
     column = np.full((len(seen), 1), brightest if brightest > 0 else 1.0, seen.dtype)
     column[-extinctions:] = 1.0
@@ -199,7 +198,6 @@ def _around(seen: np.ndarray, pixels: tuple[int, int]) -> tuple[np.ndarray, np.n
 
 
 def _dilated(mask: np.ndarray) -> np.ndarray:
-    """Return a mask with all neighbours of what is true."""
     wide = np.pad(mask, 1)
     return np.logical_or.reduce(
         [wide[a : a + mask.shape[0], b : b + mask.shape[1]] for a in range(3) for b in range(3)]

@@ -99,7 +99,6 @@ def _sampled_brightness(drawing: Drawing, behind: Any) -> float:
 
 
 def _around(pixel: int, step: int, nx: int, ny: int) -> np.ndarray:
-    """Return the pixels around one, about as far as the next samples."""
     reach = math.isqrt(step) + 1
     x, y = (
         np.arange(max(place - reach, 0), min(place + reach + 1, count))

@@ -67,7 +67,6 @@ class Drawing:
         return mean(self._frame(offset) for offset in subpixel_offsets(self.job.samples))
 
     def _frame(self, offset: tuple[float, float]) -> Paths:
-        """Return the paths through one place in every pixel."""
         (nx, ny), order = self.job.frame.pixels, PixelOrder(self.job.frame.pixels)
         gathered = Gathered(self, nx * ny)
         kept = order.count <= min(self.batch, MOST_KEPT)
@@ -113,7 +112,6 @@ class Drawing:
         return some_lanes(pixel, du, dv, self.job.frame.pixels, self.backend)
 
     def _draw(self, gathered: Gathered, batch: Batch) -> None:
-        """Gather what the rays of a batch find."""
         if self.kernels is None or not self.kernels.draw(self, batch, gathered.rows):
             found = self.found(batch.lanes, self.within(batch))
             found.write(gathered.rows, batch.first)
@@ -143,7 +141,6 @@ class Drawing:
         return other
 
     def _followed(self, ray: Ray) -> State:
-        """Return what rays have gathered."""
         path, backward = self.nothing(), self.job.backward
         try:
             return march(self.walk, self.source, self.scheme, ray, path, self.ending, backward)
@@ -172,7 +169,6 @@ class Drawing:
         return reverse(ray) if self.job.backward else ray
 
     def _ending(self, brightest_background: float) -> Cutoff | None:
-        """Return the criterion at which rays stop; None if they never do."""
         job, numbers = self.job, self.source.numbers
         if job.backward or job.cutoff == 0.0:
             return None

@@ -70,12 +70,10 @@ class FluxConserving(Drawing):
         self.width = max(job.frame.pixel)
 
     def frame(self) -> Paths:
-        """Return the paths of all pixels, in the order of the image's rows."""
         nx, ny = self.job.frame.pixels
         return self.pixels(np.arange(nx * ny))
 
     def pixels(self, pixel: np.ndarray) -> Paths:
-        """Return the mean paths of some pixels, given by their flat numbers."""
         waiting = [Parts(np.arange(len(pixel)), np.zeros((2, len(pixel))), 0)]
         means = _Means(len(pixel))
         while waiting:
@@ -111,7 +109,6 @@ class FluxConserving(Drawing):
         return large
 
     def _report(self, area: float, pixels: int) -> None:
-        """Report pixels done; of those that are drawn again, none."""
         total = int(np.prod(self.job.frame.pixels))
         if pixels == total:
             self.job.advance(max(0, int(area) - self.job.done), total)
@@ -127,7 +124,6 @@ class _Means:
         self.counts = (0, 0, 0)
 
     def add(self, paths: Paths, parts: Parts) -> None:
-        """Add the paths of parts."""
         self.counts, self.dtype = paths.counts, paths.rows[0].dtype
         weighted = parts.share * np.stack(paths.rows).astype(np.float64)
         self.rows += np.array([np.bincount(parts.entry, row, self.count) for row in weighted])
@@ -135,7 +131,6 @@ class _Means:
         self.stopped |= paths.stopped
 
     def paths(self) -> Paths:
-        """Return the mean paths of the pixels."""
         return Paths(list(self.rows.astype(self.dtype)), self.counts, self.stopped)
 
 

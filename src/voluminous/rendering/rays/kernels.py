@@ -69,13 +69,11 @@ class _Traced:
         self.found: Found = drawing.reading(numbers).found(lanes or batch.lanes, within)
 
     def draw(self, drawing: Drawing, batch: Batch, rows: list[Any]) -> None:
-        """Write what rays find with the numbers of another drawing."""
         dr.sync_thread()
         overwrite(self.read, _read(drawing, batch))
         self.found.write(rows, batch.first)
 
 
 def _read(drawing: Drawing, batch: Batch) -> tuple[Any, ...]:
-    """Return the arrays that differ from one time to the next."""
     lanes = batch.lanes if batch.whole is None else None
     return drawing.numbers, drawing.within(batch), lanes

@@ -77,11 +77,9 @@ class NarrowestOfTree(Narrowest):
         self.unit = float((edges[1] - edges[0]) / grid.divisions[0])
 
     def before(self, sight: Any, count: int) -> Any:
-        """Return the width of the largest cells."""
         return dr.full(self.backend.Float, self.largest, count)
 
     def width(self, cursor: Any, segment: Any, sight: Any) -> Any:
-        """Return the width of the cell that the cursor is in."""
         lookup = self.walk.lookup
         width = lookup.sizes(cursor.cell)[0]
         return dr.select(lookup.is_cell(cursor.cell), width, self.largest)

@@ -74,11 +74,9 @@ class NarrowestOfSphere(Narrowest):
         )
 
     def along(self, ray: Ray) -> np.ndarray:
-        """Return the width of the narrowest cell that each ray meets, in the grid's unit."""
         return super().along(ray if self.backward else reverse(ray))
 
     def sight(self, ray: Ray) -> Sight:
-        """Return rays as the centre sees them."""
         to_scale = self.backend.wide(1.0 / self.grid.scale)
         origin = [o * to_scale for o in ray.origin]
         way = -sum(o * d for o, d in zip(origin, ray.direction, strict=True))
@@ -89,12 +87,10 @@ class NarrowestOfSphere(Narrowest):
         return Sight(own(dr.sqrt(square)), own(arrive), own(dr.abs(ray.direction[2])))
 
     def before(self, sight: Sight, count: int) -> Any:
-        """Return what rays meet in the cavity; infinity for those that pass beside it."""
         inner = self.backend.Float(self.inner)
         return dr.select(sight.closest <= inner, _OF_CAVITY * inner, np.inf)
 
     def width(self, cursor: Any, segment: Any, sight: Sight) -> Any:
-        """Return the size of a segment's cell, as seen from where the ray enters it."""
         kind = self.backend.quotient(segment.cell, self.alike)
         radius, depth, along_theta, along_phi = dr.gather(
             self.backend.packet(4), self.sizes, kind, segment.active
@@ -122,11 +118,9 @@ class NarrowestOfCylinder(Narrowest):
         self.widest = float(width.max() / grid.scale)
 
     def before(self, sight: Any, count: int) -> Any:
-        """Return the width of the widest cells, as on trees: rays that miss are divided too."""
         return dr.full(self.backend.Float, self.widest, count)
 
     def width(self, cursor: Any, segment: Any, sight: Any) -> Any:
-        """Return the width of a segment's cell."""
         return dr.gather(self.backend.Float, self.widths, segment.cell, segment.active)
 
 
@@ -144,11 +138,9 @@ def _profile(grid: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _depth(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the widths of cells along the radius."""
     depth: np.ndarray = np.maximum(high - low, _THINNEST * 0.5 * (low + high))
     return depth
 
 
 def _packets(backend: Any, *columns: np.ndarray) -> Any:
-    """Return columns side by side, for packets of a row."""
     return from_host(backend.Float, np.stack(columns, axis=1).reshape(-1))

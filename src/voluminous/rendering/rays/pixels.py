@@ -116,7 +116,6 @@ class PixelOrder:
 
 
 def _every_second_bit(v: Any) -> Any:
-    """Return bits 0, 2, 4 and 6 of a number, moved together."""
     v = v & 0x55
     v = (v | (v >> 1)) & 0x33
     return (v | (v >> 2)) & 0x0F

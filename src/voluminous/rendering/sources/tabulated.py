@@ -57,7 +57,6 @@ def tabulated(
 
 
 def _pruned(table: Table, grid: Any, scheme: Any, faint: float) -> Any:
-    """Return the walk through the leaves that show something, or None."""
     if scheme.place != "cell" or not hasattr(grid, "pruned"):
         return None
     return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
@@ -90,7 +89,6 @@ def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
 
 
 def _key(classifier: Classifier, scheme: Any, store: Store, left_out: tuple[Any, ...]) -> Any:
-    """Return what a table depends on; None if that cannot be told."""
     own = classifier.numbers.key()
     if own is None:
         return None

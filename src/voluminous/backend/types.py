@@ -1,0 +1,16 @@
+"""Names for what traced functions take and give.
+
+Dr.Jit's types depend on device, precision and derivatives, and the same function may get NumPy arrays or plain numbers, so that to
+a type checker these are anything. To a reader they say which kind of number is meant.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+Float: TypeAlias = Any
+"""Floating-point numbers, one per ray or cell."""
+Int: TypeAlias = Any
+"""Whole numbers: cells, levels, steps."""
+Mask: TypeAlias = Any
+"""Truth values, one per ray or cell."""
