@@ -47,3 +47,12 @@ def install_line(extra: str) -> str:
 def is_installed(module: str) -> bool:
     """Return True if a module can be found; it is not imported."""
     return importlib.util.find_spec(module) is not None
+
+
+def room(name: str) -> Any:
+    """Return a module of voluminous by its name: for thin methods of a class whose work is done in a room above.
+
+    Such a method has signature and docstring where the class is, and calls the function there:
+    imports keep pointing down, and nothing is loaded before it is used.
+    """
+    return importlib.import_module(f"voluminous.{name}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import picture
+from ..packages import room
 from ..value import Value
 from .context import Context, no_unit
 
@@ -421,7 +421,7 @@ class Medium(Value):
         >>> j.shape, alpha.round(4)
         ((3, 2), array([0.182, 0.3  ]))
         """
-        return self._above("at_values").evaluate(self, values)
+        return room("calibration.at_values").evaluate(self, values)
 
     def plot(self, volume: Any = None, ax: Any = None) -> Any:
         """Draw j and α over the values that the medium looks at, and how many cells have these.
@@ -448,12 +448,7 @@ class Medium(Value):
         InputError
             If there is nothing to see in the volume, or without one, no range of values.
         """
-        return self._above("transfer").plot(self, volume, ax)
-
-    @staticmethod
-    def _above(module: str) -> Any:
-        # What measures volumes is above media, and asked for by name alone.
-        return importlib.import_module(f"voluminous.calibration.{module}")
+        return room("calibration.transfer").plot(self, volume, ax)
 
     @staticmethod
     def from_function(
@@ -472,14 +467,14 @@ class Medium(Value):
 
     def _repr_png_(self) -> bytes | None:
         """Return a swatch of the transfer function, as far as no volume is needed for it."""
-        found: bytes | None = self._above("transfer").swatch(self)
+        found: bytes | None = room("calibration.transfer").swatch(self)
         return found
 
     def _swatch(self) -> str:
         data = self._repr_png_()
         if data is None:
             return ""
-        return picture(data, self._above("transfer").swatch_title(self))
+        return picture(data, room("calibration.transfer").swatch_title(self))
 
     def __repr__(self) -> str:
         given = self.arguments()
