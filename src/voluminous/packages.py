@@ -50,9 +50,9 @@ def is_installed(module: str) -> bool:
 
 
 def room(name: str) -> Any:
-    """Return a module of voluminous by its name: for thin methods of a class whose work is done in a room above.
+    """Return a module of voluminous by its name: for methods whose work is done in a room above.
 
-    Such a method has signature and docstring where the class is, and calls the function there:
+    Such a method has signature and docstring where its class is, and calls the function there:
     imports keep pointing down, and nothing is loaded before it is used.
     """
     return importlib.import_module(f"voluminous.{name}")

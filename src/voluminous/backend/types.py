@@ -1,7 +1,8 @@
 """Names for what traced functions take and give.
 
-Dr.Jit's types depend on device, precision and derivatives, and the same function may get NumPy arrays or plain numbers, so that to
-a type checker these are anything. To a reader they say which kind of number is meant.
+Dr.Jit's types depend on device, precision and derivatives, and the same function may get NumPy
+arrays or plain numbers: to a type checker these are anything. A reader sees which kind of number
+is meant.
 """
 
 from __future__ import annotations
