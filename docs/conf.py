@@ -32,3 +32,4 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = f"voluminous {version}"
 html_static_path = ["_static"]
+html_css_files = ["gallery.css"]
