@@ -60,6 +60,7 @@ def test_a_field_of_two_values_has_shells_between_its_cells(kind):
     assert vm.calibrate(medium, volume).path_length == pytest.approx(0.02 * 2 / 32, rel=0.03)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", ["cartesian", *GRIDS])
 @pytest.mark.parametrize(
     ("dtype", "unit"),

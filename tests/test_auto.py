@@ -316,6 +316,7 @@ def test_a_volume_without_fields_says_so():
         vm.auto(vm.Volume(vm.CartesianGrid.uniform(4, (0, 1))))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", real_data.names())
 def test_a_picture_of_real_data_shows_something(name):
     volume = real_data.load(name)

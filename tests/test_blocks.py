@@ -45,6 +45,7 @@ def volume_of(grid):
     return vm.Volume(grid, f=np.sin(3 * x) * np.cos(2 * y + z) + 0.3 * rng.random(grid.size))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("camera", CAMERAS)
 @pytest.mark.parametrize(
     ("shape", "ratio"), [((4, 4, 4), 2), ((3, 2, 5), 2), ((2, 6, 3), 3), ((1, 1, 1), 2)]

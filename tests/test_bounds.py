@@ -372,6 +372,7 @@ SIMPLE = st.one_of(
 MEDIA = st.lists(SIMPLE, min_size=1, max_size=3).map(sum)
 
 
+@pytest.mark.exhaustive
 @given(medium=MEDIA, x=boxes(), y=boxes(), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=150, deadline=None)
 def test_random_media_stay_inside(medium, x, y, seed):

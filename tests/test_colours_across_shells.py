@@ -65,6 +65,7 @@ ROUGH = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("kind", ROUGH)
 def test_errors_are_honest_where_colours_are_noise(kind, precision):

@@ -73,6 +73,7 @@ def test_an_observer_on_the_axis_sees_what_lies_on_the_way(kind, observer):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)
 
 
+@pytest.mark.exhaustive
 @kinds
 @pytest.mark.parametrize("view", THROUGH)
 @pytest.mark.parametrize("seed", [1, 2])
@@ -116,6 +117,7 @@ def test_in_a_refined_grid_rays_see_azimuths_of_one_half_plane(kind, position):
         np.testing.assert_allclose(through, 1, rtol=0, atol=1e-3)
 
 
+@pytest.mark.exhaustive
 @kinds
 @pytest.mark.parametrize("position", [(0, 0, 0), (0, 0, 0.3)])
 def test_a_refined_picture_depends_on_no_accuracy_and_is_inside_its_bounds(kind, position):
@@ -128,6 +130,7 @@ def test_a_refined_picture_depends_on_no_accuracy_and_is_inside_its_bounds(kind,
         assert np.all((image.lower <= seen + 1e-9) & (image.upper >= seen - 1e-9))
 
 
+@pytest.mark.exhaustive
 @kinds
 @pytest.mark.parametrize("refined", [None, [1, *8 * [0], *7 * [0]]])
 @pytest.mark.parametrize("medium", [vm.Coefficients("f", 0), SURFACES])

@@ -101,6 +101,7 @@ def truth_of(name, view, formula):
     return np.sum(j * np.exp(-before), axis=1) * (length / POINTS)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("name", "view", "formula"),
     [

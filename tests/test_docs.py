@@ -124,6 +124,7 @@ LARGE = {f"data_{name}" for name in ("collapse", "outflow", "hii", "disc", "gala
 FIGURES = sorted({path.stem for path in (ROOT / "docs" / "_static").glob("*.png")} - LARGE)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", FIGURES)
 def test_the_pictures_can_be_made(name, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "docs")

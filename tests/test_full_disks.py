@@ -14,6 +14,8 @@ import voluminous as vm
 from voluminous.cli import main
 from voluminous.files import replacing
 
+pytestmark = pytest.mark.exhaustive
+
 resource = pytest.importorskip("resource")
 
 SIZE = 512  # bytes: less than anything below takes

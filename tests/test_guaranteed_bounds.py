@@ -344,6 +344,7 @@ def lit_sheets(medium, density, shading):
     )
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("density", "shading"), [("crossing", 0.0), ("gradient", 0.5)])
 def test_thick_surfaces(density, shading):
     medium = vm.Isosurface(
@@ -474,6 +475,7 @@ def test_scene_files_ask_for_bounds():
         scene.replaced({"render.bounds": "no"})
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", real_data.names())
 def test_real_data(name):
     data = real_data.load(name)

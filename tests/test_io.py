@@ -306,6 +306,7 @@ def test_truncated_files_name_the_file(tmp_path, name, part):
     assert name in str(failure.value)
 
 
+@pytest.mark.exhaustive
 @settings(
     max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -239,6 +239,7 @@ def lit_by_sums(volume, camera, width, opacity, shading, steps=10_000):
     return np.sum(-np.expm1(-depth) * np.exp(-before) * (1 - shading + shading * cosine), axis=1)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("width", [0.1, 0.02])
 def test_light_on_a_surface_of_some_width_is_as_near_as_told(width):
     """The normal turns within the surface: one place in a panel does not tell how it is lit."""
@@ -277,6 +278,7 @@ def test_light_on_the_front_of_an_opaque_surface(seed):
     assert off.max() <= 1.2e-3 * truth.max()
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("width", [0.0, 0.01])
 def test_light_where_expressions_need_more_digits_than_integrals(width):
     """Single precision does not tell on which side of the gate a cell is: kernels hold both."""

@@ -42,6 +42,7 @@ def pictured(grid, camera, size, **options):
     return vm.render(volume, medium, CAMERAS[camera](size), **options)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("scheme", ["post-classified", "second-order", "first-order"])
 @pytest.mark.parametrize("grid", GRIDS)

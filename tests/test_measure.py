@@ -176,6 +176,7 @@ AROUND = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", AROUND)
 def test_regions_beside_corners_of_cells_that_go_around(kind):
     """Half the space, and a ball: corners and middles of rings are where φ is 0 and π."""

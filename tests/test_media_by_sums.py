@@ -12,6 +12,8 @@ import voluminous as vm
 from test_guaranteed_bounds import rays, trilinear
 from voluminous.expressions import Expression, NumpyOps
 
+pytestmark = pytest.mark.exhaustive
+
 CELLS, PIXELS, STEPS = 10, 14, 6000
 GRID = vm.CartesianGrid.uniform(CELLS, (-1, 1))
 CAMERA = vm.Orthographic(40, 30, width=2.2, resolution=PIXELS)

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.objects.ellipses import disc_in_polygon
 
+pytestmark = pytest.mark.exhaustive
+
 GRID = vm.CartesianGrid.uniform(4, (-1, 1))
 VOLUME = vm.Volume(GRID, a=np.zeros(GRID.shape))
 DARK = vm.Coefficients("a", "a")

@@ -87,6 +87,7 @@ SURFACES = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", SURFACES)
 @pytest.mark.parametrize("name", GRIDS)
 def test_errors_are_honest_where_rays_graze_surfaces_of_noise(name, kind):

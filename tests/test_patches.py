@@ -214,6 +214,7 @@ def test_rays_cross_holes_as_vacuum():
     np.testing.assert_allclose(steps.end.max(axis=0), [4, 4], rtol=1e-14)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", range(4))
 def test_holes_over_many_uneven_base_cells_are_crossed_as_vacuum(seed):
     # A few patches in a wide domain: a hole spans base cells of many widths.

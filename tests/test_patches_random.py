@@ -5,6 +5,8 @@ import pytest
 
 import voluminous as vm
 
+pytestmark = pytest.mark.exhaustive
+
 LARGEST = 3e5  # cells of a patch
 
 

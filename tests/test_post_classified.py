@@ -243,6 +243,7 @@ FIELDS = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("kind", "precision", "order"), [("gaussian", *WAYS[0]), ("rectangle", *WAYS[1])]
 )
@@ -448,6 +449,7 @@ def loaded(name):
     return real_data.load(name)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", real_data.names())
 def test_claimed_errors_are_honest_on_real_data(name):
     volume = loaded(name)

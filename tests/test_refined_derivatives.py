@@ -163,6 +163,7 @@ WAVES = {  # f, its gradient and its Laplacian
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", CONVERGING)
 def test_derivatives_converge_at_jumps(kind):
     make, children = CONVERGING[kind], 4 if kind == "axisymmetric" else 8

@@ -216,6 +216,7 @@ def summed(grid, values, reach=40.0, points=8000):
     return np.where(cell < 0, 0, seen).reshape(len(origins), -1).sum(axis=1) * step
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", MORE)
 def test_rays_see_what_is_between_corners(name):
     """Columns of random fields, against plain sums over points looked up one by one."""
@@ -256,6 +257,7 @@ def picture(grid, text, **options):
     return vm.render(volume, medium, camera, **options).intensity
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", [vm.SphericalGrid, vm.CylindricalGrid])
 def test_second_order_in_the_width_of_leaves(kind):
     text = "exp(-(x-0.5)**2 - y**2/2 - (z-0.2)**2)"

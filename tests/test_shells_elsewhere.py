@@ -28,6 +28,7 @@ def volume(seed):
     return vm.Volume(GRID, a=noise, s=np.sin(3 * x + 1) * np.cos(2 * y) + z)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", [3, 6])
 @pytest.mark.parametrize("kind", MEDIA)
 def test_errors_are_honest(kind, seed):

@@ -338,6 +338,7 @@ def test_tables_with_jumps_are_not_smooth():
     assert not vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0, where="b").smooth
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("kind", "order"),
     [*((kind, "front-to-back") for kind in MEDIA), ("two", "back-to-front")],

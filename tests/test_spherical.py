@@ -70,6 +70,7 @@ def million():
     return origins, directions, np.concatenate(ways)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_a_million_rays_find_their_way(precision, million):
     grid, backend = GRIDS["all but a wedge"], get_backend("cpu", precision)

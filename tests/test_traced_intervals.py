@@ -241,6 +241,7 @@ def assert_bounded(backend, medium, box, seed, **units):
             assert_inside(inside, lo, hi, nan)
 
 
+@pytest.mark.exhaustive
 @given(medium=MEDIA, seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_random_media_stay_inside(backend, medium, seed):

@@ -72,6 +72,7 @@ def truth(name, kind, camera):
     return image.intensity
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("kind", MEDIA)
 @pytest.mark.parametrize("name", VOLUMES)
 def test_claimed_errors_are_honest(name, kind):

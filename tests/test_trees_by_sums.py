@@ -11,6 +11,8 @@ from test_octree import random_octree
 from test_patches import random_patches
 from test_tree_fields import between, corner_values
 
+pytestmark = pytest.mark.exhaustive
+
 PIXELS, STEPS = 14, 4000
 CAMERAS = {
     "outside": vm.Orthographic(50, 35, width=3.2, resolution=PIXELS),

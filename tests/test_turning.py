@@ -193,6 +193,7 @@ MEDIA = {
 }
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", MEDIA)
 def test_errors_are_honest_on_noise(name):
     """Bounds are certain: 99 % of pixels are as near to them as they say."""
@@ -238,6 +239,7 @@ def test_nothing_is_looked_for_where_narrow_panels_tell_no_more(name, precision)
     assert not hidden
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", UNDECIDED)
 def test_pictures_of_a_vacuum(name):
     """Half of the column is empty; what the other half shows has a closed form or a sum."""
@@ -250,6 +252,7 @@ def test_pictures_of_a_vacuum(name):
     assert abs(image.intensity.item() - sure) <= image.error.item() + 1e-5 * sure
 
 
+@pytest.mark.exhaustive
 def test_shells_beside_a_vacuum_are_seen():
     """A ratio that rises to nearly infinite at the end of a cell: its shell is in the last part.
 

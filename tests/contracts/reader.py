@@ -71,6 +71,7 @@ class ReaderContract:
             assert path.name in str(failure.value)
             victim.write_bytes(content)
 
+    @pytest.mark.exhaustive
     def test_damaged_bytes_give_our_errors_only(self, sample, tmp_path):
         clean = sample(tmp_path)
         victims = self.victims(clean)
