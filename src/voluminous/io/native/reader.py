@@ -66,7 +66,7 @@ class NativeReader(Reader):
             Pack the fields; numbers hardly get smaller, and packed ones cannot be mapped.
         """
         from ... import __version__
-        from ..hdf5.sink import created
+        from ..hdf5 import created
 
         plain = plain_grid(volume.grid)
         aligned = {"alignment_threshold": 1024, "alignment_interval": ALIGNMENT}

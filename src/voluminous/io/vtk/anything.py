@@ -11,7 +11,6 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import require
-from ..hdf5.trial import can_start_python
 from .dataset import Dataset
 from .library import heard
 from .meshes import leaves
@@ -73,7 +72,8 @@ def _dataset(path: Path, resolution: Any, time: float | None) -> Dataset:
 
 def _check_survival(path: Path) -> None:
     """Let another process read the file first: VTK crashes on many that are damaged."""
-    if not can_start_python():
+    # Inside of a program (ParaView, Blender) that is not the interpreter none can be started.
+    if "py" not in Path(sys.executable or "").name.lower() or hasattr(sys, "frozen"):
         return
     script = f"import sys; sys.path[:] = {sys.path!r}; import pyvista\n"
     script += "pyvista.get_reader(sys.argv[1]).read()"

@@ -1,30 +1,146 @@
-"""Files that yt reads: outputs of many simulation codes."""
+"""What the files of simulation codes look like, without asking yt: it takes seconds to import."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
 import importlib.metadata
-from collections.abc import Callable
+import re
+import struct
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import is_installed, require
 from ...units import parse_unit, unit_name
 from ..contract import FieldInfo, Reader
-from ..hdf5 import is_hdf5
-from .lattice import length_unit
-from .quiet import quiet
-from .signatures import code_output
-from .soundness import check_output, check_places
-from .source import source_of
-from .strangers import may_be_of_yt
-from .units import units_of_field
+from ..hdf5 import is_hdf5, opened
+from .layout import length_unit
+from .source import quiet, source_of, units_of_field
 from .volume import fields_of, volume_of
 
 if TYPE_CHECKING:
     from ...volume import Volume
+
+
+# What must be in the root of an HDF5 file: groups or data sets, and attributes.
+_HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
+    "FLASH": ({"bounding box", "node type"}, set()),
+    "Chombo": ({"Chombo_global"}, {"num_levels"}),
+    "GDF": ({"gridded_data_format"}, set()),
+    "GAMER": ({"Info/KeyInfo"}, set()),
+    "Chimera": ({"fluid/agr_c", "fluid/grav_x_c"}, set()),
+    "Parthenon": ({"Info", "Levels", "LogicalLocations", "Locations/x"}, set()),
+    "Cholla": (set(), {"bounds", "domain", "dims"}),
+    "yt": ({"data"}, {"data_type", "container_type"}),
+}
+_RAMSES_FILE = re.compile(r"(info|amr|hydro|header)_(\d{5})\.(txt|out\d{5})")
+_ENZO_ENDING = re.compile(r"\.(hierarchy|cpu\d{4,})$")
+
+
+def code_output(path: Path, head: bytes) -> Path | None:
+    """Return the path that yt wants for an output of a code it knows, of which `path` is a part.
+
+    Parameters
+    ----------
+    path : Path
+        A file or directory.
+    head : bytes
+        The first bytes of a file.
+
+    Returns
+    -------
+    Path or None
+        None if it is no such output, as far as can be told.
+    """
+    for recognise in (_ramses, _enzo, _amrex, _hdf5, _amrvac, _enzo_e):
+        try:
+            found = recognise(path, head)
+        except Exception:  # what is damaged beyond recognition
+            continue
+        if found is not None:
+            return found
+    return None
+
+
+def _ramses(path: Path, head: bytes) -> Path | None:
+    if path.is_dir():
+        infos = sorted(path.glob("info_[0-9][0-9][0-9][0-9][0-9].txt"))
+        return infos[0] if infos and any(path.glob("amr_*.out*")) else None
+    named = _RAMSES_FILE.fullmatch(path.name)
+    if named is None:
+        return None
+    info = path.with_name(f"info_{named[2]}.txt")
+    return info if info.is_file() and any(path.parent.glob(f"amr_{named[2]}.out*")) else None
+
+
+def _enzo(path: Path, head: bytes) -> Path | None:
+    if path.is_dir():
+        return _only(file for h in path.glob("*.hierarchy") if (file := _parameters(h)))
+    return _parameters(path)
+
+
+def _parameters(path: Path) -> Path | None:
+    """Return Enzo's file of parameters, which has one of grids beside it, that a file goes with."""
+    parameters = path.with_name(_ENZO_ENDING.sub("", path.name))
+    if not parameters.is_file():
+        return None
+    return parameters if parameters.with_name(parameters.name + ".hierarchy").is_file() else None
+
+
+def _only(files: Iterable[Path]) -> Path | None:
+    """Return the one file that there is; which of several outputs is meant the user has to say."""
+    found = list(files)
+    return found[0] if len(found) == 1 else None
+
+
+def _amrex(path: Path, head: bytes) -> Path | None:
+    directory = path if path.is_dir() else path.parent
+    header = directory / "Header"
+    if not (path.is_dir() or path.name == "Header") or not (directory / "Level_0").is_dir():
+        return None
+    with open(header, "rb") as file:
+        version, count = file.readline(80), file.readline(80)
+    return directory if re.match(rb"[\w-]+-V\d", version) and count.strip().isdigit() else None
+
+
+def _hdf5(path: Path, head: bytes) -> Path | None:
+    if not is_hdf5(head):
+        return None
+
+    with opened(path) as file:
+        for places, attributes in _HDF5_CODES.values():
+            if all(p in file for p in places) and all(a in file.attrs for a in attributes):
+                return path
+    return None
+
+
+def _amrvac(path: Path, head: bytes) -> Path | None:
+    """MPI-AMRVAC: a version from 3 to 5, and where in the file tree and blocks are."""
+    if path.suffix != ".dat" or len(head) < 12:
+        return None
+    version, *offsets = struct.unpack("=iii", head[:12])
+    size = path.stat().st_size
+    return path if 3 <= version <= 5 and all(12 < o < size for o in offsets) else None
+
+
+def _enzo_e(path: Path, head: bytes) -> Path | None:
+    if path.is_dir():
+        listed = _only(path.glob("*.block_list"))
+        return None if listed is None else _enzo_e(listed, _start(listed))
+    if not path.name.endswith(".block_list"):
+        return None
+    words = head.partition(b"\n")[0].decode("ascii").split()
+    found = len(words) == 2 and words[0].startswith("B") and (path.parent / words[1]).is_file()
+    return path if found else None
+
+
+def _start(path: Path) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(512)
 
 
 class YtReader(Reader):
@@ -86,8 +202,6 @@ class AnyYtReader(YtReader):
         if self._named(path) or not (head or path.is_dir()) or not is_installed("yt"):
             return False
         try:
-            if not may_be_of_yt(path, head):
-                return False
             with quiet():
                 return bool(_kinds(path))
         except Exception:  # a path that cannot be looked into
@@ -97,15 +211,43 @@ class AnyYtReader(YtReader):
 def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
     head = _head(path)
     output = code_output(path, head) or path
-    check_output(output)
     if is_hdf5(head):
-        check_places(path)
+        _check_places(path)
     options = dict(load or {})
     if units_override is not None:
         options["units_override"] = units_override
     ds = _kind(output, str(options.pop("hint", "")))(str(output), **options)
     ds.index  # noqa: B018 - what is damaged shows here
     return ds
+
+
+def _check_places(path: Path) -> None:
+    """Refuse an output in HDF5 whose cells yt would put in wrong places.
+
+    Raises
+    ------
+    InputError
+        Says what it is.
+    """
+    with opened(path) as file:
+        blocks = file["Info"].attrs if "Locations" in file and "Info" in file else {}
+        if np.any(blocks.get("IncludesGhost", 0)):
+            raise InputError("its blocks have ghost cells; write it with ghost_zones = false")
+        level = file["level_0"].attrs if "Chombo_global" in file and "level_0" in file else {}
+        normal = {"geometry": 1, "logr": 0, "g_x2stretch": 1, "g_x3stretch": 1}
+        bent = {name: level[name] for name, one in normal.items() if level.get(name, one) != one}
+        if bent:
+            bent_by = ", ".join(f"{name} = {value}" for name, value in bent.items())
+            raise InputError(
+                f"Chombo grids of PLUTO are read if they are Cartesian with equal cells, "
+                f"got {bent_by}"
+            )
+        begins = [level.get(f"domBeg{axis}", 0) for axis in (1, 2, 3)]
+        if any(begins) and not path.with_name("pluto.ini").is_file():
+            raise InputError(
+                f"its domain begins at {begins}, which yt reads from the run's pluto.ini only: put "
+                "that beside it"
+            )
 
 
 def _kinds(path: Path) -> list[Any]:

@@ -1,0 +1,247 @@
+"""HDF5 files: known by their first bytes, opened, their data sets checked, and written.
+
+A data set is read only if the file can hold what it promises, and never from another file outside
+of the directory.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileFormatError, MissingPackageError
+from ..memory import check_memory
+from .payload import inside
+
+if TYPE_CHECKING:
+    import h5py
+
+# What libhdf5 says of such values.
+_NO_FILTER = re.compile(
+    r"can't open directory|required filter|filter .*(not|n't) (registered|avail)"
+)
+MAGIC = b"\x89HDF\r\n\x1a\n"
+# A user block of 512 bytes or more may come first.
+_STARTS = (0, 512, 1024, 2048)
+
+
+def is_hdf5(head: bytes) -> bool:
+    """Return whether a file with these first bytes is HDF5."""
+    return any(head[start:].startswith(MAGIC) for start in _STARTS)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Open a file to read.
+
+    Raises
+    ------
+    MissingPackageError
+        If values are packed by a filter that is not installed.
+    OSError
+        If libhdf5 refuses it.
+    """
+    import h5py
+
+    with filters(), h5py.File(path, "r") as file:
+        yield file
+
+
+def holds(path: Path, head: bytes, mark: Callable[[h5py.File], Any]) -> bool:
+    """Return whether a file is HDF5 that has a mark; False if it is damaged."""
+    if not is_hdf5(head):
+        return False
+    try:
+        with opened(path) as file:
+            return bool(mark(file))
+    except Exception:  # whoever reads it says what is wrong
+        return False
+
+
+@contextmanager
+def filters() -> Iterator[None]:
+    """Let hdf5plugin unpack values, if it is there: Blosc, LZ4, Zstandard, SZ …
+
+    Raises
+    ------
+    MissingPackageError
+        If values are packed by a filter that is not installed.
+    """
+    with suppress(ImportError):
+        import hdf5plugin  # noqa: F401 - registers itself
+    try:
+        yield
+    except OSError as error:
+        if not _NO_FILTER.search(str(error)):
+            raise
+        raise MissingPackageError(
+            "values are packed by a filter that HDF5 lacks here; get it with\n"
+            "  pip install hdf5plugin"
+        ) from error
+
+
+# What deflate can pack at most, and a little more: 1 to 1032.
+_MOST_PACKED = 2000
+
+
+def is_own(group: Any, name: str) -> bool:
+    """Return whether something is in the group itself, and no link to another place or file."""
+    import h5py
+
+    return isinstance(group.get(name, getlink=True), h5py.HardLink)
+
+
+def data_set(path: Path, group: Any, name: str) -> Any:
+    """Return a data set of numbers.
+
+    Raises
+    ------
+    FileFormatError
+        If there is none of this name, it holds something else, its values are in another file
+        outside of the directory, or it promises more than its bytes can be unpacked to.
+    """
+    import h5py
+
+    item = group[name] if is_own(group, name) else None
+    if not isinstance(item, h5py.Dataset):
+        raise FileFormatError(f"expected a data set {group.name}/{name}")
+    if item.dtype.kind not in "fiub" or item.shape is None:
+        raise FileFormatError(f"{item.name} must be numbers, got {item.dtype}")
+    check_place(path, item)
+    size = item.size * item.dtype.itemsize
+    if not item.is_virtual and size > _MOST_PACKED * item.id.get_storage_size():
+        raise FileFormatError(
+            f"{item.name} promises values of shape {item.shape}, but has "
+            f"{item.id.get_storage_size()} bytes in the file"
+        )
+    return item
+
+
+def check_place(path: Path, item: Any) -> None:
+    """Refuse values that are elsewhere: a file must not make us read any other.
+
+    Raises
+    ------
+    FileFormatError
+        If they are in files of any kind, or in HDF5 files outside of the directory.
+    """
+    if item.external:
+        raise FileFormatError(
+            f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
+            "copy them into one file with h5repack"
+        )
+    if item.is_virtual:
+        for source in item.virtual_sources():
+            if source.file_name != ".":
+                inside(path.parent, source.file_name)
+
+
+def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the data sets of numbers in a group, and why each other thing in it is none."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    others: dict[str, str] = {}
+    for name in group:
+        item = group[name] if is_own(group, name) else None
+        if not isinstance(item, h5py.Dataset):
+            others[name] = "a link" if item is None else "a group"
+        elif not item.size:
+            others[name] = "no values"
+        elif item.dtype.kind not in "fiub":
+            others[name] = f"values of type {item.dtype}"
+        else:
+            found[name] = data_set(path, group, name)
+    return found, others
+
+
+def read(item: Any, column: int | None = None) -> np.ndarray:
+    """Return the values of a data set, or one column of them, in native byte order.
+
+    Raises
+    ------
+    MemoryNeededError
+        If they do not fit into memory.
+    """
+    count = item.size if column is None else len(item)
+    check_memory(count * item.dtype.itemsize, f"reading {item.name}", "read a part of the data")
+    values = item[()] if column is None else item[:, column]
+    return np.asarray(values, item.dtype.newbyteorder("="))
+
+
+def text(attribute: Any) -> str:
+    """Return an attribute that is one text, however it is kept; empty for any other."""
+    values = np.ravel(attribute)
+    first = values[0] if values.size == 1 else ""
+    first = first.decode("utf-8", "replace") if isinstance(first, bytes) else first
+    return first.strip() if isinstance(first, str) else ""
+
+
+class Sink(io.FileIO):
+    """A file that takes all that is written, and remembers that it could not.
+
+    Where a file cannot be closed, since what is left in its buffers cannot be written, libhdf5 1.14
+    ends the process: of small files that is all there is. So it never hears of it.
+
+    Attributes
+    ----------
+    failed : OSError or None
+        Why not all is in the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+")
+        self.failed: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all bytes, unless some could not be written before; return how many were given."""
+        left = memoryview(data).cast("B")
+        count = len(left)
+        try:
+            while len(left) and self.failed is None:
+                left = left[super().write(left) or 0 :]
+        except OSError as error:
+            self.failed = error
+        return count
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length of the file, if that is possible."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.failed = self.failed or error
+            return size or 0
+
+    def check(self) -> None:
+        """Raise what has happened.
+
+        Raises
+        ------
+        OSError
+            If something could not be written.
+        """
+        if self.failed is not None:
+            raise self.failed
+
+
+@contextmanager
+def created(path: Path, **options: Any) -> Iterator[tuple[h5py.File, Sink]]:
+    """Give a new HDF5 file, closed in the end, and what it is written to.
+
+    Raises
+    ------
+    OSError
+        If not all could be written.
+    """
+    import h5py
+
+    with Sink(path) as sink:
+        with h5py.File(sink, "w", **options) as file:
+            yield file, sink
+        sink.check()
