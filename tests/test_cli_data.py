@@ -267,12 +267,12 @@ def test_the_format_belongs_to_data(capsys):
 def test_warnings_are_one_line():
     np.save("cube.npy", np.arange(8.0).reshape(2, 2, 2))
     script = (
-        "import warnings\nfrom voluminous.cli import main\nfrom voluminous.io.arrays import npy\n"
-        "read = npy.NPYReader.read\n"
+        "import warnings\nfrom voluminous.cli import main\nfrom voluminous.io.arrays import npz\n"
+        "read = npz.NPYReader.read\n"
         "def careful(*arguments, **options):\n"
         "    warnings.warn('the cells are turned')\n"
         "    return read(*arguments, **options)\n"
-        "npy.NPYReader.read = careful\n"
+        "npz.NPYReader.read = careful\n"
         "main(['info', 'cube.npy'])\n"
     )
     assert process(script).stderr == "voluminous: warning: the cells are turned\n"

@@ -19,7 +19,7 @@ import voluminous as vm
 from contracts import ReaderContract
 from voluminous.files import MissingPathError
 from voluminous.io import Reader, find_reader, readers, registry
-from voluminous.io.arrays import npy
+from voluminous.io.arrays import npz
 from voluminous.io.names import field_name
 
 RHO = np.arange(24, dtype=np.float32).reshape(2, 3, 4) + 1
@@ -471,7 +471,7 @@ def test_readers_keep_the_contract(reader, tmp_path):
 
 def test_info_reads_no_values(tmp_path, monkeypatch):
     np.save(tmp_path / "a.npy", RHO)
-    monkeypatch.setattr(npy.np, "load", None)
+    monkeypatch.setattr(npz.np, "load", None)
     (field,) = find_reader(tmp_path / "a.npy").info(tmp_path / "a.npy")
     assert (field.name, field.shape, field.dtype, field.unit) == ("a", (2, 3, 4), "float32", "")
 

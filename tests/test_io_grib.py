@@ -86,7 +86,7 @@ def test_an_engine_of_another_package(tmp_path, monkeypatch):
         def open_dataset(self, filename_or_obj, *, drop_variables=None):
             return xr.Dataset({"rho": (("z", "y", "x"), VALUES)})
 
-    from voluminous.io.labelled import engines
+    from voluminous.io.labelled import netcdf as engines
 
     class Entry:
         name = "ours"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from contracts import ReaderContract
 from voluminous.io import find_reader
-from voluminous.io.labelled.classic import check_length
+from voluminous.io.labelled.netcdf import check_length
 
 xr = pytest.importorskip("xarray")
 
@@ -141,7 +141,7 @@ def test_an_odd_calendar_does_no_harm(tmp_path):
 
 def test_large_files_are_read_field_by_field(tmp_path, monkeypatch):
     path = written(tmp_path / "a.nc")
-    for module in (vm.io.registry, vm.io.labelled.reader):
+    for module in (vm.io.registry, vm.io.labelled.convert):
         monkeypatch.setattr(module, "AT_ONCE", 0)
     volume = vm.open(path, ["cover", "packed"])
     assert volume.waiting == ("cover", "packed")

@@ -162,9 +162,9 @@ def test_all_levels_fill_the_same_space(tmp_path, version):
 def test_the_level_fits_into_memory(tmp_path, monkeypatch):
     path = microscope(tmp_path / "a.zarr", VERSIONS[0])
     cells = CELLS[0, 0].size
-    monkeypatch.setattr("voluminous.io.zarr.choice.available_memory", lambda: 2 * 17 * cells - 1)
+    monkeypatch.setattr("voluminous.io.zarr.ome.available_memory", lambda: 2 * 17 * cells - 1)
     assert vm.open(path, time=0).meta["level"] == 1
-    monkeypatch.setattr("voluminous.io.zarr.choice.available_memory", lambda: 2 * 17 * cells)
+    monkeypatch.setattr("voluminous.io.zarr.ome.available_memory", lambda: 2 * 17 * cells)
     assert vm.open(path, time=0).meta["level"] == 0
 
 

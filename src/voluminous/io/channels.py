@@ -20,17 +20,7 @@ Y_DOWN = {"y_down": True}
 
 
 def channel(label: Any = "", color: Any = None, window: Any = None) -> Channel:
-    """Return the entry of a channel; leaves out what makes no sense.
-
-    Parameters
-    ----------
-    label : str
-        Name of the channel.
-    color : sequence of three numbers
-        Red, green and blue, from 0 to 255.
-    window : sequence of two numbers
-        Values that are black and of full colour.
-    """
+    """Return the entry of a channel; leaves out what makes no sense."""
     entry: Channel = {"label": str(label).strip()} if label and str(label).strip() else {}
     if color is not None and len(color) == 3:
         entry["color"] = [round(min(max(int(c), 0), 255) / 255, 4) for c in color]

@@ -34,15 +34,7 @@ class _Any(dict[str, str]):
 
 
 class PackedReader(Reader):
-    """What another reader makes of the file inside.
-
-    Parameters
-    ----------
-    find : callable
-        Returns the reader for a path.
-    check_options : callable
-        Called with that reader and the options: refuses those that it does not know.
-    """
+    """What another reader makes of the file inside."""
 
     name = "packed"
     description = "a packed file (gzip, bzip2 or xz)"
@@ -95,15 +87,7 @@ def _is_mapped(array: Any) -> bool:
 
 
 def _unpack(path: Path, target: Path) -> None:
-    """Write what is in a packed file.
-
-    Raises
-    ------
-    FileFormatError
-        If it is suspiciously much.
-    MemoryNeededError
-        If it does not fit into memory, or on the disk.
-    """
+    """Write what is in a packed file."""
     most = max(_SMALL, _RATIO * path.stat().st_size)
     room = min(available_memory(), shutil.disk_usage(target.parent).free)
     written = 0

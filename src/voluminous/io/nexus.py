@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FileFormatError, unknown_name
 from ..packages import require
 from .hdf5 import check_place, holds, opened, text
-from .labelled.reader import LabelledReader
+from .labelled.convert import LabelledReader
 
 if TYPE_CHECKING:
     import xarray

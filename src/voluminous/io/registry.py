@@ -12,16 +12,14 @@ from typing import TYPE_CHECKING, Any
 from ..errors import FileFormatError, InputError, unknown_name
 from ..files import as_path, missing
 from .arrays.hdf5 import HDF5Reader
-from .arrays.npy import NPYReader
-from .arrays.npz import NPZReader
+from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
 from .compressed import PackedReader
 from .contract import Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
-from .labelled.engines import EngineReader
-from .labelled.netcdf import NetCDFReader
+from .labelled.netcdf import EngineReader, NetCDFReader
 from .listing import openable
 from .native.reader import NativeReader
 from .nexus import NeXusReader
@@ -32,22 +30,18 @@ from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
 from .raw.reader import RawReader
 from .scanners.dicom import DICOMReader
-from .scanners.imaris import ImarisReader
-from .scanners.itk import ITKReader
+from .scanners.hdf5_images import ImarisReader, ITKReader
 from .scanners.metaimage import MetaImageReader
 from .scanners.mrc import MRCReader
 from .scanners.neuroimaging import AFNIReader, MGHReader, MINCReader, PARRECReader
 from .scanners.nifti import NIfTIReader
 from .scanners.nrrd import NRRDReader
-from .scanners.pictures import PicturesReader
-from .scanners.tiff import TIFFReader
-from .vtk.anything import PyVistaReader
+from .scanners.tiff import PicturesReader, TIFFReader
+from .vtk.anything import PyVistaReader, VTKReader
 from .vtk.hdf import VTKHDFReader
-from .vtk.legacy import VTKReader
 from .vtk.xml import VTIReader, VTKXMLReader, VTRReader
 from .yt.reader import AnyYtReader, YtReader
-from .zarr.arrays import ZarrReader
-from .zarr.labelled import LabelledZarrReader
+from .zarr.arrays import LabelledZarrReader, ZarrReader
 from .zarr.ome import OMEZarrReader
 
 if TYPE_CHECKING:

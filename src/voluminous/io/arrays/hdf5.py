@@ -13,7 +13,7 @@ import numpy as np
 from ...errors import FileFormatError
 from ..hdf5 import check_place, is_hdf5, opened, text
 from ..unit_texts import known_unit
-from .entry import Entry
+from .layout import Entry
 from .named_arrays import NamedArraysReader
 
 if TYPE_CHECKING:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,33 +16,21 @@ from ..edges import edges_of_centers, is_even
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
-    from .entry import Entry
+
 
 _AS_IT_IS = (slice(None),) * 3
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
 
 
 def axis_order(axes: Any) -> tuple[int, ...]:
-    """Return the transposition that brings arrays to the order x, y, z.
-
-    Raises
-    ------
-    InputError
-        If `axes` is not the letters x, y and z in some order.
-    """
+    """Return the transposition that brings arrays to the order x, y, z."""
     if not isinstance(axes, str) or sorted(axes) != sorted(AXES):
         raise InputError(f"axes must be x, y and z in the arrays' order, e.g. 'zyx', got {axes!r}")
     return tuple(axes.index(axis) for axis in AXES)
 
 
 def named_order(dims: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the transposition for axes with names; they are x, y, z if these do not tell.
-
-    Examples
-    --------
-    >>> named_order(("lev", "lat", "lon")), named_order(())
-    ((2, 1, 0), (0, 1, 2))
-    """
+    """Return the transposition for axes with names; they are x, y, z if these do not tell."""
     axes = "".join(axis_of(dim, {}) for dim in dims)
     return axis_order(axes if sorted(axes) == sorted(AXES) else AXES)
 
@@ -53,35 +42,7 @@ def make_grid(
     order: tuple[int, ...],
     options: Mapping[str, Any],
 ) -> tuple[CartesianGrid, tuple[slice, ...]]:
-    """Return the grid of a file of named arrays, and what turns arrays where coordinates fall.
-
-    Parameters
-    ----------
-    entries : mapping of Entry
-        The arrays in the file. The coordinates of a field's axes, or ``x, y, z`` beside it or
-        above, are edges, or equally spaced centres; ``bounds`` and ``unit`` are looked at.
-    place : str
-        Where a field is.
-    shape : tuple of three int
-        Number of cells along x, y and z.
-    order : tuple of three int
-        The field's axes along x, y and z.
-    options : mapping
-        What the user gave (edges, bounds or spacing, and the unit); goes before the file.
-
-    Returns
-    -------
-    CartesianGrid
-    tuple of three slice
-        Of arrays along x, y and z: backwards where the coordinates decrease.
-
-    Raises
-    ------
-    InputError
-        If options contradict each other or do not fit.
-    FileFormatError
-        If the edges in the file do not fit.
-    """
+    """Return the grid of a file of named arrays, and what turns arrays where coordinates fall."""
     from ...grids import CartesianGrid
 
     unit = options.get("unit") or text_in(entries.get("unit"))
@@ -132,13 +93,7 @@ def _explained(lines: tuple[str, ...]) -> Iterator[None]:
 
 
 def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -> CartesianGrid:
-    """Return the grid of the option `bounds` or `spacing`.
-
-    Raises
-    ------
-    InputError
-        If they are no lengths.
-    """
+    """Return the grid of the option `bounds` or `spacing`."""
     from ...grids import CartesianGrid
 
     bounds = options.get("bounds")
@@ -212,3 +167,72 @@ def text_in(entry: Entry | None) -> str | None:
         return None
     value = entry.load()[()]
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+# More are no components of a vector, but a fourth dimension.
+_MOST = 4
+_WHERE = {"first": 0, "last": 3}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An array in a file."""
+
+    shape: tuple[int, ...]  # known without reading it
+    dtype: np.dtype[Any]  # known without reading it
+    unit: str  # known without reading it
+    load: Callable[..., np.ndarray]  # returns the values, or the part with an index
+    mapped: bool = False  # true if values stay in the file until they are used
+    # per axis the place of its coordinate and its name, empty where there is none; or nothing
+    scales: tuple[str, ...] = ()
+    # per axis the place of its coordinate and its name, empty where there is none; or nothing
+    dims: tuple[str, ...] = ()
+    part_of: str = ""  # place of the array that this is a component of; empty if it is whole
+
+    @property
+    def numeric(self) -> bool:
+        """True for real numbers."""
+        return self.dtype.kind in "fiub"
+
+    def component(self, place: str, axis: int, number: int) -> Entry:
+        """Return one entry along an axis; the place is that of the whole array."""
+        index = (*[slice(None)] * axis, number)
+        without = [k for k in range(len(self.shape)) if k != axis]
+        return replace(
+            self,
+            shape=tuple(self.shape[k] for k in without),
+            load=lambda: self.load(index),
+            mapped=False,
+            scales=tuple(self.scales[k] for k in without) if self.scales else (),
+            dims=tuple(self.dims[k] for k in without) if self.dims else (),
+            part_of=place,
+        )
+
+
+def with_components(entries: Mapping[str, Entry], where: Any) -> dict[str, Entry]:
+    """Return all arrays, those of vectors (of four axes) as one for each component."""
+    if where is not None and where not in _WHERE:
+        raise InputError(f"components must be 'first' or 'last', got {where!r}")
+    found: dict[str, Entry] = {}
+    for place, entry in entries.items():
+        axis = _component_axis(entry, where)
+        if axis is None:
+            found[place] = entry
+            continue
+        count = entry.shape[axis]
+        endings = "xyz" if count == len("xyz") else map(str, range(count))
+        for number, ending in enumerate(endings):
+            found.setdefault(f"{place}_{ending}", entry.component(place, axis, number))
+    return found
+
+
+def _component_axis(entry: Entry, where: str | None) -> int | None:
+    if len(entry.shape) != 4 or not entry.numeric:
+        return None
+    if where is not None:
+        return _WHERE[where]
+    # An axis that is called x, y, z or t counts no components.
+    ends = [a for a in _WHERE.values() if not (entry.dims and axis_of(entry.dims[a], {}))]
+    three = [axis for axis in ends if entry.shape[axis] == 3]
+    few = [axis for axis in ends if 2 <= entry.shape[axis] <= _MOST]
+    return next((found[0] for found in (three, few) if len(found) == 1), None)

@@ -14,8 +14,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
-from .entry import Entry, with_components
-from .layout import axis_order, make_grid, named_order
+from .layout import Entry, axis_order, make_grid, named_order, with_components
 
 if TYPE_CHECKING:
     from ...volume import Volume

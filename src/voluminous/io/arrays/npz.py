@@ -8,21 +8,34 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError
 from ...units import unit_name
 from ..archives import ZIP, zip_names
+from ..names import field_name
 from ..payload import read_exactly
-from .entry import Entry
-from .layout import AXES, text_in
+from .layout import AXES, Entry, text_in
 from .named_arrays import NamedArraysReader
-from .npy_format import header
 
 if TYPE_CHECKING:
     from ...volume import Volume
+
+
+MAGIC = b"\x93NUMPY"
+
+
+def header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, Fortran order and type of the array at the beginning of a file."""
+    version = np.lib.format.read_magic(file)
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(file)
+    if version == (2, 0):
+        return np.lib.format.read_array_header_2_0(file)
+    raise FileFormatError(f"expected NumPy's array format 1.0 or 2.0, got {version}")
+
 
 _ENDING = ".npy"
 _UNIT = "_unit"
@@ -100,4 +113,46 @@ def _check_length(member: str, found: int, shape: tuple[int, ...], dtype: np.dty
     if not dtype.hasobject and found != expected:
         raise FileFormatError(
             f"{member} holds {found} bytes, but shape {shape} of {dtype} takes {expected}"
+        )
+
+
+class NPYReader(NamedArraysReader):
+    """One field; its name is the file's, or the option `name`."""
+
+    name = "npy"
+    description = "a NumPy array (.npy)"
+    suffixes = (".npy",)
+    options = {  # noqa: RUF012 - as in Reader
+        **NamedArraysReader.options,
+        "name": "name of the field; by default that of the file without suffix",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        return head.startswith(MAGIC)
+
+    @contextmanager
+    def entries(
+        self, path: Path, only: str | None = None, **options: Any
+    ) -> Iterator[dict[str, Entry]]:
+        with open(path, "rb") as file:
+            shape, fortran, dtype = header(file)
+            _npy_check_length(path, file.tell(), shape, dtype)
+
+        def load(index: Any = ...) -> np.ndarray:
+            values: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)[index]
+            return values
+
+        # A volume copies what lies in another order, or in foreign bytes.
+        mapped = not fortran and dtype.isnative
+        yield {options.get("name") or field_name(path.stem): Entry(shape, dtype, "", load, mapped)}
+
+
+def _npy_check_length(path: Path, start: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    if dtype.hasobject:  # refused later, by name
+        return
+    expected = start + dtype.itemsize * int(np.prod(shape, dtype=object))
+    found = path.stat().st_size
+    if found < expected:
+        raise FileFormatError(
+            f"the file is cut short: {found} bytes, but shape {shape} of {dtype} takes {expected}"
         )

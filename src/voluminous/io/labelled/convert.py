@@ -1,9 +1,12 @@
-"""From xarray to volumes."""
+"""What readers of data with named dimensions share; a format has to provide `dataset`."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,14 +14,115 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import InputError, how_to_take
 from ...packages import require
-from .layout import Layout, layout_of, selected
-from .lines import unit_in
-from .variables import check_same, check_variable, chosen_variables
+from ..contract import FieldInfo, Reader
+from ..names import chosen_fields, field_name
+from .layout import OPTIONS, Layout, axis_in, dims_of, layout_of, selected, unit_in
 
 if TYPE_CHECKING:
     import xarray
 
     from ...volume import Volume
+
+
+def infos(data: xarray.Dataset) -> tuple[FieldInfo, ...]:
+    """Return all variables of three dimensions or more."""
+    return tuple(
+        FieldInfo(_name(place), place, array.shape, str(array.dtype), unit_in(array))
+        for place, array in _variables(data).items()
+    )
+
+
+def _name(variable: str) -> str:
+    """Return a name that expressions can use: a slash is part of a unit here, not of a path."""
+    return field_name(variable.replace("/", "_"))
+
+
+# Attributes by which variables name others that describe them (CF conventions, appendix A).
+_HELPERS = (
+    *("ancillary_variables", "bounds", "cell_measures", "climatology", "coordinates"),
+    *("formula_terms", "grid_mapping", "quantization"),
+)
+
+
+def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
+    """Return the variables that can be fields, without those that only describe others."""
+    found = {
+        str(name): array
+        for name, array in data.data_vars.items()
+        if array.ndim >= 3 and array.dtype.kind in "fiub"
+    }
+    helpers = _helpers(data)
+    return {name: array for name, array in found.items() if name not in helpers} or found
+
+
+def _helpers(data: xarray.Dataset) -> set[str]:
+    """Return the variables that others name in their attributes: ``"area: cell_area"``."""
+    texts = (
+        str(attributes.get(key, ""))
+        for variable in data.variables.values()
+        for attributes in (variable.attrs, variable.encoding)
+        for key in _HELPERS
+    )
+    return {word for text in texts for word in text.split() if not word.endswith(":")}
+
+
+def chosen_variables(data: xarray.Dataset, fields: Any) -> dict[str, str]:
+    """Return name → variable of what is asked for, or of all on the same dimensions as most."""
+    if fields is not None:
+        known = {str(name): _name(str(name)) for name in data.variables}
+        return chosen_fields(known, fields, "variable")
+    variables = _variables(data)
+    if not variables:
+        raise InputError(
+            "expected a variable of three dimensions and of numbers; there are "
+            + (", ".join(_told(str(n), a) for n, a in data.data_vars.items()) or "none")
+        )
+    groups: dict[frozenset[str], list[str]] = {}
+    for place, array in variables.items():
+        groups.setdefault(_extent(array), []).append(place)
+    main = max(groups, key=lambda dims: (_spatial(data, dims) >= 3, len(groups[dims])))
+    left = [_told(p, variables[p]) for dims, g in groups.items() for p in g if dims != main]
+    if left:
+        warnings.warn(
+            f"left out, since they lie on other dimensions than {groups[main][0]}: "
+            f"{', '.join(left)}; choose them with fields=…",
+            stacklevel=2,
+        )
+    return chosen_fields({place: _name(place) for place in groups[main]}, None)
+
+
+def _extent(array: xarray.DataArray) -> frozenset[str]:
+    """Return the dimensions that count; all of them if that leaves fewer than three."""
+    long = frozenset(str(dim) for dim, n in array.sizes.items() if n > 1)
+    return long if len(long) >= 3 else frozenset(str(dim) for dim in array.dims)
+
+
+def _spatial(data: xarray.Dataset, dims: frozenset[str]) -> int:
+    return sum(axis_in(data, dim) != "t" for dim in dims)
+
+
+def check_variable(array: xarray.DataArray, place: str) -> None:
+    """Check that a variable can be a field."""
+    if array.dtype.kind not in "fiub":
+        parts = "; give its real and imaginary parts" if array.dtype.kind == "c" else ""
+        raise InputError(f"{place!r} must be real numbers, got dtype {array.dtype}{parts}")
+    if 0 in array.shape:
+        raise InputError(f"{_told(place, array)} has no cells")
+
+
+def _told(place: str, array: xarray.DataArray) -> str:
+    return f"{place} ({', '.join(f'{dim}: {n}' for dim, n in array.sizes.items())})"
+
+
+def check_same(data: xarray.Dataset, first: str, place: str, options: Mapping[str, Any]) -> None:
+    """Check that a field lies where the first does."""
+    mine, other = (set(dims_of(data, data[name], options)) for name in (place, first))
+    if mine != other:
+        raise InputError(
+            f"fields must lie on the same three dimensions, got {_told(first, data[first])} and "
+            f"{_told(place, data[place])}; choose some of one kind with fields=[…]"
+        )
+
 
 # Fields that take no more are read at once.
 AT_ONCE = 256 << 20
@@ -112,13 +216,7 @@ def from_xarray(
 
 
 def as_dataset(data: Any) -> xarray.Dataset:
-    """Return an array as a set of one.
-
-    Raises
-    ------
-    InputError
-        If it is neither.
-    """
+    """Return an array as a set of one."""
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
         packed = any(_PACKED & variable.attrs.keys() for variable in data.variables.values())
@@ -140,19 +238,7 @@ def volume_of(
     options: Mapping[str, Any],
     reader_of: Callable[[Layout, str], Callable[[], np.ndarray]],
 ) -> Volume:
-    """Return the volume of (a part of) a data set.
-
-    Parameters
-    ----------
-    data : Dataset
-        The part that is `selected`.
-    fields : None, str, sequence of str or dict
-        As for `from_xarray`.
-    options : mapping
-        As for `layout_of`.
-    reader_of : callable
-        Gives, for the layout and the name of a variable, what reads it.
-    """
+    """Return the volume of (a part of) a data set."""
     from ...volume import Volume
 
     chosen = chosen_variables(data, fields)
@@ -183,3 +269,60 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (np.datetime64, np.timedelta64)):
         return str(value)
     return value.item() if isinstance(value, np.generic) else str(value)
+
+
+class LabelledReader(Reader):
+    """Variables on coordinates, opened by xarray; each is read when it is first used."""
+
+    options = {  # noqa: RUF012 - as in Reader
+        **OPTIONS,
+        "group": "the group in the file; by default the outermost",
+    }
+    packages: tuple[str, ...] = ("xarray",)
+    extra = "arrays"
+
+    def dataset(self, path: Path, group: str | None) -> AbstractContextManager[xarray.Dataset]:
+        """Return a context that gives what is in a group, decoded but not read."""
+        raise NotImplementedError
+
+    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+        source = _Source(self, path, options.pop("group", None), options)
+
+        def reader_of(layout: Layout, place: str) -> Callable[[], np.ndarray]:
+            return functools.partial(source.values, layout, place)
+
+        with source.opened() as data:
+            volume = volume_of(data, fields, options, reader_of)
+            if volume.bytes_waiting <= AT_ONCE:
+                volume.load()  # to look what there is again for each field would take longer
+        return volume
+
+    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+        with self.dataset(path, options.get("group")) as data:
+            return infos(data)
+
+
+class _Source:
+    """Where fields are read from: a file that is open, or opened for each."""
+
+    def __init__(
+        self, reader: LabelledReader, path: Path, group: str | None, options: dict[str, Any]
+    ) -> None:
+        self.reader, self.path, self.group, self.options = reader, path, group, options
+        self.data: xarray.Dataset | None = None
+
+    @contextmanager
+    def opened(self) -> Iterator[xarray.Dataset]:
+        if self.data is not None:
+            yield self.data
+            return
+        with self.reader.dataset(self.path, self.group) as data:
+            try:
+                self.data = selected(data, self.options)
+                yield self.data
+            finally:
+                self.data = None
+
+    def values(self, layout: Layout, place: str) -> np.ndarray:
+        with self.opened() as data:
+            return layout.values(data[place])

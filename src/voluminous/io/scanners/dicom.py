@@ -1,4 +1,4 @@
-"""DICOM: a directory of slices, one of them, a file with many frames, or a table of contents."""
+"""DICOM: a directory of slices, one of them, a file with many frames, or a DICOMDIR."""
 
 from __future__ import annotations
 
@@ -12,14 +12,50 @@ from typing import Any
 from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit
 from ..guard import reading
-from .dicom_directory import images_named, is_directory
-from .dicom_file import is_dicom, quiet, read_head, starts_dicom, take_apart
-from .dicom_frames import Frame, frames_of
-from .dicom_mosaic import is_mosaic
-from .dicom_pixels import read_values, value_type
-from .dicom_stack import stacked
-from .heads import by_library
+from ..payload import inside
+from .dicom_file import is_dicom, is_mosaic, quiet, read_head, read_parts, starts_dicom, take_apart
+from .dicom_slices import Frame, frames_of, read_values, stacked, value_type
+from .stored import by_library
 from .voxels import VoxelReader, Voxels
+
+_CLASS = "1.2.840.10008.1.3.10"
+_MOST_FILES = 100_000
+
+
+def is_directory(head: Any) -> bool:
+    """Return True for the head of a table of contents."""
+    return str(head.file_meta.get("MediaStorageSOPClassUID", "")) == _CLASS
+
+
+def images_named(path: Path) -> list[Path]:
+    """Return the files of images that a table of contents names."""
+    records = read_parts(path, "DirectoryRecordSequence").get("DirectoryRecordSequence") or ()
+    found = [_file(path.parent, name) for name in _names(records)]
+    if not 0 < len(found) <= _MOST_FILES:
+        raise FileFormatError(
+            f"it is a table of contents of {len(found)} images, expected 1 to {_MOST_FILES}"
+        )
+    return found
+
+
+def _names(records: Any) -> Iterator[str]:
+    for record in records:
+        name = record.get("ReferencedFileID")
+        if name and str(record.get("DirectoryRecordType", "")) == "IMAGE":
+            yield name if isinstance(name, str) else "/".join(map(str, name))
+
+
+def _file(directory: Path, name: str) -> Path:
+    """Return a file's path; discs say in capitals what systems may show in small letters."""
+    try:
+        return inside(directory, name)
+    except FileFormatError:
+        raise
+    except InputError:
+        if not (directory / name.lower()).is_file():
+            raise
+    return inside(directory, name.lower())
+
 
 # So many files of a directory are looked at: other directories are left alone quickly.
 _FEW = 16
@@ -105,15 +141,7 @@ def _files(directory: Path) -> Iterator[Path]:
 
 
 def _chosen(path: Path, series: Any) -> _Heads:
-    """Return the files and heads of one series.
-
-    Raises
-    ------
-    InputError
-        If there are several to choose from; lists them.
-    FileFormatError
-        If there is none.
-    """
+    """Return the files and heads of one series."""
     head = None if path.is_dir() else read_head(path)
     if head is None or is_directory(head):
         groups = _by_series(path, path) if head is None else _of_contents(path)
@@ -158,7 +186,7 @@ def _of_contents(path: Path) -> dict[str, _Heads]:
 
 
 def _named(groups: dict[str, _Heads], series: Any) -> str:
-    names = {uid: _names(uid, heads[0][1]) for uid, heads in groups.items()}
+    names = {uid: _dicom_names(uid, heads[0][1]) for uid, heads in groups.items()}
     found = [uid for uid in groups if series is None or str(series) in names[uid]]
     if len(found) == 1:
         return found[0]
@@ -171,19 +199,13 @@ def _named(groups: dict[str, _Heads], series: Any) -> str:
     raise InputError(f"there are {asked}; choose one by its number, text or UID:\n{listed}")
 
 
-def _names(uid: str, head: Any) -> tuple[str, str, str]:
+def _dicom_names(uid: str, head: Any) -> tuple[str, str, str]:
     number, text = head.get("SeriesNumber"), head.get("SeriesDescription")
     return uid, "" if number is None else str(number), str(text or "")
 
 
 def _common_head(heads: _Heads) -> Any:
-    """Return the first head, once all agree.
-
-    Raises
-    ------
-    FileFormatError
-        If two slices differ in size or kind of pixels, or they are coloured.
-    """
+    """Return the first head, once all agree."""
     file, first = heads[0]
     for other, head in heads:
         for keyword in _COMMON:

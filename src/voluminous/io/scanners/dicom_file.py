@@ -1,9 +1,10 @@
-"""DICOM files, opened by pydicom: no more is taken of them than there is, and than is needed."""
+"""DICOM files, opened by pydicom: only the elements in use; Siemens mosaics taken apart."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import mmap
 import struct
 import warnings
@@ -11,11 +12,63 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...errors import FileFormatError
 from ...packages import require
 from ..guard import reading
-from .dicom_mosaic import CSA_TAGS, describe_slices, is_mosaic
-from .heads import by_library
+from .stored import by_library
+
+# Where the private header can be, and what announces it.
+CSA_TAGS = (0x00290010, 0x00290011, 0x00291010, 0x00291110)
+_CREATOR, _ELEMENT, _OTHER = "SIEMENS CSA HEADER", 0x10, "VFRAME"
+
+
+def is_mosaic(head: Any) -> bool:
+    """Return True for the head of a mosaic."""
+    return bool({"MOSAIC", _OTHER} & set(head.get("ImageType") or ()))
+
+
+def describe_slices(head: Any, private: Any) -> None:
+    """Change the head of a mosaic to that of a file with a frame per slice."""
+    if _OTHER in head.ImageType:
+        raise FileFormatError(
+            "mosaics of United Imaging (VFRAME) are not read; convert them with 'dcm2niix'"
+        )
+    csareader = require("nibabel.nicom.csareader", "medical", "reading Siemens mosaics")
+    try:
+        csa = csareader.read(private.private_block(0x0029, _CREATOR)[_ELEMENT].value)
+        count = int(csareader.get_n_mosaic(csa))
+        normal = np.array(csareader.get_slice_normal(csa), float)
+        first, axes, spacing = (
+            np.array(head[name].value, float)
+            for name in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
+        )
+    except (KeyError, TypeError) as error:
+        raise FileFormatError(
+            "it is a Siemens mosaic without the private header (0029,1010) that says how many "
+            "slices it has, or without a position; convert the original file with 'dcm2niix'"
+        ) from error
+    side = math.ceil(math.sqrt(count)) if count > 0 else 0
+    if not side or head.Rows % side or head.Columns % side:
+        raise FileFormatError(f"{head.Columns} x {head.Rows} pixels are no mosaic of {count}")
+    along, down = axes.reshape(2, 3)
+    moved = (head.Columns - head.Columns // side) / 2 * spacing[1] * along
+    moved += (head.Rows - head.Rows // side) / 2 * spacing[0] * down
+    step = float(head.get("SpacingBetweenSlices") or head.get("SliceThickness") or 1.0)
+    step *= 1.0 if np.cross(along, down) @ normal > 0 else -1.0
+    head.Rows, head.Columns, head.NumberOfFrames = head.Rows // side, head.Columns // side, count
+    head.ImagePositionPatient = (first + moved).tolist()
+    head.GridFrameOffsetVector = (step * np.arange(count)).tolist()
+
+
+def tiles(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the tiles of a picture, (slices, *shape): row by row."""
+    rows, columns = shape
+    across, down = picture.shape[-1] // columns, picture.shape[-2] // rows
+    parts = picture.reshape(down, rows, across, columns)
+    return parts.swapaxes(1, 2).reshape(-1, rows, columns)
+
 
 PREAMBLE, MAGIC = 128, b"DICM"
 # Bytes that tell whether a file without a preamble is DICOM; the groups that come first; kinds of
@@ -111,24 +164,12 @@ def _is_bare(head: bytes, order: str) -> bool:
 
 
 def read_head(path: Path) -> Any:
-    """Return the head of a file as a pydicom data set.
-
-    Raises
-    ------
-    FileFormatError
-        If it is damaged.
-    """
+    """Return the head of a file as a pydicom data set."""
     return _read(path, _KEYWORDS, stop_before_pixels=True)
 
 
 def take_apart(path: Path, head: Any) -> None:
-    """Make the head of a Siemens mosaic, and of nothing else, one of a file with many frames.
-
-    Raises
-    ------
-    FileFormatError
-        If its private header is missing or of another picture.
-    """
+    """Make the head of a Siemens mosaic, and of nothing else, one of a file with many frames."""
     if is_mosaic(head):
         private = _read(path, CSA_TAGS, stop_before_pixels=True)
         with by_library("nibabel"):
@@ -151,13 +192,7 @@ def is_native(head: Any) -> bool:
 
 
 def check_size(path: Path, head: Any, frames: int) -> None:
-    """Check that a file is long enough for its frames.
-
-    Raises
-    ------
-    FileFormatError
-        If it is cut short.
-    """
+    """Check that a file is long enough for its frames."""
     # Of packed frames it is known that each has a head.
     bits = head.Rows * head.Columns * head.BitsAllocated if is_native(head) else 64
     found, least = path.stat().st_size, frames * bits // 8

@@ -14,11 +14,20 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ..payload import checked_shape
-from .heads import data_files, head_lines, named_files, real_numbers, whole_numbers
-from .placement import LPS, Placement
-from .stored import AT_THE_END, PLAIN, TEXT, ZLIB, Stored
+from .placement import LPS, Placement, lattice, single_field, slabs
+from .stored import (
+    AT_THE_END,
+    PLAIN,
+    TEXT,
+    ZLIB,
+    Stored,
+    data_files,
+    head_lines,
+    named_files,
+    real_numbers,
+    whole_numbers,
+)
 from .voxels import VECTOR, VoxelReader, Voxels, components, time_step
-from .written import lattice, single_field, slabs
 
 if TYPE_CHECKING:
     from ...volume import Volume

@@ -12,9 +12,8 @@ import numpy as np
 from ...errors import FileFormatError
 from ...packages import require
 from ..payload import checked_shape
-from .heads import by_library
 from .placement import Placement
-from .stored import Stored
+from .stored import Stored, by_library
 from .voxels import VoxelReader, Voxels, time_step
 
 _MAP = slice(208, 211)

@@ -12,8 +12,8 @@ from ...memory import check_memory
 from ...packages import require
 from ..hdf5 import is_hdf5, opened
 from ..payload import checked_shape
-from .heads import by_library, unpacked_start
 from .placement import Placement
+from .stored import by_library, unpacked_start
 from .voxels import VoxelReader, Voxels, time_step
 
 

@@ -16,11 +16,9 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...packages import require
 from ..payload import checked_shape, unpacked
-from .heads import by_library, unpacked_start
-from .placement import Placement
-from .stored import GZIP, PLAIN, Stored
+from .placement import Placement, lattice, single_field
+from .stored import GZIP, PLAIN, Stored, by_library, unpacked_start
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
-from .written import lattice, single_field
 
 if TYPE_CHECKING:
     from ...volume import Volume

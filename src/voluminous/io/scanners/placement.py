@@ -15,16 +15,22 @@ from __future__ import annotations
 
 import itertools
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import FileFormatError
+from ...errors import FileFormatError, InputError
+from ...units import parse_unit, plain
+from ..cartesian import cartesian
 from ..edges import edges_of_centers
+from ..unit_texts import known_unit
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
+    from ...volume import Volume
+
 
 LPS = "LPS"
 # What the file's coordinates are multiplied with to become LPS; "" is no patient's space.
@@ -37,50 +43,26 @@ _SHEARED = 0.01
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the voxels of an array are.
+    """Where the voxels of an array are."""
 
-    Attributes
-    ----------
-    origin : array_like, shape (3,)
-        Centre of the first voxel.
-    steps : array_like, shape (3, 3)
-        ``steps[b]`` leads from a voxel to the next along axis b of the array.
-    unit : str
-        Of lengths; empty for none.
-    space : str
-        A key of `SIGNS`: which way the coordinates run in a patient.
-    stations : array of float, shape (n,), optional
-        Distances of the slices along axis 2 from the first, where they are not equally far apart;
-        ``steps[2]`` is then their mean.
-    """
-
-    origin: Any
-    steps: Any
-    unit: str = ""
-    space: str = ""
+    origin: Any  # centre of the first voxel
+    steps: Any  # ``steps[b]`` leads from a voxel to the next along axis b of the array
+    unit: str = ""  # of lengths; empty for none
+    space: str = ""  # A key of `SIGNS`: which way the coordinates run in a patient
+    # distances of the slices along axis 2 from the first, where they are not equally far apart;
+    # ``steps[2]`` is then their mean
     stations: Any = None
 
 
 @dataclass(frozen=True)
 class Arrangement:
-    """How an array of voxels is brought to a grid.
+    """How an array of voxels is brought to a grid."""
 
-    Attributes
-    ----------
-    grid : CartesianGrid
-        In LPS where the file tells.
-    order : tuple of int
-        The axes of the array that become x, y and z.
-    backward : tuple of bool
-        Which of x, y and z run against the array.
-    direction : array, shape (3, 3), or None
-        Column a is the true unit vector along the grid's axis a, if that is another: a point p of
-        the grid, whose centre is c, truly is at c + direction @ (p - c).
-    """
-
-    grid: CartesianGrid
-    order: tuple[int, ...]
-    backward: tuple[bool, ...]
+    grid: CartesianGrid  # in LPS where the file tells
+    order: tuple[int, ...]  # the axes of the array that become x, y and z
+    backward: tuple[bool, ...]  # which of x, y and z run against the array
+    # column a is the true unit vector along the grid's axis a, if that is another: a point p of
+    # the grid, whose centre is c, truly is at c + direction @ (p - c)
     direction: np.ndarray | None
 
     def put(self, values: np.ndarray) -> np.ndarray:
@@ -90,13 +72,7 @@ class Arrangement:
 
 
 def arranged(shape: tuple[int, ...], placement: Placement) -> Arrangement:
-    """Return grid and order of an array of voxels.
-
-    Raises
-    ------
-    FileFormatError
-        If the steps are not finite, or do not span space.
-    """
+    """Return grid and order of an array of voxels."""
     from ...grids import CartesianGrid
 
     signs = np.array(SIGNS[placement.space])
@@ -162,3 +138,93 @@ def _edges(count: int, width: float, stations: Any) -> np.ndarray:
     if stations is None:
         return width * (np.arange(count + 1) - 0.5)
     return edges_of_centers(stations)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where the voxels of a file are, axes x, y, z: centre of the first, widths, unit vectors.
+
+    Row a of `units` is the direction of axis a.
+    """
+
+    origin: np.ndarray
+    widths: np.ndarray
+    units: np.ndarray
+
+    @property
+    def steps(self) -> np.ndarray:
+        """What leads from a voxel to the next, a row per axis."""
+        return self.units * self.widths[:, None]
+
+
+def single_field(volume: Volume, kind: str) -> str:
+    """Return the name of the volume's only field."""
+    if len(volume.fields) != 1:
+        listed = ", ".join(volume.fields) or "none"
+        raise InputError(
+            f"{kind} holds one field, the volume has {listed}; choose one when it is opened: "
+            "vm.open(path, 'name')"
+        )
+    return volume.fields[0]
+
+
+def lattice(volume: Volume, unit: str = "") -> Lattice:
+    """Return where the cells of a uniform Cartesian volume are, turned as they truly are."""
+    grid = cartesian(volume)
+    if not grid.is_uniform:
+        raise InputError(
+            "this format holds cells of equal width only; resample the volume first: "
+            "volume.resample(…)"
+        )
+    bounds = grid.bounds * _factor(grid.unit, unit)
+    widths = np.ptp(bounds, axis=1) / grid.shape
+    direction, middle = direction_of(volume), bounds.mean(axis=1)
+    first = bounds[:, 0] + widths / 2
+    if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
+        first = middle + direction @ (first - middle)
+    return Lattice(first, widths, direction.T)
+
+
+def _factor(own: Any, unit: str) -> float:
+    if not unit or own is None:
+        return 1.0
+    return float(plain(1.0 * own, parse_unit(unit), "the cell edges"))
+
+
+def direction_of(volume: Volume) -> np.ndarray:
+    """Return how the cells are turned: column a is the true unit vector along axis a."""
+    direction = np.asarray(volume.meta.get("direction", np.eye(3)), float)
+    if direction.shape != (3, 3):
+        raise InputError(
+            f"meta['direction'] must be a matrix of 3 x 3, got the shape {direction.shape}; "
+            "delete it if the volume is not turned"
+        )
+    return direction
+
+
+def slabs(values: np.ndarray) -> Iterator[bytes]:
+    """Give the numbers of a field, little-endian, x fastest, a slice at a time."""
+    stored = values.dtype.newbyteorder("<")
+    for k in range(values.shape[2]):
+        yield values[:, :, k].astype(stored, copy=False).tobytes(order="F")
+
+
+_INCH = "25.4 mm"
+# What the cells of a grid may be measured in.
+_EXTENTS = ("length", "angle")
+
+
+def length_unit(text: str) -> str:
+    """Return astropy's name of a unit of length or angle; the empty string for anything else."""
+    # ImageJ writes the micro sign as it does in Java's source.
+    word = text.strip().strip('"').replace("\\u00B5", "u").replace("µ", "u").replace("μ", "u")
+    name = known_unit(_INCH if word.lower() in ("in", "inch") else word)
+    unit = parse_unit(name)
+    return name if unit is not None and unit.physical_type in _EXTENTS else ""
+
+
+def conversion(unit: str, to: str) -> float:
+    """Return the factor between two of these units; one where either is not known."""
+    if not unit or not to or unit == to:
+        return 1.0
+    return float(parse_unit(unit).to(parse_unit(to)))

@@ -29,39 +29,21 @@ _DOUBLE = (".nii", ".ome", ".img", ".hdr")
 
 @dataclass(frozen=True)
 class Voxels:
-    """What the head of a file tells of the voxels in it.
+    """What the head of a file tells of the voxels in it."""
 
-    Attributes
-    ----------
-    shape : tuple of three int
-        Voxels along the axes of the array, the fastest in the file first.
-    dtype : dtype
-        Of what `load` returns.
-    placement : Placement
-        Where they are.
-    load : callable
-        Reads one component, by its number, as an array of this shape.
-    components : tuple of str
-        What is put behind the field's name for each component: ``("",)`` for scalars, `VECTOR`
-        for vectors in the coordinates that the placement is in.
-    name : str
-        Of the field, where the file or its format tells better than the file's own name.
-    unit : str
-        Of the values.
-    channels : sequence of dict
-        Label, colour and window of each component, see `channels`.
-    meta : dict
-        What else the volume's `meta` shall hold.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    placement: Placement
+    shape: tuple[int, ...]  # voxels along the axes of the array, the fastest in the file first
+    dtype: np.dtype[Any]  # of what `load` returns
+    placement: Placement  # where they are
+    # reads one component, by its number, as an array of this shape
     load: Callable[[int], np.ndarray]
+    # what is put behind the field's name for each component: ``("",)`` for scalars, `VECTOR` for
+    # vectors in the coordinates that the placement is in
     components: tuple[str, ...] = ("",)
+    # of the field, where the file or its format tells better than the file's own name
     name: str = ""
-    unit: str = ""
-    channels: Sequence[Channel] = ()
+    unit: str = ""  # of the values
+    channels: Sequence[Channel] = ()  # label, colour and window of each component, see `channels`
+    # what else the volume's `meta` shall hold
     meta: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -105,13 +87,7 @@ class VoxelReader(Reader):
 
 
 def stem(path: Path) -> str:
-    """Return the name of a file without the endings that tell its format.
-
-    Examples
-    --------
-    >>> stem(Path("scans/head.v2.nii.gz"))
-    'head.v2'
-    """
+    """Return the name of a file without the endings that tell its format."""
     short = path.with_suffix("") if path.suffix.lower() in _PACKINGS else path
     inner = short.with_suffix("")
     return inner.stem if inner.suffix.lower() in _DOUBLE else short.stem
@@ -125,13 +101,7 @@ def components(count: int, endings: tuple[str, ...] = ()) -> tuple[str, ...]:
 
 
 def time_step(time: Any, count: int) -> int:
-    """Return the number of a time step that a user asks for, from 0; negative from the end.
-
-    Raises
-    ------
-    InputError
-        If there is no such step.
-    """
+    """Return the number of a time step that a user asks for, from 0; negative from the end."""
     if isinstance(time, bool) or not isinstance(time, (int, np.integer)):
         raise InputError(f"time must be the number of a time step, from 0, got {time!r}")
     if not -count <= time < count:

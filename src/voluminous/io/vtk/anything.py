@@ -1,7 +1,12 @@
-"""What else PyVista reads: image data as they are, meshes of some fifty formats resampled."""
+"""Legacy files of VTK (.vtk), as text or binary: words after the title, not lines.
+
+https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
+"""
 
 from __future__ import annotations
 
+import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,11 +16,9 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import require
-from .dataset import Dataset
-from .library import heard
-from .meshes import leaves
-from .objects import dataset_of
-from .volumes import OPTIONS, DatasetReader
+from .dataset import OPTIONS, Dataset, DatasetReader
+from .library import heard, vtk
+from .objects import dataset_of, leaves
 
 # How Tecplot's text begins: other programs call anything .dat.
 _TECPLOT = (b"TITLE", b"VARIABLES", b"ZONE", b"FILETYPE")
@@ -105,3 +108,47 @@ def _choose_time(reader: Any, time: float | None) -> dict[str, float]:
     step = len(times) - 1 if time is None else int(np.argmin(np.abs(times - time)))
     reader.set_active_time_value(times[step])
     return {"time": float(times[step])}
+
+
+_MAGIC = b"# vtk DataFile Version"
+_DIMENSIONS = re.compile(rb"\bDIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)\b", re.IGNORECASE)
+_HEAD = 4096
+# Without these only the first array of each sort is read.
+_ALL = ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields")
+
+
+class VTKReader(DatasetReader):
+    """Legacy files."""
+
+    name = "vtk"
+    description = "a legacy VTK file (.vtk)"
+    suffixes = (".vtk",)
+    packages = ("vtkmodules",)
+    extra = "vtk"
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        return head.startswith(_MAGIC)
+
+    def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
+        return _legacy_dataset(path, resolution)
+
+
+def _legacy_dataset(path: Path, resolution: Any) -> Dataset:
+    with open(path, "rb") as file:
+        told = _DIMENSIONS.search(file.read(_HEAD))
+    size = path.stat().st_size
+    # VTK takes memory as announced, and ends the process where there is not that much.
+    if told and math.prod(max(int(n) - 1, 1) for n in told.groups()) > 8 * size:
+        raise FileFormatError(
+            f"{told[0].decode()} are more than a file of {size} bytes holds; it is cut short"
+        )
+    reader = vtk("vtkIOLegacy").vtkGenericDataObjectReader()
+    reader.SetFileName(str(path))
+    for sort in _ALL:
+        getattr(reader, f"ReadAll{sort}On")()
+    with heard():
+        reader.Update()
+    found = reader.GetOutput()
+    if found is None:
+        raise FileFormatError("expected DATASET and its kind in line 4")
+    return dataset_of(found, resolution, reader.GetHeader() or "")

@@ -15,11 +15,19 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ..hdf5 import data_set, is_hdf5, opened, read
 from ..scanners.placement import Arrangement
-from .axes import ADVICE, UPRIGHT, cell_counts, even_arrangement
-from .dataset import CELL, POINT, Array, Dataset
+from .dataset import (
+    ADVICE,
+    CELL,
+    POINT,
+    UPRIGHT,
+    Array,
+    Dataset,
+    DatasetReader,
+    cell_counts,
+    even_arrangement,
+)
 from .library import heard, vtk
 from .objects import dataset_of
-from .volumes import DatasetReader
 
 _ROOT, _IMAGE = "VTKHDF", "ImageData"
 _SECTIONS = (("PointData", POINT), ("CellData", CELL))
@@ -75,13 +83,7 @@ def _dataset(path: Path, resolution: Any = None) -> Dataset:
 
 
 def _check_kind(root: Any) -> None:
-    """Refuse what is no image of one time.
-
-    Raises
-    ------
-    InputError
-        Says what to do.
-    """
+    """Refuse what is no image of one time."""
     kind = root.attrs.get("Type", b"")
     kind = kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
     if kind != _IMAGE:

@@ -24,25 +24,13 @@ _DUMP = re.compile(r"ERROR: In vtkExecutive.*?(?:\n\n\n\n|\Z)", re.DOTALL)
 
 
 def vtk(module: str) -> Any:
-    """Return a module of VTK, such as ``"vtkIOXML"``.
-
-    Raises
-    ------
-    MissingPackageError
-        If VTK is not installed.
-    """
+    """Return a module of VTK, such as ``"vtkIOXML"``."""
     return require(f"vtkmodules.{module}", "vtk", "reading and writing files of VTK")
 
 
 @contextmanager
 def heard(warnings: bool = True) -> Iterator[None]:
-    """Make an error of whatever text VTK shows meanwhile; without `warnings` of errors alone.
-
-    Raises
-    ------
-    FileFormatError
-        With the text.
-    """
+    """Make an error of whatever text VTK shows meanwhile; without `warnings` of errors alone."""
     core = vtk("vtkCommonCore")
     window, log = core.vtkOutputWindow, core.vtkLogger
     before, verbosity = window.GetInstance(), log.GetCurrentVerbosityCutoff()
@@ -68,13 +56,7 @@ def _plain(text: str) -> str:
 
 
 def tree(path: Path) -> Any:
-    """Return the outermost element of an XML file of VTK.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is cut short or damaged.
-    """
+    """Return the outermost element of an XML file of VTK."""
     with open(path, "rb") as file:
         file.seek(max(path.stat().st_size - _TAIL, 0))
         if b"</VTKFile" not in file.read():
@@ -96,13 +78,7 @@ def children(element: Any, name: str = "") -> list[Any]:
 
 
 def needed(element: Any, name: str) -> Any:
-    """Return the first element of a name in another.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none.
-    """
+    """Return the first element of a name in another."""
     found = children(element, name)
     if not found:
         raise FileFormatError(f"expected <{name:.100}> in <{element.GetName()}>, there is none")
@@ -110,13 +86,7 @@ def needed(element: Any, name: str) -> Any:
 
 
 def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, ...]:
-    """Return an attribute of so many numbers.
-
-    Raises
-    ------
-    FileFormatError
-        If it is another.
-    """
+    """Return an attribute of so many numbers."""
     text = element.GetAttribute(name)
     try:
         found = tuple(kind(word) for word in (text or "").split())
@@ -131,13 +101,7 @@ def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, 
 
 
 def check_arrays(piece: Any) -> None:
-    """Refuse what VTK takes without a word: a million components, values before the first byte.
-
-    Raises
-    ------
-    FileFormatError
-        Names the array.
-    """
+    """Refuse what VTK takes without a word: a million components, values before the first byte."""
     for section in children(piece):
         for array in children(section, "DataArray"):
             count = array.GetAttribute("NumberOfComponents") or "1"

@@ -13,8 +13,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..cartesian import cartesian
+from ..scanners.placement import direction_of
 from ..scanners.voxels import VECTOR
-from ..scanners.written import direction_of
 from .library import heard, vtk
 
 if TYPE_CHECKING:
@@ -25,13 +25,7 @@ _OUT_OF_DISK_SPACE = 20007  # vtkErrorCode.h
 
 
 def write_image(volume: Volume, path: Path) -> None:
-    """Write a volume of equal cells.
-
-    Raises
-    ------
-    InputError
-        If its cells are not equal.
-    """
+    """Write a volume of equal cells."""
     grid = cartesian(volume)
     if not grid.is_uniform:
         raise InputError("image data have equal cells, these are not: write a .vtr file")

@@ -1,9 +1,15 @@
-"""OME-Zarr: images of microscopes, in several resolutions and channels."""
+"""What OME-Zarr says of an image: its axes, its levels, and how large their voxels are.
+
+Versions 0.4 and 0.5 of the specification, https://ngff.openmicroscopy.org; earlier ones have no
+sizes of voxels.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,17 +17,198 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError, unknown_name
-from ..arrays.layout import AXES
-from ..channels import Y_DOWN, channel_meta
+from ...memory import available_memory
+from ..arrays.layout import AXES, equal_cells
+from ..channels import Y_DOWN, Channel, channel_fields, channel_meta, omero_channels
 from ..contract import FieldInfo, Reader
-from ..names import chosen_fields
-from .choice import channel_names, counts, level_number, time_number, voxels
-from .multiscale import Multiscale, multiscale_in, parsed
-from .opened import zarr_array, zarr_store
-from .store import Store, holds_zarr, node_at, stored
+from ..names import chosen_fields, field_name
+from ..unit_texts import known_unit
+from .store import Store, holds_zarr, node_at, stored, zarr_array, zarr_store
 
 if TYPE_CHECKING:
+    from ...grids import CartesianGrid
     from ...volume import Volume
+
+
+_OLD_AXES = ("t", "c", "z", "y", "x")
+
+
+@dataclass(frozen=True)
+class Level:
+    """One resolution: where the array is, and per axis the size of a voxel and its first centre."""
+
+    place: str
+    scale: tuple[float, ...]
+    translation: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Multiscale:
+    """An image in several resolutions, finest first."""
+
+    # ``t``, ``c``, ``z``, ``y``, ``x``, as far as they are there, in the arrays' order
+    axes: tuple[str, ...]
+    unit: str  # of x (astropy's name, empty where there is none)
+    ratios: dict[str, float]  # unit of z, y and x over that of x
+    levels: tuple[Level, ...]  # the resolutions
+    channels: tuple[Channel, ...]  # labels, colours and windows, see `channels`
+
+
+def multiscale_in(attributes: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the attributes that have ``multiscales``: version 0.5 has them in ``ome``."""
+    inner = attributes.get("ome")
+    for found in (inner, attributes):
+        if isinstance(found, Mapping) and isinstance(found.get("multiscales"), list):
+            return found
+    return None
+
+
+def parsed(attributes: Mapping[str, Any], place: str) -> Multiscale:
+    """Return the first image that attributes describe."""
+    try:
+        image = attributes["multiscales"][0]
+        told = image.get("axes") or list(_OLD_AXES)
+        axes = tuple(_axis_name(axis) for axis in told)
+        units = {_axis_name(a): _axis_unit(a) for a in told}
+        after = _transformed(image.get("coordinateTransformations"), len(axes), None)
+        levels = tuple(_level(data, len(axes), after, place) for data in image["datasets"])
+    except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
+        raise FileFormatError(
+            f"the multiscales of {place or 'the image'} are not as OME-Zarr has them "
+            f"({type(error).__name__}: {error})"
+        ) from error
+    if not levels or len(set(axes)) < len(axes) or not {"x", "y", "z"} <= set(axes):
+        raise FileFormatError(f"expected an image with axes z, y and x, got {', '.join(axes)}")
+    unit, ratios = _common_unit(units)
+    return Multiscale(axes, unit, ratios, levels, omero_channels(attributes))
+
+
+def _axis_name(axis: Any) -> str:
+    return str(axis["name"] if isinstance(axis, Mapping) else axis).lower()
+
+
+def _axis_unit(axis: Any) -> str:
+    return known_unit(str(axis.get("unit", ""))) if isinstance(axis, Mapping) else ""
+
+
+def _common_unit(units: Mapping[str, str]) -> tuple[str, dict[str, float]]:
+    """Return the unit of x, and those of all axes over it; none where they do not convert."""
+    from astropy import units as u
+
+    try:
+        own = u.Unit(units["x"])
+        return units["x"], {axis: float(u.Unit(units[axis]).to(own)) for axis in "xyz"}
+    except u.UnitsError:
+        return "", dict.fromkeys("xyz", 1.0)
+
+
+def _level(
+    data: Mapping[str, Any], count: int, after: tuple[list[float], list[float]], place: str
+) -> Level:
+    scale, shift = _transformed(data.get("coordinateTransformations"), count, after)
+    path = str(data["path"]).strip("/")
+    return Level(f"{place}/{path}" if place else path, tuple(scale), tuple(shift))
+
+
+def _transformed(
+    steps: Any, count: int, after: tuple[list[float], list[float]] | None
+) -> tuple[list[float], list[float]]:
+    """Return scale and translation of steps one after the other, then of those `after` them."""
+    scale, shift = [1.0] * count, [0.0] * count
+    for step in steps or []:
+        kind = step["type"]
+        if kind == "scale":
+            factors = _numbers(step["scale"], count)
+            scale = [s * f for s, f in zip(scale, factors, strict=True)]
+            shift = [s * f for s, f in zip(shift, factors, strict=True)]
+        elif kind == "translation":
+            moved = _numbers(step["translation"], count)
+            shift = [s + m for s, m in zip(shift, moved, strict=True)]
+        elif kind != "identity":
+            raise ValueError(f"unknown transformation {kind!r}")
+    if after is not None:
+        shift = [s * f + m for s, f, m in zip(shift, *after, strict=True)]
+        scale = [s * f for s, f in zip(scale, after[0], strict=True)]
+    return scale, shift
+
+
+def _numbers(values: Sequence[Any], count: int) -> list[float]:
+    if len(values) != count:
+        raise ValueError(f"expected {count} numbers, got {len(values)}")
+    return [float(value) for value in values]
+
+
+# A picture takes up to so many bytes a cell beside the values: four numbers between cell centres.
+_PICTURE = 16
+
+
+def level_number(arrays: Sequence[Any], image: Multiscale, asked: Any) -> int:
+    """Return the resolution asked for, or the finest of which a picture fits into memory."""
+    for array, level in zip(arrays, image.levels, strict=True):
+        if len(array.shape) != len(image.axes) or 0 in array.shape:
+            raise FileFormatError(
+                f"{level.place!r} has shape {array.shape}, expected axes {', '.join(image.axes)} "
+                "of at least one voxel"
+            )
+    if asked is not None:
+        return _numbered("level", asked, len(arrays))
+    free = available_memory() // 2
+    for number, array in enumerate(arrays):
+        size = np.dtype(array.dtype).itemsize + _PICTURE
+        if math.prod(counts(image, array.shape)) * size <= free:
+            return number
+    return len(arrays) - 1
+
+
+def counts(image: Multiscale, shape: Sequence[int]) -> tuple[int, ...]:
+    """Return the number of voxels along x, y and z."""
+    return tuple(int(shape[image.axes.index(axis)]) for axis in AXES)
+
+
+def time_number(image: Multiscale, shape: Sequence[int], asked: Any) -> int:
+    """Return the time asked for, or the only one."""
+    count = int(shape[image.axes.index("t")]) if "t" in image.axes else 1
+    if asked is None and count > 1:
+        raise InputError(f"there are {count} times; choose one with time=0 … time={count - 1}")
+    return 0 if asked is None else _numbered("time", asked, count)
+
+
+def channel_names(image: Multiscale, shape: Sequence[int], stem: str, asked: Any) -> dict[int, str]:
+    """Return number → name of the channels: their labels, else numbered, or the file's if alone."""
+    count = int(shape[image.axes.index("c")]) if "c" in image.axes else 1
+    numbered = [field_name(stem)] if count == 1 else [f"channel_{k}" for k in range(count)]
+    names = channel_fields(image.channels, numbered)
+    chosen = range(count) if asked is None else [_numbered("channel", asked, count)]
+    return {k: names[k] for k in chosen}
+
+
+def _numbered(what: str, asked: Any, count: int) -> int:
+    if not isinstance(asked, (int, np.integer)) or not 0 <= asked < count:
+        raise InputError(f"{what} must be a number from 0 to {count - 1}, got {asked!r}")
+    return int(asked)
+
+
+def voxels(
+    image: Multiscale, level: Level, shape: Sequence[int], options: Mapping[str, Any]
+) -> CartesianGrid:
+    """Return the grid of a resolution; the file tells the centre of the first voxel."""
+    from ...grids import CartesianGrid
+
+    number, unit = counts(image, shape), options.get("unit") or image.unit
+    if options.get("bounds") is not None or options.get("spacing") is not None:
+        return equal_cells(number, options, unit)
+    bounds = []
+    for axis, n in zip(AXES, number, strict=True):
+        k, ratio = image.axes.index(axis), image.ratios[axis]
+        step = level.scale[k] * ratio
+        low = level.translation[k] * ratio - 0.5 * step
+        if not 0 < step < math.inf or not math.isfinite(low):
+            raise FileFormatError(
+                f"voxels of {level.place!r} have size {step} along {axis} and begin at {low}; "
+                "give spacing=… in place of that"
+            )
+        bounds.append((low, low + n * step))
+    return CartesianGrid.uniform(number, bounds, unit=unit)
 
 
 class OMEZarrReader(Reader):
@@ -100,15 +287,7 @@ def _images(store: Store) -> list[str]:
 
 
 def _image(path: Path, asked: Any) -> Multiscale:
-    """Return what is said of the image that is asked for, or of the only one.
-
-    Raises
-    ------
-    InputError
-        If there are several, and none is asked for.
-    UnknownNameError
-        If there is no such image.
-    """
+    """Return what is said of the image that is asked for, or of the only one."""
     with stored(path) as store:
         places = _images(store)
         if asked is None and len(places) > 1:

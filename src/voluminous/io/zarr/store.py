@@ -7,14 +7,17 @@ Version 2 (https://zarr-specs.readthedocs.io/en/latest/v2/v2.0.html) has files `
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from ...errors import FileFormatError, VoluminousError
+from ...memory import check_memory
+from ...packages import require
 from ..archives import ZIP, zip_names
 
 _NODES = ("zarr.json", ".zarray", ".zgroup")
@@ -85,13 +88,7 @@ class Node:
 
 @contextmanager
 def stored(path: Path) -> Iterator[Store]:
-    """Give the store at a path.
-
-    Raises
-    ------
-    FileFormatError
-        In place of what `zipfile` raises over damage.
-    """
+    """Give the store at a path."""
     if path.is_dir():
         yield DirectoryStore(path)
         return
@@ -115,13 +112,7 @@ def holds_zarr(path: Path, head: bytes) -> bool:
 
 
 def node_at(store: Store, place: str = "") -> Node | None:
-    """Return the group or array at a place, None if there is none.
-
-    Raises
-    ------
-    FileFormatError
-        If it is not described in JSON as it should be.
-    """
+    """Return the group or array at a place, None if there is none."""
     start = f"{place}/" if place else ""
     told = _json(store, start + "zarr.json")
     if told is not None:
@@ -138,13 +129,7 @@ def node_at(store: Store, place: str = "") -> Node | None:
 
 
 def arrays_in(store: Store, place: str = "", depth: int = 0) -> Iterator[Node]:
-    """Give all arrays at a place and below.
-
-    Raises
-    ------
-    FileFormatError
-        If groups are nested too deeply, or there are too many.
-    """
+    """Give all arrays at a place and below."""
     if depth > _DEEPEST:
         raise FileFormatError(f"groups are nested deeper than {_DEEPEST} at {place!r}")
     node = node_at(store, place)
@@ -184,3 +169,26 @@ def _names(value: Any) -> tuple[str, ...] | None:
 def _check_length(name: str, size: int) -> None:
     if size > _LONGEST:
         raise FileFormatError(f"{name} has {size} bytes, expected at most {_LONGEST}")
+
+
+@contextmanager
+def zarr_store(path: Path) -> Iterator[Any]:
+    """Give what the library and xarray take for a store."""
+    zarr = require("zarr", "arrays", "reading Zarr")
+    if path.is_dir():
+        yield str(path)
+    else:
+        with closing(zarr.storage.ZipStore(str(path), mode="r")) as store:
+            yield store
+
+
+def zarr_array(store: Any, place: str) -> Any:
+    """Return an array; nothing of its values is read."""
+    zarr = require("zarr", "arrays", "reading Zarr")
+    array = zarr.open_array(store, mode="r", path=place or None)
+    pieces = tuple(int(n) for n in array.chunks)
+    if any(n < 1 for n in pieces) or any(int(n) < 0 for n in array.shape):
+        raise FileFormatError(f"{place!r} has shape {array.shape} in pieces of {pieces}")
+    size = math.prod(pieces) * array.dtype.itemsize
+    check_memory(size, f"one piece {pieces} of {place!r}", "store it in smaller chunks")
+    return array

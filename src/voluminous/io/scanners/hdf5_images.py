@@ -1,4 +1,4 @@
-"""Imaris (.ims): HDF5 with the channels of a microscope at several resolutions."""
+"""Images in HDF5: Imaris (.ims, channels of a microscope at several resolutions) and ITK."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from ...errors import FileFormatError, InputError
 from ..channels import Channel, channel
 from ..hdf5 import data_set, is_hdf5, opened, read
 from ..payload import checked_shape
-from .heads import by_library, real_numbers
-from .lengths import length_unit
-from .placement import Placement
-from .voxels import VoxelReader, Voxels, components, time_step
+from .placement import LPS, Placement, length_unit
+from .stored import by_library, real_numbers
+from .voxels import VECTOR, VoxelReader, Voxels, components, time_step
 
 _IMAGE = "DataSetInfo/Image"
 
@@ -102,3 +101,61 @@ def _channel(group: Any) -> Channel:
         [255 * c for c in real_numbers(color, "Color", 3)] if color else None,
         real_numbers(window, "ColorRange", 2) if window else None,
     )
+
+
+_ITK_IMAGE = "ITKImage/0"
+
+
+class ITKReader(VoxelReader):
+    """An image of three dimensions, with one value or several per voxel."""
+
+    name = "itk"
+    description = "an image of ITK in an HDF5 file"
+    suffixes = (".hdf5", ".h5")
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        if not is_hdf5(head):
+            return False
+        try:
+            with opened(path) as file:
+                return f"{_ITK_IMAGE}/VoxelData" in file
+        except Exception:  # damaged: whoever reads it says so
+            return False
+
+    def voxels(self, path: Path) -> Voxels:
+        with opened(path) as file:
+            group = file[_ITK_IMAGE]
+            item = data_set(path, group, "VoxelData")
+            shape = tuple(int(n) for n in _numbers(path, group, "Dimension"))
+            if len(shape) != 3 or item.shape[:3] != shape[::-1] or item.ndim > 4:
+                raise FileFormatError(
+                    f"expected an image of three dimensions, got Dimension {shape} and values of "
+                    f"shape {item.shape}"
+                )
+            origin, spacing, rows = (
+                _numbers(path, group, name) for name in ("Origin", "Spacing", "Directions")
+            )
+            if (len(origin), len(spacing), rows.shape) != (3, 3, (3, 3)):
+                raise FileFormatError("expected Origin, Spacing and Directions in three dimensions")
+            count = item.shape[3] if item.ndim == 4 else 1
+            vector = VECTOR if count == 3 and item.dtype.kind == "f" else ()
+            return Voxels(
+                shape=shape,
+                dtype=item.dtype.newbyteorder("="),
+                placement=Placement(origin, rows * spacing[:, None], "mm", LPS),
+                load=functools.partial(_itk_load, path),
+                components=("",) if count == 1 else components(count, vector),
+            )
+
+
+def _itk_load(path: Path, component: int) -> np.ndarray:
+    with opened(path) as file:
+        values = read(data_set(path, file[_ITK_IMAGE], "VoxelData"))
+    return (values[..., component] if values.ndim == 4 else values).transpose()
+
+
+def _numbers(path: Path, group: Any, name: str) -> np.ndarray:
+    item = data_set(path, group, name)
+    if item.size > 16:
+        raise FileFormatError(f"expected a few numbers in {name}, got the shape {item.shape}")
+    return np.asarray(item[()])

@@ -3,24 +3,122 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...deferred import Deferred
-from ...errors import InputError
+from ...errors import FileFormatError, InputError
+from ...memory import check_memory
 from ..contract import FieldInfo
+from ..payload import checked_shape
 from ..scanners.placement import Arrangement
-from .axes import UPRIGHT, Even, cell_counts
-from .dataset import Array, Dataset
-from .multiblock import Block, listed
-from .pieces import together
-from .volumes import Source, chosen_arrays, common_place, infos, volume_of
+from .dataset import (
+    UPRIGHT,
+    Array,
+    Dataset,
+    Even,
+    Source,
+    Uneven,
+    cell_counts,
+    chosen_arrays,
+    common_place,
+    infos,
+    volume_of,
+)
 
 if TYPE_CHECKING:
     from ...volume import Volume
+
+LISTED = 8
+
+
+@dataclass(frozen=True)
+class Block:
+    """A file that another names, and what it is called there."""
+
+    name: str
+    path: Path
+
+    def __str__(self) -> str:
+        """Return what a user can open."""
+        return f"{self.name} ({self.path})" if self.name else str(self.path)
+
+
+def listed(blocks: list[Block]) -> str:
+    """Return lines that name blocks."""
+    more = len(blocks) - LISTED
+    lines = [f"  {block}" for block in blocks[:LISTED]]
+    return "\n".join(lines + ([f"  … and {more} more"] if more > 0 else []))
+
+
+def together(parts: Sequence[Dataset]) -> Dataset:
+    """Return the smallest box that holds all pieces, with the arrays that all have."""
+    if not parts:
+        raise FileFormatError("expected a piece with points in it, there is none")
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    low = np.min([part.low for part in parts], axis=0)
+    counts = np.max([np.add(part.low, part.points) for part in parts], axis=0) - low
+    points = checked_shape(counts, "the number of points")
+    there = sum(math.prod(part.points) for part in parts)
+    if there < math.prod(points):
+        raise FileFormatError(
+            f"the pieces have {there} points, expected at least {math.prod(points)} to fill a box "
+            f"of {' x '.join(map(str, points))}"
+        )
+    starts = [np.subtract(part.low, low) for part in parts]
+    known = [{(array.at, array.name): array for array in part.arrays} for part in parts]
+    whole = Dataset(points, _arrange(parts, starts, low, points), [], first.active, first.meta)
+    arrays = [
+        _joined(whole, starts, [arrays[key] for arrays in known])
+        for key in known[0]
+        if all(key in arrays for arrays in known)
+    ]
+    return replace(whole, arrays=arrays, low=tuple(int(n) for n in low))
+
+
+def _arrange(parts: Sequence[Dataset], starts: Any, low: Any, points: tuple[int, ...]) -> Any:
+    first = parts[0].arrange
+    if isinstance(first, Even):
+        return replace(first, low=tuple(int(n) for n in low), points=points)
+    lines = [np.full(n, np.nan) for n in points]
+    for part, start in zip(parts, starts, strict=True):
+        place: Any = part.arrange
+        for axis, own in enumerate(place.lines):
+            lines[axis][start[axis] : start[axis] + len(own)] = own
+    return Uneven(tuple(lines))
+
+
+def _joined(whole: Dataset, starts: Any, arrays: list[Array]) -> Array:
+    first = arrays[0]
+    if len({(array.dtype, array.components) for array in arrays}) > 1:
+        raise FileFormatError(f"array {first.name!r} has another type in some of the pieces")
+
+    def load() -> np.ndarray:
+        shape = (*whole.shape(first.at)[::-1], first.components)
+        size = math.prod(shape) * (first.dtype.itemsize + 1)
+        check_memory(size, f"putting together {first.name!r}", "open one of the pieces")
+        out, filled = np.empty(shape, first.dtype), np.zeros(shape[:3], bool)
+        for array, start in zip(arrays, starts, strict=True):
+            values = array.load()
+            ends = zip(start[::-1], values.shape[:3], strict=True)
+            box = tuple(slice(a, a + n) for a, n in ends)
+            out[box], filled[box] = values, True
+        if not filled.all():
+            raise FileFormatError(
+                f"array {first.name!r}: {np.count_nonzero(~filled)} of {filled.size} values are in "
+                "none of the pieces"
+            )
+        return out
+
+    return replace(first, load=load)
+
 
 # Of a cell, by which corners of blocks may be off: files round them.
 _TOLERANCE = 1e-3
@@ -33,11 +131,6 @@ def volume_of_blocks(blocks: dict[Block, Dataset], fields: Any = None, unit: Any
 
     Blocks of equal cells that fill a box are joined; others are patches, of which the finest
     counts.
-
-    Raises
-    ------
-    InputError
-        If they are no parts of one volume; names them.
     """
     whole = joined(blocks)
     if whole is not None:
@@ -118,13 +211,7 @@ def _fill_box(pieces: Sequence[Dataset]) -> bool:
 
 
 def _alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
-    """Return the data of blocks, as far as all have them.
-
-    Raises
-    ------
-    InputError
-        If they have nothing in common.
-    """
+    """Return the data of blocks, as far as all have them."""
     datasets = list(blocks.values())
     shared = _shared(datasets)
     if not shared:
