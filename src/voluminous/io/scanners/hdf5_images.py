@@ -10,10 +10,11 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ..channels import Channel, channel
+from ..guard import by_library
 from ..hdf5 import data_set, is_hdf5, opened, read
 from ..payload import checked_shape
 from .placement import LPS, Placement, length_unit
-from .stored import by_library, real_numbers
+from .stored import real_numbers
 from .voxels import VECTOR, VoxelReader, Voxels, components, time_step
 
 _IMAGE = "DataSetInfo/Image"

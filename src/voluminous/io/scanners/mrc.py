@@ -11,9 +11,10 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...packages import require
+from ..guard import by_library
 from ..payload import checked_shape
 from .placement import Placement
-from .stored import Stored, by_library
+from .stored import Stored
 from .voxels import VoxelReader, Voxels, time_step
 
 _MAP = slice(208, 211)

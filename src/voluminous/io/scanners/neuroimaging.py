@@ -10,10 +10,11 @@ import numpy as np
 from ...errors import FileFormatError
 from ...memory import check_memory
 from ...packages import require
+from ..guard import by_library
 from ..hdf5 import is_hdf5, opened
 from ..payload import checked_shape
 from .placement import Placement
-from .stored import by_library, unpacked_start
+from .stored import unpacked_start
 from .voxels import VoxelReader, Voxels, time_step
 
 

@@ -15,9 +15,10 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import require
+from ..guard import by_library
 from ..payload import checked_shape, unpacked
 from .placement import Placement, lattice, single_field
-from .stored import GZIP, PLAIN, Stored, by_library, unpacked_start
+from .stored import GZIP, PLAIN, Stored, unpacked_start
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
 
 if TYPE_CHECKING:
