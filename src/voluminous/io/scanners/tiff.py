@@ -1,7 +1,7 @@
 """Stacks of pictures: TIFF files of microscopes, ImageJ and micro-CT, and directories of slices.
 
-Columns are x, rows y (downwards), pictures z. tifffile reads the files; what it logs as an error
-(a chain of pictures that leads out of the file, say) is one here.
+Columns are x, rows y (downwards), pictures z. tifffile reads the files; what it logs of a chain
+of pictures that leads out of the file is an error here.
 """
 
 from __future__ import annotations
@@ -52,11 +52,12 @@ _PNG_END = b"IEND\xaeB`\x82"
 _MODES = ("1", "L", "LA", "I", "I;16", "I;16B", "F", "RGB", "RGBA")
 
 
-class _Raise(logging.Handler):
+class _RaiseOfChain(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
-        raise FileFormatError(
-            f"it is cut short, damaged or of another kind: {record.getMessage()[:300]}"
-        )
+        # Odd tags do no harm; a chain of pictures that leads out of the file does, and a
+        # description (270) that is missing.
+        if re.search("TiffPages|TiffTag 270 ", record.getMessage()):
+            raise FileFormatError(f"it is cut short or damaged: {record.getMessage()[:300]}")
 
 
 @contextlib.contextmanager
@@ -64,7 +65,7 @@ def _opened(path: Path) -> Iterator[tifffile.TiffFile]:
     """Open a file; of a set of files this one only, and without a word about odd tags."""
     import tifffile
 
-    logger, handler = logging.getLogger("tifffile"), _Raise(logging.ERROR)
+    logger, handler = logging.getLogger("tifffile"), _RaiseOfChain(logging.ERROR)
     before = logger.propagate
     logger.propagate = False
     logger.addHandler(handler)
