@@ -19,6 +19,7 @@ from .errors import FileFormatError, InputError, VoluminousError, how_to_take
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # Names in a directory that are compared with a mistyped one.
 _MOST = 10_000
+_URL = re.compile("(https?|s3|gs|gcs|az|abfs):/{1,2}")
 _SPACE = re.compile("no space left|not enough space|quota exceeded|file too large", re.IGNORECASE)
 
 
@@ -33,6 +34,18 @@ def as_path(path: object) -> Path:
     if isinstance(path, (str, os.PathLike)):
         return Path(path)
     raise InputError(f"expected the path of a file, got {type(path).__name__}{how_to_take(path)}")
+
+
+def url_of(path: Path) -> str:
+    """Return the URL (http, https, s3, gs, az) that a path stands for; empty for a local path.
+
+    Examples
+    --------
+    >>> url_of(Path("https://example.org/cells.zarr")), url_of(Path("data/cells.zarr"))
+    ('https://example.org/cells.zarr', '')
+    """
+    found = _URL.match(path.as_posix())  # a path has lost one of the two slashes
+    return f"{found[1]}://{path.as_posix()[found.end() :]}" if found else ""
 
 
 class UnwritablePathError(InputError, OSError):

@@ -69,6 +69,8 @@ class Reader:
         Modules that are needed and not always there.
     extra : str
         The extra of voluminous that brings them: ``pip install "voluminous[extra]"``.
+    remote : bool
+        True if it also reads URLs (http, https, s3 …), which come as paths: `files.url_of`.
     """
 
     name: str = ""
@@ -81,6 +83,7 @@ class Reader:
     writes_directory: bool = False
     packages: tuple[str, ...] = ()
     extra: str = ""
+    remote: bool = False
 
     def matches(self, path: Path, head: bytes) -> bool:
         """Return True if this is the reader for a file.

@@ -38,7 +38,7 @@ def placed(place: Any) -> Iterator[None]:
 
 
 @contextmanager
-def reading(path: Path, expectation: str) -> Iterator[None]:
+def reading(path: Path | str, expectation: str) -> Iterator[None]:
     """Make every error that happens while `path` is read name the file.
 
     Raises
@@ -60,6 +60,24 @@ def reading(path: Path, expectation: str) -> Iterator[None]:
         if type(error).__module__.startswith("astropy.units"):
             raise UnitsError(f"{path}: {error}; give other units") from error
         raise FileFormatError(f"{path}: expected {expectation}, but {_blame(error)}") from error
+
+
+@contextmanager
+def by_library(name: str) -> Iterator[None]:
+    """Blame the file for whatever a library raises while it reads: sound ones it can read."""
+    try:
+        yield
+    except (VoluminousError, MemoryError, ImportError):
+        raise
+    except NameError:  # a fault of a program, whatever is in the file
+        raise
+    except (FileNotFoundError, PermissionError) as error:
+        raise FileFormatError(f"a file cannot be opened ({error})") from error
+    except Exception as error:
+        raise FileFormatError(
+            f"it is damaged, cut short or of another kind: {name} says {type(error).__name__}: "
+            f"{str(error)[:400]}"
+        ) from error
 
 
 def _blame(error: Exception) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError, unknown_name
-from ..files import as_path, missing
+from ..files import as_path, missing, url_of
 from .arrays.hdf5 import HDF5Reader
 from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
@@ -107,7 +107,7 @@ def open(
     Parameters
     ----------
     path : str or Path
-        The file; its content tells the format.
+        The file; its content tells the format. Of Zarr also a URL: ``"https://…/cells.zarr"``.
     fields : None, str, sequence of str or dict, optional
         Which fields the volume shall have: all (None), one, several, or ``{name: place in the
         file}``, such as ``{"density": "/gas/rho"}``. Only these are read; if they take more than
@@ -147,9 +147,10 @@ def open_lazily(
     """Return what `open` does, with fields that are read when they are first used."""
     path = as_path(path)
     reader = find_reader(path, format)
-    with placed(path):
+    shown = url_of(path) or path
+    with placed(shown):
         check_options(reader, options)
-    guard = functools.partial(reading, path, reader.description)
+    guard = functools.partial(reading, shown, reader.description)
     with guard():
         volume = reader.read(path, fields, **options)
     volume.explain_reading(guard)
@@ -174,10 +175,11 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
     UnknownNameError
         If there is no reader of the name `format`.
     """
-    head = _head(path)
+    url = url_of(path)
+    head = b"" if url else _head(path)
     if format is not None:
         return _named(format, readers())
-    for reader in readers():
+    for reader in [reader for reader in READERS if reader.remote] if url else readers():
         if reader.matches(path, head):
             return reader
     raise _unknown_format(path, head)

@@ -11,11 +11,10 @@ from typing import Any
 
 from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit
-from ..guard import reading
+from ..guard import by_library, reading
 from ..payload import inside
 from .dicom_file import is_dicom, is_mosaic, quiet, read_head, read_parts, starts_dicom, take_apart
 from .dicom_slices import Frame, frames_of, read_values, stacked, value_type
-from .stored import by_library
 from .voxels import VoxelReader, Voxels
 
 _CLASS = "1.2.840.10008.1.3.10"

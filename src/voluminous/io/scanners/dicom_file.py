@@ -16,8 +16,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...packages import require
-from ..guard import reading
-from .stored import by_library
+from ..guard import by_library, reading
 
 # Where the private header can be, and what announces it.
 CSA_TAGS = (0x00290010, 0x00290011, 0x00291010, 0x00291110)

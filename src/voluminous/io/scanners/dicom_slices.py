@@ -13,10 +13,9 @@ import numpy as np
 
 from ...errors import FileFormatError, MissingPackageError
 from ...packages import require
-from ..guard import reading
+from ..guard import by_library, reading
 from .dicom_file import check_size, is_mosaic, is_native, quiet, read_whole, tiles
 from .placement import LPS, Placement
-from .stored import by_library
 from .voxels import time_step
 
 _MOST_FRAMES = 100_000

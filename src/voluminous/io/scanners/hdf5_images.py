@@ -10,11 +10,12 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ..channels import Channel, channel
+from ..guard import by_library
 from ..hdf5 import data_set, is_hdf5, opened, read
 from ..payload import checked_shape
 from .placement import LPS, Placement, length_unit
-from .stored import by_library, real_numbers
-from .voxels import VECTOR, VoxelReader, Voxels, components, time_step
+from .stored import real_numbers
+from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 _IMAGE = "DataSetInfo/Image"
 
@@ -71,9 +72,9 @@ class ImarisReader(VoxelReader):
             dtype=types.pop().newbyteorder("="),
             placement=Placement(low + widths / 2, np.diag(widths), unit),
             load=functools.partial(_load, path, place, shape),
-            components=("",) if count == 1 else components(count),
+            components=component_names(count),
             channels=channels,
-            meta={} if times == 1 else {"times": times, "time_step": step},
+            meta=times_meta(times, step),
         )
 
 
@@ -144,7 +145,7 @@ class ITKReader(VoxelReader):
                 dtype=item.dtype.newbyteorder("="),
                 placement=Placement(origin, rows * spacing[:, None], "mm", LPS),
                 load=functools.partial(_itk_load, path),
-                components=("",) if count == 1 else components(count, vector),
+                components=component_names(count, vector),
             )
 
 

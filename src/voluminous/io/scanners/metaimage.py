@@ -27,7 +27,7 @@ from .stored import (
     real_numbers,
     whole_numbers,
 )
-from .voxels import VECTOR, VoxelReader, Voxels, components, time_step
+from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -99,8 +99,8 @@ class MetaImageReader(VoxelReader):
             dtype=dtype.newbyteorder("="),
             placement=_placement(head, len(shape)),
             load=load,
-            components=("",) if channels == 1 else components(channels, vector),
-            meta={} if times == 1 else {"times": times, "time_step": time % times},
+            components=component_names(channels, vector),
+            meta=times_meta(times, time % times),
         )
 
     def write(self, volume: Volume, path: Path) -> None:

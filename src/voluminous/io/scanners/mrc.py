@@ -11,10 +11,11 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...packages import require
+from ..guard import by_library
 from ..payload import checked_shape
 from .placement import Placement
-from .stored import Stored, by_library
-from .voxels import VoxelReader, Voxels, time_step
+from .stored import Stored
+from .voxels import VoxelReader, Voxels, time_step, times_meta
 
 _MAP = slice(208, 211)
 _HEAD, _VOLUME_STACKS = 1024, range(401, 631)
@@ -73,7 +74,7 @@ class MRCReader(VoxelReader):
             dtype=final,
             placement=_placement(head, order),
             load=lambda _: np.asarray(stored.read(step * count, shape[::-1]).transpose(), final),
-            meta={} if times == 1 else {"times": times, "time_step": step},
+            meta=times_meta(times, step),
         )
 
 

@@ -10,11 +10,12 @@ import numpy as np
 from ...errors import FileFormatError
 from ...memory import check_memory
 from ...packages import require
+from ..guard import by_library
 from ..hdf5 import is_hdf5, opened
 from ..payload import checked_shape
 from .placement import Placement
-from .stored import by_library, unpacked_start
-from .voxels import VoxelReader, Voxels, time_step
+from .stored import unpacked_start
+from .voxels import VoxelReader, Voxels, time_step, times_meta
 
 
 class _ByNibabel(VoxelReader):
@@ -53,7 +54,7 @@ class _ByNibabel(VoxelReader):
             dtype=dtype,
             placement=Placement(affine[:3, 3], affine[:3, :3].T, "mm", "RAS"),
             load=load,
-            meta={} if times == 1 else {"times": times, "time_step": step},
+            meta=times_meta(times, step),
         )
 
     def _image(self, path: Path) -> Any:

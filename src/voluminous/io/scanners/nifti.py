@@ -15,10 +15,11 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...packages import require
+from ..guard import by_library
 from ..payload import checked_shape, unpacked
 from .placement import Placement, lattice, single_field
-from .stored import GZIP, PLAIN, Stored, by_library, unpacked_start
-from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
+from .stored import GZIP, PLAIN, Stored, unpacked_start
+from .voxels import COLORS, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -90,8 +91,8 @@ class NIfTIReader(VoxelReader):
             load=load,
             components=("",)
             if count * colors == 1
-            else components(count * colors, COLORS if count == 1 else vector),
-            meta={} if times == 1 else {"times": times, "time_step": step},
+            else component_names(count * colors, COLORS if count == 1 else vector),
+            meta=times_meta(times, step),
         )
 
     def write(self, volume: Volume, path: Path) -> None:

@@ -26,7 +26,7 @@ from .stored import (
     real_numbers,
     whole_numbers,
 )
-from .voxels import COLORS, VECTOR, VoxelReader, Voxels, components, time_step
+from .voxels import COLORS, VECTOR, VoxelReader, Voxels, component_names, time_step
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -327,7 +327,9 @@ def _components(head: Head, axes: Axes, count: int, dtype: np.dtype[Any]) -> tup
     if axes.kind == SHORT and count >= len(VECTOR):
         endings = COLORS if dtype == np.uint8 else VECTOR[:count]
     # In a frame of their own, x, y and z would be others.
-    return components(count, () if endings == VECTOR and frame not in ("", _IDENTITY) else endings)
+    return component_names(
+        count, () if endings == VECTOR and frame not in ("", _IDENTITY) else endings
+    )
 
 
 def _dtype(head: Head) -> np.dtype[Any]:

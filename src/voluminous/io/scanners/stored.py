@@ -8,15 +8,14 @@ import math
 import re
 import warnings
 import zlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from ...errors import FileFormatError, InputError, VoluminousError
+from ...errors import FileFormatError, InputError
 from ..payload import checked_shape, inside, mapped, read_exactly
 
 PLAIN, TEXT, GZIP, BZIP2, ZLIB = "plain", "text", "gzip", "bzip2", "zlib"
@@ -156,24 +155,6 @@ _LONGEST = 4 << 20
 _NUMBER = re.compile(r"%(0?)(\d{0,2})[di]")
 _MOST_FILES = 100_000
 _GZIP_MAGIC = b"\x1f\x8b"
-
-
-@contextmanager
-def by_library(name: str) -> Iterator[None]:
-    """Blame the file for whatever a library raises while it reads: sound ones it can read."""
-    try:
-        yield
-    except (VoluminousError, MemoryError, ImportError):
-        raise
-    except NameError:  # a fault of a program, whatever is in the file
-        raise
-    except (FileNotFoundError, PermissionError) as error:
-        raise FileFormatError(f"a file cannot be opened ({error})") from error
-    except Exception as error:
-        raise FileFormatError(
-            f"it is damaged, cut short or of another kind: {name} says {type(error).__name__}: "
-            f"{str(error)[:400]}"
-        ) from error
 
 
 def unpacked_start(head: bytes, size: int) -> bytes:

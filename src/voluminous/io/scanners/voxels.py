@@ -1,4 +1,4 @@
-"""What readers of voxels share: from what the head of a file tells to a volume."""
+"""What readers of voxels share: from the header of a file to a volume."""
 
 from __future__ import annotations
 
@@ -29,72 +29,72 @@ _DOUBLE = (".nii", ".ome", ".img", ".hdr")
 
 @dataclass(frozen=True)
 class Voxels:
-    """What the head of a file tells of the voxels in it."""
+    """The header of a file of voxels, and how to read them."""
 
-    shape: tuple[int, ...]  # voxels along the axes of the array, the fastest in the file first
+    shape: tuple[int, ...]  # along the axes of the array, the fastest in the file first
     dtype: np.dtype[Any]  # of what `load` returns
-    placement: Placement  # where they are
-    # reads one component, by its number, as an array of this shape
-    load: Callable[[int], np.ndarray]
-    # what is put behind the field's name for each component: ``("",)`` for scalars, `VECTOR` for
-    # vectors in the coordinates that the placement is in
+    placement: Placement
+    load: Callable[[int], np.ndarray]  # reads one component, by its number, in this shape
+    # Endings of the fields' names: `VECTOR` for vectors in the coordinates of the placement.
     components: tuple[str, ...] = ("",)
-    # of the field, where the file or its format tells better than the file's own name
-    name: str = ""
+    name: str = ""  # of the field, where the format gives a better one than the file's name
     unit: str = ""  # of the values
-    channels: Sequence[Channel] = ()  # label, colour and window of each component, see `channels`
-    # what else the volume's `meta` shall hold
-    meta: Mapping[str, Any] = field(default_factory=dict)
+    channels: Sequence[Channel] = ()  # label, colour and window of each component
+    meta: Mapping[str, Any] = field(default_factory=dict)  # for the volume's `meta`
 
 
 class VoxelReader(Reader):
-    """What readers of voxels share; a format has to provide `voxels`."""
+    """Base class of readers of voxels; a format has to provide `voxels`."""
 
     options = {  # noqa: RUF012 - as in Reader
         "name": "name of the field; by default that of the file without suffix",
     }
 
     def voxels(self, path: Path, *_: Any, **options: Any) -> Voxels:
-        """Return what the head of a file tells; reads no values. Options are keywords."""
+        """Return the header of a file; reads no values. Options are keywords."""
         raise NotImplementedError
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(
+        self, path: Path, fields: Any = None, *, name: str | None = None, **options: Any
+    ) -> Volume:
         from ...volume import Volume
 
-        named = options.pop("name", None)
         voxels = self.voxels(path, **options)
         arrangement = arranged(voxels.shape, voxels.placement)
-        known = _known(path, named, voxels, arrangement)
+        known = _components(path, name, voxels, arrangement)
         volume = Volume(arrangement.grid)
-        volume.meta |= dict(voxels.meta) | _orientation(voxels.placement, arrangement)
+        volume.meta |= dict(voxels.meta) | ({"orientation": LPS} if voxels.placement.space else {})
+        if arrangement.direction is not None:
+            volume.meta["direction"] = arrangement.direction.tolist()
         entries = []
-        for name, place in chosen_fields({place: place for place in known}, fields).items():
+        for field_, place in chosen_fields({place: place for place in known}, fields).items():
             number, sign = known[place]
             load = functools.partial(_load, voxels, arrangement, number, sign)
-            volume[name] = Deferred(load, _dtype(voxels, sign), voxels.unit)
-            entries.append((name, voxels.channels[number] if voxels.channels else {}))
+            volume[field_] = Deferred(load, _dtype(voxels, sign), voxels.unit)
+            entries.append((field_, voxels.channels[number] if voxels.channels else {}))
         volume.meta |= channel_meta(entries)
         return volume
 
-    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        named = options.pop("name", None)
+    def info(self, path: Path, *, name: str | None = None, **options: Any) -> tuple[FieldInfo, ...]:
         voxels = self.voxels(path, **options)
-        arrangement = arranged(voxels.shape, voxels.placement)
+        known = _components(path, name, voxels, arranged(voxels.shape, voxels.placement))
         return tuple(
             FieldInfo(place, place, voxels.shape, str(_dtype(voxels, sign)), voxels.unit)
-            for place, (_, sign) in _known(path, named, voxels, arrangement).items()
+            for place, (_, sign) in known.items()
         )
 
 
 def stem(path: Path) -> str:
-    """Return the name of a file without the endings that tell its format."""
+    """Return the name of a file without the endings that tell its format: of .nii.gz both."""
     short = path.with_suffix("") if path.suffix.lower() in _PACKINGS else path
     inner = short.with_suffix("")
     return inner.stem if inner.suffix.lower() in _DOUBLE else short.stem
 
 
-def components(count: int, endings: tuple[str, ...] = ()) -> tuple[str, ...]:
+def component_names(count: int, endings: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return the endings of so many components: those given, as far as they go, or numbers."""
+    if count == 1:
+        return ("",)
     if count <= len(endings):
         return endings[:count]
     return tuple(f"_{number}" for number in range(count))
@@ -109,19 +109,24 @@ def time_step(time: Any, count: int) -> int:
     return int(time) % count
 
 
-def _known(
-    path: Path, named: str | None, voxels: Voxels, arrangement: Arrangement
+def times_meta(count: int, step: int) -> dict[str, Any]:
+    """Return the `meta` of one of several time steps; nothing of a single one."""
+    return {} if count == 1 else {"times": count, "time_step": step}
+
+
+def _components(
+    path: Path, name: str | None, voxels: Voxels, arrangement: Arrangement
 ) -> dict[str, tuple[int, float]]:
     """Return, by name, the numbers of the components, and the signs they are multiplied with."""
-    base = named or field_name(voxels.name or stem(path))
+    base = name or field_name(voxels.name or stem(path))
     endings, signs = voxels.components, (1.0,) * len(voxels.components)
     if endings == VECTOR:
         signs = SIGNS[voxels.placement.space]
         # Along the coordinates, not along the grid's axes: x, y and z would promise too much.
-        endings = components(len(endings)) if arrangement.direction is not None else endings
+        endings = component_names(3) if arrangement.direction is not None else endings
     names = [base + end for end in endings]
-    names = channel_fields(() if named else voxels.channels, names)
-    return {name: (k, s) for k, (name, s) in enumerate(zip(names, signs, strict=True))}
+    names = channel_fields(() if name else voxels.channels, names)
+    return {n: (k, s) for k, (n, s) in enumerate(zip(names, signs, strict=True))}
 
 
 def _dtype(voxels: Voxels, sign: float) -> np.dtype[Any]:
@@ -132,10 +137,3 @@ def _dtype(voxels: Voxels, sign: float) -> np.dtype[Any]:
 def _load(voxels: Voxels, arrangement: Arrangement, number: int, sign: float) -> np.ndarray:
     values = arrangement.put(voxels.load(number))
     return values if sign > 0 else np.negative(values, dtype=_dtype(voxels, sign))
-
-
-def _orientation(placement: Placement, arrangement: Arrangement) -> dict[str, Any]:
-    told: dict[str, Any] = {"orientation": LPS} if placement.space else {}
-    if arrangement.direction is not None:
-        told["direction"] = arrangement.direction.tolist()
-    return told

@@ -1,1 +1,1 @@
-"""Zarr, versions 2 and 3, in directories and in ZIP files: plain arrays, named ones, microscopy."""
+"""Zarr, versions 2 and 3: plain arrays, named ones, and images of microscopes."""

@@ -1,4 +1,4 @@
-"""Zarr with names of dimensions, as xarray writes it."""
+"""Zarr: plain arrays by their places, and arrays on named dimensions as xarray writes them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...errors import FileFormatError, unknown_name
+from ...errors import FileFormatError, VoluminousError, unknown_name
 from ...packages import require
 from ..arrays.layout import Entry
 from ..arrays.named_arrays import NamedArraysReader
 from ..labelled.convert import LabelledReader
 from ..names import field_name
 from ..unit_texts import known_unit
-from .store import Node, Store, arrays_in, holds_zarr, node_at, stored, zarr_array, zarr_store
+from .store import arrays_in, dimensions, holds_zarr, opened
 
 if TYPE_CHECKING:
     import xarray
+    import zarr
 
 
 class ZarrReader(NamedArraysReader):
@@ -31,6 +32,7 @@ class ZarrReader(NamedArraysReader):
     suffixes = (".zarr",)
     packages = ("zarr",)
     extra = "arrays"
+    remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
         return holds_zarr(path, head)
@@ -40,24 +42,21 @@ class ZarrReader(NamedArraysReader):
         self, path: Path, only: str | None = None, **options: Any
     ) -> Iterator[dict[str, Entry]]:
         stem = field_name(path.name.split(".")[0])
-        with stored(path) as store:
-            root = node_at(store)
-            alone = only if root is not None and not root.is_array else None
-            nodes = list(arrays_in(store, alone or ""))
-        if not nodes:
-            raise FileFormatError("there is no array in this Zarr store")
-        with zarr_store(path) as opened:
-            yield {node.place or stem: _entry(opened, node) for node in nodes}
+        with opened(path) as root:
+            lone = not hasattr(root, "members")
+            arrays = arrays_in(root, "" if lone or only is None else only)
+            if not arrays:
+                raise FileFormatError("there is no array in this Zarr store")
+            yield {place or stem: _entry(array) for place, array in arrays.items()}
 
 
-def _entry(store: Any, node: Node) -> Entry:
-    array = zarr_array(store, node.place)
-    unit = known_unit(str(node.attributes.get("units", node.attributes.get("unit", ""))))
-    load = functools.partial(_values, array)
-    return Entry(tuple(int(n) for n in array.shape), np.dtype(array.dtype), unit, load)
+def _entry(array: zarr.Array) -> Entry:
+    unit = known_unit(str(array.attrs.get("units", array.attrs.get("unit", ""))))
+    shape = tuple(int(n) for n in array.shape)
+    return Entry(shape, np.dtype(array.dtype), unit, functools.partial(_values, array))
 
 
-def _values(array: Any, index: Any = ...) -> np.ndarray:
+def _values(array: zarr.Array, index: Any = ...) -> np.ndarray:
     return np.asarray(array[index])
 
 
@@ -68,44 +67,38 @@ class LabelledZarrReader(LabelledReader):
     description = "a Zarr store with named dimensions"
     suffixes = (".zarr",)
     packages = ("zarr", "xarray")
+    remote = True
 
     def matches(self, path: Path, head: bytes) -> bool:
         if not holds_zarr(path, head):
             return False
         try:
-            with stored(path) as store:
-                node = node_at(store)
-                nodes = [] if node is None or node.is_array else list(arrays_in(store))
-        except (FileFormatError, OSError):
-            return False  # the plain reader tells what is wrong
-        return bool(nodes) and all(node.dims is not None for node in nodes)
+            with opened(path) as root:
+                arrays = arrays_in(root) if hasattr(root, "members") else {}
+        except VoluminousError:
+            return False  # the plain reader says what is wrong
+        return bool(arrays) and all(dimensions(array) is not None for array in arrays.values())
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:
         xarray = require("xarray", self.extra, "reading Zarr with named dimensions")
-        with stored(path) as store:
-            place = _group(store, group)
-            nodes = [node for node in arrays_in(store, place) if _parent(node) == place]
-        with zarr_store(path) as opened:
-            for node in nodes:
-                zarr_array(opened, node.place)  # refuses what makes no sense
-            with xarray.open_zarr(
-                opened,
+        with opened(path) as root:
+            place = _group(list(arrays_in(root)), group)
+            consolidated = None if root.metadata.consolidated_metadata else False
+            data = xarray.open_zarr(
+                root.store,
                 group=place or None,
                 chunks=None,
-                consolidated=None if (path / ".zmetadata").is_file() else False,
+                consolidated=consolidated,
                 decode_timedelta=False,
-            ) as data:
+            )
+            with data:
                 yield data
 
 
-def _parent(node: Node) -> str:
-    return node.place.rpartition("/")[0]
-
-
-def _group(store: Store, group: str | None) -> str:
-    """Return the group to look into: that named, else the only one that has arrays."""
-    groups = list(dict.fromkeys(_parent(node) for node in arrays_in(store)))
+def _group(places: list[str], group: str | None) -> str:
+    """Return the group that is named, else the outermost, or the only one that has arrays."""
+    groups = list(dict.fromkeys(place.rpartition("/")[0] for place in places))
     if group is not None:
         if group.strip("/") not in groups:
             raise unknown_name("group", group, groups)
