@@ -9,7 +9,7 @@ import voluminous as vm
 from toy_grids import ShuffledGrid
 from voluminous.calibration.calibrated import extent_of
 from voluminous.calibration.thickness import Profile, thicknesses
-from voluminous.cli.info import describe_grid
+from voluminous.cli.info_text import describe_grid
 from voluminous.expressions import Expression
 
 EDGES = np.linspace(-1, 1, 9)

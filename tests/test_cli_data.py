@@ -15,7 +15,7 @@ from astropy import units as u
 from astropy.wcs import WCS
 
 import voluminous as vm
-from voluminous.cli import data, info, main
+from voluminous.cli import data, info_text, main
 from voluminous.cli import statistics as stats
 from voluminous.cli.data import chosen_fields
 from voluminous.io import Reader, readers, registry
@@ -400,7 +400,7 @@ def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
         opened.append(lazily(*arguments, **options))
         return opened[-1]
 
-    look = info.look
+    look = info_text.look
 
     def watched(field, volume):
         found = look(field, volume)
@@ -408,7 +408,7 @@ def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
         return found
 
     monkeypatch.setattr(registry, "open_lazily", counted)
-    monkeypatch.setattr(info, "look", watched)
+    monkeypatch.setattr(info_text, "look", watched)
     assert run("info", "snapshot.h5") == 0
     assert len(opened) == 1
     assert held == [1, 1, 1, 1]  # the one that is looked at

@@ -261,6 +261,8 @@ def text_of(table: QTable) -> str:
 
 def write_table(table: QTable, path: Path) -> None:
     """Write a table; a .csv knows no units, so these follow the names."""
+    from ..units import unit_name
+
     form = _FORMATS[path.suffix.lower()]
     if form == "ascii.csv":
         table = table.copy()
