@@ -7,7 +7,7 @@ import pytest
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
-from voluminous.calibration.calibrated import extent_of
+from voluminous.calibration.open_numbers import extent_of
 from voluminous.calibration.thickness import Profile, thicknesses
 from voluminous.cli.info_text import describe_grid
 from voluminous.expressions import Expression

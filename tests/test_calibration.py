@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.calibration.calibrated import extent_of
+from voluminous.calibration.open_numbers import extent_of
 from voluminous.calibration.samples import pieces
 from voluminous.calibration.thickness import Profile, thicknesses, weighted_median
 from voluminous.expressions import Expression

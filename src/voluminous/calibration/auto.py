@@ -14,7 +14,7 @@ from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
 from ..media.shaped import Shaped
 from ..volume import Volume
-from .calibrated import check_volume, nothing_to_see, positive_opacity, shell_count
+from .open_numbers import check_volume, nothing_to_see, positive_opacity, shell_count
 from .samples import pieces
 from .thickness import (
     Histogram,

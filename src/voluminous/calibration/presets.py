@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..media import Medium, Sum, Table
 from .auto import main_scalar
-from .calibrated import check_volume, nothing_to_see
+from .open_numbers import check_volume, nothing_to_see
 
 __all__ = [
     "bone",

@@ -19,7 +19,7 @@ from ..notebook import png
 from ..units import is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume
 from .at_values import coefficients, one_path_length, scalar_of, units_of
-from .calibrated import calibrate, check_volume
+from .open_numbers import calibrate, check_volume
 from .samples import pieces
 from .thickness import is_constant, sampled_values
 
