@@ -10,7 +10,7 @@ import pytest
 
 import voluminous as vm
 from voluminous.io import find_reader
-from voluminous.io.openvdb import MAGIC
+from voluminous.io.openvdb import _MAGIC as MAGIC
 
 VALUES = np.random.default_rng(0).random((5, 4, 3), dtype=np.float32)
 WIND = np.random.default_rng(1).random((3, 2, 2, 3), dtype=np.float32)
