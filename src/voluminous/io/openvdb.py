@@ -112,9 +112,8 @@ def _dataset(path: Path, grids: dict[str, Any]) -> Dataset:
     def arrange(at: str, unit: Any) -> Arrangement:
         return arranged(points, Placement(origin, first[1:], unit))
 
-    return Dataset(
-        points, arrange, [_array(path, name, g, low, points) for name, g in grids.items()]
-    )
+    arrays = [_array(path, name, grid, low, points) for name, grid in grids.items()]
+    return Dataset(points, arrange, arrays)
 
 
 def _steps(grid: Any) -> np.ndarray:

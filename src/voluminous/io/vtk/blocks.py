@@ -1,4 +1,4 @@
-"""Parts of regular grids as one dataset or one volume: joined where they fill a box, else patches."""
+"""Parts of regular grids put together: joined where they fill a box, else patches."""
 
 from __future__ import annotations
 

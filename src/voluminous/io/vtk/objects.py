@@ -156,7 +156,8 @@ def _numpy(array: Any) -> np.ndarray:
 
 def _meta(dataset: Any, title: str) -> dict[str, Any]:
     """Return what else a file tells; some codes tell the time in the title."""
-    data, meta = dataset.GetFieldData(), {}
+    data = dataset.GetFieldData()
+    meta: dict[str, Any] = {}
     for number in range(data.GetNumberOfArrays()):
         array = data.GetAbstractArray(number)
         name = "time" if array.GetName() in _TIME else array.GetName()
