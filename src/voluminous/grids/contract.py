@@ -7,7 +7,7 @@ point where it enters the whole domain: pieces of a volume agree on them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -53,6 +53,8 @@ class Segment:
         Lanes that are still inside.
     exit : object
         What the grid needs to find where the segment leaves the cell; for `Walk.exit_corners`.
+    ray : Ray or None
+        The ray it is a part of: its direction, for media and sources. Set by the ray loop.
     """
 
     cell: Any
@@ -61,6 +63,7 @@ class Segment:
     end: Any
     active: Any
     exit: Any
+    ray: Ray | None = field(default=None, kw_only=True)
 
 
 @dataclass

@@ -14,7 +14,7 @@ from ...grids.contract import Ray, cells_across
 from ...schemes.path import Path, empty_path
 from .found import Batch, Found, Numbers
 from .hidden import Hiding, through_cells
-from .march import Cutoff, State, march
+from .march import Cutoff, RayState, State, march
 from .paths import Paths, mean
 from .pixels import (
     BLOCK,
@@ -141,9 +141,9 @@ class Drawing:
         return other
 
     def _followed(self, ray: Ray) -> State:
-        path, backward = self.nothing(), self.job.backward
+        before, backward = RayState(self.nothing()), self.job.backward
         try:
-            return march(self.walk, self.source, self.scheme, ray, path, self.ending, backward)
+            return march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)
         except RuntimeError as error:
             raise innermost(error) from None
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Mask
 from ...grids.cartesian.leap import Way, leap
 from ...grids.contract import Landing, Ray, has_gaps
 from ...schemes.path import Path, most, over
@@ -34,17 +35,45 @@ class Cutoff:
 
 
 @dataclass
+class RayState:
+    """What rays have gathered, handed from one piece of a domain to the next.
+
+    Attributes
+    ----------
+    path : Path
+        Emission and transparency so far.
+    carried : list of arrays or None
+        What the scheme carries from segment to segment; None before the first piece.
+    begun : array of Bool or None
+        Lanes that have entered a piece; the scheme starts the others where they enter.
+    over : array of Bool or None
+        Lanes that have reached the cut-off; None if there are none.
+    """
+
+    path: Path
+    carried: list[Any] | None = None
+    begun: Mask = None
+    over: Mask = None
+
+
+@dataclass
 class State:
-    """What goes round the loop; `over` tells the lanes that reached the cut-off."""
+    """The state of the loop; `over` are the lanes that reached the cut-off."""
 
     cursor: Any
     carried: list[Any]
     path: Path
-    over: Any
+    over: Mask
 
 
 def march(
-    walk: Any, source: Any, scheme: Any, ray: Ray, path: Path, cutoff: Cutoff | None, backward: bool
+    walk: Any,
+    source: Any,
+    scheme: Any,
+    ray: Ray,
+    before: RayState,
+    cutoff: Cutoff | None,
+    backward: bool,
 ) -> State:
     """Follow rays through the volume and return where they end, and what they have gathered.
 
@@ -56,8 +85,8 @@ def march(
         How to step, what the medium is, and how one segment is solved.
     ray : Ray
         Rays to follow; they run towards the camera if `backward`.
-    path : Path
-        What the rays have gathered before: a chunk goes on where the one before it stopped.
+    before : RayState
+        What the rays bring along from the piece of the domain before this one.
     cutoff : Cutoff or None
         When to stop early (only away from the camera).
     backward : bool
@@ -65,13 +94,17 @@ def march(
     """
     track, cursor = walk.enter(ray)
     never = cursor.inside & False
-    state = State(cursor, scheme.start(source, walk, track, cursor), path, never)
+    carried = scheme.start(source, walk, track, cursor)
+    if before.carried is not None:
+        carried = dr.select(before.begun, before.carried, carried)
+    state = State(cursor, carried, before.path, never if before.over is None else before.over)
 
     def going_on(state: State) -> Any:
         return state.cursor.inside & ~state.over
 
     def step(state: State) -> tuple[State]:
         segment, cursor = walk.next(track, state.cursor)
+        segment.ray = ray
         solution, carried = scheme.solve(source, walk, track, segment, state.carried, backward)
         front, back = (solution, state.path) if backward else (state.path, solution)
         # The path BEFORE this segment is tested: the next look-up then need not wait for this
@@ -106,3 +139,9 @@ def march(
     body = visit if leaps or has_gaps(walk) else step
     (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
     return state
+
+
+def hand_on(before: RayState, entered: Mask, after: State) -> RayState:
+    """Return what rays take to the next piece, with the lanes that `entered` this one."""
+    begun = entered if before.begun is None else before.begun | entered
+    return RayState(after.path, after.carried, begun, after.over)
