@@ -17,6 +17,7 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
+from ..backend.types import Float
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_rounding import positive
 from ..media.part_bounds import PartBounds, total_bounds
@@ -55,7 +56,7 @@ def _emission(part: PartBounds, channel: int) -> Ends:
     return _met(bounds, _scaled(part.source_of(channel), (_absorbed(thin), _absorbed(thick))))
 
 
-def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any) -> Ends:
+def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Float) -> Ends:
     """Return bounds from means, and from how much the coefficients vary around them."""
     brightest = any_attenuation(depth[0])[1]
     last, dimmest = any_attenuation(depth[1])
@@ -78,7 +79,7 @@ def _one_by_one(parts: list[PartBounds], channel: int) -> Ends:
     return low, high
 
 
-def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
+def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Float) -> Ends:
     """Return bounds of what is seen of an emission through something that may cover parts of it.
 
     Nothing is known where j has both signs: what is left may all be of one of them.
@@ -88,7 +89,7 @@ def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
     return dr.select(one_sign, low, -dr.inf), dr.select(one_sign, high, dr.inf)
 
 
-def _absorbed(depth: Any) -> Any:
+def _absorbed(depth: Float) -> Float:
     theta, mean = any_attenuation(depth)
     return dr.select(depth < 1.0, depth * mean, 1.0 - theta)
 
