@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ..expressions import Expression
-from ..grids import CartesianGrid
 from ..volume import Volume
 from .samples import BUDGET, pieces
 
@@ -104,6 +103,6 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
 
 
 def _domain(grid: Any) -> float:
-    if isinstance(grid, CartesianGrid):
+    if grid.is_rectilinear:
         return float(np.prod(np.ptp(grid.bounds, axis=1) / grid.scale))
     return float(np.sum(grid.cell_volumes)) / grid.scale**3

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..expressions import Expression
-from ..grids import CartesianGrid
 from ..volume import Volume
 from .scattered import ScatteredPiece, scattered_pieces
 
@@ -143,7 +142,7 @@ def pieces(
         If the expression names a field that does not exist.
     """
     volume.check_names(expr)
-    if not isinstance(volume.grid, CartesianGrid):
+    if not volume.grid.is_rectilinear:
         yield from scattered_pieces(volume, expr, budget)
         return
     for first, stop in _parts(volume.grid.shape, budget):

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..expressions import Expression
-from ..grids import CartesianGrid
 from ..volume import Volume
 from .profile import Profile
 from .samples import BUDGET, Between, Piece, pieces
@@ -150,7 +149,7 @@ def _measure(
         for shell, profile in zip(shells, profiles, strict=True):
             if profile.width > 0:
                 shell.add(piece, profile, longest)
-    if not isinstance(volume.grid, CartesianGrid):  # its pieces are lines already
+    if not volume.grid.is_rectilinear:  # its pieces are lines already
         found = lines(volume, expr)
         for shell, profile in zip(shells, profiles, strict=True):
             if profile.width > 0:

@@ -12,6 +12,7 @@ from ..backend import get_backend
 from ..cameras import Orthographic
 from ..cameras.contract import check_camera
 from ..errors import InputError, unknown_name
+from ..geometry import CARTESIAN
 from ..media import Coefficients
 from ..progress import Progress, reported_range
 from ..rendering import render
@@ -144,7 +145,7 @@ def check_exact(grid: Any, camera: Any) -> None:
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "
             f"{type(camera).__name__}; use method='rays' with samples"
         )
-    if tuple(grid.coordinates) != ("x", "y", "z"):
+    if not grid.cells_are_boxes or tuple(grid.coordinates) != CARTESIAN:
         raise InputError(
             f"method='exact' needs cells that are boxes, got a {type(grid).__name__}; use "
             "method='rays' with samples"

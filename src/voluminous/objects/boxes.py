@@ -43,7 +43,7 @@ class Boxes(SceneObject):
 
     def _lines(self, grid: Any) -> tuple[Any, np.ndarray]:
         """Return polylines, and which of the levels that are drawn each belongs to."""
-        merged = not hasattr(grid, "patches") if self.merged is None else self.merged
+        merged = grid.patches is None if self.merged is None else self.merged
         levels = _chosen(self.levels, level_count(grid))
         parts = [outline(grid, level, merged) for level in levels]
         which = [np.full(sum(map(len, part)), k) for k, part in enumerate(parts)]

@@ -130,7 +130,7 @@ def _spherical(grid: Any, number: int) -> GridOut:
     round_theta = len(theta) == 2 and np.ptp(theta) == np.pi and round_phi
     active = (True, not round_theta, not round_phi)
     walls = (in_cm(r, grid.unit), theta, phi)
-    if not hasattr(grid, "places"):
+    if grid.places is None:
         return GridOut(GridFile(REGULAR, number, active, walls), _fortran)
     if grid.places.axes != tuple(np.flatnonzero(active).tolist()):
         raise InputError("RADMC-3D cannot leave out theta where it has phi; give theta two cells")

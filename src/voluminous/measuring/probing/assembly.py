@@ -126,7 +126,7 @@ def _hidden(job: ProbeJob, cell: np.ndarray) -> np.ndarray:
 
 
 def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
-    if len(grid.shape) != 3:
+    if not grid.is_structured:
         return None
     index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
     return np.where(cell[:, None] >= 0, index, -1)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ...grids.contract import cells_across
 from ...rendering.job import Job
 from ...rendering.rays.drawing import Drawing
 from ...rendering.rays.paths import Paths
@@ -128,7 +127,7 @@ def follow(
         The brightest background.
     """
     drawing = _Recording(job, job.source(brightest), brightest)
-    room = _ROOM * int(cells_across(job.volume.grid)) + 64
+    room = _ROOM * int(job.volume.grid.cells_across) + 64
     return drawing.follow(place, names, room)
 
 

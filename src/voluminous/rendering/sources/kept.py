@@ -6,7 +6,6 @@ import functools
 from typing import Any
 
 from ...expressions.interval import Interval
-from ...grids.contract import has_blocks
 from ..coefficients.classify import Classifier
 from ..empty_space.blocks import (
     Window,
@@ -16,7 +15,6 @@ from ..empty_space.blocks import (
     worthwhile_blocks,
 )
 from ..interpolants.coarse import wide_steps
-from ..interpolants.lattice import make_lattices
 from ..interpolants.limits import difference_limits
 from ..interpolants.pyramid import make_pyramid
 from ..store import Store
@@ -30,7 +28,7 @@ def get_lattices(classifier: Classifier, store: Store, blocks: Any = None) -> di
     keys = {n: ("lattice", n, backend.device, backend.precision, store.digest(n)) for n in names}
     found = {name: store.get(key) for name, key in keys.items()}
     lacking = [name for name in names if found[name] is None]
-    made = make_lattices(volume.grid, [volume.array(name) for name in lacking], backend)
+    made = volume.grid.lattice([volume.array(name) for name in lacking], backend)
     for name, lattice in zip(lacking, made, strict=True):
         found[name] = store.keep(keys[name], lattice)
     if not steps:
@@ -47,7 +45,7 @@ def get_blocks(
 ) -> Any:
     """Return the blocks that rays may leap over, or None; kept with the volume."""
     medium, backend = classifier.medium, classifier.backend
-    if not has_blocks(classifier.grid):
+    if not classifier.grid.has_blocks:
         return None
     limits = difference_limits(classifier, coarseness)
 
@@ -71,7 +69,7 @@ def get_ranges(classifier: Classifier, store: Store, window: Window) -> dict[str
     Where there are no blocks, of the whole volume.
     """
     names = classifier.medium.names
-    if not has_blocks(classifier.grid):
+    if not classifier.grid.has_blocks:
         return {name: classifier.range_of(name) for name in names}
     return {name: _ranges(classifier.volume, store, name, window) for name in names}
 
