@@ -8,7 +8,7 @@ from astropy import units as u
 
 import voluminous as vm
 from contracts import box_limits
-from voluminous.measuring.lines import lines_of_sight
+from voluminous.measuring.columns import lines_of_sight
 
 RNG = np.random.default_rng(0)
 GRID = vm.CartesianGrid.uniform(8, (-1, 1), unit="pc")

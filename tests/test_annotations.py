@@ -10,12 +10,9 @@ from PIL import Image as Pillow
 import voluminous as vm
 from voluminous.cli import main
 from voluminous.errors import InputError, UnknownNameError
-from voluminous.image.annotate.arrows import compass, triad
-from voluminous.image.annotate.histogram import FieldValues, counts
-from voluminous.image.annotate.lengths import bar_length, readable
-from voluminous.image.annotate.medium_scales import of_medium
-from voluminous.image.annotate.scales import quantity_name
-from voluminous.image.annotate.texts import time_text
+from voluminous.image.annotate.marks import compass, time_text, triad
+from voluminous.image.annotate.scales import FieldValues, counts, of_medium, quantity_name
+from voluminous.image.annotate.sheet import bar_length, readable
 
 ALL_OFF = {"scale_bar": False, "triad": False, "compass": False, "color_bar": False, "time": False}
 SEEN = {"type": "orthographic", "incl": 60.0, "phi": 30.0, "posang": 0.0}

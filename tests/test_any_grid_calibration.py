@@ -7,10 +7,9 @@ import pytest
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
-from voluminous.calibration.calibrate import extent_of
-from voluminous.calibration.profile import Profile
-from voluminous.calibration.thickness import thicknesses
-from voluminous.cli.info_grid import describe_grid
+from voluminous.calibration.open_numbers import extent_of
+from voluminous.calibration.thickness import Profile, thicknesses
+from voluminous.cli.info_text import describe_grid
 from voluminous.expressions import Expression
 
 EDGES = np.linspace(-1, 1, 9)

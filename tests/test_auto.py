@@ -10,11 +10,8 @@ from hypothesis import strategies as st
 import real_data
 import voluminous as vm
 from voluminous import rendering
-from voluminous.calibration.histogram import histogram, sampled_values
-from voluminous.calibration.labels import labels_of
-from voluminous.calibration.levels import levels
-from voluminous.calibration.noise import noise_of
-from voluminous.calibration.scalar import is_wide, main_scalar
+from voluminous.calibration.auto import is_wide, labels_of, levels, main_scalar, noise_of
+from voluminous.calibration.thickness import histogram, sampled_values
 from voluminous.cli import main
 from voluminous.expressions import Expression
 

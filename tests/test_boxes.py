@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.objects.edges import Edges, creases, every_edge, joined
-from voluminous.objects.outlines import outline
+from voluminous.objects.boxes import Edges, creases, every_edge, joined_edges, outline
 from voluminous.scene.sections import build_objects
 
 CIRCLE = np.linspace(0, 2 * np.pi, 9)
@@ -59,7 +58,7 @@ def test_edges_of_a_body_are_those_that_one_can_feel(blocks):
                 expected.add((axis, *place))
     found = creases(np.array(blocks))
     assert set(unit_edges(found)) == expected
-    whole = unit_edges(joined(found))
+    whole = unit_edges(joined_edges(found))
     assert len(whole) == len(set(whole)) == len(expected)
     assert set(whole) == expected
 
@@ -70,12 +69,12 @@ def test_lines_that_touch_or_overlap_become_one(given_lines):
     start = np.column_stack([rows[:, 1], np.zeros(len(rows), int), rows[:, 1]])
     start[np.arange(len(rows)), rows[:, 0]] = rows[:, 2]
     edges = Edges(rows[:, 0], start, rows[:, 2] + rows[:, 3], np.zeros(len(rows), bool))
-    whole = unit_edges(joined(edges))
+    whole = unit_edges(joined_edges(edges))
     assert len(whole) == len(set(whole))
     assert set(whole) == set(unit_edges(edges))
-    begun = {(axis, *place) for axis, *place in unit_edges(joined(edges))}
+    begun = {(axis, *place) for axis, *place in unit_edges(joined_edges(edges))}
     longer = sum((axis, *(np.array(p) - np.eye(3, dtype=int)[axis])) in begun for axis, *p in begun)
-    assert len(joined(edges).axis) == len(begun) - longer
+    assert len(joined_edges(edges).axis) == len(begun) - longer
 
 
 def test_a_box_has_twelve_edges():

@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.calibration.calibrate import extent_of
-from voluminous.calibration.profile import Profile
+from voluminous.calibration.open_numbers import extent_of
 from voluminous.calibration.samples import pieces
-from voluminous.calibration.thickness import thicknesses, weighted_median
+from voluminous.calibration.thickness import Profile, thicknesses, weighted_median
 from voluminous.expressions import Expression
 from voluminous.scene import Scene
 

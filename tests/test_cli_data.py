@@ -15,7 +15,7 @@ from astropy import units as u
 from astropy.wcs import WCS
 
 import voluminous as vm
-from voluminous.cli import choice, info_volume, main
+from voluminous.cli import data, info_text, main
 from voluminous.cli import statistics as stats
 from voluminous.cli.data import chosen_fields
 from voluminous.io import Reader, readers, registry
@@ -93,16 +93,16 @@ def test_the_first_field(names, first):
     volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
     for name in names:
         volume[name] = np.arange(8.0).reshape(2, 2, 2)
-    assert choice.first_field(volume) == first
+    assert data.first_field(volume) == first
 
 
 def test_constant_fields_come_last():
     volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
-    assert choice.first_field(volume) is None
+    assert data.first_field(volume) is None
     volume["density"] = np.where(np.eye(2)[None] > 0, np.full((2, 2, 2), 3.0), np.nan)
-    assert choice.first_field(volume) == "density"  # there is no other
+    assert data.first_field(volume) == "density"  # there is no other
     volume["b"] = np.arange(8).reshape(2, 2, 2)
-    assert choice.first_field(volume) == "b"
+    assert data.first_field(volume) == "b"
 
 
 def test_only_the_field_that_is_shown_is_read(snapshot, monkeypatch):
@@ -400,7 +400,7 @@ def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
         opened.append(lazily(*arguments, **options))
         return opened[-1]
 
-    look = info_volume.look
+    look = info_text.look
 
     def watched(field, volume):
         found = look(field, volume)
@@ -408,7 +408,7 @@ def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
         return found
 
     monkeypatch.setattr(registry, "open_lazily", counted)
-    monkeypatch.setattr(info_volume, "look", watched)
+    monkeypatch.setattr(info_text, "look", watched)
     assert run("info", "snapshot.h5") == 0
     assert len(opened) == 1
     assert held == [1, 1, 1, 1]  # the one that is looked at

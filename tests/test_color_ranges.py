@@ -107,7 +107,7 @@ def test_of_what_is_nowhere_all_colours_are_known_and_of_missing_values_none():
 
 
 def test_a_picture_has_the_measured_range_and_measures_it_once(monkeypatch):
-    from voluminous.calibration import colors as measured
+    from voluminous.calibration import open_numbers as measured
 
     counted, found = [], measured._range
     monkeypatch.setattr(measured, "_range", lambda *args: counted.append(1) or found(*args))

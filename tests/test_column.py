@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import voluminous as vm
 from twin.shadows import mean_column
 from voluminous.backend import get_backend
-from voluminous.measuring.integrals import screen_of
-from voluminous.measuring.shadows import onto_pixels
+from voluminous.measuring.columns import screen_of
+from voluminous.measuring.exact_projection import onto_pixels
 
 BACKEND = get_backend("cpu", "double")
 ANGLES = st.one_of(

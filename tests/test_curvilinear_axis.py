@@ -11,7 +11,7 @@ import pytest
 
 import voluminous as vm
 from test_curvilinear_fields import sampled
-from voluminous.measuring.lines import lines_of_sight
+from voluminous.measuring.columns import lines_of_sight
 
 PI = np.pi
 LEVELS = (0.3, 0.5, 0.6)

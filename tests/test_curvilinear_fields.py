@@ -7,7 +7,7 @@ import pytest
 
 import voluminous as vm
 from twin.curvilinear import Frame, chord
-from voluminous.measuring.lines import lines_of_sight
+from voluminous.measuring.columns import lines_of_sight
 
 PI = np.pi
 RADII = np.linspace(1.0, 3.0, 21)

@@ -28,7 +28,7 @@ from PIL.PngImagePlugin import PngInfo
 from voluminous.errors import FileFormatError, InputError, UnknownNameError
 from voluminous.files import MissingPathError
 from voluminous.image import Image
-from voluminous.image.formats import FORMATS, png_code
+from voluminous.image.formats import FORMATS, png
 
 SUFFIXES = [".npz", ".fits", ".exr", ".tif", ".png"]
 CAMERA = {"type": "orthographic", "incl": 60.0, "phi": 30.0, "center": [0.1, -0.0, 1e300]}
@@ -323,7 +323,7 @@ def test_png_passes_display_options_on(folder):
 def test_png_code_is_read_by_pillow(samples, dtype):
     top = np.iinfo(dtype).max
     pixels = np.random.default_rng(samples).integers(0, top, (5, 7, samples), dtype, endpoint=True)
-    with Pillow.open(io.BytesIO(png_code.encode(pixels, {"key": "value"}))) as file:
+    with Pillow.open(io.BytesIO(png.encode_pixels(pixels, {"key": "value"}))) as file:
         seen = np.asarray(file)
         assert file.text == {"key": "value"}
     if dtype == np.uint16 and samples > 1:  # Pillow keeps the high byte only,
@@ -379,7 +379,7 @@ def filtered_png(pixels, kinds):
         paeth = np.choose(distances.argmin(axis=0), [a, b, c])
         guess = [np.zeros_like(a), a, b, (a + b) // 2, paeth][kind]
         packed += bytes([kind]) + ((raw[n] - guess) % 256).astype(np.uint8).tobytes()
-    good = png_code.encode(pixels, {})
+    good = png.encode_pixels(pixels, {})
     start = good.index(b"IDAT") - 4
     length = struct.unpack(">I", good[start : start + 4])[0]
     data = b"IDAT" + zlib.compress(packed)
@@ -395,7 +395,7 @@ def test_16_bit_png_with_any_filter(samples, data):
     kinds = data.draw(st.lists(st.integers(0, 4), min_size=rows, max_size=rows))
     pixels = data.draw(arrays(np.uint16, (rows, data.draw(st.integers(1, 6)), samples)))
     content = filtered_png(pixels, kinds)
-    np.testing.assert_array_equal(png_code.decode16(content), pixels)
+    np.testing.assert_array_equal(png.decode16(content), pixels)
     Pillow.open(io.BytesIO(content)).load()  # the test's own encoder follows the standard
 
 
@@ -597,7 +597,7 @@ def test_other_files_under_the_suffix_are_named(folder, suffix, content):
 
 
 def test_interlaced_16_bit_png_are_refused_with_a_reason(folder):
-    content = bytearray(png_code.encode(np.zeros((1, 1, 3), np.uint16), {}))
+    content = bytearray(png.encode_pixels(np.zeros((1, 1, 3), np.uint16), {}))
     content[28] = 1
     content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
     (folder / "interlaced.png").write_bytes(content)

@@ -15,7 +15,7 @@ from astropy.wcs import WCS
 import reference
 import voluminous as vm
 from contracts import ReaderContract
-from voluminous.cli.info import is_image
+from voluminous.cli.data import is_image
 from voluminous.io import find_reader
 from voluminous.io.fits.units import lenient_unit
 

@@ -191,7 +191,7 @@ def test_two_axes_without_names_are_refused(tmp_path):
 def test_a_picture_is_no_volume(tmp_path):
     import tifffile
 
-    from voluminous.cli.info import is_image
+    from voluminous.cli.data import is_image
 
     flat = tiff(tmp_path / "flat.tif", VALUES[0])
     pyramid = tmp_path / "pyramid.tif"

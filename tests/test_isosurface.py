@@ -10,7 +10,7 @@ import voluminous as vm
 from contracts.bundle import Bundle, on_a_sphere
 from test_guaranteed_bounds import rays, trilinear
 from voluminous.errors import InputError, UnknownNameError
-from voluminous.scene import toml
+from voluminous.scene.settings import loads
 
 RAYS = 256
 WAYS = [("single", "front-to-back"), ("double", "back-to-front")]
@@ -379,7 +379,7 @@ def test_an_unknown_density_is_refused():
 def test_scene_files_bring_it_back(medium):
     volume, camera = slope(), vm.Orthographic(incl=60, phi=20, width=5.0, resolution=8)
     scene = vm.Scene({"volume": {"model": "sphere"}, "medium": medium(), "camera": camera})
-    again = vm.Scene(toml.loads(scene.dumps()))
+    again = vm.Scene(loads(scene.dumps()))
     assert again.medium.key() == medium().key()
     image, other = (vm.render(volume, m, camera) for m in (medium(), again.medium))
     np.testing.assert_array_equal(image.intensity, other.intensity)
@@ -438,7 +438,7 @@ def test_every_level_has_its_own_opacity(opacity, rows, width):
     assert (image.lower <= image.intensity + 1e-6).all()
     assert (image.upper >= image.intensity - 1e-6).all()
     scene = vm.Scene({"volume": {"model": "sphere"}, "medium": medium})
-    again = vm.Scene(toml.loads(scene.dumps()))
+    again = vm.Scene(loads(scene.dumps()))
     assert again.medium.key() == medium.key()
 
 

@@ -9,7 +9,7 @@ import pytest
 from astropy import units as u
 
 import voluminous as vm
-from voluminous.measuring.conditions import condition
+from voluminous.measuring.cells import condition
 
 RNG = np.random.default_rng(0)
 EDGES = np.linspace(-1, 1, 21)

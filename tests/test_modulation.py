@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.scene import toml
+from voluminous.scene.settings import loads
 
 PRECISIONS = ["single", "double"]
 SCHEMES = ["post-classified", "first-order"]
@@ -285,8 +285,8 @@ where = "0.5"
 
 
 def test_scenes_carry_gates_and_colours():
-    scene = vm.Scene(toml.loads(SCENE))
-    again = vm.Scene(toml.loads(scene.dumps()))
+    scene = vm.Scene(loads(SCENE))
+    again = vm.Scene(loads(scene.dumps()))
     assert again.medium.key() == scene.medium.key()
     objects = vm.Scene({"volume": {"model": "sphere"}, "medium": scene.medium})
     assert objects.medium.key() == scene.medium.key()

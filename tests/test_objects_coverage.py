@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import voluminous as vm
-from voluminous.objects.ellipses import disc_in_polygon
+from voluminous.objects.balls import disc_in_polygon
 
 pytestmark = pytest.mark.exhaustive
 

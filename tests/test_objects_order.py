@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.objects.nearby import nearby
+from voluminous.objects.balls import nearby
 
 RNG = np.random.default_rng(5)
 GRID = vm.CartesianGrid.uniform(9, (-1, 1))

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from voluminous.files import MissingPathError
-from voluminous.scene import toml
+from voluminous.scene.settings import dumps, loads
 from voluminous.scene.source import models
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.toml"))
@@ -72,7 +72,7 @@ def test_objects_in_place_of_tables():
     camera = vm.Perspective([2, 0, 0] * u.pc, [0, 0, 0] * u.pc, 30, up=(0, 1, 0), resolution=(3, 2))
     scene = vm.Scene({"volume": CORE["volume"], "medium": medium + medium, "camera": camera})
     assert [m["sigma"] for m in scene.to_dict()["medium"]] == ["1.0 cm"] * 2
-    again = vm.Scene(toml.loads(scene.dumps()))
+    again = vm.Scene(loads(scene.dumps()))
     assert again.medium.describe() == scene.medium.describe()
     assert again.camera.describe() == camera.describe()
 
@@ -91,7 +91,7 @@ MEDIA = [
 @pytest.mark.parametrize("medium", MEDIA, ids=lambda medium: type(medium).__name__)
 def test_every_medium_survives_the_file(medium):
     scene = vm.Scene({"volume": CORE["volume"], "medium": [medium]})
-    again = vm.Scene(toml.loads(scene.dumps()))
+    again = vm.Scene(loads(scene.dumps()))
     assert again.medium.key() == medium.key()
 
 
@@ -426,7 +426,7 @@ values = st.recursive(
 @settings(max_examples=50)
 @given(st.dictionaries(st.text(), values))
 def test_toml_comes_back(tables):
-    assert normal(toml.loads(toml.dumps(tables))) == normal(tables)
+    assert normal(loads(dumps(tables))) == normal(tables)
 
 
 def normal(value):
@@ -438,16 +438,14 @@ def normal(value):
 
 @given(st.dictionaries(st.text(), st.text()))
 def test_toml_keeps_the_order_of_derived_fields(table):
-    assert list(
-        toml.loads(toml.dumps({"volume": {"derived": table}}))["volume"]["derived"]
-    ) == list(table)
+    assert list(loads(dumps({"volume": {"derived": table}}))["volume"]["derived"]) == list(table)
 
 
 def test_toml_cannot_hold_everything():
     with pytest.raises(vm.InputError, match="cannot hold"):
-        toml.dumps({"a": math})
+        dumps({"a": math})
     with pytest.raises(vm.InputError, match=r"cannot hold 'a\\udcff\.h5', which is no UTF-8"):
-        toml.dumps({"path": "a\udcff.h5"})
+        dumps({"path": "a\udcff.h5"})
 
 
 def test_scenes_show_what_they_are():

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from matplotlib.path import Path
 
 import voluminous as vm
-from voluminous.measuring.aperture import Aperture
-from voluminous.measuring.shapes import polygon_of, region_of
+from voluminous.measuring.shapes import Aperture, polygon_of, region_of
 from voluminous.regions import Box, Cylinder, DoubleCone, Sphere
 
 POINTS = np.random.default_rng(0).uniform(-2, 2, (3, 4000))

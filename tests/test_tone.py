@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm, PowerNorm
 
 from voluminous.errors import InputError, UnknownNameError
 from voluminous.image import Image
-from voluminous.image.stretch import STRETCHES, curve
+from voluminous.image.tone import STRETCHES, curve
 
 SHAPES = st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 5))
 # Far inside float32, so that ratios of colours are exact to its rounding.

@@ -2,6 +2,6 @@
 
 from . import presets
 from .auto import auto
-from .calibrate import calibrate, calibrated
+from .open_numbers import calibrate, calibrated
 
 __all__ = ["auto", "calibrate", "calibrated", "presets"]

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
-from ..image.annotate.lengths import pretty_unit
+from ..image.annotate.sheet import pretty_unit
 from ..media import Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
 from ..media.shaped import Shaped
@@ -19,10 +19,9 @@ from ..notebook import png
 from ..units import is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume
 from .at_values import coefficients, one_path_length, scalar_of, units_of
-from .calibrate import calibrate
-from .checks import check_volume
-from .histogram import is_constant, sampled_values
+from .open_numbers import calibrate, check_volume
 from .samples import pieces
+from .thickness import is_constant, sampled_values
 
 RGB = ("#d1342f", "#2c9c3f", "#2f62d1")
 _POINTS, _BINS = 600, 120

@@ -11,8 +11,17 @@ from ..errors import InputError
 from ..grids.contract import Ray
 from ..rotation import angles_towards, cosine_sine, image_axes, position_angle
 from ..units import as_given, is_quantity, plain, unit_of
-from .contract import Camera, Frame, pixel_counts, plane_size
-from .lengths import as_vector, described, finite_degrees, point, vector_of
+from .contract import (
+    Camera,
+    Frame,
+    as_vector,
+    described,
+    finite_degrees,
+    pixel_counts,
+    plane_size,
+    point,
+    vector_of,
+)
 
 
 class Orthographic(Camera):

@@ -12,8 +12,17 @@ from ..errors import InputError, check_name
 from ..grids.contract import Ray
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, radians, unit_of
-from .contract import Camera, Frame, pixel_counts, plane_size
-from .lengths import common_unit, described, finite_degrees, point, vector_of
+from .contract import (
+    Camera,
+    Frame,
+    common_unit,
+    described,
+    finite_degrees,
+    pixel_counts,
+    plane_size,
+    point,
+    vector_of,
+)
 
 PROJECTIONS = ("flat", "spherical")
 # Digits that rounding may take from the direction to a target: 43 are left, 1e-13 of it.

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
+from ..errors import FileFormatError, InputError, VoluminousError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..volume import Volume
 
 
@@ -133,7 +137,7 @@ def assignment(text: str, example: str) -> tuple[str, Any]:
     InputError
         If there is no key, or no equals sign.
     """
-    from ..scene.toml import value
+    from ..scene.settings import value
 
     key, equals, given = text.partition("=")
     if not equals or not key.strip():
@@ -152,3 +156,175 @@ def chosen_fields(given: list[str] | None) -> Any:
         return names
     pairs = [name.partition("=") for name in names]
     return {name.strip(): (place or name).strip() for name, _, place in pairs}
+
+
+# What codes and people call the first thing that one looks at …
+_FIRST = re.compile(r"(gas_|mass_)?density|rho|dens|(number_)?density|n|nh|n_h", re.I)
+# … and what sounds like it.
+_LIKE = re.compile(r".*densit(y|ies).*|.*numdens.*|rho.*|.*_rho|intensity|brightness.*|data", re.I)
+# Parts of vectors say less than a scalar.
+_COMPONENT = re.compile(
+    r"[xyz]_.*|.*_([xyzr]|theta|phi)|(v|vel|velocity|u|b|bcc|mag|mom|e|acc)_?[xyz123]", re.I
+)
+# Where a cell is, and how it is counted.
+_PLACE = re.compile(
+    r"([xyzr]|radius|distance|theta|phi|ra|dec|lon|lat|longitude|latitude|height|altitude|"
+    r"velocity|frequency|wavelength|time|level|refinement_level|grid_level|index|"
+    r"cell_.*|.*_index|.*_?ids?|d[xyz]|volume)_?",
+    re.I,
+)
+_PIECE = 1 << 20
+
+
+def rank(name: str) -> int:
+    """Return how late a field of this name is looked at, 0 for the first ones."""
+    for number, names in enumerate((_FIRST, _LIKE)):
+        if names.fullmatch(name):
+            return number
+    return 2 + (_COMPONENT.fullmatch(name) is not None) + 2 * (_PLACE.fullmatch(name) is not None)
+
+
+def first_field(volume: Volume) -> str | None:
+    """Return the field to look at first; None if there is none.
+
+    It is called density, or something like it; else it is the first that is neither part of a
+    vector nor a coordinate. Constant fields come last. Of fields that are not in memory yet only
+    those are read that come before.
+    """
+    ranked = sorted(volume.fields, key=rank)
+    found = next((name for name in ranked if varies(volume.array(name))), None)
+    return found if found is not None else next(iter(ranked), None)
+
+
+def varies(array: np.ndarray) -> bool:
+    """Return True if there are two different finite values."""
+    import numpy as np
+
+    flat, seen = array.reshape(-1), None
+    for start in range(0, flat.size, _PIECE):
+        piece = flat[start : start + _PIECE]
+        good = piece[np.isfinite(piece)]
+        if good.size:
+            seen = good[0] if seen is None else seen
+            if (good != seen).any():
+                return True
+    return False
+
+
+@dataclass
+class Opened:
+    """A volume with fields that are not read yet; their places, if it matters where they are."""
+
+    volume: Volume
+    places: dict[str, str] | None = None
+
+    def keep(self, used: set[str]) -> Any:
+        """Forget what is not used, and return how a scene names the other fields."""
+        for name in self.volume.fields:
+            if name not in used:
+                del self.volume[name]
+        names = list(self.volume.fields)
+        return names if self.places is None else {name: self.places[name] for name in names}
+
+
+def opened(data: DataFile, expr: str | None) -> Opened:
+    """Return all fields; where they do not fit together, those of the expression, or the first."""
+    try:
+        return Opened(data.open())
+    except VoluminousError:
+        if data.fields is not None:
+            raise
+        for places in _alternatives(data, expr):
+            try:
+                return Opened(data.open(places), places)
+            except VoluminousError:
+                continue
+        raise
+
+
+def _alternatives(data: DataFile, expr: str | None) -> Iterator[dict[str, str]]:
+    from ..expressions import Expression
+    from ..io import find_reader
+    from ..io.guard import reading
+
+    reader = find_reader(data.path, data.format)
+    with reading(data.path, reader.description):
+        known = reader.info(data.path, **data.typed())
+    if expr is None:
+        for field in sorted(known, key=lambda field: rank(field.name)):
+            yield {field.name: field.place}
+    else:
+        names = Expression(expr).names
+        yield {field.name: field.place for field in reversed(known) if field.name in names}
+
+
+_NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+def is_image(path: Path) -> bool:
+    """Return True for an image file; content decides where volumes have the same suffix."""
+    from ..image.formats import FORMATS
+    from ..io import find_reader
+
+    if not any(path.suffix.lower() in form.suffixes for form in FORMATS):
+        return False
+    try:
+        return find_reader(path).holds_image(path)
+    except VoluminousError:  # no volume has it, or there is no such file
+        return True
+
+
+def is_volume(path: Path, format: str | None = None, given: Mapping[str, Any] = _NONE) -> bool:
+    """Return True for a file with data; False for a scene, or an image with one in it.
+
+    The format may be among what ``--set`` gives, too.
+
+    Raises
+    ------
+    VoluminousError
+        If there is no such file, or nothing can be made of it.
+    """
+    from ..io import find_reader
+    from ..io.registry import reader_for_suffix
+
+    if format is None and (path.suffix.lower() == ".toml" or is_image(path)):
+        return False
+    told = given.get("format", given.get("volume.format"))
+    try:
+        find_reader(path, format or (told if isinstance(told, str) else None))
+    except FileFormatError:
+        if _is_text(path) and reader_for_suffix(path) is None:  # a scene by another name
+            return False
+        raise
+    return True
+
+
+def _is_text(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    try:
+        path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        return False
+    return path.stat().st_size > 0
+
+
+def bytes_of(path: Path) -> int:
+    """Return the size of a file, or of all files in a directory."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
+def in_bytes(size: float) -> str:
+    """Return a number of bytes in words.
+
+    Examples
+    --------
+    >>> in_bytes(1000), in_bytes(3 << 20)
+    ('1000 bytes', '3 MiB')
+    """
+    for unit in ("bytes", "KiB", "MiB", "GiB"):
+        if size < 1024 or unit == "GiB":
+            break
+        size /= 1024
+    return f"{size:.4g} {unit}"

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..errors import InputError
-from .data import add_fields_option, add_reading_options, data_file
-from .file_kind import is_image
+from .data import add_fields_option, add_reading_options, data_file, is_image
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,11 +32,10 @@ def lines(args: argparse.Namespace) -> Iterator[str]:
     is_scene = path.suffix.lower() == ".toml"
     if args.format is None and (is_scene or is_image(path)):
         _refuse_options(args)
-        from .info_image import describe_image
-        from .info_scene import describe_scene
+        from .info_text import describe_image, describe_scene
 
         return (describe_scene if is_scene else describe_image)(path)
-    from .info_volume import describe_volume
+    from .info_text import describe_volume
 
     return describe_volume(data_file(path, args), histogram=not args.no_histogram)
 

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
+from ..errors import InputError, UnitsError, unknown_name
+from ..files import replacing
 from .common import say
 from .data import add_reading_options, assignment, data_file
 
 if TYPE_CHECKING:
+    from astropy.table import QTable
+
     from ..cameras import Camera
+    from ..measuring import Measurement
     from ..regions import Region
     from ..volume import Volume
+
 
 # A name and its value: not a comparison, which is an expression without a name.
 _NAMED = re.compile(r"\s*([A-Za-z_]\w*)\s*=(?!=)(.*)", re.DOTALL)
@@ -81,8 +86,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print and save."""
-    from .measure_table import check_table, one_row, text_of, with_units, write_table
-
     if args.output is not None:
         check_table(args.output)
     region = _region(args.region)
@@ -130,8 +133,7 @@ def _named(text: str, option: str, example: str) -> tuple[str, str]:
 
 def _opened(args: argparse.Namespace, asked: dict[str, str]) -> tuple[Volume, Camera | None]:
     from ..scene import Scene
-    from .file_kind import is_volume
-    from .opened import opened
+    from .data import is_volume, opened
 
     if is_volume(args.file, args.format):
         joined = " + ".join(f"({expression})" for expression in asked.values())
@@ -143,7 +145,7 @@ def _opened(args: argparse.Namespace, asked: dict[str, str]) -> tuple[Volume, Ca
 
 
 def _density(volume: Volume) -> dict[str, str]:
-    from .choice import first_field
+    from .data import first_field
 
     name = first_field(volume)
     if name is None:
@@ -194,3 +196,79 @@ def _measured(
         raise InputError("--aperture is a part of the image: give --angles INCL,PHI")
     parts = {"region": region, "aperture": args.aperture}
     return measure(volume, asked, args.where, cameras or None, **parts)
+
+
+_FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits"}
+
+
+def check_table(path: Path) -> None:
+    """Refuse, before any work, a table that cannot be written in the end.
+
+    Raises
+    ------
+    InputError
+        If its suffix stands for no format, or there is no such directory.
+    """
+    if path.suffix.lower() not in _FORMATS:
+        raise InputError(f"a table is written as {', '.join(_FORMATS)}, got {path}")
+    if not path.resolve().parent.is_dir():
+        raise InputError(f"the directory {path.parent} does not exist; create it first")
+
+
+def one_row(found: Measurement) -> QTable:
+    """Return a measurement as a table."""
+    from astropy import units as u
+    from astropy.table import QTable
+
+    values: dict[str, Any] = {**found.totals, "volume": found.volume}
+    table = QTable({name: u.Quantity([value]) for name, value in values.items()})
+    table["cells"] = [found.cells]
+    return table
+
+
+def with_units(table: QTable, units: Mapping[str, str], totals: Sequence[str]) -> QTable:
+    """Convert columns to the units asked for.
+
+    Raises
+    ------
+    UnknownNameError
+        For a column that is not there.
+    UnitsError
+        If a unit does not fit.
+    """
+    from ..units import parse_unit, unit_name
+
+    known = [*totals, "volume"]
+    for name, unit in units.items():
+        if name not in known:
+            raise unknown_name("total", name, known)
+        own = table[name].unit
+        try:
+            table[name] = table[name].to(parse_unit(unit))
+        except (ValueError, TypeError) as error:
+            raise UnitsError(f"{name} is in {unit_name(own) or 'no unit'}, not {unit}") from error
+    return table
+
+
+def text_of(table: QTable) -> str:
+    """Return a table as text, with units below the names."""
+    shown = table.copy()
+    for name in shown.colnames:
+        if shown[name].dtype.kind == "f":
+            shown[name].info.format = ".8g"
+    return "\n".join(shown.pformat(max_lines=-1, max_width=-1, show_unit=True))
+
+
+def write_table(table: QTable, path: Path) -> None:
+    """Write a table; a .csv knows no units, so these follow the names."""
+    from ..units import unit_name
+
+    form = _FORMATS[path.suffix.lower()]
+    if form == "ascii.csv":
+        table = table.copy()
+        for name in table.colnames:
+            unit = unit_name(getattr(table[name], "unit", None))
+            if unit:
+                table.rename_column(name, f"{name} [{unit}]")
+    with replacing(path) as temporary:
+        table.write(temporary, format=form, overwrite=True)

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from . import render_volume
 from .common import add_render_options, say
-from .data import assignment
-from .file_kind import is_volume
+from .data import assignment, is_volume
 from .render import scene_from
 
 if TYPE_CHECKING:

@@ -17,9 +17,8 @@ from .common import (
     say,
     told,
 )
-from .data import assignment
-from .file_kind import is_volume
-from .retyped import retyped
+from .data import assignment, is_volume
+from .render_volume import retyped
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -66,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
-    from ..image.changed import changed
+    from ..image.planes import changed
 
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
     of_data = is_volume(args.scene, args.format, given)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..units import degrees, parse_unit, plain, unit_of
-from .changed import changed, plane
+from .planes import changed, plane_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -42,7 +42,7 @@ def convolve(image: Image, beam: Any) -> Image:
     covariance = _in_pixels(image, beam)
     _check_width(covariance, image)
     kernel = _kernel(covariance)
-    planes = {name: plane(image, name) for name in ("transparency", "error", "lower", "upper")}
+    planes = {name: plane_of(image, name) for name in ("transparency", "error", "lower", "upper")}
     seen = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
     return changed(
         image,

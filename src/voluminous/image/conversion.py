@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from ..errors import UnitsError
 from ..units import parse_unit
 from .beam import as_beam, beam_area, sky_matrix
-from .changed import changed, plane
-from .coordinates import known_unit
+from .planes import changed, known_unit, plane_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -43,7 +42,7 @@ def _to_intensity(image: Image, target: Any, unit: Any, beam: Any) -> Image:
             "give Image(..., intensity_unit=, unit=), or emissivities with units (vm.Coefficients)"
         )
     factor = _factor(image, own, target, beam)
-    planes = {name: plane(image, name) for name in _SCALED}
+    planes = {name: plane_of(image, name) for name in _SCALED}
     scaled = {name: _scaled(p, factor) for name, p in planes.items() if p is not None}
     intensity = _scaled(image.intensity, factor)
     return changed(image, intensity=intensity, intensity_unit=target, **scaled)

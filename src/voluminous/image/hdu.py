@@ -1,20 +1,143 @@
-"""A picture as a FITS HDU: data, world coordinates, units, the camera and how it was made."""
+"""Pixel coordinates as FITS cards: a linear WCS (Greisen & Calabretta 2002, A&A 395, 1061)."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import fits_axes, metadata
+from . import metadata
 from .beam import fits_beam
-from .celestial import on_sky
-from .fits_axes import Card
+from .sky import on_sky
 
 if TYPE_CHECKING:
     from .image import Image
+
+
+Card = tuple[str, Any, str]
+Linear = tuple[NDArray[np.float64], float]  # coordinates and their step
+# Key and name of the WCS of the image plane in files whose first one is of the sky.
+_PLANE, _PLANE_NAME = "A", "image plane"
+# As radio astronomers' programs write it and look for it.
+_PER_BEAM = "Jy/beam"
+# Coordinates this near to a linear axis (in pixels) are told by it; rounding is far below.
+_LINEAR_TO = 1e-6
+# Kinds of axes that are in degrees unless their header says otherwise.
+_ON_SKY = re.compile("RA--|DEC-|[A-Z]{1,2}L(ON|AT)-")
+
+
+def cards(image: Image) -> Iterator[Card]:
+    """Give the cards for x, y and, if there are several, the channels."""
+    axes = 2 if image.channels == 1 else 3
+    yield "WCSAXES", axes, "number of axes"
+    if image.wcs is not None:
+        world = image.wcs.to_header(relax=True).cards
+        yield from (tuple(card) for card in world if card.keyword != "WCSAXES")
+    yield from _plane_cards(image, "" if image.wcs is None else _PLANE)
+    if axes == 3:
+        indices = np.arange(image.channels, dtype=np.float64)
+        yield from _axis_cards(3, "CHANNEL", indices, 1.0, "")
+
+
+def _plane_cards(image: Image, key: str) -> Iterator[Card]:
+    if key:
+        yield f"WCSAXES{key}", 2, "number of axes"
+        yield f"WCSNAME{key}", _PLANE_NAME, "coordinates on the image plane"
+    yield from _axis_cards(1, "X", image.x, image.pixel_size[0], image.unit, key)
+    yield from _axis_cards(2, "Y", image.y, image.pixel_size[1], image.unit, key)
+
+
+def _axis_cards(
+    number: int, name: str, centres: NDArray[np.float64], step: float, unit: str, key: str = ""
+) -> Iterator[Card]:
+    middle = (centres.size + 1) / 2
+    value = (centres[0] + centres[-1]) / 2
+    if not _agree(centres, _linear(centres.size, middle, value, step), step):
+        return  # uneven: no card can tell it
+    yield f"CTYPE{number}{key}", name, "linear"
+    yield f"CRPIX{number}{key}", middle, "reference pixel; centre of the first is 1"
+    yield f"CRVAL{number}{key}", float(value), "coordinate there"
+    yield f"CDELT{number}{key}", step, "size of a pixel"
+    if unit:
+        yield f"CUNIT{number}{key}", unit_card(unit), "unit"
+
+
+def _linear(count: int, pixel: float, value: float, step: float) -> NDArray[np.float64]:
+    return np.float64(value) + step * (np.arange(1, count + 1, dtype=np.float64) - pixel)
+
+
+def _agree(a: NDArray[np.float64], b: NDArray[np.float64], step: float) -> bool:
+    return a.shape == b.shape and bool((np.abs(a - b) <= _LINEAR_TO * abs(step)).all())
+
+
+def unit_card(unit: str) -> str:
+    """Return the name FITS has for a unit; the given one, in ASCII, if it has none."""
+    if not unit:
+        return ""
+    from astropy import units as u
+
+    try:
+        parsed = u.Unit(unit)
+        return _PER_BEAM if parsed == u.Unit(_PER_BEAM) else parsed.to_string("fits")
+    except (ValueError, TypeError):
+        return unit.encode("ascii", "replace").decode()[:68]
+
+
+def read(
+    header: Any, shape: tuple[int, ...], extras: dict[str, NDArray[Any]], pixel_size: Any
+) -> dict[str, Any]:
+    """Return x, y, unit and pixel_size as far as the header and the extensions tell them.
+
+    Our exact coordinates (extensions X and Y) hold as long as nobody changed the header since.
+    For a projection of the sky the plane of projection is meant: offsets from the reference
+    point. Rotated axes have no coordinates of their own and are left as pixel indices. The unit is
+    None where no card can tell it: both axes are uneven.
+    """
+    # Where the first WCS is that of the sky, ours is another, unless the picture was cut since.
+    whole = [extras[axis].shape for axis in "XY" if axis in extras] == [shape[1:2], shape[:1]]
+    key = _PLANE if whole and header.get(f"WCSNAME{_PLANE}") == _PLANE_NAME else ""
+    across, up = (_linear_axis(header, n, shape[2 - n], key) for n in (1, 2))
+    units = {_unit(header, n, key) for n, told in ((1, across), (2, up)) if told is not None}
+    if len(units) > 1:
+        return {}
+    unit = units.pop() if units else None
+    x = _untouched(extras.get("X"), across, shape[1])
+    y = _untouched(extras.get("Y"), up, shape[0])
+    if x is not None and y is not None:
+        return {"x": x, "y": y, "unit": unit, "pixel_size": pixel_size}
+    if across is None or up is None:
+        return {}
+    size = (across[1], up[1])
+    return {"x": across[0], "y": up[0], "unit": unit, "pixel_size": size}
+
+
+def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDArray[Any] | None:
+    """Return our exact coordinates if they still fit the image and the cards."""
+    if own is None or own.shape != (count,):
+        return None
+    return own if axis is None or _agree(own, *axis) else None
+
+
+def _unit(header: Any, number: int, key: str) -> str:
+    """Return the unit of an axis: degrees on the sky, where the header says nothing."""
+    default = "deg" if _ON_SKY.match(str(header.get(f"CTYPE{number}{key}", ""))) else ""
+    return str(header.get(f"CUNIT{number}{key}", "")).strip() or default
+
+
+def _linear_axis(header: Any, number: int, count: int, key: str) -> Linear | None:
+    step = header.get(f"CDELT{number}{key}", header.get(f"CD{number}_{number}{key}"))
+    other = 3 - number
+    rotated = any(header.get(f"{m}{number}_{other}{key}", 0.0) for m in ("CD", "PC"))
+    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS told it
+    if not step or rotated:
+        return None
+    projected = "-" in str(header.get(f"CTYPE{number}{key}", ""))
+    value = 0.0 if projected else header.get(f"CRVAL{number}{key}", 0.0)
+    return _linear(count, header.get(f"CRPIX{number}{key}", 0.0), value, step), step
+
 
 # The card with all that is known besides, as JSON.
 TEXT = "VOLMETA"
@@ -44,8 +167,8 @@ def _header(image: Image) -> Any:
 
     header = fits.Header()
     header["CREATOR"] = metadata.KEY
-    header["BUNIT"] = (fits_axes.unit_card(image.intensity_unit), "unit of intensity")
-    for keyword, value, comment in (*fits_axes.cards(image), *_camera(image), *_beam(image)):
+    header["BUNIT"] = (unit_card(image.intensity_unit), "unit of intensity")
+    for keyword, value, comment in (*cards(image), *_camera(image), *_beam(image)):
         header[keyword] = (value, comment)
     # Quotes and ampersands have a meaning of their own in FITS strings; JSON can spell them.
     text = metadata.dumps(image, coordinates=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import immutable
-from . import coordinates, planes, sky
+from . import planes, sky
 from .made import Made
 from .metadata import json_value
 
@@ -102,8 +102,8 @@ class Image(Made):
     ) -> None:
         values, intensity_unit = planes.intensity(intensity, intensity_unit)
         ny, nx, _ = shape = values.shape
-        name = coordinates.length_unit(unit, x, y)
-        x, y = coordinates.axis(x, nx, name, "x"), coordinates.axis(y, ny, name, "y")
+        name = planes.length_unit(unit, x, y)
+        x, y = planes.axis(x, nx, name, "x"), planes.axis(y, ny, name, "y")
         pending = optical_depth if callable(optical_depth) else None
         beside = {
             "transparency": transparency,
@@ -120,7 +120,7 @@ class Image(Made):
             unit=name,
             x=_read_only(x),
             y=_read_only(y),
-            pixel_size=coordinates.pixel_size(x, y, pixel_size, name),
+            pixel_size=planes.pixel_size(x, y, pixel_size, name),
             wcs=sky.as_wcs(wcs, shape),
             camera=json_value(camera, "camera"),
             provenance=json_value(provenance, "provenance"),
@@ -180,7 +180,7 @@ class Image(Made):
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Outer edges of the picture (left, right, bottom, top), as matplotlib's imshow takes."""
-        return coordinates.extent(self.x, self.y, self.pixel_size)
+        return planes.extent(self.x, self.y, self.pixel_size)
 
     @property
     def pixel_area(self) -> float:
@@ -193,7 +193,7 @@ class Image(Made):
 
         Given to other frames (`to_rgb`, `save`, `plot`, …), it shows equal intensities alike.
         """
-        from .signed import exposure_of
+        from .tone import exposure_of
 
         return exposure_of(self.intensity)
 
@@ -278,9 +278,7 @@ class Image(Made):
         of both signs, such as a map of velocities, is shown from blue over white (zero) to red, if
         no option says how.
         """
-        from .options import plain_options
-        from .signed import is_projection, with_colormap
-        from .tone import display
+        from .tone import display, is_projection, plain_options, with_colormap
 
         options: dict[str, Any] = {
             "exposure": exposure,

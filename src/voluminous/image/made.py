@@ -59,7 +59,7 @@ class Made:
         East is on the left where north is up. A plane at a distance is a gnomonic projection (TAN)
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
-        from .celestial import on_sky
+        from .sky import on_sky
 
         return on_sky(self, distance, position, position_angle)
 

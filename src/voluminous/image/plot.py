@@ -10,13 +10,20 @@ from numpy.typing import NDArray
 
 from ..colormaps import get_colormap
 from ..figures import add_color_bar, new_figure
-from . import mixing
-from .colormap import scale as norm_of
-from .options import check_options, plain_options
-from .signed import is_projection, with_colormap
-from .sky_axes import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
-from .stretch import curve, finite
-from .tone import OPTIONS, display, white_level
+from . import tone
+from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
+from .tone import (
+    OPTIONS,
+    check_options,
+    curve,
+    display,
+    finite,
+    is_projection,
+    plain_options,
+    white_level,
+    with_colormap,
+)
+from .tone import scale as norm_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,7 +107,7 @@ def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
 def intensity_label(image: Image) -> str:
     """Return the label of a colour bar: maps of measurements say what they are."""
     name = str((image.provenance or {}).get("map", "intensity"))
-    from .annotate.lengths import pretty_unit
+    from .annotate.sheet import pretty_unit
 
     return _label(name, pretty_unit(image.intensity_unit))
 
@@ -120,7 +127,7 @@ def add_bars(
     own : bool
         As for `add_color_bar`.
     """
-    from .annotate.medium_scales import scales_of
+    from .annotate.scales import scales_of
 
     if shows_one_channel(image, options):
         bars = [(drawn, intensity_label(image))]
@@ -138,7 +145,7 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
         return False
     if options.get("colormap") is not None:
         return True
-    shown = mixing.chosen(options.get("channels"), image.channels)
+    shown = tone.chosen(options.get("channels"), image.channels)
     return len(shown) == 1
 
 
@@ -147,7 +154,7 @@ def one_channel(image: Image, **options: Any) -> dict[str, Any]:
     options = with_colormap(
         image.intensity, plain_options(options, image.intensity_unit), is_projection(image)
     )
-    index = mixing.single(options.get("channels"), image.channels, "a colormap")
+    index = tone.single(options.get("channels"), image.channels, "a colormap")
     values = image.intensity[..., index]
     bend = curve(options.get("stretch", "linear"), options.get("softening"))
     limits = [options.get(name) for name in ("exposure", "vmin", "vmax")]

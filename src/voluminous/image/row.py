@@ -9,11 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..figures import new_figure
-from .annotate.medium_scales import scales_of
+from .annotate.scales import scales_of
 from .image import Image
-from .options import check_options, plain_options
 from .plot import add_bars, new_axes, one_channel, shows_one_channel
-from .tone import OPTIONS, automatic_exposure, mixed_channels
+from .tone import OPTIONS, automatic_exposure, check_options, mixed_channels, plain_options
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -3,17 +3,216 @@
 from __future__ import annotations
 
 import inspect
+import operator
+from collections.abc import Callable, Collection, Iterable
 from functools import reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..colormaps import opaque_color
+from ..colormaps import get_color, get_colormap, opaque_color, without_alpha
 from ..errors import InputError, unknown_name
-from . import mixing
-from .colormap import mapped, scale
-from .stretch import Curve, curve, finite, positive
+from ..units import as_quantity, is_quantity, plain
+
+if TYPE_CHECKING:
+    from matplotlib.colors import Normalize
+
+
+class Curve(NamedTuple):
+    """An increasing function of [0, 1] onto itself, and its inverse."""
+
+    forward: Callable[[Any], Any]
+    inverse: Callable[[Any], Any]
+
+
+def _power(gamma: float) -> Curve:
+    return Curve(lambda v: v ** (1 / gamma), lambda w: w**gamma)
+
+
+def _asinh(softening: float) -> Curve:
+    top = np.arcsinh(1 / softening).item()
+    return Curve(lambda v: np.arcsinh(v / softening) / top, lambda w: softening * np.sinh(w * top))
+
+
+def _log(softening: float) -> Curve:
+    top = np.log1p(1 / softening).item()
+    return Curve(lambda v: np.log1p(v / softening) / top, lambda w: softening * np.expm1(w * top))
+
+
+LINEAR = Curve(lambda v: v, lambda w: w)
+GAMMA = 2.2  # the usual stand-in for the encoding of displays
+_FIXED = {
+    "linear": LINEAR,
+    "sqrt": Curve(np.sqrt, np.square),
+    "gamma": _power(GAMMA),
+}
+_SOFT = {"asinh": (_asinh, 0.1), "log": (_log, 0.01)}
+STRETCHES = (*_FIXED, *_SOFT)
+
+
+def curve(stretch: str | float, softening: float | None = None) -> Curve:
+    """Return the curve for the name of a stretch, or for a number g the curve v**(1/g).
+
+    Parameters
+    ----------
+    stretch : {"linear", "sqrt", "gamma", "asinh", "log"} or float
+        Which curve.
+    softening : float, optional
+        For "asinh" and "log": where the linear part ends, in units of white.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such stretch.
+    InputError
+        If a number is not positive, or the stretch has no softening.
+    """
+    if softening is not None and stretch not in tuple(_SOFT):
+        raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
+    if not isinstance(stretch, str):
+        return _power(positive(stretch, "stretch"))
+    if stretch in _FIXED:
+        return _FIXED[stretch]
+    if stretch not in _SOFT:
+        raise unknown_name("stretch", stretch, STRETCHES)
+    make, default = _SOFT[stretch]
+    return make(default if softening is None else positive(softening, "softening"))
+
+
+def positive(value: Any, what: str) -> float:
+    """Return `value` as a float if it is a positive finite number.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    number = finite(value, what)
+    if number <= 0:
+        raise InputError(f"{what} must be greater than 0, got {value!r}")
+    return number
+
+
+def finite(value: Any, what: str) -> float:
+    """Return `value` as a float if it is a finite number.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be a number, got {value!r}") from None
+    if not np.isfinite(number):
+        raise InputError(f"{what} must be finite, got {value!r}")
+    return number
+
+
+_DECADES = 1e-6
+
+
+def scale(
+    values: NDArray[Any], bend: Curve, norm: Any, exposure: Any, vmin: Any, vmax: Any
+) -> Normalize:
+    """Return the matplotlib norm that takes intensities to 0 … 1.
+
+    Parameters
+    ----------
+    values : array
+        One channel; its finite values give the limits that are not given.
+    bend : Curve
+        The stretch, used if `norm` is None.
+    norm : {"linear", "log"}, Normalize or None
+        Given in place of a stretch.
+    exposure, vmin, vmax : float or None
+        Limits; `exposure` stands for vmax = 1 / exposure.
+
+    Raises
+    ------
+    InputError
+        If they contradict each other.
+    """
+    from matplotlib.colors import LogNorm, Normalize
+
+    if norm is not None and bend is not LINEAR:
+        raise InputError("give norm or stretch, not both: they set the same thing")
+    vmax = _highest(exposure, vmax)
+    if isinstance(norm, Normalize):
+        return _filled(norm, values, vmin, vmax)
+    if norm not in (None, "linear", "log"):
+        raise InputError(f"norm must be 'linear', 'log' or a matplotlib Normalize, got {norm!r}")
+    low, high = _limits(values, vmin, vmax, logarithmic=norm == "log")
+    if norm == "log":
+        return LogNorm(low, high, clip=True)
+    if bend is LINEAR or low == high:
+        return Normalize(low, high)
+    return _bent(bend, low, high)
+
+
+def _highest(exposure: Any, vmax: Any) -> Any:
+    if exposure is None:
+        return vmax
+    if vmax is not None:
+        raise InputError("give exposure or vmax, not both: they set the same thing")
+    return 1.0 / positive(exposure, "exposure")
+
+
+def _bent(bend: Curve, low: float, high: float) -> Normalize:
+    from matplotlib.colors import FuncNorm
+
+    span = high - low
+
+    def forward(values: Any) -> Any:
+        return bend.forward(np.maximum((np.asarray(values) - low) / span, 0))
+
+    def inverse(shown: Any) -> Any:
+        return low + span * bend.inverse(np.asarray(shown))
+
+    return FuncNorm((forward, inverse), low, high)
+
+
+def _filled(norm: Normalize, values: NDArray[Any], vmin: Any, vmax: Any) -> Normalize:
+    from copy import copy
+
+    if vmin is not None or vmax is not None:
+        raise InputError("vmin, vmax and exposure belong inside the norm that was given")
+    own = copy(norm)  # the limits found here must not stick to the caller's object
+    own.autoscale_None(values[np.isfinite(values)])
+    return own
+
+
+def _limits(
+    values: NDArray[Any], vmin: Any, vmax: Any, *, logarithmic: bool
+) -> tuple[float, float]:
+    shown = values[np.isfinite(values) & (values > 0 if logarithmic else True)]
+    high = finite(vmax, "vmax") if vmax is not None else float(shown.max()) if shown.size else 1.0
+    if vmin is not None:
+        low = finite(vmin, "vmin")
+    else:
+        low = float(shown.min()) if shown.size else high * (_DECADES if logarithmic else 0)
+        low = max(low, _DECADES * high) if logarithmic else low
+    if low > high or (logarithmic and low <= 0):
+        raise InputError(
+            f"vmin ({low:g}) must be {'positive and ' * logarithmic}less than vmax ({high:g})"
+        )
+    return low, high
+
+
+def mapped(values: NDArray[Any], colormap: Any, norm: Normalize) -> NDArray[np.float32]:
+    """Return the colours of a channel, shape (ny, nx, 3); transparent ones over black."""
+    table = get_colormap(colormap)
+    assert norm.vmin is not None
+    assert norm.vmax is not None
+    # Norms mask infinities; the ends of the scale show them as what they are.
+    # In double precision differences of numbers near the end of float32 are numbers.
+    wide = values.astype(np.float64)
+    ends = np.nan_to_num(wide, copy=False, nan=np.nan, posinf=norm.vmax, neginf=norm.vmin)
+    rgba = table(norm(ends))
+    return (rgba[..., :3] * rgba[..., 3:]).astype(np.float32)
+
 
 # Stand for infinity before and after scaling: ratios of colours can still be formed with them.
 _LARGE = 1e150
@@ -52,7 +251,7 @@ def display(
     else:
         if mix is not None:
             raise InputError("a colormap shows one channel, so it cannot be used together with mix")
-        values = intensity[..., mixing.single(channels, intensity.shape[-1], "a colormap")]
+        values = intensity[..., single(channels, intensity.shape[-1], "a colormap")]
         rgb = mapped(values, colormap, scale(values, bend, norm, exposure, vmin, vmax))
     return rgb if background is None else _in_front(rgb, transparency, background)
 
@@ -77,8 +276,8 @@ def mixed_channels(
     intensity: NDArray[Any], channels: Any, mix: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return red, green and blue (ny, nx, 3), and their brightest where finite (n,)."""
-    indices = mixing.chosen(channels, intensity.shape[-1])
-    colors = mixing.matrix(mix, len(indices))
+    indices = chosen(channels, intensity.shape[-1])
+    colors = matrix(mix, len(indices))
     shown = intensity if channels is None else intensity[..., indices]
     mixed = shown.astype(np.float64)
     # Infinity times a zero of the matrix would be NaN; a large number times zero is zero.
@@ -156,3 +355,224 @@ def _in_front(
     color = np.array(opaque_color(background, "background"), dtype=np.float32)
     through = np.nan_to_num(transparency.mean(axis=-1, keepdims=True, dtype=np.float64))
     return np.minimum(rgb + through.astype(np.float32) * color, 1)
+
+
+# Blue comes, red goes, and white stands still, as astronomers draw it.
+_SIGNED = "RdBu_r"
+# Below zero by so much of what is above, at least: less is what a sum left over.
+_SHARE = 0.1
+# Percentiles of the values of a projection that are black and white.
+_WINDOW = (0.5, 99.8)
+# Who gives one of these has said how.
+_DECIDING = ("background", "vmin", "vmax", "softening")
+
+
+def with_colormap(
+    intensity: NDArray[Any], options: dict[str, Any], projection: bool = False
+) -> dict[str, Any]:
+    """Return display options, with a colormap where one channel needs one and none is named.
+
+    A norm bends the values of a colormap: then it is grey. One channel of both signs, of which
+    nothing is said, has one around zero: in grey all that is negative would be black, half of a
+    map of velocities. Where nothing is positive, as in depths before the middle, it is grey:
+    black would be all of it.
+
+    Parameters
+    ----------
+    intensity : array, shape (ny, nx, channels)
+    options : dict
+        Of `Image.to_rgb`; they are kept where they decide what is shown.
+    projection : bool
+        Values of a field itself, such as its maximum: signed ones are grey, as in radiology.
+    """
+    if options.get("colormap") is not None or options.get("mix") is not None:
+        return options
+    shown = chosen(options.get("channels"), intensity.shape[-1])
+    if len(shown) != 1:
+        return options
+    if options.get("norm") is not None:
+        return {**options, "colormap": "gray"}
+    if (options.get("stretch", "linear"), options.get("gamut", "hue")) != ("linear", "hue"):
+        return options
+    if any(options.get(name) is not None for name in _DECIDING):
+        return options
+    if options.get("exposure") is None:
+        window = _window(intensity[..., shown[0]], projection)
+        if window is not None:
+            return {**options, "colormap": "gray", "vmin": window[0], "vmax": window[1]}
+    automatic = signed_exposure(intensity[..., shown[0]])
+    if automatic is None:
+        return options
+    given = options.get("exposure")
+    reach = 1.0 / (automatic if given is None else positive(given, "exposure"))
+    # Alike on both sides.
+    return {**options, "colormap": _SIGNED, "exposure": None, "vmin": -reach, "vmax": reach}
+
+
+def exposure_of(intensity: NDArray[Any]) -> float:
+    """Return the automatic exposure of a picture; see `Image.exposure`."""
+    found = signed_exposure(intensity) if intensity.shape[-1] == 1 else None
+    if found is not None:
+        return found
+    return automatic_exposure(mixed_channels(intensity, None, None)[1])
+
+
+def signed_exposure(values: NDArray[Any]) -> float | None:
+    """Return the automatic exposure of values of both signs; None if they are not."""
+    known = values[np.isfinite(values)]
+    least, most = (known.min(), known.max()) if known.size else (0.0, 0.0)
+    if most <= 0 or -least < _SHARE * most:
+        return None
+    return automatic_exposure(np.abs(known))
+
+
+def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | None:
+    """Return which values are black and white: of negative ones, and of signed projections."""
+    known = values[np.isfinite(values)]
+    most = known.max() if known.size else 1.0
+    if (most > 0.0 and not projection) or known.min(initial=0.0) >= -_SHARE * max(most, 0.0):
+        return None
+    for ends in (_WINDOW, (0.0, 100.0)):
+        low, high = (float(v) for v in np.percentile(known, ends))
+        if low < high:
+            return low, high
+    return None
+
+
+def is_projection(image: Any) -> bool:
+    """Return whether an image shows values of a field; see `voluminous.project`."""
+    return (image.provenance or {}).get("how") in ("max", "min", "mean")
+
+
+# Two channels get colours that people with any kind of colour vision tell apart, and that add up
+# to a near white: orange and blue.
+_TWO = ((1.0, 0.6, 0.2), (0.1, 0.4, 1.0))
+_WHITE = (1.0, 1.0, 1.0)
+
+
+def chosen(channels: Any, count: int) -> list[int]:
+    """Return the indices of the channels to show, out of `count`.
+
+    Raises
+    ------
+    InputError
+        If an index is not an integer from 0 to count − 1.
+    """
+    if channels is None:
+        return list(range(count))
+    try:
+        indices = [operator.index(c) for c in np.atleast_1d(np.asarray(channels))]
+    except TypeError:
+        indices = []
+    if not indices or min(indices) < 0 or max(indices) >= count:
+        raise InputError(
+            f"channels must be integers from 0 to {count - 1}, as the image has {count} "
+            f"channel{'s' * (count > 1)}; got {channels!r}"
+        )
+    return indices
+
+
+def single(channels: Any, count: int, why: str) -> int:
+    """Return the index of the one channel to show.
+
+    Raises
+    ------
+    InputError
+        If more than one is left; says `why` it must be one.
+    """
+    indices = chosen(channels, count)
+    if len(indices) != 1:
+        raise InputError(
+            f"{why} shows one channel, not {len(indices)}: choose one with channels=0 … {count - 1}"
+        )
+    return indices[0]
+
+
+def matrix(mix: Any, count: int) -> NDArray[np.float64]:
+    """Return red, green and blue of each of `count` channels, shape (count, 3).
+
+    Parameters
+    ----------
+    mix : array_like or None
+        Numbers or names of colours; None for the default: one channel grey, two orange and
+        blue, three red, green and blue, and every further one white.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong or a value is not finite.
+    """
+    if mix is None:
+        return _default(count)
+    if isinstance(mix, (list, tuple, np.ndarray)):
+        mix = [get_color(c) if isinstance(c, str) else without_alpha(c, "mix") for c in mix]
+    try:
+        colors = np.array(mix, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"mix must be numbers, a row (r, g, b) per channel; got {mix!r}") from None
+    if colors.shape != (count, 3) or not np.isfinite(colors).all():
+        raise InputError(
+            f"mix must have shape ({count}, 3) and be finite: a row (r, g, b) for each channel "
+            f"that is shown; got shape {colors.shape}"
+        )
+    return colors
+
+
+def _default(count: int) -> NDArray[np.float64]:
+    if count == 1:
+        return np.array([_WHITE])
+    if count == 2:
+        return np.array(_TWO)
+    return np.array([*np.eye(3), *[_WHITE] * (count - 3)])
+
+
+def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
+    """Check that every option has a known name.
+
+    Raises
+    ------
+    UnknownNameError
+        For the first that has not; names the nearest.
+    """
+    for name in given:
+        if name not in known:
+            raise unknown_name(kind, name, known)
+
+
+# What changes intensities on their way to the display.
+_CHANGING = ("stretch", "softening", "colormap", "norm", "vmin", "vmax")
+
+
+def plain_options(options: dict[str, Any], unit: Any) -> dict[str, Any]:
+    """Return display options with exposure and limits as plain numbers, in the unit shown.
+
+    Raises
+    ------
+    InputError
+        If an option contradicts ``exposure="rgb"``.
+    UnitsError
+        If a limit is a quantity that cannot be converted.
+    """
+    if isinstance(options.get("exposure"), str):
+        options = options | _as_they_are(options)
+    given = {name: options.get(name) for name in ("vmin", "vmax")}
+    return options | {
+        name: float(plain(value, unit or None, name))
+        for name, value in given.items()
+        if is_quantity(as_quantity(value))
+    }
+
+
+def _as_they_are(options: dict[str, Any]) -> dict[str, Any]:
+    if options["exposure"] != "rgb":
+        raise InputError(
+            f"exposure must be a number, or 'rgb' for intensities as they are, got "
+            f"{options['exposure']!r}"
+        )
+    others = [n for n in _CHANGING if options.get(n) not in (None, "linear")]
+    if others:
+        raise InputError(
+            f"exposure='rgb' shows intensities as they are; leave out {' and '.join(others)}, or "
+            "give exposure=1"
+        )
+    return {"exposure": 1.0, "gamut": "clip"}

@@ -14,9 +14,8 @@ from ..progress import Progress, with_progress
 from ..rendering.options import refuse_unusable
 from ..schemes import get_scheme
 from ..schemes.contract import carried_beyond
-from .lines import lines_of_sight
-from .maps import depth_map
-from .scan import NOTHING, Scanner, distance, scan
+from .columns import depth_map, lines_of_sight
+from .projections import NOTHING, Scanner, distance, scan
 
 if TYPE_CHECKING:
     from ..image import Image

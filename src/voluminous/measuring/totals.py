@@ -13,12 +13,10 @@ from ..notebook import page, table
 from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
 from ..units import parse_unit
-from .aperture import Aperture
-from .integrals import check_exact, exact_maps
-from .maps import as_map
-from .parts import CHUNK, Parts
+from .cells import CHUNK, Parts
+from .columns import as_map, check_exact, exact_maps
 from .quantity import Quantity, check_volume, column_unit, total_unit
-from .shapes import region_of
+from .shapes import Aperture, region_of
 
 if TYPE_CHECKING:
     from ..image import Image

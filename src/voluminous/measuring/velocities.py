@@ -12,12 +12,12 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import product, shifted
 from ..progress import Progress, with_progress
-from .integrals import integrals
-from .maps import as_map
+from .columns import as_map, integrals
 from .quantity import Quantity, check_volume, column_unit
 
 if TYPE_CHECKING:
     from ..image import Image
+
 
 _MOST = 4
 

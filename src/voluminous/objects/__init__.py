@@ -3,10 +3,9 @@
 from functools import partial
 from typing import Any
 
-from .axes import axes
 from .boxes import boxes
 from .contract import SceneObject
-from .lines import Lines
+from .lines import Lines, axes
 from .spheres import Spheres
 from .stars import Star, Stars
 

@@ -1,21 +1,375 @@
-"""Boxes: the outline of a grid's domain, of its patches, and of what is refined."""
+"""Edges of boxes on a lattice of whole numbers: those of each, or of all of them as one body."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..colormaps import is_name_and_alpha
 from ..errors import InputError
-from .contract import Layers, SceneObject
-from .lattices import level_count
+from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
+from ..grids.boxes import expanded
+from .contract import Layers, SceneObject, View
 from .lines import Lines
-from .outlines import outline
 from .values import joined, options_of
-from .view import View
+
+# Leaves looked at at once.
+_CHUNK = 1 << 20
+_ROUNDING = 1e-9
+_QUARTERS = 4
+# The domain as a single block.
+_ONE = np.zeros((1, 3), np.int64)
+
+
+@dataclass
+class Lattice:
+    """Blocks of one size that fill a part of a grid, and the boxes that it is made of.
+
+    Attributes
+    ----------
+    own : callable
+        Whole numbers, (3, n), → the grid's own coordinates.
+    block : int array, shape (n, 3)
+        Places of the blocks, in units of their size.
+    size : int array, shape (3,)
+        Size of a block in the whole numbers of `own`.
+    boxes : pair of int arrays, shape (m, 3), optional
+        Corners of the boxes, in the same; None where there is but the domain.
+    system : tuple of str
+        Names of the own coordinates.
+    period : tuple of three int
+        After how many blocks an axis closes upon itself; 0 if it does not.
+    seams : tuple of three sequences of int
+        Blocks before which there is a line on surfaces that go on.
+    """
+
+    own: Callable[[np.ndarray], np.ndarray]
+    block: np.ndarray
+    size: np.ndarray
+    boxes: tuple[np.ndarray, np.ndarray] | None = None
+    system: tuple[str, ...] = CARTESIAN
+    period: tuple[int, ...] = (0, 0, 0)
+    seams: tuple[Any, ...] = ((), (), ())
+
+
+def level_count(grid: Any) -> int:
+    """Return how many levels a grid has; level 0 is the domain."""
+    if grid.patches is not None:
+        return int(grid.patches.level.max()) + 1
+    return 1 if grid.places is None else int(grid.places.deepest) + 1
+
+
+def lattice_of(grid: Any, level: int) -> Lattice:
+    """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
+    if grid.patches is not None:
+        return _of_patches(grid, level)
+    if level == 0:
+        curved = grid.coordinates in (SPHERICAL, CYLINDRICAL)
+        return replace(_bent(grid, _ends(grid), _ONE), boxes=None) if curved else _of_bounds(grid)
+    nodes, size = _nodes(grid, level - 1)
+    if grid.base_edges:
+        corners = (nodes * size, (nodes + 1) * size)
+        return Lattice(grid.position, nodes, size, corners)
+    walls = [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)]
+    return _bent(grid, walls, nodes)
+
+
+def _of_bounds(grid: Any) -> Lattice:
+    return Lattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
+
+
+def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda place: np.stack([w[k] for w, k in zip(walls, place, strict=True)])
+
+
+def _of_patches(grid: Any, level: int) -> Lattice:
+    """Return the patches of a level, and what they and finer ones cover in blocks."""
+    patches = grid.patches
+    low, high = patches.corners
+    boxes = tuple(corner[patches.level == level] for corner in (low, high))
+    if level == 0:
+        boxes = (np.vstack([0 * grid.extent, boxes[0]]), np.vstack([grid.extent, boxes[1]]))
+    cell, some = patches.sizes[level], patches.level >= level
+    first, last = low[some] // cell, -(-high[some] // cell)
+    common = np.gcd.reduce(np.concatenate([first, last]), axis=0)
+    _, index = expanded(first // common, last // common)
+    block = np.unique(index, axis=1).T
+    return Lattice(lambda place: grid.position(place), block, cell * common, boxes)
+
+
+def _nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodes of a level that are refined, counted in their own size, and that size."""
+    size = np.array(grid.divisions)
+    size[list(grid.places.axes)] >>= level
+    # The first leaf in each of them: finer than it, and where it begins.
+    first = (grid.places.aligned_levels() <= level) & (grid.levels > level)
+    found = [np.empty((3, 0), np.int64)]
+    for begin in range(0, grid.size, _CHUNK):
+        chosen = np.flatnonzero(first[begin : begin + _CHUNK])
+        if chosen.size:
+            low, _ = grid.boxes(begin, min(begin + _CHUNK, grid.size))
+            found.append(low[:, chosen] // size[:, None])
+    return np.concatenate(found, axis=1).T, size
+
+
+def _ends(grid: Any) -> list[np.ndarray]:
+    return [np.array(_limits(e)) for e in grid.edges]
+
+
+def _limits(walls: np.ndarray) -> tuple[float, float]:
+    return float(walls[0]), float(walls[-1])
+
+
+def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
+    """Return blocks between walls of r, θ, φ or R, φ, z; a mirror shows them twice.
+
+    An azimuth that is one closed block is cut in quarters, and θ above and below the midplane in
+    two: there would be no line to be seen of a sphere.
+    """
+    phi = grid.coordinates.index("phi")
+    walls, block = list(walls), np.asarray(block)
+    if "theta" in grid.coordinates:
+        walls[1], block = _both_halves(grid, walls[1], block)
+    if grid.is_periodic and len(walls[phi]) == 2:
+        walls[phi], block = _cut(np.linspace(*_limits(walls[phi]), _QUARTERS + 1), block, phi)
+    counts = [len(w) - 1 for w in walls]
+    period, seams = [0, 0, 0], [np.array([], int) for _ in range(3)]
+    if grid.is_periodic:
+        period[phi] = counts[phi]
+        seams[phi] = np.unique(np.round(np.arange(_QUARTERS) * counts[phi] / _QUARTERS)).astype(int)
+    if "theta" in grid.coordinates:
+        seams[1] = np.flatnonzero(np.abs(walls[1] - 0.5 * np.pi) < _ROUNDING)
+    size = np.ones(3, np.int64)
+    boxes = (block, block + 1)
+    return Lattice(
+        _between(walls), block, size, boxes, grid.coordinates, tuple(period), tuple(seams)
+    )
+
+
+def _both_halves(grid: Any, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    if grid.mirror:
+        below = block.copy()
+        below[:, 1] = 2 * (len(walls) - 1) - 1 - block[:, 1]
+        return np.concatenate([walls, np.pi - walls[-2::-1]]), np.concatenate([block, below])
+    middle = 0.5 * np.pi
+    if len(walls) == 2 and walls[0] < middle < walls[1]:
+        return _cut(np.array([walls[0], middle, walls[1]]), block, 1)
+    return walls, block
+
+
+def _cut(walls: np.ndarray, block: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return walls, and blocks that fill an axis of one block so far with all of them."""
+    parts = np.repeat(block[None], len(walls) - 1, axis=0)
+    parts[:, :, axis] = np.arange(len(walls) - 1)[:, None]
+    return walls, parts.reshape(-1, 3)
+
+
+# Around an edge are four places for blocks, by their sides along two axes: bits 2 i + j. Two next
+# to each other make a face that goes on, four the inside; all else is an edge of the body.
+_FACE_ALONG_FIRST, _FACE_ALONG_SECOND = (0b0101, 0b1010), (0b0011, 0b1100)
+_FLAT = (*_FACE_ALONG_FIRST, *_FACE_ALONG_SECOND, 0b1111)
+_SIDES = ((0, 0), (0, 1), (1, 0), (1, 1))
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Edges along the axes of a lattice.
+
+    Attributes
+    ----------
+    axis : int array, shape (n,)
+        Which axis each is along.
+    start : int array, shape (n, 3)
+        Where it starts.
+    stop : int array, shape (n,)
+        Where it stops along its axis.
+    seam : bool array, shape (n,)
+        True for lines drawn on a face that goes on, to show how it curves.
+    """
+
+    axis: np.ndarray
+    start: np.ndarray
+    stop: np.ndarray
+    seam: np.ndarray
+
+    @classmethod
+    def of(cls, parts: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]) -> Edges:
+        """Return all edges of parts (axis, start, stop, seam)."""
+        axis = np.repeat([part[0] for part in parts], [len(part[1]) for part in parts])
+        return cls(axis, *(np.concatenate([part[k] for part in parts]) for k in (1, 2, 3)))
+
+    def some(self, index: np.ndarray) -> Edges:
+        """Return some of them."""
+        return Edges(self.axis[index], self.start[index], self.stop[index], self.seam[index])
+
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return both ends, shape (n, 3) each."""
+        last = self.start.copy()
+        last[np.arange(len(last)), self.axis] = self.stop
+        return self.start, last
+
+
+def every_edge(low: np.ndarray, high: np.ndarray) -> Edges:
+    """Return the twelve edges of each box between corners (n, 3)."""
+    corners, parts = (low, high), []
+    for axis in range(3):
+        for sides in _SIDES:
+            start = low.copy()
+            for other, side in zip(_others(axis), sides, strict=True):
+                start[:, other] = corners[side][:, other]
+            parts.append((axis, start, high[:, axis], np.zeros(len(low), bool)))
+    return Edges.of(parts)
+
+
+def creases(
+    block: np.ndarray, period: tuple[int, ...] = (0, 0, 0), seams: tuple = ((), (), ())
+) -> Edges:
+    """Return where the surface of the body that equal blocks make has an edge.
+
+    Parameters
+    ----------
+    block : int array, shape (n, 3)
+        Places of different blocks, in units of their size.
+    period : tuple of three int
+        After so many blocks an axis closes upon itself; 0 if it does not.
+    seams : three sequences of int
+        Places along each axis where faces that go on have a line, too.
+    """
+    parts = []
+    for axis in range(3):
+        first, second = _others(axis)
+        start = np.concatenate([_moved(block, (first, second), sides) for sides in _SIDES])
+        for other in (first, second):
+            if period[other]:
+                start[:, other] %= period[other]
+        order, number = same_rows(start)
+        bits = np.repeat([1 << k for k in range(4)], len(block))[order]
+        around = np.bincount(number, weights=bits).astype(np.int64)
+        start = start[order][np.diff(number, prepend=-1) > 0]
+        seam = np.isin(start[:, first], seams[first]) & np.isin(around, _FACE_ALONG_FIRST)
+        seam |= np.isin(start[:, second], seams[second]) & np.isin(around, _FACE_ALONG_SECOND)
+        found = seam | ~np.isin(around, _FLAT)
+        parts.append((axis, start[found], start[found, axis] + 1, seam[found]))
+    return Edges.of(parts)
+
+
+def joined_edges(edges: Edges) -> Edges:
+    """Return edges with those on one line that touch or overlap made one."""
+    line, count = edges.start.copy(), len(edges.axis)
+    if not count:
+        return edges
+    begin = line[np.arange(count), edges.axis]
+    line[np.arange(count), edges.axis] = 0
+    order, number = same_rows(np.column_stack([edges.axis, line]), begin)
+    begin, stop = begin[order], edges.stop[order]
+    # The farthest stop on the line so far: ranks, so that lines stay apart.
+    values, rank = np.unique(stop, return_inverse=True)
+    farthest = np.maximum.accumulate(number * len(values) + rank)
+    reached = values[farthest - number * len(values)]
+    new = np.diff(number, prepend=-1) > 0
+    new[1:] |= begin[1:] > reached[:-1]
+    last = np.append(np.flatnonzero(new)[1:], count) - 1
+    return replace(edges.some(order[new]), stop=reached[last])
+
+
+def same_rows(rows: np.ndarray, *then: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return an order that brings equal rows (n, k) together, and their numbers in that order.
+
+    Equal rows are in the order of what is given `then`.
+    """
+    order = np.lexsort((*then, *rows.T[::-1]))
+    apart = np.any(np.diff(rows[order], axis=0) != 0, axis=1)
+    return order, np.concatenate([np.zeros(min(1, len(rows)), np.int64), np.cumsum(apart)])
+
+
+def _others(axis: int) -> tuple[int, int]:
+    return ((1, 2), (0, 2), (0, 1))[axis]
+
+
+def _moved(block: np.ndarray, axes: tuple[int, int], sides: tuple[int, int]) -> np.ndarray:
+    start = block.copy()
+    start[:, axes] += sides
+    return start
+
+
+# An arc is straight for so long (radian): half of that from its chord, 2e-4 of the radius.
+_STRAIGHT = np.pi / 90
+# Compared with the size of a domain these are one point.
+_POINT = 1e-12
+
+
+def outline(grid: Any, level: int, merged: bool) -> list[np.ndarray]:
+    """Return polylines around what is refined `level` times: arrays of shape (lines, n, 3).
+
+    Parameters
+    ----------
+    grid : Grid
+    level : int
+        0 is the domain.
+    merged : bool
+        Around all that is refined, as one body; else around each box.
+
+    Returns
+    -------
+    list of arrays
+        One for each number of points n.
+    """
+    lattice = lattice_of(grid, level)
+    if merged or lattice.boxes is None:
+        edges = creases(lattice.block, lattice.period, lattice.seams)
+        start, stop = edges.start * lattice.size, edges.stop * lattice.size[edges.axis]
+        edges = Edges(edges.axis, start, stop, edges.seam)
+    else:
+        edges = _closed(every_edge(*lattice.boxes), lattice)
+    if lattice.system != CARTESIAN:
+        edges = _visible(edges, lattice)
+    return _polylines(joined_edges(edges), lattice)
+
+
+def _closed(edges: Edges, lattice: Lattice) -> Edges:
+    for axis, period in enumerate(lattice.period):
+        if period:
+            across = edges.axis != axis
+            edges.start[across, axis] %= period
+    return edges
+
+
+def _visible(edges: Edges, lattice: Lattice) -> Edges:
+    first, last = edges.ends()
+    ends = [position(lattice.system, lattice.own(place.T)) for place in (first, last)]
+    near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
+    axial = np.all([np.hypot(end[0], end[1]) <= near for end in ends], axis=0)
+    phi, away = lattice.system.index("phi"), np.abs(ends[1] - ends[0]).max(axis=0) > near
+    # A circle ends where it begins; on the axis it is a point.
+    kept = np.where(axial, away & (edges.axis != phi), away | (edges.axis == phi))
+    kept &= ~(edges.seam & (axial | _on_planes(edges, lattice)))
+    edges.start[axial, phi] = 0
+    return edges.some(kept)
+
+
+def _on_planes(edges: Edges, lattice: Lattice) -> np.ndarray:
+    """Return which edges, if they are seams, are on planes: these need no lines to be seen."""
+    if "theta" in lattice.system:
+        return (edges.axis == 0) & np.isin(edges.start[:, 1], lattice.seams[1])
+    return edges.axis == 0
+
+
+def _polylines(edges: Edges, lattice: Lattice) -> list[np.ndarray]:
+    first, last = (lattice.own(place.T) for place in edges.ends())
+    turned = np.isin(np.array(lattice.system)[edges.axis], ("theta", "phi"))
+    way = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]
+    steps = np.where(turned, np.ceil(way / _STRAIGHT - 1e-6), 1).astype(int)
+    found: list[np.ndarray] = []
+    for count in np.unique(steps):
+        a, b = first[:, steps == count], last[:, steps == count]
+        parts = np.linspace(a, b, count + 1)  # points, axes, lines
+        own = np.moveaxis(parts, 2, 0).reshape(-1, 3).T
+        found.append(position(lattice.system, own).T.reshape(-1, count + 1, 3))
+    return found
 
 
 class Boxes(SceneObject):

@@ -1,20 +1,200 @@
-"""Lines: orbits, streamlines, edges of boxes; antialiased, at their true depth."""
+"""Segments in space, cut into pieces whose images are straight, short and in the picture."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..units import as_given, is_quantity, plain, unit_of
-from .colors import check_colors, intensities
-from .contract import Layers, SceneObject
-from .pieces import Pieces, between, image_of, short_pieces, straight_parts
-from .strips import nearest_on_segments, strip_coverage
-from .values import merged
-from .view import View
-from .windows import window_pixels
+from .contract import Layers, SceneObject, View, window_pixels
+from .values import check_colors, intensities, merged, options_of
+
+# How far the image of a piece may bend, in pixels.
+_BEND = 0.05
+# How often a segment may be halved: that is 0.02 % of it, at the edge of what is seen.
+_ROUNDS = 12
+# Length of pieces in pixels: their windows then hold few pixels beside the line.
+_SHORT = 8.0
+
+
+@dataclass
+class Pieces:
+    """Straight lines in the picture.
+
+    Attributes
+    ----------
+    segment : int array, shape (n,)
+        Which segment in space each is a part of.
+    begin, end : arrays, shape (n, 2)
+        In pixels.
+    width : array, shape (n,)
+        In pixels.
+    """
+
+    segment: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    width: np.ndarray
+
+
+def straight_parts(
+    begin: np.ndarray, end: np.ndarray, view: View
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return segment numbers, and where on them parts with straight images begin and end.
+
+    What is not on the image plane at all, such as behind the observer, is left out.
+    """
+    segment = np.arange(len(begin))
+    first, last = np.zeros(len(begin)), np.ones(len(begin))
+    kept: list[tuple[np.ndarray, ...]] = []
+    for _ in range(_ROUNDS):
+        straight, bent = _judged(segment, first, last, begin, end, view)
+        kept.append((segment[straight], first[straight], last[straight]))
+        if not bent.any():
+            break
+        segment, first, last = np.tile(segment[bent], 2), first[bent], last[bent]
+        middle = 0.5 * (first + last)
+        first, last = np.concatenate([first, middle]), np.concatenate([middle, last])
+    found = [np.concatenate(rows) for rows in zip(*kept, strict=True)]
+    order = np.lexsort((found[1], found[0]))
+    return found[0][order], found[1][order], found[2][order]
+
+
+def _judged(
+    segment: np.ndarray,
+    first: np.ndarray,
+    last: np.ndarray,
+    begin: np.ndarray,
+    end: np.ndarray,
+    view: View,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which parts are straight (or elsewhere), and which are to be halved."""
+    images = [
+        image_of(segment, part, begin, end, view) for part in (first, 0.5 * (first + last), last)
+    ]
+    a, middle, b = images
+    unseen = np.isnan(images).any(axis=2)
+    side = b - a
+    off = np.abs(side[:, 0] * (middle - a)[:, 1] - side[:, 1] * (middle - a)[:, 0])
+    length = np.hypot(*side.T)
+    between = np.sum((middle - a) * (b - middle), axis=1) >= 0.0
+    straight = ~unseen.any(axis=0) & (off <= _BEND * length) & (between | (length < _BEND))
+    low, high = np.min(images, axis=0), np.max(images, axis=0)
+    margin = high - low + 2.0
+    with np.errstate(invalid="ignore"):
+        far = np.any((high + margin < 0) | (low - margin > view.frame.pixels), axis=1)
+    gone = unseen.all(axis=0) | far
+    return straight & ~gone, ~straight & ~gone
+
+
+def image_of(
+    segment: np.ndarray, part: np.ndarray, begin: np.ndarray, end: np.ndarray, view: View
+) -> np.ndarray:
+    """Return the images (n, 2) of points a fraction along segments."""
+    return np.stack(view.place(between(segment, part, begin, end))[:2], axis=-1)
+
+
+def between(
+    segment: np.ndarray, part: np.ndarray, begin: np.ndarray, end: np.ndarray
+) -> np.ndarray:
+    """Return points (n, 3) a fraction along segments."""
+    way = part[:, None]
+    return np.asarray((1.0 - way) * begin[segment] + way * end[segment])
+
+
+def short_pieces(pieces: Pieces, pixels: tuple[int, int]) -> Pieces:
+    """Return what is inside the picture, or almost, in short pieces, in the same order."""
+    room = 0.5 * pieces.width + 2.0
+    first, last = _clipped(pieces, room, pixels)
+    length = np.hypot(*(pieces.end - pieces.begin).T) * np.maximum(last - first, 0.0)
+    count = np.where(last > first, np.maximum(np.ceil(length / _SHORT), 1), 0)
+    count = np.where((last == first) & (length == 0.0), 1, count).astype(np.int64)
+    owner = np.repeat(np.arange(len(count)), count)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    step = ((last - first) / np.maximum(count, 1))[owner]
+    low = (first[owner] + number * step)[:, None]
+    side = (pieces.end - pieces.begin)[owner]
+    begin = pieces.begin[owner] + low * side
+    return Pieces(pieces.segment[owner], begin, begin + step[:, None] * side, pieces.width[owner])
+
+
+def _clipped(
+    pieces: Pieces, room: np.ndarray, pixels: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fractions between which pieces are inside the picture, with some room around.
+
+    After Liang and Barsky (1984).
+    """
+    first, last = np.zeros(len(room)), np.ones(len(room))
+    for axis, count in enumerate(pixels):
+        start = pieces.begin[:, axis]
+        way = pieces.end[:, axis] - start
+        still = way == 0.0
+        pace = 1.0 / np.where(still, 1.0, way)
+        edges = np.stack([(-0.5 - room - start) * pace, (count - 0.5 + room - start) * pace])
+        inside = (start > -0.5 - room) & (start < count - 0.5 + room)
+        edges = np.where(still, np.where(inside, [[-1.0], [2.0]], [[2.0], [-1.0]]), edges)
+        first = np.maximum(first, np.where(still, edges[0], edges.min(axis=0)))
+        last = np.minimum(last, np.where(still, edges[1], edges.max(axis=0)))
+    return first, last
+
+
+# A pixel's shadow is a trapezium; along an axis its flanks are upright, here nearly so.
+_UPRIGHT = 1e-5
+
+
+def strip_coverage(distance: np.ndarray, normal: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Return the parts of pixels of side 1 that lie in strips.
+
+    Parameters
+    ----------
+    distance : array, shape (n,)
+        From the pixel's centre to the middle of the strip.
+    normal : array, shape (n, 2)
+        Unit vectors across the strips.
+    width : array, shape (n,)
+    """
+    large = np.max(np.abs(normal), axis=1)
+    small = np.maximum(np.min(np.abs(normal), axis=1), _UPRIGHT)
+    half = 0.5 * width
+    part = _below(distance + half, large, small) - _below(distance - half, large, small)
+    return np.asarray(np.clip(part, 0.0, 1.0))
+
+
+def _below(place: np.ndarray, large: np.ndarray, small: np.ndarray) -> np.ndarray:
+    """Return the area of a square of side 1 below a line at a distance from its centre.
+
+    The square's extent along the normal is the sum of two uniform distributions, of the widths
+    `large` and `small`: their distribution function is a second difference of squares.
+    """
+    outer, inner = 0.5 * (large + small), 0.5 * (large - small)
+    squares = [np.maximum(place + edge, 0.0) ** 2 for edge in (outer, inner, -inner, -outer)]
+    area = (squares[0] - squares[1] - squares[2] + squares[3]) / (2.0 * large * small)
+    return np.where(place >= outer, 1.0, area)  # not but for rounding
+
+
+def nearest_on_segments(
+    points: np.ndarray, begin: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the distances (n,) from points to segments in a plane, and unit vectors across.
+
+    Beyond an end these point away from it: ends are round.
+    """
+    side, away = end - begin, points - begin
+    square = np.sum(side**2, axis=1)
+    part = np.sum(away * side, axis=1) / np.where(square > 0.0, square, 1.0)
+    off = away - np.clip(part, 0.0, 1.0)[:, None] * side
+    distance = np.hypot(*off.T)
+    length = np.sqrt(np.where(square > 0.0, square, 1.0))[:, None]
+    across = np.stack([-side[:, 1], side[:, 0]], axis=1) / length
+    across = np.where((square > 0.0)[:, None], across, [1.0, 0.0])
+    outward = off / np.where(distance > 0.0, distance, 1.0)[:, None]
+    return distance, np.where((distance > 1e-9)[:, None], outward, across)
+
 
 # Less of a pixel is nothing.
 _LEAST = 1e-6
@@ -190,3 +370,72 @@ def _depths(
     if view.observer is None:
         return np.asarray(depth)
     return np.where(depth > 0.0, depth, np.nan)
+
+
+# How much nearer than it is an axis is drawn, as a fraction of the volume's diagonal.
+_NEARER = 1e-6
+
+
+class Axes(SceneObject):
+    """Lines along x, y and z; see `axes`."""
+
+    def __init__(
+        self, grid: Any, origin: Any, length: Any, colors: Any, width: Any, **options: Any
+    ) -> None:
+        super().__init__(**options)
+        self.grid, self.colors, self.width = grid, colors, width
+        self.origin, self.length = merged(origin), merged(length)
+        self.style = {"width": width, **options}
+
+    def layers(self, view: View) -> Layers | None:
+        grid = view.grid if self.grid is None else self.grid
+        start, ends = grid.bounds[:, 0], grid.bounds[:, 1]
+        if self.origin is not None:
+            start = np.asarray(view.length(self.origin, "origin"))
+        lengths = ends - start if self.length is None else view.length(self.length, "length")
+        lines = [np.stack([start, start + way]) for way in np.broadcast_to(lengths, 3) * np.eye(3)]
+        colors = self.colors
+        if colors is None:
+            colored = view.channels == 3 and self.channel is None
+            colors = ("red", "lime", "blue") if colored else 1.0
+        found = Lines(lines, colors, **self.style).layers(view)
+        if found is not None:  # edges of boxes in the same place are behind
+            found.depth -= _NEARER * float(np.linalg.norm(ends - grid.bounds[:, 0]))
+        return found
+
+    def describe(self, most: float = math.inf) -> dict[str, Any]:
+        return {"type": "axes", **options_of(axes, self, most)}
+
+
+def axes(
+    volume: Any = None,
+    colors: Any = None,
+    *,
+    origin: Any = None,
+    length: Any = None,
+    width: Any = 2.0,
+    depth: str = "true",
+    channel: int | None = None,
+    relative: bool = True,
+) -> Axes:
+    """Return lines along x, y and z.
+
+    Parameters
+    ----------
+    volume : Volume, optional
+        Default: the one that is rendered.
+    colors : optional
+        As for `Lines`, for three lines. Default: red, green and blue where there are three
+        channels, else white.
+    origin : three floats or Quantity, optional
+        Where they begin; default: the lower corner of the box around the volume.
+    length : float, Quantity or three of them, optional
+        Default: to the upper ends of that box.
+    width, depth, channel
+        As for `Lines`.
+    relative : bool
+        Colours count in units of the picture's brightest pixel.
+    """
+    grid = None if volume is None else volume.grid
+    options: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
+    return Axes(grid, origin, length, colors, width, **options)

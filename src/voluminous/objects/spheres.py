@@ -8,12 +8,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..units import plain, unit_of
-from .balls import Balls
-from .colors import check_colors, intensities
-from .contract import Layers, SceneObject
-from .nearby import nearby
-from .values import merged, positions_of
-from .view import View
+from .balls import Balls, nearby
+from .contract import Layers, SceneObject, View
+from .values import check_colors, intensities, merged, positions_of
 
 
 class Spheres(SceneObject):

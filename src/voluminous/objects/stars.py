@@ -9,13 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..units import is_quantity, plain, unit_of
-from .colors import intensities
-from .contract import REACH, Layers, Points
-from .nearby import nearby
+from .balls import nearby
+from .contract import REACH, Layers, Points, View
 from .spheres import Spheres
-from .tables import column, is_column
-from .values import merged, positions_of
-from .view import View
+from .values import column, intensities, is_column, merged, positions_of
 
 # Full width at half maximum of a Gaussian of unit width.
 _FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..colormaps import get_color, is_name_and_alpha, without_alpha
+from ..errors import InputError, unknown_name
 from ..units import as_given, is_quantity, parse_unit, plain, unit_name, unit_of
+
+if TYPE_CHECKING:
+    from .contract import SceneObject, View
+
 
 # More numbers are only counted where a picture tells what it shows.
 MANY = 64
@@ -95,3 +100,119 @@ def _texts(numbers: Any, unit: str) -> Any:
 
 def _count(value: Any) -> int:
     return sum(map(_count, value)) if isinstance(value, (list, tuple)) else int(np.size(value))
+
+
+def check_colors(colors: Any, count: int, what: str) -> None:
+    """Refuse what cannot be colours of `count` things, whatever the picture.
+
+    Raises
+    ------
+    InputError
+        If they are no finite numbers, or not as many.
+    UnknownNameError
+        If there is no colour of a name.
+    """
+    if _named(colors):
+        _rgb(colors, count, what)
+        return
+    colors = without_alpha(colors, what)
+    array = np.asarray(plain(colors, unit_of(colors), what), dtype=np.float64)
+    if not np.all(np.isfinite(array)):
+        raise InputError(f"{what} must be finite")
+    if array.ndim > 2 or (array.ndim == 2 and len(array) not in (1, count)):
+        raise InputError(
+            f"{what} must be one for all (a name, a number, or one per channel), or a list of "
+            f"{count} of them; got shape {array.shape}"
+        )
+
+
+def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: Any) -> np.ndarray:
+    """Return the intensities of `count` things in all channels of a picture, shape (count, all).
+
+    Parameters
+    ----------
+    colors : str, float, Quantity or array_like
+        A name, a number, one per channel; or a list of `count` of them.
+    unit : astropy unit or None
+        What they are to be expressed in.
+
+    Raises
+    ------
+    InputError
+        If names or numbers do not fit the channels.
+    """
+    own = view.channels if thing.channel is None else 1
+    if _named(colors):
+        if view.channels != 3 or thing.channel is not None:
+            place = "one channel" if thing.channel is not None else f"{view.channels} channel(s)"
+            raise InputError(f"colors: names are red, green and blue; in {place} give numbers")
+        array = _rgb(colors, count, "colors")
+    else:
+        colors = colors if own == 4 else without_alpha(colors, "colors")
+        array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
+    array = array if array.ndim else np.full(own, float(array))
+    if array.shape[-1] not in (1, own):
+        raise InputError(
+            f"colors: expected a number, or {own} (one per channel), or a list of {count} of "
+            f"these, of shape ({count}, 1) or ({count}, {own}); got shape {array.shape}"
+        )
+    first = 0 if thing.channel is None else thing.channel
+    found = np.zeros((count, view.all_channels))
+    found[:, first : first + own] = array * (view.brightest if thing.relative else 1.0)
+    return found
+
+
+def _named(colors: Any) -> bool:
+    if is_name_and_alpha(colors):  # which is refused, or a colour
+        return False
+    return isinstance(colors, str) or (
+        isinstance(colors, (list, tuple, np.ndarray))
+        and np.ndim(colors) > 0
+        and len(colors) > 0
+        and isinstance(colors[0], str)
+    )
+
+
+def _rgb(names: Any, count: int, what: str) -> np.ndarray:
+    listed = [names] if isinstance(names, str) else list(names)
+    if len(listed) not in (1, count):
+        raise InputError(f"{what}: expected one name, or {count}, got {len(listed)}")
+    return np.array([get_color(name) for name in listed])
+
+
+def is_column(table: Any, name: str) -> bool:
+    """Return True if a table has a column of this name."""
+    return name in _names(table)
+
+
+def column(table: Any, name: str) -> Any:
+    """Return a column as an array, or as a Quantity if it has a unit; masked values are NaN.
+
+    Raises
+    ------
+    InputError
+        If it is no table.
+    UnknownNameError
+        If there is none of this name; names the nearest.
+    """
+    if not is_column(table, name):
+        raise unknown_name("column", str(name), _names(table))
+    found = table[name]
+    if hasattr(found, "filled") and np.asarray(found).dtype.kind == "f":
+        found = found.filled(np.nan)
+    if getattr(found, "unit", None) is None:
+        return np.asarray(found)
+    return getattr(found, "quantity", found)  # of astropy's Column
+
+
+def _names(table: Any) -> list[str]:
+    for place in ("colnames", "columns"):
+        if hasattr(table, place):
+            return [str(name) for name in getattr(table, place)]
+    dtype = getattr(table, "dtype", None)
+    if dtype is None and not isinstance(table, Mapping):
+        raise InputError(
+            "expected a table of astropy or pandas, a dictionary of columns, or an array with "
+            f"fields, got {type(table).__name__}"
+        )
+    return [str(name) for name in (table if dtype is None else dtype.names or ())]

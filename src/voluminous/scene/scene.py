@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import FileFormatError, InputError
 from ..files import as_path, missing, replacing
 from ..io.guard import placed
-from . import toml
+from . import settings
 from .sections import (
     build_camera,
     build_medium,
@@ -109,7 +109,7 @@ class Scene:
             return cls._of_image(path)
         text = _text_of(path)
         with placed(path):
-            return cls(toml.loads(text), path.parent)
+            return cls(settings.loads(text), path.parent)
 
     @classmethod
     def _of_image(cls, path: Path) -> Scene:
@@ -147,7 +147,7 @@ class Scene:
             Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
             gives it back, wherever it is saved.
         """
-        from ..image.changed import changed
+        from ..image.planes import changed
         from ..rendering import render
 
         objects = overrides.pop("objects", self.objects)
@@ -203,12 +203,12 @@ class Scene:
 
     def dumps(self) -> str:
         """Return the scene as TOML."""
-        return toml.dumps(self.to_dict())
+        return settings.dumps(self.to_dict())
 
     def save(self, path: str | Path) -> None:
         """Write a scene file; the paths in it become relative to its directory."""
         path = as_path(path)
-        text = toml.dumps(self.to_dict(path.parent))
+        text = settings.dumps(self.to_dict(path.parent))
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 

@@ -5,6 +5,6 @@ is one file for each decoration, and `picture.py` holds the result.
 """
 
 from .annotate import OPTIONS, annotate
-from .picture import Annotated
+from .sheet import Annotated
 
 __all__ = ["OPTIONS", "Annotated", "annotate"]

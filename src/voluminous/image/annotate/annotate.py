@@ -14,19 +14,24 @@ from numpy.typing import NDArray
 
 from ...colormaps import opaque_color
 from ...errors import InputError
-from .. import mixing
-from ..options import check_options
+from .. import tone
 from ..plot import add_bars, plot
 from ..tone import OPTIONS as DISPLAY
-from .arrows import compass, draw_arrows, triad
-from .color_bar import draw_color_bar
-from .histogram import FieldValues, counts
-from .medium_scales import scales_of
-from .picture import Annotated
-from .scale_bar import draw_scale_bar, scale_bar
-from .sheet import AxesSheet, Sheet, letter_height
-from .texts import draw_time, draw_title, time_text
-from .ticks import draw_ticks, readable_axes
+from ..tone import check_options
+from .marks import (
+    compass,
+    draw_arrows,
+    draw_scale_bar,
+    draw_ticks,
+    draw_time,
+    draw_title,
+    readable_axes,
+    scale_bar,
+    time_text,
+    triad,
+)
+from .scales import FieldValues, counts, draw_color_bar, scales_of
+from .sheet import Annotated, AxesSheet, Sheet, letter_height
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -169,7 +174,7 @@ def _bars(image: Image, wanted: Wanted, shown: dict[str, Any]) -> Draw:
     fields = None if wanted.volume is None else FieldValues(wanted.volume)
     told = None if wanted.medium is None else wanted.medium.describe()
     scales = scales_of(image, shown, told, fields)
-    channel = mixing.chosen(shown.get("channels"), image.channels)[0]
+    channel = tone.chosen(shown.get("channels"), image.channels)[0]
     bars = [(scale, counts(scale, image, fields, channel)) for scale in scales]
 
     def draw(sheet: Sheet) -> None:

@@ -6,15 +6,27 @@ over the picture, so that where they are not, its pixels are what they were.
 
 from __future__ import annotations
 
+import io
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import unknown_name
+from ...files import as_path, replacing
+from .. import metadata
+from ..formats.png import encode_pixels
+from ..planes import known_unit
+from ..plot import round_length
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
+
+    from ..image import Image
+
 
 Margins = tuple[int, int, int, int]
 # A point of matplotlib's is a pixel: sizes of letters and lines are in pixels.
@@ -249,3 +261,205 @@ def over(front: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint
     colors = (f[:, :3] * f[:, 3:] + b[:, :3] * part) / alpha
     result[mixed] = np.rint(np.concatenate([colors, alpha], axis=1) * 255.0).astype(np.uint8)
     return result
+
+
+# Where lines and letters stay lines and letters.
+_VECTOR = (".pdf", ".svg")
+SUFFIXES = (".png", *_VECTOR)
+
+
+class Annotated:
+    """What `Image.annotate` returns.
+
+    Attributes
+    ----------
+    rgba : uint8 array (ny, nx, 4)
+        Red, green, blue and alpha (straight) of the whole sheet; row 0 is at the bottom.
+    box : (int, int, int, int)
+        Where the picture is in it: left, right, bottom, top, in pixels.
+    figure : matplotlib Figure
+        The annotations alone, 72 dots per inch; one pixel is one point.
+    image : Image
+        What was annotated.
+    """
+
+    def __init__(self, image: Image, sheet: Sheet) -> None:
+        self.image, self._sheet = image, sheet
+        self.rgba = sheet.pixels_drawn()
+        self.box, self.figure = sheet.box, sheet.figure
+
+    @property
+    def picture(self) -> NDArray[np.uint8]:
+        """The part of `rgba` where the picture is, with what is drawn over it."""
+        left, right, bottom, top = self.box
+        return self.rgba[bottom:top, left:right]
+
+    def png(self) -> bytes:
+        """Return a PNG file, which carries what the image knows of itself."""
+        opaque = (self.rgba[..., 3] == 255).all()
+        pixels = np.ascontiguousarray(self.rgba[::-1, :, : 3 if opaque else 4])
+        texts = {"Software": metadata.KEY, metadata.KEY: metadata.dumps(self.image)}
+        return encode_pixels(pixels, texts)
+
+    def save(self, path: str | Path) -> None:
+        """Write a file: ``.png``, or ``.pdf`` and ``.svg`` with sharp text in any size.
+
+        Raises
+        ------
+        UnknownNameError
+            If its suffix is another.
+        MissingPathError
+            If the directory does not exist.
+        """
+        path = as_path(path)
+        suffix = path.suffix.lower()
+        if suffix not in SUFFIXES:
+            raise unknown_name("format of annotated pictures", suffix, SUFFIXES)
+        content = self.png() if suffix == ".png" else self.vector(suffix[1:])
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
+
+    def vector(self, format: str) -> bytes:
+        """Return a "pdf" or "svg" file with the picture's pixels below lines and text."""
+        left, _, bottom, _ = self.box
+        paper, plain = self._sheet.paper or "none", self._sheet.pixels
+        below = self.figure.figimage(plain, left, bottom, origin="lower", zorder=-1)
+        stream = io.BytesIO()
+        try:
+            self.figure.savefig(stream, format=format, dpi=72, facecolor=paper)
+        finally:
+            below.remove()
+        return stream.getvalue()
+
+    def _repr_png_(self) -> bytes:
+        return self.png()
+
+    def __repr__(self) -> str:
+        (height, width), (ny, nx) = self.rgba.shape[:2], self.picture.shape[:2]
+        return f"<Annotated picture of {nx}×{ny} pixels on a sheet of {width}×{height}>"
+
+
+# A length is told in the last of these units that it is at least so many of.
+_LENGTHS = (
+    ("nm", "nm", 0.0),
+    ("um", "µm", 1.0),
+    ("mm", "mm", 1.0),
+    ("cm", "cm", 1.0),
+    ("m", "m", 1.0),
+    ("km", "km", 1.0),
+    ("R_sun", r"R$_\odot$", 1.0),
+    ("au", "au", 0.1),
+    ("pc", "pc", 0.1),
+    ("kpc", "kpc", 1.0),
+    ("Mpc", "Mpc", 1.0),
+    ("Gpc", "Gpc", 1.0),
+)
+_ANGLES = (
+    ("uas", "µas", 0.0),
+    ("mas", "mas", 1.0),
+    ("arcsec", "″", 1.0),
+    ("arcmin", "′", 1.0),
+    ("deg", "°", 1.0),
+)
+_TIMES = (
+    ("s", "s", 0.0),
+    ("min", "min", 1.0),
+    ("h", "h", 1.0),
+    ("d", "d", 1.0),
+    ("yr", "yr", 1.0),
+    ("kyr", "kyr", 1.0),
+    ("Myr", "Myr", 1.0),
+    ("Gyr", "Gyr", 1.0),
+)
+# Numbers that need no other unit than their own.
+_HANDY = (0.1, 1000.0)
+
+
+def readable(size: float, unit: Any) -> tuple[float, str]:
+    """Return how many units to read there are in one `unit`, and the name of that unit.
+
+    Parameters
+    ----------
+    size : float
+        About how large the numbers in `unit` are.
+    unit : str
+        A length, an angle, a time, or anything else, which is left as it is.
+
+    Examples
+    --------
+    >>> factor, name = readable(3e15, "cm")
+    >>> round(3e15 * factor), name
+    (201, 'au')
+    """
+    own = known_unit(unit)
+    if own is None or not math.isfinite(size) or size == 0:
+        return 1.0, str(unit or "")
+    for ladder in (_LENGTHS, _ANGLES, _TIMES):
+        if own.is_equivalent(ladder[0][0]):
+            return _on(ladder, abs(size), own)
+    return 1.0, str(unit)
+
+
+def _on(ladder: Any, size: float, own: Any) -> tuple[float, str]:
+    from astropy import units as u
+
+    names = {u.Unit(name): text for name, text, _ in ladder}
+    if _HANDY[0] <= size < _HANDY[1] and (own in names or own.si.scale != 1.0):
+        return 1.0, next((text for unit, text in names.items() if unit == own), str(own))
+    # Rounding must not make 999.9999 of one unit from 1 of the next.
+    fits = (size * own.to(name) >= least * (1.0 - 1e-9) for name, _, least in ladder)
+    last = max(k for k, does in enumerate(fits) if does or k == 0)
+    return float(own.to(ladder[last][0])), ladder[last][1]
+
+
+def bar_length(longest: float, unit: str, shown: tuple[float, str] | None = None) -> Any:
+    """Return a round length that is at most `longest`, in `unit`, and its text.
+
+    `shown` is what `readable` gives of the unit to read; by default one that suits the length.
+
+    Examples
+    --------
+    >>> bar_length(0.07, "pc")
+    (0.048..., '10000 au')
+    """
+    factor, name = readable(longest, unit) if shown is None else shown
+    number = round_length(longest * factor)
+    return number / factor, with_unit(number, name)
+
+
+def with_unit(number: float, name: str) -> str:
+    """Return a number and its unit; signs of angles stand beside their number."""
+    return f"{number_text(number)}{'' if name in _SIGNS else ' '}{name}".strip()
+
+
+_SIGNS = ("°", "′", "″")
+
+
+def number_text(number: float) -> str:
+    """Return a number of a few digits; powers of ten where it is far from one."""
+    if number == 0 or 1e-3 <= abs(number) < 1e6:
+        return f"{number:.4g}" if abs(number) < 1e4 else f"{number:.0f}"
+    mantissa, power = f"{number:.3g}".split("e") if "e" in f"{number:.3g}" else _parts(number)
+    times = "" if float(mantissa) == 1 else rf"{mantissa}\times "
+    return rf"${times}10^{{{int(power)}}}$"
+
+
+def _parts(number: float) -> tuple[str, str]:
+    mantissa, power = f"{number:.2e}".split("e")
+    return f"{float(mantissa):g}", power
+
+
+def pretty_unit(unit: str) -> str:
+    """Return a unit as it is printed: ``g cm⁻²``; as it is, if astropy does not know it.
+
+    Examples
+    --------
+    >>> pretty_unit("g / cm2")
+    'g cm⁻²'
+    """
+    from astropy import units as u
+
+    try:
+        return str(u.Unit(unit).to_string("unicode", fraction=False)) if unit else ""
+    except (ValueError, TypeError):  # logarithmic units are written in one way only
+        return unit

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import unknown_name
 from ...files import check_start, expecting, replacing
-from ..options import check_options
+from ..tone import check_options
 from . import exr, fits, npz, pictures, png, radmc3d, tiff
 from .contract import Format
 

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
-from .. import fits_axes, metadata
-from ..changed import plane
+from .. import hdu, metadata
 from ..hdu import TEXT as _TEXT
 from ..hdu import channels_first, to_hdu
-from ..planes import PLANES
+from ..planes import PLANES, plane_of
 from ..sky import wcs_of_header
 from .contract import Format
 
@@ -42,7 +41,7 @@ def write(image: Image, path: Path, **sky: Any) -> None:
 
     hdus = [to_hdu(image, **sky)]
     for name in PLANES:
-        found = plane(image, name)
+        found = plane_of(image, name)
         if found is not None:
             hdus.append(fits.ImageHDU(channels_first(found), name=name.upper()))
     # A header has room for an even spacing only; these hold the coordinates bit for bit.
@@ -108,12 +107,12 @@ def _known(header: Any, extras: dict[str, NDArray[Any]], shape: tuple[int, ...])
     ours = metadata.loads(header.get(_TEXT), shape)
     unit = ours.pop("unit", "")
     bright = ours.pop("intensity_unit", "")
-    axes = fits_axes.read(header, shape, extras, ours.pop("pixel_size", None))
-    if axes and axes["unit"] in (None, fits_axes.unit_card(unit)):
+    axes = hdu.read(header, shape, extras, ours.pop("pixel_size", None))
+    if axes and axes["unit"] in (None, hdu.unit_card(unit)):
         axes["unit"] = unit
     card = str(header.get("BUNIT", ""))
     ours["wcs"] = wcs_of_header(header)
-    return ours | axes | {"intensity_unit": bright if card == fits_axes.unit_card(bright) else card}
+    return ours | axes | {"intensity_unit": bright if card == hdu.unit_card(bright) else card}
 
 
 FORMAT = Format(

@@ -9,10 +9,7 @@ import numpy as np
 from ...progress import Progress, with_progress
 from ...rendering import prepare
 from ...rendering.options import background_array
-from .assembly import assembled
-from .fields import wanted
-from .follow import ProbeJob, follow
-from .place import Place
+from .follow import Place, ProbeJob, assembled, follow, wanted
 from .result import Probe
 
 

@@ -15,8 +15,7 @@ import numpy as np
 from ...errors import InputError
 from ...media.bounds import RangeContext
 from ...objects import SceneObject
-from ...objects.contract import Layers, Points
-from ...objects.view import View
+from ...objects.contract import Layers, Points, View
 from .layered import lay
 from .light import seen_through, shine
 from .pairs import Pairs, fold, with_channels
