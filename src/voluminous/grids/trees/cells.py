@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import get_backend
 from ...geometry import is_uniform, span
 from ...packages import room
 from ...units import unit_name
@@ -211,7 +210,7 @@ class TreeCells(Grid):
         """Return what finds the cells around vertices in kernels (made once)."""
         from .vertices import Surroundings
 
-        double = get_backend(backend.device, "double")
+        double = backend.with_precision("double")
         return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
 
     def neighbourhood(self, backend: Any) -> Any:
