@@ -54,15 +54,13 @@ def grid_out(grid: Any, coordinates: Any = None) -> GridOut:
     InputError
         If RADMC-3D has no such grid; says what to do.
     """
-    from ...grids import CartesianGrid, OctreeGrid, PatchGrid, SphericalGrid
-
-    kinds: dict[type, Callable[[Any, int], GridOut]] = {
-        CartesianGrid: _regular,
-        OctreeGrid: _octree,
-        PatchGrid: _patches,
-        SphericalGrid: _spherical,
+    kinds: dict[str, Callable[[Any, int], GridOut]] = {
+        "cartesian": _regular,
+        "octree": _octree,
+        "patches": _patches,
+        "spherical": _spherical,
     }
-    make = next((make for kind, make in kinds.items() if isinstance(grid, kind)), None)
+    make = kinds.get(grid.kind)
     if make is None:
         raise InputError(
             f"RADMC-3D has Cartesian and spherical grids, got {type(grid).__name__}; resample it "
