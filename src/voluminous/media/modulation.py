@@ -19,15 +19,15 @@ from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
+from .arguments import color_values, level_colors
 from .color_by import ColorBy
 from .context import Context
-from .contract import Coefficients
+from .contract import MediumSample
 from .edges import SENSITIVITY, Edge
-from .given import color_values
-from .turning import at_places, within
+from .stretch import at_places, within
 
 if TYPE_CHECKING:
-    from .shade import Shade
+    from .shading import Shade
     from .stretch import Panel, Stretch
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
@@ -57,9 +57,9 @@ class Factors:
     emission: list[Any]
     gate: Any
 
-    def times(self, found: Coefficients) -> Coefficients:
+    def times(self, found: MediumSample) -> MediumSample:
         """Return modulated coefficients; zero where the factor is, whatever the coefficient."""
-        return Coefficients(
+        return MediumSample(
             [_product(f, j) for f, j in zip(self.emission, found.emissivity, strict=True)],
             [_product(self.gate, a) for a in found.extinction],
         )
@@ -81,6 +81,17 @@ def modulated(
         return (color.brightness,) * 3, Modulation(where, color, 3, shade)
     values = color_values(color)
     return values, Modulation(where, None, len(values), shade)
+
+
+def modulated_colors(
+    color: Any, where: Any, count: int
+) -> tuple[tuple[tuple[float, ...], ...], Modulation]:
+    """Return one colour per level, and what varies them."""
+    if isinstance(color, ColorBy):
+        row, modulation = modulated(color, where)
+        return (row,) * count, modulation
+    rows = level_colors(color, count)
+    return rows, Modulation(where, None, len(rows[0]))
 
 
 class Modulation:
@@ -156,8 +167,8 @@ class Modulation:
         return tuple((expr, 0.0) for expr in found if expr is not None)
 
     def coefficients(
-        self, found: Coefficients, fields: dict[str, Any], context: Context
-    ) -> Coefficients:
+        self, found: MediumSample, fields: dict[str, Any], context: Context
+    ) -> MediumSample:
         """Return coefficients at places, or intervals of them, modulated."""
         if self.fixed:
             return found
@@ -169,7 +180,7 @@ class Modulation:
             emission = [e * light for e in emission]
         ops = context.ops
         zero = context.real(0.0)
-        return Coefficients(
+        return MediumSample(
             [
                 ops.where(gate > 0.0, f * j, zero)
                 for f, j in zip(emission, found.emissivity, strict=True)
@@ -178,8 +189,8 @@ class Modulation:
         )
 
     def means(
-        self, found: Coefficients, panel: Panel, context: Context, middle: Middle
-    ) -> Coefficients:
+        self, found: MediumSample, panel: Panel, context: Context, middle: Middle
+    ) -> MediumSample:
         """Return mean coefficients over a panel, modulated where their mass is."""
         return found if self.fixed else self.factors(panel, context, middle).times(found)
 
@@ -331,3 +342,13 @@ def _defined_unit(value: Any) -> Any:
     low = where(value.nan | (value.lo <= 0.0), 0.0, where(value.lo < 1.0, value.lo, 1.0))
     high = where(value.hi >= 1.0, 1.0, where(value.hi > 0.0, value.hi, 0.0))
     return type(value)(low, high)
+
+
+def middle_of(t: Any, variance: Any) -> Middle:
+    """Return the middle for a centre of mass and a variance on [-1, 1]."""
+    t = dr.select(dr.isnan(t), 0.0, t)  # of infinite ends: log10 where nothing is
+    t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))
+    # What is inside has at most the variance of masses at both ends, 1 - t².
+    room = 1.0 - t * t
+    spread = variance / dr.select(room > 0.0, room, 1.0)
+    return Middle(0.5 + 0.5 * t, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))

@@ -12,9 +12,9 @@ from ...backend import aligned, dr
 from ...errors import InputError
 from ...expressions.interval import Interval
 from ...fields import coordinate_extremes
-from ...media.bounds import RangeContext
 from ...media.context import Context
 from ...media.contract import Medium
+from ...media.ranges import RangeContext
 from .centers import Centers
 
 
