@@ -15,13 +15,13 @@ from ..geometry import CARTESIAN
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.stretch import control_point, shifted
+from ..rendering.cache import Cache
 from ..rendering.coefficients.classify import Classifier
 from ..rendering.coefficients.direct import Direct
 from ..rendering.coefficients.own_coordinates import ray_coordinates
 from ..rendering.empty_space.blocks import DUAL
 from ..rendering.empty_space.neglected import empty_blocks
 from ..rendering.sources.kept import get_lattices, get_ranges
-from ..rendering.store import Store
 from .curved import CurvedField
 from .media import PartBounds, bounds_on_panel
 from .scalars import CourseContext, Courses, CubicPiece
@@ -73,9 +73,9 @@ class Bracketed:
     """
 
     def __init__(self, volume: Any, medium: Medium, backend: Any, tolerance: float) -> None:
-        classifier, store = Classifier(volume, medium, Direct(medium), backend), Store(volume)
+        classifier, cache = Classifier(volume, medium, Direct(medium), backend), Cache(volume)
         self.medium, self.backend, grid = medium, backend, volume.grid
-        self.lattices, ranges = get_lattices(classifier, store), get_ranges(classifier, store, DUAL)
+        self.lattices, ranges = get_lattices(classifier, cache), get_ranges(classifier, cache, DUAL)
         self.signed = not all(_not_negative(part, volume, ranges) for part in medium.components())
         count = medium.channels * (4 if self.signed else 2)
         self.numbers = Numbers(count, count)
