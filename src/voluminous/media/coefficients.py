@@ -18,9 +18,8 @@ from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Medium, MediumSample
 from .edges import SENSITIVITY, Edge
-from .modulation import kept
 from .sampled import FIVE, Sampled, compared
-from .stretch import extremes, may_turn, undecided, within
+from .stretch import extremes, kept, may_turn, undecided, within
 
 if TYPE_CHECKING:
     from .stretch import Stretch

@@ -15,10 +15,9 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import decay, horner, polynomial, precision_of
 from ..expressions import Ops
-from .modulation import Middle, middle_of
 from .profiles import SampledShaped
 from .sampled import EIGHT, WEIGHTS, WEIGHTS_OF_EIGHT, Sampled
-from .stretch import extremes
+from .stretch import Middle, extremes, middle_of
 
 if TYPE_CHECKING:
     pass

@@ -38,12 +38,12 @@ from .arguments import scalar as _scalar
 from .context import Context
 from .contract import Medium, MediumSample
 from .edges import NOISE, SENSITIVITY, Edge, on_chord, passes, slope_at, way_within
-from .modulation import Factors, Middle, kept, modulated_colors
+from .modulation import Factors, modulated_colors
 from .rectangle import box_extent, box_middle
 from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
 from .shading import Lamp, described_lights, given_lights, given_shade
 from .shell import Shell
-from .stretch import extremes, may_turn
+from .stretch import Middle, extremes, kept, may_turn
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor
 
 if TYPE_CHECKING:

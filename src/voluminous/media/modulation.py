@@ -24,7 +24,7 @@ from .color_by import ColorBy
 from .context import Context
 from .contract import MediumSample
 from .edges import SENSITIVITY, Edge
-from .stretch import at_places, within
+from .stretch import Middle, at_places, kept, within
 
 if TYPE_CHECKING:
     from .shading import Shade
@@ -32,22 +32,6 @@ if TYPE_CHECKING:
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
-
-
-@dataclass
-class Middle:
-    """Where the mass of a shape is in a panel.
-
-    Attributes
-    ----------
-    place : array
-        Its centre, as a fraction of the panel.
-    spread : array or float
-        Its variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
-    """
-
-    place: Any
-    spread: Any
 
 
 @dataclass
@@ -319,14 +303,6 @@ class Modulation:
         return kept(stretch, (id(self), "gate"), make)
 
 
-def kept(stretch: Stretch, key: Any, make: Any) -> Any:
-    """Return what `make` returned the first time for a stretch, whose panels share their ends."""
-    store = vars(stretch).setdefault("_kept", {})
-    if key not in store:
-        store[key] = make()
-    return store[key]
-
-
 def _possible(where: Expression, stretch: Stretch) -> Any:
     return _defined_unit(within(stretch, where))
 
@@ -342,13 +318,3 @@ def _defined_unit(value: Any) -> Any:
     low = where(value.nan | (value.lo <= 0.0), 0.0, where(value.lo < 1.0, value.lo, 1.0))
     high = where(value.hi >= 1.0, 1.0, where(value.hi > 0.0, value.hi, 0.0))
     return type(value)(low, high)
-
-
-def middle_of(t: Any, variance: Any) -> Middle:
-    """Return the middle for a centre of mass and a variance on [-1, 1]."""
-    t = dr.select(dr.isnan(t), 0.0, t)  # of infinite ends: log10 where nothing is
-    t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))
-    # What is inside has at most the variance of masses at both ends, 1 - t².
-    room = 1.0 - t * t
-    spread = variance / dr.select(room > 0.0, room, 1.0)
-    return Middle(0.5 + 0.5 * t, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))

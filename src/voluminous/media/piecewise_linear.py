@@ -16,7 +16,7 @@ import numpy as np
 
 from ..backend import dr, from_host
 from ..backend.functions import first_true, precision_of
-from .modulation import Middle
+from .stretch import Middle
 
 # Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
 _EVEN = 0.4

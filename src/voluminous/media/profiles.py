@@ -27,11 +27,11 @@ from .arguments import named as _named
 from .arguments import scalar as _scalar
 from .context import Context
 from .contract import Medium, MediumSample
-from .modulation import Middle, kept, modulated
+from .modulation import modulated
 from .sampled import EIGHT, FIVE, PLACES, Sampled, products
 from .shading import given_shade
 from .shell import Shell
-from .stretch import Straight, Stretch, extremes
+from .stretch import Middle, Straight, Stretch, extremes, kept
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor, thinness
 
 if TYPE_CHECKING:

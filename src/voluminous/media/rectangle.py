@@ -11,9 +11,9 @@ from ..backend.functions import precision_of
 from ..expressions import Ops
 from .context import Context
 from .edges import Edge, passes
-from .modulation import Middle, middle_of
 from .profiles import SampledShaped
 from .sampled import Sampled
+from .stretch import Middle, middle_of
 
 if TYPE_CHECKING:
     from .stretch import Stretch

@@ -18,8 +18,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
 from .arguments import fraction
-from .modulation import Middle, kept
-from .stretch import NODES, extremes
+from .stretch import NODES, Middle, extremes, kept
 from .unresolved import change_across
 
 if TYPE_CHECKING:

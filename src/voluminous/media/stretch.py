@@ -515,3 +515,37 @@ def shifted(cubic: Cubic, start: Any, width: Any) -> list[Any]:
         own[k] = own[k] * power
         power = power * width
     return own
+
+
+@dataclass
+class Middle:
+    """Where the mass of a shape is in a panel.
+
+    Attributes
+    ----------
+    place : array
+        Its centre, as a fraction of the panel.
+    spread : array or float
+        Its variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
+    """
+
+    place: Any
+    spread: Any
+
+
+def kept(stretch: Stretch, key: Any, make: Any) -> Any:
+    """Return what `make` returned the first time for a stretch, whose panels share their ends."""
+    store = vars(stretch).setdefault("_kept", {})
+    if key not in store:
+        store[key] = make()
+    return store[key]
+
+
+def middle_of(t: Any, variance: Any) -> Middle:
+    """Return the middle for a centre of mass and a variance on [-1, 1]."""
+    t = dr.select(dr.isnan(t), 0.0, t)  # of infinite ends: log10 where nothing is
+    t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))
+    # What is inside has at most the variance of masses at both ends, 1 - t².
+    room = 1.0 - t * t
+    spread = variance / dr.select(room > 0.0, room, 1.0)
+    return Middle(0.5 + 0.5 * t, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))

@@ -27,12 +27,12 @@ from .color_by import ColorBy
 from .context import Context
 from .contract import Medium, MediumSample
 from .edges import NOISE, passes
-from .modulation import Modulation, kept
+from .modulation import Modulation
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
 from .sampled import PAIR, Sampled, missed_by_pair
 from .shading import given_shade
 from .shell import Shell
-from .stretch import extremes
+from .stretch import extremes, kept
 from .table_bends import TableBends
 from .unresolved import LookedUp, bend, core, extent_of, thinness
 
