@@ -11,7 +11,7 @@ import voluminous as vm
 from voluminous.cli import main
 from voluminous.errors import InputError
 from voluminous.expressions.interval import Interval
-from voluminous.media.bounds import RangeContext
+from voluminous.media.ranges import RangeContext
 
 CAMERA = vm.Orthographic(30, 20, resolution=12)
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..media.bounds import RangeContext
 from ..media.contract import Medium
+from ..media.ranges import RangeContext
 from ..media.shell import Shell
 from ..units import unit_name
 from .job import Job, Planes

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...expressions.interval import Interval
-from ...media.bounds import RangeContext
 from ...media.contract import Medium
+from ...media.ranges import RangeContext
 from ..coefficients.classify import Classifier
 from .blocks import DUAL, worthwhile_blocks
 
