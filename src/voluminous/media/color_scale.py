@@ -117,7 +117,7 @@ class OpenRange:
         if self._scale is None:
             raise InputError(
                 "the range of these colours is measured in a volume: give vmin and vmax, or take "
-                "vm.calibrate(medium, volume)"
+                "medium.calibrated(volume)"
             )
         return self._scale
 
