@@ -11,7 +11,7 @@ from astropy import units as u
 
 import voluminous as vm
 from voluminous.errors import ImmutableError, UnknownNameError
-from voluminous.media.contract import Coefficients, Medium
+from voluminous.media.contract import Medium, MediumSample
 
 SHELL = vm.Gaussian("a", 1.0, 0.1, (1, 0.5, 0), 0.1, 2.0)
 VALUES = {
@@ -99,7 +99,7 @@ class Plain(Medium):
     def coefficients(self, fields, context):
         self._count = getattr(self, "_count", 0) + 1  # private attributes may be set
         alpha = context.number(self.opacity)
-        return Coefficients([alpha * 0.0], [alpha])
+        return MediumSample([alpha * 0.0], [alpha])
 
     def key(self):
         return ("Plain", self.opacity)

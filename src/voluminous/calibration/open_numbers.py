@@ -14,7 +14,7 @@ from ..errors import InputError, how_to_take
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..media import Colormap, Medium
-from ..media.bounds import RangeContext
+from ..media.ranges import RangeContext
 from ..volume import Volume
 from .plain import in_plain_numbers
 from .samples import pieces

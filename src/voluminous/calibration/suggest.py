@@ -12,7 +12,7 @@ from ..colormaps import get_colormap, mapped_colors
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
-from ..media.shaped import Shaped
+from ..media.profiles import Shaped
 from ..volume import Volume
 from .open_numbers import check_volume, nothing_to_see, positive_opacity, shell_count
 from .samples import pieces

@@ -10,13 +10,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..image import Image
-from ..media.bounds import RangeContext
 from ..media.contract import Medium
+from ..media.ranges import RangeContext
 from ..objects.values import MANY
+from ..packages import room
 from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
-from .bounds.guaranteed import bracket, check_bounds
 from .coefficients.emission_unit import before
 from .first_medium import first_medium
 from .framing import first_camera, framed
@@ -140,7 +140,7 @@ def render(
         progress=progress,
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
-    budget = check_bounds(bounds, job)
+    budget = room("bounds.guaranteed").check_bounds(bounds, job)
     start = time.monotonic()
     planes = job.run(float(np.max(np.abs(behind))))
     if not planes.finite:
@@ -179,7 +179,7 @@ def _image(
     intensity = planes.emission
     if np.any(behind):
         intensity = before(behind, intensity, planes.transparency)
-    lower, upper = bracket(job, budget, intensity, behind)
+    lower, upper = room("bounds.guaranteed").bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     return Image(
         intensity,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ...media.bounds import RangeContext
+from ...media.ranges import RangeContext
 from ...objects import SceneObject
 from ...objects.contract import Layers, Points, View
 from .layered import lay
