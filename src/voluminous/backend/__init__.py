@@ -5,17 +5,17 @@ from .check import llvm_version
 from .device import Backend, available_devices, get_backend
 from .host import aligned, from_host
 from .jit import dr
-from .twins import overwrite, twin
+from .twins import clone_inputs, copy_into
 
 __all__ = [
     "Backend",
     "aligned",
     "available_devices",
+    "clone_inputs",
+    "copy_into",
     "dr",
     "ensure_llvm",
     "from_host",
     "get_backend",
     "llvm_version",
-    "overwrite",
-    "twin",
 ]

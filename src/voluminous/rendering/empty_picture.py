@@ -14,7 +14,7 @@ from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.shell import Shell
 from ..units import unit_name
-from .job import Job, Planes
+from .job import RenderJob, RenderResult
 
 # A shell of which no more than this fraction of its peak is in the volume lies outside of it …
 _TAIL = 1e-3
@@ -29,7 +29,7 @@ _NOT_MET = (
 )
 
 
-def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
+def warn_of_unseen(job: RenderJob, planes: RenderResult, others: bool) -> None:
     """Warn of each shell of the medium that is nowhere in the volume.
 
     And where no pixel shows anything of the medium. It takes no more than the least and the largest
@@ -61,7 +61,7 @@ def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
 class _Values:
     """The values of all that a medium looks at, in the whole volume."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: RenderJob) -> None:
         self.volume, self.cache, self.medium = job.volume, job.cache, job.medium
         self.fields: Any = _Ranges(job)
         self.context = RangeContext(self.volume.unit, self.volume.expression_unit, _TAIL)
@@ -111,7 +111,7 @@ class _Values:
 class _Ranges(Mapping[str, Interval]):
     """The least and the largest value of each field: looked for when one is first asked for."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: RenderJob) -> None:
         self.volume, self.cache, self.names = job.volume, job.cache, job.medium.names
         self.found: dict[str, Interval] = {}
 
@@ -138,7 +138,7 @@ class _Ranges(Mapping[str, Interval]):
         return found
 
 
-def _missed(values: _Values, planes: Planes) -> list[list[Shell]]:
+def _missed(values: _Values, planes: RenderResult) -> list[list[Shell]]:
     """Return of each part of the medium the shells of which nothing can be seen, where any are.
 
     Where nothing but their tails shines these are the brightest there is, and a display shows them

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ..backend import dr, from_host
 
 # Side of a block of pixels: within one, lanes follow the Morton curve, so that the lanes of a
 # vector (16 of them) and the vectors after one another walk through the same cells.

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ...backend import dr
-from ...backend.types import Mask
-from ...grids.cartesian.leap import Way, leap
-from ...grids.contract import Landing, Ray
-from ...schemes.base import Position, Scheme, Source
-from ...schemes.path import Path, most, over
+from ..backend import dr
+from ..backend.types import Mask
+from ..grids.cartesian.leap import Way, leap
+from ..grids.contract import Landing, Ray
+from ..schemes.base import Position, Scheme, Source
+from ..schemes.path import Path, most, over
 
 
 @dataclass

@@ -1,29 +1,95 @@
-"""Evaluate a medium on ranges of cells, and refuse coefficients that no physics can use."""
+"""A medium evaluated on ranges of cells, and the coordinates of their centres."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from ...backend import aligned, dr
+from ...backend import aligned, dr, from_host
 from ...errors import InputError
+from ...expressions import Expression
 from ...expressions.interval import Interval
+from ...fields import COORDINATES, coordinates
 from ...media.context import Context
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
+from ...memory import check_memory
 from ..cache import Statistics
-from .centers import Centers
+
+# Cells whose coordinates are computed at once.
+_CHUNK = 1 << 20
 
 
-class Classifier:
+class CellCenters:
+    """The coordinates of a volume that a medium names.
+
+    A grid with `traced_centers` computes x, y and z in the kernel. Of others they are computed on
+    the host: of consecutive cells when these are classified, of all cells for rays.
+
+    Parameters
+    ----------
+    volume : Volume
+        Its fields are no coordinates.
+    names : iterable of str
+        What the medium looks at; may hold fields.
+    """
+
+    def __init__(self, volume: Any, names: Any, backend: Any) -> None:
+        self.grid, self.backend = volume.grid, backend
+        self.names = [n for n in names if n in volume.coordinates and n not in volume]
+        cartesian = all(name in COORDINATES for name in self.names)
+        self.traced = cartesian and self.grid.has_traced_centers
+        self._whole: dict[str, Any] = {}
+
+    def part(self, first: int, count: int) -> dict[str, Any]:
+        """Return the coordinates of consecutive cells."""
+        if self.traced:
+            UInt = self.backend.UInt
+            lane = dr.arange(UInt, count) + dr.opaque(UInt, first)
+            return self._computed(lane)
+        found = coordinates(self.grid, self.names, first, first + count)
+        return {name: self._on_device(values) for name, values in found.items()}
+
+    def at(self, cell: Any, active: Any) -> dict[str, Any]:
+        """Return the coordinates of any cells (traced)."""
+        if self.traced:
+            return self._computed(cell)
+        Wide = self.backend.Wide
+        return {name: dr.gather(Wide, data, cell, active) for name, data in self.whole().items()}
+
+    def whole(self) -> dict[str, Any]:
+        """Return the coordinates of all cells; kept. Rays need them where nothing is traced."""
+        if not self._whole and not self.traced and self.names:
+            size = self.grid.size
+            advice = "leave coordinates out of the medium, or coarsen the volume"
+            check_memory(8 * size * len(self.names), "coordinates of all cells", advice)
+            filled = {name: np.empty(size) for name in self.names}
+            for first in range(0, size, _CHUNK):
+                last = min(first + _CHUNK, size)
+                for name, values in coordinates(self.grid, self.names, first, last).items():
+                    filled[name][first:last] = values
+            self._whole = {name: self._on_device(values) for name, values in filled.items()}
+        return self._whole
+
+    def _computed(self, cell: Any) -> dict[str, Any]:
+        values = dict(zip("xyz", self.grid.traced_centers(cell, self.backend), strict=True))
+        values["r"] = dr.sqrt(sum(values[name] * values[name] for name in "xyz"))
+        return {name: values[name] for name in self.names}
+
+    def _on_device(self, values: np.ndarray) -> Any:
+        return from_host(self.backend.Wide, values)
+
+
+class CellEvaluator:
     """A medium put before a volume.
 
     Attributes
     ----------
-    numbers : Direct or Shapes
+    numbers : PerChannel or SharedProfiles
         What is computed per cell.
-    centers : Centers
+    centers : CellCenters
         The coordinates that the medium looks at.
     """
 
@@ -40,7 +106,7 @@ class Classifier:
         self.backend, self.grid = backend, volume.grid
         self.statistics = statistics or Statistics(volume)
         check_fields(volume, medium)
-        self.centers = Centers(volume, medium.names, backend)
+        self.centers = CellCenters(volume, medium.names, backend)
 
     def context(self, real: Any) -> Context:
         """Return how the medium is evaluated with numbers of a type."""
@@ -152,3 +218,24 @@ def _floating(flat: np.ndarray) -> np.ndarray:
     if flat.dtype.kind == "f":
         return flat
     return flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
+
+
+_ACROSS = "sqrt(x*x + y*y)"
+
+
+def ray_coordinates(volume: Any, names: Iterable[str]) -> dict[str, Expression]:
+    """Return the grid's own coordinates among some names, computed from x, y and z."""
+    grid = volume.grid
+    own = [n for n in names if n in grid.coordinates and n not in (*COORDINATES, *volume)]
+    return {name: _formula(name, grid) for name in own}
+
+
+def _formula(name: str, grid: Any) -> Expression:
+    if name == "R":
+        return Expression(_ACROSS)
+    if name == "theta":
+        height = "abs(z)" if grid.mirror else "z"
+        return Expression(f"atan2({_ACROSS}, {height})")
+    # Azimuths above the first one by less than a full circle.
+    first = float(grid.edges[grid.coordinates.index("phi")][0])
+    return Expression(f"atan2(y, x) - 2*pi*((atan2(y, x) - {first!r}) // (2*pi))")

@@ -1,27 +1,25 @@
-"""A field at cell centres as rays gather it: the eight values around a dual cell.
-
-Two layouts, one interface. `Quads` holds the four values of a face of a dual cell side by side, so
-that two packet gathers fetch all eight, for four times the memory; `Nodes` holds each value once
-and takes eight gathers. Both repeat the outermost values once more all around the volume.
-"""
+"""Fields at cell centres as rays gather them: the eight values around a dual cell."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import dr, from_host
 from ...errors import InputError
+from ...grids.cartesian.coarse_walk import CoarseChord, padded_count
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
 from ...grids.trilinear import trilinear
 from ...memory import check_memory, fits
-from ..coefficients.classify import device_array
-from ..coefficients.emission_unit import unit_near
-from ..coefficients.tables import LARGEST, SLAB
+from ..cache import Cache
+from .cells import CellEvaluator, device_array
+from .channel_layout import unit_near
+from .table import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
 # with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.
@@ -60,7 +58,7 @@ class Lattice:
 
 
 @dataclass
-class Quads(Lattice):
+class FacePackets(Lattice):
     """Values of faces of constant x: f[i, j, k], f[i, j, k+1], f[i, j+1, k], f[i, j+1, k+1]."""
 
     data: Any
@@ -74,7 +72,7 @@ class Quads(Lattice):
 
 
 @dataclass
-class Nodes(Lattice):
+class NodalValues(Lattice):
     """Every value once."""
 
     data: Any
@@ -94,7 +92,7 @@ class Nodes(Lattice):
 
 
 @dataclass
-class Octets(Lattice):
+class CornerPackets(Lattice):
     """The eight values of every cell of a tree side by side (`corner_values`)."""
 
     data: Any
@@ -112,8 +110,8 @@ def faces(packet: Any, data: Any, index: Any, stride: Any, active: Any) -> Corne
     return [[f[0:2], f[2:4]] for f in found]
 
 
-def quads_size(shape: Any) -> int:
-    """Return how many numbers `Quads` holds for a volume of this shape."""
+def faces_size(shape: Any) -> int:
+    """Return how many numbers `FacePackets` holds for a volume of this shape."""
     nx, ny, nz = (int(n) for n in shape)
     return 4 * (nx + 2) * (ny + 1) * (nz + 1)
 
@@ -146,14 +144,14 @@ def field_unit(array: np.ndarray, backend: Any) -> float:
     return unit_near(most)
 
 
-def make_quads(array: np.ndarray, backend: Any, unit: float) -> Quads:
+def make_faces(array: np.ndarray, backend: Any, unit: float) -> FacePackets:
     """Return the quads of a field, divided by a unit.
 
     Faces are gathered from the array itself, some layers of it at a time.
     """
     nx, ny, nz = array.shape
     plane = (ny + 1) * (nz + 1)
-    data = dr.empty(backend.Float, quads_size(array.shape))
+    data = dr.empty(backend.Float, faces_size(array.shape))
     layers = max(1, SLAB // plane)
     for first in range(0, nx + 2, layers):
         last = min(first + layers, nx + 2)
@@ -161,7 +159,7 @@ def make_quads(array: np.ndarray, backend: Any, unit: float) -> Quads:
         part = device_array(array[low:high].reshape(-1), backend)
         _fill(data, part, (first, last), (low, high), array.shape, backend, unit)
     stride = dr.opaque(backend.UInt, plane)
-    return Quads(data, unit, stride, backend.packet(4))
+    return FacePackets(data, unit, stride, backend.packet(4))
 
 
 def _fill(
@@ -199,7 +197,7 @@ def _fill(
     dr.eval(data)
 
 
-def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> Nodes:
+def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> NodalValues:
     """Return values at the vertices of a dual grid, divided by a unit."""
     if unit != 1.0 or padded.dtype != backend.dtype:
         padded = (
@@ -207,33 +205,37 @@ def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> Nodes:
         )
     _, ny, nz = padded.shape
     data = backend.Float(padded.reshape(-1))
-    return Nodes(data, unit, (dr.opaque(backend.UInt, ny * nz), dr.opaque(backend.UInt, nz)))
+    return NodalValues(data, unit, (dr.opaque(backend.UInt, ny * nz), dr.opaque(backend.UInt, nz)))
 
 
-def make_octets(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[Octets]:
+def make_corner_packets(
+    grid: Any, arrays: Sequence[np.ndarray], backend: Any
+) -> list[CornerPackets]:
     """Return the values of fields at the corners of a tree's cells, each divided by a unit.
 
     Some at a time, where there is memory for them.
     """
-    from .corner_values import CornerValues, corner_bytes
+    from .vertex_values import CornerValues, corner_bytes
 
-    made: list[Octets] = []
+    made: list[CornerPackets] = []
     while left := arrays[len(made) :]:
         many = left[:_FIELDS] if fits(2 * corner_bytes(grid, _FIELDS, backend)) else left[:1]
         units = [field_unit(array, backend) for array in many]
         scaled = [array / unit for array, unit in zip(many, units, strict=True)]
         data = CornerValues(grid, scaled, backend).compute()
-        made += [Octets(d, u, backend.packet(4)) for d, u in zip(data, units, strict=True)]
+        made += [CornerPackets(d, u, backend.packet(4)) for d, u in zip(data, units, strict=True)]
     return made
 
 
-def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[Octets]:
+def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[CornerPackets]:
     """Return the `Grid.lattice` of trees: values at the corners of their cells."""
     _check_size(8 * grid.size, backend)
-    return make_octets(grid, arrays, backend)
+    return make_corner_packets(grid, arrays, backend)
 
 
-def curvilinear_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[Nodes]:
+def curvilinear_lattices(
+    grid: Any, arrays: Sequence[np.ndarray], backend: Any
+) -> list[NodalValues]:
     """Return the `Grid.lattice` of curvilinear grids."""
     return [
         make_nodes(dual_values(array, grid), backend, _checked_unit(array, backend))
@@ -241,7 +243,9 @@ def curvilinear_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) 
     ]
 
 
-def cartesian_lattices(arrays: Sequence[np.ndarray], backend: Any) -> list[Quads | Nodes]:
+def cartesian_lattices(
+    arrays: Sequence[np.ndarray], backend: Any
+) -> list[FacePackets | NodalValues]:
     """Return the `Grid.lattice` of Cartesian grids, each in the layout that pays."""
     return [_cartesian_lattice(array, backend) for array in arrays]
 
@@ -251,10 +255,109 @@ def _checked_unit(array: np.ndarray, backend: Any) -> float:
     return field_unit(array, backend)
 
 
-def _cartesian_lattice(array: np.ndarray, backend: Any) -> Quads | Nodes:
+def _cartesian_lattice(array: np.ndarray, backend: Any) -> FacePackets | NodalValues:
     unit = _checked_unit(array, backend)
-    size = quads_size(array.shape) * backend.dtype.itemsize
+    size = faces_size(array.shape) * backend.dtype.itemsize
     small = size <= _LARGEST_QUADS and fits(4 * size)
     if small:
-        return make_quads(array, backend, unit)
+        return make_faces(array, backend, unit)
     return make_nodes(np.pad(array, 1, mode="edge"), backend, unit)
+
+
+@dataclass
+class Pyramid(Lattice):
+    """FacePackets of every 2nd, 4th and 8th centre, one after the other, and all centres.
+
+    Attributes
+    ----------
+    fine : FacePackets or NodalValues
+        All centres.
+    data : array
+        The quads of the coarser levels: an eighth of all for each level, or less.
+    levels : list of tuples
+        Per level, log2 of the cubes' size, where its quads begin, and how many there are along y
+        and z.
+    """
+
+    fine: FacePackets | NodalValues
+    data: Any
+    levels: list[tuple[Any, ...]]
+    packet: Any
+
+    def __post_init__(self) -> None:
+        """Take the unit of the finest values."""
+        self.unit = self.fine.unit
+
+    def corners(self, chord: CoarseChord, active: Any) -> Corners:
+        """Return the eight values around a cube of dual cells."""
+        found: Corners = dr.if_stmt(
+            args=(active,),
+            cond=chord.width > 1.0,
+            true_fn=functools.partial(self._coarse, chord),
+            false_fn=functools.partial(self.fine.corners, chord),
+        )
+        return found
+
+    def _coarse(self, chord: CoarseChord, active: Any) -> Corners:
+        UInt = type(self.levels[0][0])
+        wide = UInt(chord.width)
+        step, first, ny, nz = self.levels[0]
+        for level in self.levels[1:]:
+            here = wide == (1 << level[0])
+            step, first, ny, nz = (
+                dr.select(here, a, b) for a, b in zip(level, (step, first, ny, nz), strict=True)
+            )
+        i, j, k = (UInt(b) >> step for b in chord.base)
+        return faces(self.packet, self.data, first + (i * ny + j) * nz + k, ny * nz, active)
+
+
+def make_pyramid(
+    array: np.ndarray, fine: FacePackets | NodalValues, steps: tuple[int, ...], backend: Any
+) -> Pyramid:
+    """Return the pyramid of a field, for steps of 2^k cells."""
+    parts, levels, total = [], [], 0
+    for step in steps:
+        quads = _quads(array, step, backend.dtype, fine.unit)
+        numbers = (step, total, *quads.shape[1:3])
+        levels.append(tuple(dr.opaque(backend.UInt, n) for n in numbers))
+        parts.append(quads.reshape(-1))
+        total += parts[-1].size // 4
+    # An array of Dr.Jit's own making: packets of one that NumPy made are not always aligned, and
+    # then gathered number by number (core, 100³: 17 ms instead of 10).
+    data = from_host(backend.Float, np.concatenate(parts))
+    dr.eval(data)
+    return Pyramid(fine, data, levels, backend.packet(4))
+
+
+def _quads(array: np.ndarray, step: int, dtype: Any, unit: float) -> np.ndarray:
+    cells = [padded_count(n) >> step for n in array.shape]
+    place = [
+        np.clip((np.arange(m + 1) << step) - 1, 0, n - 1)
+        for m, n in zip(cells, array.shape, strict=True)
+    ]
+    nodes = array[np.ix_(*place)]
+    nodes = (nodes / unit if unit != 1.0 else nodes).astype(dtype)
+    quads = np.empty((cells[0] + 1, cells[1], cells[2], 4), dtype)
+    for k, (y, z) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        quads[..., k] = nodes[:, y : y + cells[1], z : z + cells[2]]
+    return quads
+
+
+def get_lattices(evaluator: CellEvaluator, cache: Cache, blocks: Any = None) -> dict[str, Any]:
+    """Return all fields as rays gather them; kept with the volume."""
+    volume, backend = evaluator.volume, evaluator.backend
+    steps = blocks.steps if blocks is not None else ()
+    names = [name for name in evaluator.medium.names if name in volume]
+    keys = {n: ("lattice", n, backend, cache.statistics.digest(n)) for n in names}
+    found = {name: cache.get(key) for name, key in keys.items()}
+    lacking = [name for name in names if found[name] is None]
+    made = volume.grid.lattice([volume.array(name) for name in lacking], backend)
+    for name, lattice in zip(lacking, made, strict=True):
+        found[name] = cache.put(keys[name], lattice)
+    if not steps:
+        return found
+
+    def pyramid(name: str) -> Any:
+        return make_pyramid(volume.array(name), found[name], steps, backend)
+
+    return {n: cache.get_or_make((*keys[n], steps), functools.partial(pyramid, n)) for n in names}

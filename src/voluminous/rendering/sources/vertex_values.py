@@ -18,6 +18,7 @@ Of a smooth field on a tree refined twice around a shell, corners are off by 1.4
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,120 @@ from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
 from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings
 from ...memory import check_memory
-from .meeting import Meeting, is_corner
+
+# Cells whose widths differ by less, relatively, are alike.
+_ALIKE = 1e-6
+
+
+@dataclass
+class CellSamples:
+    """What cells say of one field at a vertex.
+
+    Attributes
+    ----------
+    values, rises : array
+        Sums of their values, and of what these change by on the way to the vertex.
+    least, most : array
+        Range of the values.
+    """
+
+    values: Any
+    rises: Any
+    least: Any
+    most: Any
+
+    def with_one(self, value: Any, rise: Any, there: Any) -> CellSamples:
+        """Return it with one cell more, where there is one."""
+        return CellSamples(
+            self.values + dr.select(there, value, 0.0),
+            self.rises + dr.select(there, rise, 0.0),
+            dr.select(there & (value < self.least), value, self.least),
+            dr.select(there & (value > self.most), value, self.most),
+        )
+
+    def mean(self, count: Any, share: Any) -> Any:
+        """Return the mean, with a share of the rises, no less and no more than the values."""
+        mean = dr.fma(share, self.rises, self.values) / count
+        mean = dr.select(mean < self.least, self.least, mean)
+        return dr.select(mean > self.most, self.most, mean)
+
+
+@dataclass
+class VertexStencil:
+    """Sums over the octants around a vertex, for `corner_values`.
+
+    Attributes
+    ----------
+    count : array
+        How many octants have a cell.
+    said : list of CellSamples
+        What these say of each field.
+    alike : array of Bool
+        All octants have cells, as wide as each other.
+    width : list of three arrays
+        Widths of the last cell.
+    hanging : array of Bool
+        There are cells that have no corner there.
+    number, low, extent, size : arrays, lists of three, array
+        The largest of those: its number, where it is, and how large.
+    """
+
+    count: Any
+    said: list[CellSamples]
+    alike: Any
+    width: list[Any]
+    hanging: Any
+    number: Any
+    low: list[Any]
+    extent: list[Any]
+    size: Any
+
+    @classmethod
+    def start(cls, backend: Any, count: int, fields: int) -> VertexStencil:
+        """Return what is known of so many fields before any cell is asked."""
+
+        def full(value: float) -> Any:
+            return dr.full(backend.Float, value, count)
+
+        return cls(
+            count=full(0.0),
+            said=[
+                CellSamples(full(0.0), full(0.0), full(np.inf), full(-np.inf))
+                for _ in range(fields)
+            ],
+            alike=dr.full(backend.Bool, True, count),
+            width=[full(0.0) for _ in range(3)],
+            hanging=dr.full(backend.Bool, False, count),
+            number=dr.zeros(backend.UInt, count),
+            low=[full(0.0) for _ in range(3)],
+            extent=[full(1.0) for _ in range(3)],
+            size=full(0.0),
+        )
+
+    def is_alike(self, width: list[Any]) -> Any:
+        """Return where a cell is as wide as the one before, if there was any."""
+        same = self.width[0] == 0.0
+        both = True
+        for a, b in zip(width, self.width, strict=True):
+            both = both & (dr.abs(a - b) <= _ALIKE * a)
+        return same | both
+
+    def means(self) -> list[Any]:
+        """Return the means of what the cells say of each field.
+
+        Each value is moved along its gradient: all the way, or half where cells are alike.
+        """
+        share = dr.select(self.alike, 0.5, 1.0)
+        return [said.mean(self.count, share) for said in self.said]
+
+
+def is_corner(vertex: list[Any], low: list[Any], extent: list[Any]) -> Any:
+    """Return which vertices are corners of boxes that they touch."""
+    found = True
+    for v, a, s in zip(vertex, low, extent, strict=True):
+        found = found & ((v == a) | (v == a + s))
+    return found
+
 
 # Cells whose corners are computed at once, and the bytes that takes.
 _CHUNK = 1 << 18
@@ -143,20 +257,22 @@ class CornerValues:
         ]
         return self.around.cell_at(place, dr.full(self.backend.Bool, True, dr.width(vertex)))
 
-    def _meeting(self, vertex: list[Any]) -> Meeting:
-        def more(octant: Any, found: Meeting) -> Any:
+    def _meeting(self, vertex: list[Any]) -> VertexStencil:
+        def more(octant: Any, found: VertexStencil) -> Any:
             return octant < 8
 
-        def ask(octant: Any, found: Meeting) -> tuple[Any, Meeting]:
+        def ask(octant: Any, found: VertexStencil) -> tuple[Any, VertexStencil]:
             cell, there = self._cell(vertex, octant)
             return octant + 1, self._asked(found, vertex, cell, there)
 
         octant = dr.zeros(self.backend.UInt, dr.width(vertex))
-        start = Meeting.start(self.backend, dr.width(vertex), len(self.fields))
+        start = VertexStencil.start(self.backend, dr.width(vertex), len(self.fields))
         _, found = dr.while_loop((octant, start), more, ask, label="meeting")
         return found
 
-    def _asked(self, found: Meeting, vertex: list[Any], cell: Cell, there: Any) -> Meeting:
+    def _asked(
+        self, found: VertexStencil, vertex: list[Any], cell: Cell, there: Any
+    ) -> VertexStencil:
         low, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
         width = self.spacing.widths(middle, extent)
@@ -170,7 +286,7 @@ class CornerValues:
         larger = on_wall & (size > found.size)
         pairs = zip((*low, *extent), (*found.low, *found.extent), strict=True)
         box = [dr.select(larger, new, old) for new, old in pairs]
-        return Meeting(
+        return VertexStencil(
             found.count + dr.select(there, 1.0, 0.0),
             [
                 said.with_one(value, rise, there)
@@ -194,7 +310,7 @@ class CornerValues:
     def _of(self, table: Any, number: Any, active: Any) -> Any:
         return self.backend.Float(dr.gather(self.real, table, number, active))
 
-    def _inside(self, vertex: list[Any], found: Meeting) -> list[Any]:
+    def _inside(self, vertex: list[Any], found: VertexStencil) -> list[Any]:
         """Return what is interpolated in the largest cells, whose corners are known."""
         totals = [self.backend.Float(0) for _ in self.data]
         box = zip(vertex, found.low, found.extent, strict=True)
