@@ -14,7 +14,7 @@ from ..expressions import Expression
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
-from ..regrid.samples import points_along
+from ..regrid.resample import points_along
 from ..rendering.coefficients.classify import extremes_of, range_of
 from .quantity import Quantity
 

@@ -9,9 +9,8 @@ from typing import Any, Protocol
 
 from ..backend import dr
 from ..expressions import Expression
+from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, extremes
-from ..expressions.traced_jet import Derivative, TracedJet
-from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import larger, lowered, raised, smaller
 from .context import Context
 from .traced_bounds import TracedRangeContext

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import horner, precision_of
+from ..expressions.taylor import TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_jet import TracedJet
-from ..expressions.traced_jet_ops import TracedJetOps
 from .course import completed
 
 if TYPE_CHECKING:

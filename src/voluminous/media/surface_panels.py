@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import precision_of
-from ..expressions.monotone import Kind
+from ..expressions.analysis import Monotonicity
 from .bends import bend
 from .cores import core
 from .crossings import NOISE, passes, way_within
@@ -128,7 +128,7 @@ def _bends(surface: Isosurface, stretch: Stretch, context: Context) -> list[Any]
     own = surface.numbers(context)
     near = context.narrow(0.5 * own.width)
     names = ("r", *context.coordinates)
-    more = _OF_FUNCTIONS if surface.expr.kind(names) > Kind.SUM else 1.0
+    more = _OF_FUNCTIONS if surface.expr.kind(names) > Monotonicity.SUM else 1.0
     return [
         more
         * bend(
