@@ -10,7 +10,7 @@ import pytest
 
 import voluminous as vm
 from voluminous.io import find_reader
-from voluminous.io.openvdb import MAGIC
+from voluminous.io.openvdb import _MAGIC as MAGIC
 
 VALUES = np.random.default_rng(0).random((5, 4, 3), dtype=np.float32)
 WIND = np.random.default_rng(1).random((3, 2, 2, 3), dtype=np.float32)
@@ -184,11 +184,11 @@ def test_files_cut_short_never_reach_the_library(either, part):
 
 def test_absurd_numbers_in_the_head(path):
     content = bytearray(path.read_bytes())
-    for place, what in ((57, "remarks"), (61, "name")):
+    for place in (57, 61):  # the number of remarks, the length of a name
         damaged = content.copy()
         damaged[place : place + 4] = b"\xff" * 4
         path.write_bytes(damaged)
-        with pytest.raises(vm.FileFormatError, match=rf"4294967295 {what}|a {what} of 4294967295"):
+        with pytest.raises(vm.FileFormatError, match="cut short"):
             vm.open(path, "density")
 
 

@@ -214,7 +214,9 @@ def test_what_is_outside_is_kept_and_fields_are_looked_at_once(monkeypatch):
     medium = SEEN + vm.Isosurface("density", 500.0)
     vm.render(volume, SEEN, CAMERA)
     looks = []
-    monkeypatch.setattr("voluminous.rendering.store.extremes_of", lambda *a: looks.append(a))
+    monkeypatch.setattr(
+        "voluminous.rendering.cache.Statistics._compute_extremes", lambda *a: looks.append(a)
+    )
     assert len(warnings_of(volume, medium)) == 1
     assert len(warnings_of(volume, medium)) == 1
     assert not looks

@@ -128,7 +128,7 @@ class CellSlopes:
         own: bool = True,
     ) -> None:
         self.grid, self.fields, self.boxes = grid, fields, boxes
-        self.backend = backend = get_backend(backend.device, "double")
+        self.backend = backend = backend.with_precision("double")
         self.around = (grid.surroundings if own else grid.neighbourhood)(backend)
         self.spacing = self.around.spacing(grid, backend)
         # Of each face and axis: 1 or -1 across it, and 0 along it.

@@ -12,7 +12,7 @@ class OnDevices:
     def on_device(self, backend: Any, what: str, make: Callable[[], Any]) -> Any:
         """Return what `make` returned the first time for a backend."""
         kept: dict[Any, Any] = self.__dict__.setdefault("_on_devices", {})
-        key = (backend.device, backend.precision, what)
+        key = (backend, what)
         if key not in kept:
             kept[key] = make()
         return kept[key]

@@ -4,7 +4,7 @@
 """
 
 from .contract import FieldInfo, Reader
-from .labelled import from_xarray
+from .labelled.convert import from_xarray
 from .registry import find_reader, open, readers
 from .saving import save
 

@@ -1,4 +1,4 @@
-"""Is an OpenVDB file all there? Asked before its library, which a file cut short leads astray."""
+"""OpenVDB: sparse voxels, read by its own library into the box of those that are set."""
 
 from __future__ import annotations
 
@@ -16,69 +16,14 @@ from ..errors import FileFormatError, InputError, MissingPackageError
 from ..memory import check_memory
 from .contract import FieldInfo, Reader
 from .scanners.placement import Arrangement, Placement, arranged
-from .vtk.dataset import OPTIONS, Array, Dataset, chosen_arrays, infos, volume_of
+from .vtk.dataset import OPTIONS, DataArray, Dataset
 
 if TYPE_CHECKING:
     from ..volume import Volume
 
-
-MAGIC = b" BDV\0\0\0\0"
-# File versions whose head is as below (openvdb/version.h): since grids may share voxels.
+_MAGIC = b" BDV\0\0\0\0"
+# Versions of the format in which the header is as `_check_whole` reads it (openvdb/version.h).
 _KNOWN = range(216, 300)
-_UUID = 36
-_MOST = 1 << 16
-
-
-def check_whole(path: Path) -> None:
-    """Follow the places that the file tells of its grids."""
-    size = path.stat().st_size
-    with open(path, "rb") as file:
-        _take(file, len(MAGIC))
-        version = _number(file)
-        _take(file, 8)  # version of the library
-        if version not in _KNOWN or _take(file, 1) == b"\0":  # a stream tells no places
-            return
-        _take(file, _UUID)
-        for _ in range(_count(file, "remarks")):
-            for _ in range(3):  # name, type, value
-                _text(file)
-        for number in range(_count(file, "grids")):
-            for _ in range(3):  # name, type, grid that it shares voxels with
-                _text(file)
-            _, _, end = struct.unpack("<3q", _take(file, 24))
-            if not file.tell() <= end <= size:
-                raise FileFormatError(
-                    f"grid {number} ends at byte {end}, but the file has {size} bytes: it is cut "
-                    "short or damaged"
-                )
-            file.seek(end)
-
-
-def _count(file: IO[bytes], what: str) -> int:
-    count = _number(file)
-    if count > _MOST:
-        raise FileFormatError(f"byte {file.tell()}: {count} {what} are announced")
-    return count
-
-
-def _number(file: IO[bytes]) -> int:
-    return int.from_bytes(_take(file, 4), "little")
-
-
-def _text(file: IO[bytes]) -> None:
-    length = _number(file)
-    if length > _MOST:
-        raise FileFormatError(f"byte {file.tell()}: a name of {length} bytes is announced")
-    _take(file, length)
-
-
-def _take(file: IO[bytes], size: int) -> bytes:
-    data = file.read(size)
-    if len(data) < size:
-        raise FileFormatError(f"cut short in its head, at byte {file.tell()}")
-    return data
-
-
 # OpenVDB's names of types, as types of arrays and components.
 _TYPES = {
     "bool": ("?", 1),
@@ -105,19 +50,19 @@ class OpenVDBReader(Reader):
     packages = ("openvdb",)
 
     def matches(self, path: Path, head: bytes) -> bool:
-        return head.startswith(MAGIC)
+        return head.startswith(_MAGIC)
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: Any = None, *, unit: Any = None, **options: Any) -> Volume:
         grids = _grids(path)
-        told = Dataset((1, 1, 1), _nowhere, [_array(path, name, g) for name, g in grids.items()])
-        chosen = {array.name for array, _ in chosen_arrays(told, fields).values()}
+        whole = Dataset((1, 1, 1), _nowhere, [_array(path, name, g) for name, g in grids.items()])
+        chosen = {array.name for array, _ in whole.chosen(fields).values()}
         shown = _dataset(path, {name: g for name, g in grids.items() if name in chosen})
-        return volume_of(shown, fields, **options)
+        return shown.volume(fields, unit)
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         found: list[FieldInfo] = []
         for name, grid in _grids(path).items():
-            found += infos(_dataset(path, {name: grid}))
+            found += _dataset(path, {name: grid}).infos()
         return tuple(found)
 
 
@@ -138,10 +83,8 @@ def _module() -> Any:
 
 
 def _grids(path: Path) -> dict[str, Any]:
-    module = _module()
-    check_whole(path)
     grids: dict[str, Any] = {}
-    with _explained():
+    with _library(path) as module:
         found = module.readAllGridMetadata(str(path))
     for number, grid in enumerate(found):
         if grid.valueTypeName in _TYPES:
@@ -164,10 +107,10 @@ def _dataset(path: Path, grids: dict[str, Any]) -> Dataset:
     low = np.min([box[0] for box in boxes], axis=0)
     points = tuple(int(n) for n in np.max([box[1] for box in boxes], axis=0) - low + 1)
     check_memory(_PER_LAYER * sum(points), "the walls of the voxels", "is the file damaged?")
-    place = Placement(first[0] + low @ first[1:], first[1:])
+    origin = first[0] + low @ first[1:]
 
     def arrange(at: str, unit: Any) -> Arrangement:
-        return arranged(points, Placement(place.origin, place.steps, unit))
+        return arranged(points, Placement(origin, first[1:], unit))
 
     arrays = [_array(path, name, grid, low, points) for name, grid in grids.items()]
     return Dataset(points, arrange, arrays)
@@ -187,9 +130,10 @@ def _steps(grid: Any) -> np.ndarray:
 
 
 def _box(path: Path, name: str, grid: Any) -> tuple[Any, Any]:
-    told = grid.metadata
-    if "file_bbox_min" in told and "file_bbox_max" in told:
-        low, high = told["file_bbox_min"], told["file_bbox_max"]
+    """Return the first and the last index of the voxels that are set."""
+    meta = grid.metadata
+    if "file_bbox_min" in meta and "file_bbox_max" in meta:
+        low, high = meta["file_bbox_min"], meta["file_bbox_max"]
     else:
         low, high = _voxels(path, name).evalActiveVoxelBoundingBox()
     if any(a > b for a, b in zip(low, high, strict=True)):
@@ -197,39 +141,76 @@ def _box(path: Path, name: str, grid: Any) -> tuple[Any, Any]:
     return low, high
 
 
-def _array(path: Path, name: str, grid: Any, low: Any = (0, 0, 0), points: Any = ()) -> Array:
+def _array(path: Path, name: str, grid: Any, low: Any = (0, 0, 0), points: Any = ()) -> DataArray:
     dtype, components = _TYPES[grid.valueTypeName]
     load = functools.partial(_load, path, name, tuple(int(n) for n in low), points)
-    return Array(name, "", components, np.dtype(dtype), load)
+    return DataArray(name, "", components, np.dtype(dtype), load)
 
 
 def _load(path: Path, name: str, low: tuple[int, ...], points: tuple[int, ...]) -> np.ndarray:
     grid = _voxels(path, name)
     dtype, components = _TYPES[grid.valueTypeName]
-    shape = points if components == 1 else (*points, components)
-    values = np.empty(shape, dtype)
+    values = np.empty(points if components == 1 else (*points, components), dtype)
     grid.copyToArray(values, ijk=low)
     return values.reshape(*points, components).transpose(2, 1, 0, 3)
 
 
 def _voxels(path: Path, name: str) -> Any:
-    module = _module()
-    check_whole(path)
-    with _explained():
+    with _library(path) as module:
         return module.read(str(path), name)
 
 
 @contextmanager
-def _explained() -> Iterator[None]:
-    """Shorten what the library says of a damaged file: it may quote gigabytes of it."""
+def _library(path: Path) -> Iterator[Any]:
+    """Give the library; shortens what it says of a damaged file: it may quote gigabytes of it."""
+    module = _module()
     try:
-        yield
+        _check_whole(path)
+    except struct.error as error:
+        raise FileFormatError("it is cut short within its header") from error
+    try:
+        yield module
     except (Exception, MemoryError) as error:
-        text = next(iter(error.args), "")
+        message = str(next(iter(error.args), ""))[:_LONGEST]
         raise FileFormatError(
-            f"OpenVDB cannot read it ({type(error).__name__}: {str(text)[:_LONGEST]})"
+            f"OpenVDB cannot read it ({type(error).__name__}: {message})"
         ) from None
 
 
 def _nowhere(at: str, unit: Any) -> Arrangement:
     raise AssertionError("fields are only chosen among these arrays")
+
+
+def _check_whole(path: Path) -> None:
+    """Follow the places of the grids: a file that is cut short leads the library astray."""
+
+    def take(format: str) -> int:
+        (number,) = struct.unpack(format, file.read(struct.calcsize(format)))
+        return int(number)
+
+    def skip_texts(file: IO[bytes], count: int) -> None:
+        for _ in range(count):
+            file.seek(take("<I"), 1)
+
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        file.seek(len(_MAGIC))
+        version = take("<I")
+        file.seek(8, 1)  # version of the library
+        if version not in _KNOWN or not take("<B"):  # a stream tells no places
+            return
+        file.seek(36, 1)  # an identifier
+        for _ in range(take("<I")):
+            skip_texts(file, 3)  # name, type, value of a remark
+            if file.tell() > size:
+                break
+        for number in range(take("<I")):
+            skip_texts(file, 3)  # name, type, grid that it shares voxels with
+            file.seek(16, 1)
+            end = take("<q")
+            if not file.tell() <= end <= size:
+                raise FileFormatError(
+                    f"grid {number} ends at byte {end}, but the file has {size} bytes: it is cut "
+                    "short or damaged"
+                )
+            file.seek(end)

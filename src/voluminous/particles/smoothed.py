@@ -227,7 +227,7 @@ class KernelWeights:
         self.overlaps, self.kernel = overlaps, kernel
         self.backend = overlaps.backend
         # Lengths are in radii of the support here: single precision is enough.
-        self.single = get_backend(self.backend.device, "single")
+        self.single = self.backend.with_precision("single")
 
     def of(self, pairs: OverlapPairs) -> np.ndarray:
         """Return the weights of pairs, float32: they add up to about one for each particle."""

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import get_backend
 from ...errors import InputError
 from ..trees.octree_leaves import checked_flags
 from ..trees.octree_order import levels_from_flags
@@ -154,11 +153,11 @@ class RefinedCells(CurvilinearGrid):
 
     def surroundings(self, backend: Any) -> RefinedSurroundings:
         """Return what finds the leaves around vertices in kernels, in double precision."""
-        return RefinedSurroundings(self, get_backend(backend.device, "double"))
+        return RefinedSurroundings(self, backend.with_precision("double"))
 
     def neighbourhood(self, backend: Any) -> StraightSurroundings:
         """Return what finds neighbours of leaves in kernels, and how far they are."""
-        return StraightSurroundings(self, get_backend(backend.device, "double"))
+        return StraightSurroundings(self, backend.with_precision("double"))
 
     def walk(self, backend: Any, kind: str = "cells") -> Any:
         """Return the walk of rays through this grid, for a backend (made once).

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import get_backend
 from ...geometry import is_uniform, span
 from ...units import unit_name
 from ..devices import OnDevices
@@ -224,7 +223,7 @@ class TreeCells(OnDevices):
         """Return what finds the cells around vertices in kernels (made once)."""
         from .vertices import Surroundings
 
-        double = get_backend(backend.device, "double")
+        double = backend.with_precision("double")
         return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
 
     def neighbourhood(self, backend: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What readers of data with named dimensions share; a format has to provide `dataset`."""
+"""From xarray to volumes, and the base of readers of data with named dimensions."""
 
 from __future__ import annotations
 
@@ -16,118 +16,22 @@ from ...errors import InputError, how_to_take
 from ...packages import require
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
-from .layout import OPTIONS, Layout, axis_in, dims_of, layout_of, selected, unit_in
+from .layout import OPTIONS, NamedLayout, axis_in, dims_of, layout_of, selected, unit_in
 
 if TYPE_CHECKING:
     import xarray
 
     from ...volume import Volume
 
-
-def infos(data: xarray.Dataset) -> tuple[FieldInfo, ...]:
-    """Return all variables of three dimensions or more."""
-    return tuple(
-        FieldInfo(_name(place), place, array.shape, str(array.dtype), unit_in(array))
-        for place, array in _variables(data).items()
-    )
-
-
-def _name(variable: str) -> str:
-    """Return a name that expressions can use: a slash is part of a unit here, not of a path."""
-    return field_name(variable.replace("/", "_"))
-
-
+# Fields that take no more are read at once.
+AT_ONCE = 256 << 20
+# Attributes of variables that were opened without being decoded (CF conventions 2.5.1 and 8.1).
+_PACKED = {"scale_factor", "add_offset", "_FillValue", "missing_value"}
 # Attributes by which variables name others that describe them (CF conventions, appendix A).
 _HELPERS = (
     *("ancillary_variables", "bounds", "cell_measures", "climatology", "coordinates"),
     *("formula_terms", "grid_mapping", "quantization"),
 )
-
-
-def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
-    """Return the variables that can be fields, without those that only describe others."""
-    found = {
-        str(name): array
-        for name, array in data.data_vars.items()
-        if array.ndim >= 3 and array.dtype.kind in "fiub"
-    }
-    helpers = _helpers(data)
-    return {name: array for name, array in found.items() if name not in helpers} or found
-
-
-def _helpers(data: xarray.Dataset) -> set[str]:
-    """Return the variables that others name in their attributes: ``"area: cell_area"``."""
-    texts = (
-        str(attributes.get(key, ""))
-        for variable in data.variables.values()
-        for attributes in (variable.attrs, variable.encoding)
-        for key in _HELPERS
-    )
-    return {word for text in texts for word in text.split() if not word.endswith(":")}
-
-
-def chosen_variables(data: xarray.Dataset, fields: Any) -> dict[str, str]:
-    """Return name → variable of what is asked for, or of all on the same dimensions as most."""
-    if fields is not None:
-        known = {str(name): _name(str(name)) for name in data.variables}
-        return chosen_fields(known, fields, "variable")
-    variables = _variables(data)
-    if not variables:
-        raise InputError(
-            "expected a variable of three dimensions and of numbers; there are "
-            + (", ".join(_told(str(n), a) for n, a in data.data_vars.items()) or "none")
-        )
-    groups: dict[frozenset[str], list[str]] = {}
-    for place, array in variables.items():
-        groups.setdefault(_extent(array), []).append(place)
-    main = max(groups, key=lambda dims: (_spatial(data, dims) >= 3, len(groups[dims])))
-    left = [_told(p, variables[p]) for dims, g in groups.items() for p in g if dims != main]
-    if left:
-        warnings.warn(
-            f"left out, since they lie on other dimensions than {groups[main][0]}: "
-            f"{', '.join(left)}; choose them with fields=…",
-            stacklevel=2,
-        )
-    return chosen_fields({place: _name(place) for place in groups[main]}, None)
-
-
-def _extent(array: xarray.DataArray) -> frozenset[str]:
-    """Return the dimensions that count; all of them if that leaves fewer than three."""
-    long = frozenset(str(dim) for dim, n in array.sizes.items() if n > 1)
-    return long if len(long) >= 3 else frozenset(str(dim) for dim in array.dims)
-
-
-def _spatial(data: xarray.Dataset, dims: frozenset[str]) -> int:
-    return sum(axis_in(data, dim) != "t" for dim in dims)
-
-
-def check_variable(array: xarray.DataArray, place: str) -> None:
-    """Check that a variable can be a field."""
-    if array.dtype.kind not in "fiub":
-        parts = "; give its real and imaginary parts" if array.dtype.kind == "c" else ""
-        raise InputError(f"{place!r} must be real numbers, got dtype {array.dtype}{parts}")
-    if 0 in array.shape:
-        raise InputError(f"{_told(place, array)} has no cells")
-
-
-def _told(place: str, array: xarray.DataArray) -> str:
-    return f"{place} ({', '.join(f'{dim}: {n}' for dim, n in array.sizes.items())})"
-
-
-def check_same(data: xarray.Dataset, first: str, place: str, options: Mapping[str, Any]) -> None:
-    """Check that a field lies where the first does."""
-    mine, other = (set(dims_of(data, data[name], options)) for name in (place, first))
-    if mine != other:
-        raise InputError(
-            f"fields must lie on the same three dimensions, got {_told(first, data[first])} and "
-            f"{_told(place, data[place])}; choose some of one kind with fields=[…]"
-        )
-
-
-# Fields that take no more are read at once.
-AT_ONCE = 256 << 20
-# Attributes of variables that were opened without being decoded (CF conventions 2.5.1 and 8.1).
-_PACKED = {"scale_factor", "add_offset", "_FillValue", "missing_value"}
 
 
 def from_xarray(
@@ -196,26 +100,18 @@ def from_xarray(
     >>> vm.from_xarray(cube).grid.shape
     (4, 3, 2)
     """
-    options = {
-        "dims": dims,
-        "isel": isel,
-        "sel": sel,
-        "bounds": bounds,
-        "spacing": spacing,
-        "aspect": aspect,
-        "unit": unit,
-    }
-    whole = as_dataset(data)
-    part = selected(whole, options)
+    options = {"dims": dims, "isel": isel, "sel": sel, "bounds": bounds, "spacing": spacing}
+    options |= {"aspect": aspect, "unit": unit}
+    part = selected(_as_dataset(data), options)
 
-    def reader_of(layout: Layout, place: str) -> Callable[[], np.ndarray]:
+    def reader_of(layout: NamedLayout, place: str) -> Callable[[], np.ndarray]:
         return functools.partial(layout.values, part[place])
 
-    volume = volume_of(part, fields, options, reader_of)
+    volume = _volume(part, fields, options, reader_of)
     return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
 
 
-def as_dataset(data: Any) -> xarray.Dataset:
+def _as_dataset(data: Any) -> xarray.Dataset:
     """Return an array as a set of one."""
     xarray = require("xarray", "arrays", "from_xarray")
     if isinstance(data, xarray.Dataset):
@@ -229,50 +125,113 @@ def as_dataset(data: Any) -> xarray.Dataset:
         )
     name = str(data.name or "data")
     taken = name in data.coords or name in data.dims
-    return as_dataset(data.rename(None).to_dataset(name=f"{name}_" if taken else name))
+    return _as_dataset(data.rename(None).to_dataset(name=f"{name}_" if taken else name))
 
 
-def volume_of(
+def _volume(
     data: xarray.Dataset,
     fields: Any,
     options: Mapping[str, Any],
-    reader_of: Callable[[Layout, str], Callable[[], np.ndarray]],
+    reader_of: Callable[[NamedLayout, str], Callable[[], np.ndarray]],
 ) -> Volume:
-    """Return the volume of (a part of) a data set."""
+    """Return the volume of a data set; `reader_of` gives what reads a variable."""
     from ...volume import Volume
 
-    chosen = chosen_variables(data, fields)
+    chosen = _chosen(data, fields)
     places = list(chosen.values())
+    dims = []
     for place in places:
-        check_variable(data[place], place)
+        array = data[place]
+        if array.dtype.kind not in "fiub":
+            parts = "; give its real and imaginary parts" if array.dtype.kind == "c" else ""
+            raise InputError(f"{place!r} must be real numbers, got dtype {array.dtype}{parts}")
+        if 0 in array.shape:
+            raise InputError(f"{_described(data, place)} has no cells")
+        dims.append(set(dims_of(data, array, options)))
+        if dims[-1] != dims[0]:
+            raise InputError(
+                "fields must lie on the same three dimensions, got "
+                f"{_described(data, places[0])} and {_described(data, place)}; choose some of one "
+                "kind with fields=[…]"
+            )
     layout = layout_of(data, data[places[0]], options)
-    for place in places[1:]:
-        check_same(data, places[0], place, options)
     volume = Volume(layout.grid)
     for name, place in chosen.items():
         array = data[place]
         volume[name] = Deferred(reader_of(layout, place), array.dtype, unit_in(array))
-    volume.meta |= _meta(data, layout)
+    for key, coordinate in data.coords.items():
+        single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)
+        if single and coordinate.dtype.kind in "fiubMmUSO":
+            volume.meta[str(key)] = _plain(coordinate.values.reshape(-1)[0])
+    volume.meta["axes"] = {a: line.described() for a, line in zip("xyz", layout.lines, strict=True)}
     return volume
 
 
-def _meta(data: xarray.Dataset, layout: Layout) -> dict[str, Any]:
-    told: dict[str, Any] = {}
-    for name, coordinate in data.coords.items():
-        single = coordinate.size == 1 and not set(coordinate.dims) & set(layout.dims)
-        if single and coordinate.dtype.kind in "fiubMmUSO":
-            told[str(name)] = _plain(coordinate.values.reshape(-1)[0])
-    return {**told, "axes": layout.described()}
-
-
 def _plain(value: Any) -> Any:
-    if isinstance(value, (np.datetime64, np.timedelta64)):
-        return str(value)
-    return value.item() if isinstance(value, np.generic) else str(value)
+    if isinstance(value, np.generic) and not isinstance(value, (np.datetime64, np.timedelta64)):
+        return value.item()
+    return str(value)
+
+
+def _name(variable: str) -> str:
+    """Return a name that expressions can use: a slash is part of a unit here, not of a path."""
+    return field_name(variable.replace("/", "_"))
+
+
+def _described(data: xarray.Dataset, place: str) -> str:
+    return f"{place} ({', '.join(f'{dim}: {n}' for dim, n in data[place].sizes.items())})"
+
+
+def _variables(data: xarray.Dataset) -> dict[str, xarray.DataArray]:
+    """Return the variables that can be fields, without those that only describe others."""
+    found = {
+        str(name): array
+        for name, array in data.data_vars.items()
+        if array.ndim >= 3 and array.dtype.kind in "fiub"
+    }
+    texts = (
+        str(attributes.get(key, ""))
+        for variable in data.variables.values()
+        for attributes in (variable.attrs, variable.encoding)
+        for key in _HELPERS
+    )
+    helpers = {word for text in texts for word in text.split()}
+    return {name: array for name, array in found.items() if name not in helpers} or found
+
+
+def _chosen(data: xarray.Dataset, fields: Any) -> dict[str, str]:
+    """Return name → variable of what is asked for, or of all on the same dimensions as most."""
+    if fields is not None:
+        names = {str(name): _name(str(name)) for name in data.variables}
+        return chosen_fields(names, fields, "variable")
+    variables = _variables(data)
+    if not variables:
+        raise InputError(
+            "expected a variable of three dimensions and of numbers; there are "
+            + (", ".join(_described(data, str(name)) for name in data.data_vars) or "none")
+        )
+    groups: dict[frozenset[str], list[str]] = {}
+    for place, array in variables.items():
+        long = frozenset(str(dim) for dim, n in array.sizes.items() if n > 1)
+        extent = long if len(long) >= 3 else frozenset(map(str, array.dims))
+        groups.setdefault(extent, []).append(place)
+
+    def rank(dims: frozenset[str]) -> tuple[bool, int]:
+        return sum(axis_in(data, dim) != "t" for dim in dims) >= 3, len(groups[dims])
+
+    main = groups[max(groups, key=rank)]
+    left = [_described(data, p) for group in groups.values() if group is not main for p in group]
+    if left:
+        warnings.warn(
+            f"left out, since they lie on other dimensions than {main[0]}: {', '.join(left)}; "
+            "choose them with fields=…",
+            stacklevel=2,
+        )
+    return chosen_fields({place: _name(place) for place in main}, None)
 
 
 class LabelledReader(Reader):
-    """Variables on coordinates, opened by xarray; each is read when it is first used."""
+    """Variables on coordinates, opened by xarray; a format has to provide `dataset`."""
 
     options = {  # noqa: RUF012 - as in Reader
         **OPTIONS,
@@ -281,32 +240,35 @@ class LabelledReader(Reader):
     packages: tuple[str, ...] = ("xarray",)
     extra = "arrays"
 
-    def dataset(self, path: Path, group: str | None) -> AbstractContextManager[xarray.Dataset]:
+    def dataset(self, path: Path, group: Any) -> AbstractContextManager[xarray.Dataset]:
         """Return a context that gives what is in a group, decoded but not read."""
         raise NotImplementedError
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
-        source = _Source(self, path, options.pop("group", None), options)
+        source = _LabelledFile(self, path, options.pop("group", None), options)
 
-        def reader_of(layout: Layout, place: str) -> Callable[[], np.ndarray]:
+        def reader_of(layout: NamedLayout, place: str) -> Callable[[], np.ndarray]:
             return functools.partial(source.values, layout, place)
 
         with source.opened() as data:
-            volume = volume_of(data, fields, options, reader_of)
+            volume = _volume(data, fields, options, reader_of)
             if volume.bytes_waiting <= AT_ONCE:
                 volume.load()  # to look what there is again for each field would take longer
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         with self.dataset(path, options.get("group")) as data:
-            return infos(data)
+            return tuple(
+                FieldInfo(_name(place), place, array.shape, str(array.dtype), unit_in(array))
+                for place, array in _variables(data).items()
+            )
 
 
-class _Source:
-    """Where fields are read from: a file that is open, or opened for each."""
+class _LabelledFile:
+    """A file that is open, or opened for each field."""
 
     def __init__(
-        self, reader: LabelledReader, path: Path, group: str | None, options: dict[str, Any]
+        self, reader: LabelledReader, path: Path, group: Any, options: dict[str, Any]
     ) -> None:
         self.reader, self.path, self.group, self.options = reader, path, group, options
         self.data: xarray.Dataset | None = None
@@ -323,6 +285,6 @@ class _Source:
             finally:
                 self.data = None
 
-    def values(self, layout: Layout, place: str) -> np.ndarray:
+    def values(self, layout: NamedLayout, place: str) -> np.ndarray:
         with self.opened() as data:
             return layout.values(data[place])

@@ -1,4 +1,4 @@
-"""Legacy files of VTK (.vtk), as text or binary: words after the title, not lines.
+"""Legacy files of VTK (.vtk), and what else PyVista reads: images, meshes of some fifty formats.
 
 https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html
 """
@@ -20,8 +20,44 @@ from .dataset import OPTIONS, Dataset, DatasetReader
 from .library import heard, vtk
 from .objects import dataset_of, leaves
 
+_MAGIC = b"# vtk DataFile Version"
+_DIMENSIONS = re.compile(rb"\bDIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)\b", re.IGNORECASE)
+# Without these only the first array of each sort is read.
+_ALL = ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields")
 # How Tecplot's text begins: other programs call anything .dat.
 _TECPLOT = (b"TITLE", b"VARIABLES", b"ZONE", b"FILETYPE")
+
+
+class VTKReader(DatasetReader):
+    """Legacy files, as text or binary."""
+
+    name = "vtk"
+    description = "a legacy VTK file (.vtk)"
+    suffixes = (".vtk",)
+    packages = ("vtkmodules",)
+    extra = "vtk"
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        return head.startswith(_MAGIC)
+
+    def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
+        with open(path, "rb") as file:
+            found = _DIMENSIONS.search(file.read(4096))
+        size = path.stat().st_size
+        # VTK takes memory as announced, and ends the process where there is not that much.
+        if found and math.prod(max(int(n) - 1, 1) for n in found.groups()) > 8 * size:
+            raise FileFormatError(
+                f"{found[0].decode()} are more than a file of {size} bytes holds; it is cut short"
+            )
+        reader = vtk("vtkIOLegacy").vtkGenericDataObjectReader()
+        reader.SetFileName(str(path))
+        for sort in _ALL:
+            getattr(reader, f"ReadAll{sort}On")()
+        with heard():
+            reader.Update()
+        if reader.GetOutput() is None:
+            raise FileFormatError("expected DATASET and its kind in line 4")
+        return dataset_of(reader.GetOutput(), resolution, reader.GetHeader() or "")
 
 
 class PyVistaReader(DatasetReader):
@@ -52,25 +88,21 @@ class PyVistaReader(DatasetReader):
     def dataset(
         self, path: Path, *, resolution: Any = None, time: float | None = None, **options: Any
     ) -> Dataset:
-        return _dataset(path, resolution, time)
-
-
-def _dataset(path: Path, resolution: Any, time: float | None) -> Dataset:
-    pyvista = require("pyvista", "vtk", "reading this file")
-    _check_survival(path)
-    with heard(warnings=False):
-        reader = pyvista.get_reader(str(path))
-        meta = _choose_time(reader, time)
-        mesh = reader.read()
-        if path.suffix.lower() == ".cube":
-            _place_cube(mesh, reader.reader.GetTransform().GetMatrix())
-    parts = [part for part in leaves(mesh) if part.GetNumberOfPoints()]
-    if not parts:
-        raise InputError("there are no points in it")
-    # What is alone need not be a mesh: it may be image data.
-    found = dataset_of(parts[0] if len(parts) == 1 else mesh, resolution)
-    found.meta.update(meta)
-    return found
+        pyvista = require("pyvista", "vtk", "reading this file")
+        _check_survival(path)
+        with heard(warnings=False):
+            reader = pyvista.get_reader(str(path))
+            meta = _choose_time(reader, time)
+            mesh = reader.read()
+            if path.suffix.lower() == ".cube":
+                _place_cube(mesh, reader.reader.GetTransform().GetMatrix())
+        parts = [part for part in leaves(mesh) if part.GetNumberOfPoints()]
+        if not parts:
+            raise InputError("there are no points in it")
+        # What is alone need not be a mesh: it may be image data.
+        found = dataset_of(parts[0] if len(parts) == 1 else mesh, resolution)
+        found.meta.update(meta)
+        return found
 
 
 def _check_survival(path: Path) -> None:
@@ -86,7 +118,7 @@ def _check_survival(path: Path) -> None:
 
 
 def _place_cube(mesh: Any, to_indices: Any) -> None:
-    """Put voxels of a Gaussian cube where its head says: VTK leaves them at 0, 1, 2 …"""
+    """Put voxels of a Gaussian cube where its header says: VTK leaves them at 0, 1, 2 …"""
     elements = [[to_indices.GetElement(i, j) for j in range(4)] for i in range(4)]
     try:
         matrix = np.linalg.inv(elements)
@@ -108,47 +140,3 @@ def _choose_time(reader: Any, time: float | None) -> dict[str, float]:
     step = len(times) - 1 if time is None else int(np.argmin(np.abs(times - time)))
     reader.set_active_time_value(times[step])
     return {"time": float(times[step])}
-
-
-_MAGIC = b"# vtk DataFile Version"
-_DIMENSIONS = re.compile(rb"\bDIMENSIONS\s+(\d+)\s+(\d+)\s+(\d+)\b", re.IGNORECASE)
-_HEAD = 4096
-# Without these only the first array of each sort is read.
-_ALL = ("Scalars", "Vectors", "Normals", "Tensors", "ColorScalars", "TCoords", "Fields")
-
-
-class VTKReader(DatasetReader):
-    """Legacy files."""
-
-    name = "vtk"
-    description = "a legacy VTK file (.vtk)"
-    suffixes = (".vtk",)
-    packages = ("vtkmodules",)
-    extra = "vtk"
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        return head.startswith(_MAGIC)
-
-    def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
-        return _legacy_dataset(path, resolution)
-
-
-def _legacy_dataset(path: Path, resolution: Any) -> Dataset:
-    with open(path, "rb") as file:
-        told = _DIMENSIONS.search(file.read(_HEAD))
-    size = path.stat().st_size
-    # VTK takes memory as announced, and ends the process where there is not that much.
-    if told and math.prod(max(int(n) - 1, 1) for n in told.groups()) > 8 * size:
-        raise FileFormatError(
-            f"{told[0].decode()} are more than a file of {size} bytes holds; it is cut short"
-        )
-    reader = vtk("vtkIOLegacy").vtkGenericDataObjectReader()
-    reader.SetFileName(str(path))
-    for sort in _ALL:
-        getattr(reader, f"ReadAll{sort}On")()
-    with heard():
-        reader.Update()
-    found = reader.GetOutput()
-    if found is None:
-        raise FileFormatError("expected DATASET and its kind in line 4")
-    return dataset_of(found, resolution, reader.GetHeader() or "")

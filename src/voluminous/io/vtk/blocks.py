@@ -1,4 +1,4 @@
-"""Blocks of regular grids as one volume: joined where they make a box, else patches."""
+"""Parts of regular grids put together: joined where they fill a box, else patches."""
 
 from __future__ import annotations
 
@@ -14,27 +14,29 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ...memory import check_memory
-from ..contract import FieldInfo
 from ..payload import checked_shape
 from ..scanners.placement import Arrangement
 from .dataset import (
+    CELL,
     UPRIGHT,
-    Array,
+    ArrangedArrays,
+    DataArray,
     Dataset,
     Even,
-    Source,
     Uneven,
     cell_counts,
-    chosen_arrays,
     common_place,
-    infos,
-    volume_of,
 )
 
 if TYPE_CHECKING:
+    from ...grids import PatchGrid
     from ...volume import Volume
 
-LISTED = 8
+# Of a cell, by which corners of blocks may be off: files round them.
+_TOLERANCE = 1e-3
+# Boxes between all walls of blocks, of which it is looked whether they are filled.
+_MOST_BOXES = 10_000_000
+_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,10 @@ class Block:
         return f"{self.name} ({self.path})" if self.name else str(self.path)
 
 
-def listed(blocks: list[Block]) -> str:
-    """Return lines that name blocks."""
-    more = len(blocks) - LISTED
-    lines = [f"  {block}" for block in blocks[:LISTED]]
-    return "\n".join(lines + ([f"  … and {more} more"] if more > 0 else []))
+def listed(items: Sequence[object]) -> str:
+    """Return lines that name the first of some things."""
+    more = [f"  … and {len(items) - _LISTED} more"] if len(items) > _LISTED else []
+    return "\n".join([f"  {item}" for item in items[:_LISTED]] + more)
 
 
 def together(parts: Sequence[Dataset]) -> Dataset:
@@ -72,39 +73,37 @@ def together(parts: Sequence[Dataset]) -> Dataset:
             f"the pieces have {there} points, expected at least {math.prod(points)} to fill a box "
             f"of {' x '.join(map(str, points))}"
         )
+    lowest = tuple(int(n) for n in low)
     starts = [np.subtract(part.low, low) for part in parts]
+    place: Any = first.arrange
+    if isinstance(place, Even):
+        place = replace(place, low=lowest, points=points)
+    else:
+        lines = tuple(np.full(n, np.nan) for n in points)
+        for part, start in zip(parts, starts, strict=True):
+            assert isinstance(part.arrange, Uneven)
+            for axis, line in enumerate(part.arrange.lines):
+                lines[axis][start[axis] : start[axis] + len(line)] = line
+        place = Uneven(lines)
     known = [{(array.at, array.name): array for array in part.arrays} for part in parts]
-    whole = Dataset(points, _arrange(parts, starts, low, points), [], first.active, first.meta)
     arrays = [
-        _joined(whole, starts, [arrays[key] for arrays in known])
+        _joined_array(cell_counts(points, key[0])[::-1], starts, [inner[key] for inner in known])
         for key in known[0]
-        if all(key in arrays for arrays in known)
+        if all(key in inner for inner in known)
     ]
-    return replace(whole, arrays=arrays, low=tuple(int(n) for n in low))
+    return Dataset(points, place, arrays, first.active, first.meta, lowest)
 
 
-def _arrange(parts: Sequence[Dataset], starts: Any, low: Any, points: tuple[int, ...]) -> Any:
-    first = parts[0].arrange
-    if isinstance(first, Even):
-        return replace(first, low=tuple(int(n) for n in low), points=points)
-    lines = [np.full(n, np.nan) for n in points]
-    for part, start in zip(parts, starts, strict=True):
-        place: Any = part.arrange
-        for axis, own in enumerate(place.lines):
-            lines[axis][start[axis] : start[axis] + len(own)] = own
-    return Uneven(tuple(lines))
-
-
-def _joined(whole: Dataset, starts: Any, arrays: list[Array]) -> Array:
+def _joined_array(shape: tuple[int, ...], starts: Any, arrays: list[DataArray]) -> DataArray:
     first = arrays[0]
     if len({(array.dtype, array.components) for array in arrays}) > 1:
         raise FileFormatError(f"array {first.name!r} has another type in some of the pieces")
 
     def load() -> np.ndarray:
-        shape = (*whole.shape(first.at)[::-1], first.components)
-        size = math.prod(shape) * (first.dtype.itemsize + 1)
+        size = math.prod(shape) * (first.components * first.dtype.itemsize + 1)
         check_memory(size, f"putting together {first.name!r}", "open one of the pieces")
-        out, filled = np.empty(shape, first.dtype), np.zeros(shape[:3], bool)
+        out = np.empty((*shape, first.components), first.dtype)
+        filled = np.zeros(shape, bool)
         for array, start in zip(arrays, starts, strict=True):
             values = array.load()
             ends = zip(start[::-1], values.shape[:3], strict=True)
@@ -120,85 +119,38 @@ def _joined(whole: Dataset, starts: Any, arrays: list[Array]) -> Array:
     return replace(first, load=load)
 
 
-# Of a cell, by which corners of blocks may be off: files round them.
-_TOLERANCE = 1e-3
-# Boxes between all walls of blocks, of which it is looked whether they are filled.
-_MOST_BOXES = 10_000_000
-
-
-def volume_of_blocks(blocks: dict[Block, Dataset], fields: Any = None, unit: Any = None) -> Volume:
-    """Return the volume that blocks make together.
-
-    Blocks of equal cells that fill a box are joined; others are patches, of which the finest
-    counts.
-    """
-    whole = joined(blocks)
-    if whole is not None:
-        return volume_of(whole, fields, unit)
-    from ...volume import Volume
-
-    datasets = _alike(blocks)
-    chosen = [chosen_arrays(dataset, fields) for dataset in datasets]
-    at = common_place(chosen[0])
-    unit = unit or datasets[0].meta.get("length_unit")
-    placed = [dataset.arrange(at, unit) for dataset in datasets]
-    volume = Volume(_patch_grid(list(blocks), placed, unit))
-    volume.meta |= {name: v for name, v in datasets[0].meta.items() if name != "length_unit"}
-    sources = [Source(d, c, a) for d, c, a in zip(datasets, chosen, placed, strict=True)]
-    for name, (array, _) in chosen[0].items():
-        volume[name] = Deferred(functools.partial(_load, sources, name), array.dtype, array.unit)
-    return volume
-
-
-def infos_of_blocks(blocks: dict[Block, Dataset]) -> tuple[FieldInfo, ...]:
-    """Return what there is to read: shapes are those of the first of several patches."""
-    return infos(joined(blocks) or _alike(blocks)[0])
-
-
-def _load(sources: list[Source], name: str) -> list[np.ndarray]:
-    return [source.load(name) for source in sources]
-
-
 def joined(blocks: dict[Block, Dataset]) -> Dataset | None:
     """Return image data that fill a box together as one; None if blocks do not."""
     found = list(blocks.values())
     if len(found) == 1:
         return found[0]
-    places = [part.arrange for part in found]
-    if not all(isinstance(place, Even) for place in places):
+    places = [part.arrange for part in found if isinstance(part.arrange, Even)]
+    if len(places) < len(found) or any(tuple(place.direction) != UPRIGHT for place in places):
         return None
-    origins, spacings, directions = (
-        np.array([getattr(place, name) for place in places])
-        for name in ("origin", "spacing", "direction")
-    )
-    if not (np.all(directions == UPRIGHT) and _same(spacings, spacings[0], spacings[0])):
-        return None
+    origins = np.array([place.origin for place in places])
+    spacings = np.array([place.spacing for place in places])
     shifts = (origins - origins[0]) / spacings[0]
-    if not _same(shifts, np.rint(shifts), np.ones(3)):
+    whole = np.rint(shifts).astype(np.int64)
+    different = np.abs(spacings - spacings[0]) > _TOLERANCE * np.abs(spacings[0])
+    if np.any(different) or np.any(np.abs(shifts - whole) > _TOLERANCE):
         return None
     parts = [
-        replace(part, low=tuple(int(n) for n in np.add(part.low, np.rint(shift).astype(np.int64))))
-        for part, shift in zip(found, shifts, strict=True)
+        replace(part, low=tuple(int(n) for n in np.add(part.low, shift)))
+        for part, shift in zip(found, whole, strict=True)
     ]
     # Two at one place are two volumes, not two parts of one.
     distinct = len({(part.low, part.points) for part in parts}) == len(parts)
-    if not (distinct and _shared(parts) and _fill_box(parts)):
-        return None
-    return together(parts)
+    return together(parts) if distinct and _shared(parts) and _fill_box(parts) else None
 
 
-def _same(values: np.ndarray, others: np.ndarray, size: np.ndarray) -> bool:
-    return bool(np.all(np.abs(values - others) <= _TOLERANCE * np.abs(size)))
-
-
-def _fill_box(pieces: Sequence[Dataset]) -> bool:
-    """Return True if every cell of the smallest box around pieces is in one of them."""
-    low = np.array([piece.low for piece in pieces])
+def _fill_box(parts: Sequence[Dataset]) -> bool:
+    """Return True if every cell of the smallest box around parts is in one of them."""
+    low = np.array([part.low for part in parts])
     # A layer of points is a layer of cells.
-    high = low + [cell_counts(piece.points, "cell") for piece in pieces]
+    high = low + [part.shape(CELL) for part in parts]
     walls = [np.unique(np.concatenate([low[:, a], high[:, a]])) for a in range(3)]
     shape = tuple(len(w) - 1 for w in walls)
-    if np.prod(np.array(shape, float)) > _MOST_BOXES:
+    if math.prod(shape) > _MOST_BOXES:
         return False
     filled = np.zeros(shape, bool)
     first, last = (
@@ -210,7 +162,15 @@ def _fill_box(pieces: Sequence[Dataset]) -> bool:
     return bool(filled.all())
 
 
-def _alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
+def _kind(array: DataArray) -> tuple[Any, ...]:
+    return array.place, array.components, array.dtype
+
+
+def _shared(datasets: Sequence[Dataset]) -> set[tuple[Any, ...]]:
+    return set.intersection(*({_kind(array) for array in part.arrays} for part in datasets))
+
+
+def alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
     """Return the data of blocks, as far as all have them."""
     datasets = list(blocks.values())
     shared = _shared(datasets)
@@ -224,23 +184,35 @@ def _alike(blocks: dict[Block, Dataset]) -> list[Dataset]:
     ]
 
 
-def _shared(datasets: Sequence[Dataset]) -> set[tuple[Any, ...]]:
-    return set.intersection(*({_kind(array) for array in part.arrays} for part in datasets))
+def patches(blocks: dict[Block, Dataset], fields: Any, unit: Any) -> Volume:
+    """Return the volume of blocks that fill no box: patches, of which the finest counts."""
+    from ...volume import Volume
+
+    datasets = alike(blocks)
+    chosen = [dataset.chosen(fields) for dataset in datasets]
+    at = common_place(chosen[0])
+    unit = unit or datasets[0].meta.get("length_unit")
+    placed = [dataset.arrange(at, unit) for dataset in datasets]
+    volume = Volume(_patch_grid(list(blocks), placed, unit))
+    volume.meta |= {name: v for name, v in datasets[0].meta.items() if name != "length_unit"}
+    parts = [ArrangedArrays(*each) for each in zip(datasets, chosen, placed, strict=True)]
+    for name, (array, _) in chosen[0].items():
+        volume[name] = Deferred(functools.partial(_loaded, parts, name), array.dtype, array.unit)
+    return volume
 
 
-def _kind(array: Array) -> tuple[Any, ...]:
-    return array.place, array.components, array.dtype
+def _loaded(parts: list[ArrangedArrays], name: str) -> list[np.ndarray]:
+    return [part.load(name) for part in parts]
 
 
-def _patch_grid(blocks: list[Block], placed: list[Arrangement], unit: Any) -> Any:
+def _patch_grid(blocks: list[Block], placed: list[Arrangement], unit: Any) -> PatchGrid:
     from ...grids import PatchGrid
 
     try:
         grids = [arrangement.grid for arrangement in placed]
         if any(a.direction is not None for a in placed) or not all(g.is_uniform for g in grids):
             raise InputError("expected equal cells along x, y and z in each")
-        places = {(g.bounds.tobytes(), g.shape) for g in grids}
-        if len(places) < len(grids):
+        if len({(g.bounds.tobytes(), g.shape) for g in grids}) < len(grids):
             raise InputError("two of them are at the same place")
         low, high = (np.array([g.bounds[:, k] for g in grids]) for k in (0, 1))
         return PatchGrid(low, high, [g.shape for g in grids], unit=unit)

@@ -1,4 +1,4 @@
-"""Where the cells of VTK's structured data are.
+"""Structured data of VTK: where their cells are, and which arrays become fields of a volume.
 
 VTK has values at points and in the cells between them. Cells here are those in both cases: for
 values at points, cells around these, whose walls lie midway. Interpolated schemes then draw what
@@ -7,10 +7,8 @@ VTK draws, since the field between two centres is linear there as it is between 
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,30 +27,44 @@ from ..scanners.voxels import COLORS, VECTOR
 if TYPE_CHECKING:
     from ...volume import Volume
 
-
+POINT, CELL = "point", "cell"
 UPRIGHT = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+ADVICE = "; give resolution=64 (cells along the longest side) to resample it to equal cells"
+OPTIONS = {
+    "unit": "unit of length",
+    "resolution": "resample to equal cells: how many along the longest side, or three numbers",
+}
 # Of single precision, as a fraction of the coordinates.
 _ROUNDING = 1e-6
-ADVICE = "; give resolution=64 (cells along the longest side) to resample it to equal cells"
 # Bytes that walls take while they are made, and walks through them.
 _PER_POINT = 64
+_MOST_COMPONENTS = 4096
+# Bits of ``vtkGhostType`` (vtkDataSetAttributes.h) of points and cells that are not to be shown.
+_HIDDEN = {POINT: 2, CELL: 32}
 
 
 @dataclass(frozen=True)
 class Even:
-    """Where image data are: what `even_arrangement` asks for."""
+    """Where image data are: points of equal distances."""
 
-    origin: Any
+    origin: Any  # of the point of index (0, 0, 0)
     spacing: Any
-    direction: Any
-    low: tuple[int, ...]
+    direction: Any  # nine numbers, row by row: columns are where the indices lead
+    low: tuple[int, ...]  # the first index along each
     points: tuple[int, ...]
 
     def __call__(self, at: str, unit: Any) -> Arrangement:
-        """Return where the cells are."""
-        return even_arrangement(
-            self.origin, self.spacing, self.direction, self.low, self.points, at, unit
-        )
+        """Return where the cells are around the points, or between them."""
+        counts = np.asarray(self.points)
+        size = _PER_POINT * int(counts.sum())
+        check_memory(size, "the walls of the cells", "is the file damaged?")
+        widths = np.asarray(self.spacing, float)
+        widths = np.where((widths == 0) & (counts == 1), 1.0, widths)
+        steps = np.asarray(self.direction, float).reshape(3, 3).T * widths[:, None]
+        first = np.asarray(self.origin, float) + np.asarray(self.low) @ steps
+        if at == CELL:  # a single layer of points is a layer of cells
+            first = first + 0.5 * (counts > 1) @ steps
+        return arranged(cell_counts(self.points, at), Placement(first, steps, unit))
 
 
 @dataclass(frozen=True)
@@ -62,44 +74,39 @@ class Uneven:
     lines: tuple[np.ndarray, ...]
 
     def __call__(self, at: str, unit: Any) -> Arrangement:
-        """Return where the cells are."""
-        return uneven_arrangement(self.lines, at, unit)
+        """Return where the cells are around the points, or between them."""
+        from ...grids import CartesianGrid
+
+        lines = [np.asarray(line, np.float64) for line in self.lines]
+        for name, line in zip("xyz", lines, strict=True):
+            steps = np.diff(line)
+            if not (np.isfinite(line).all() and ((steps > 0).all() or (steps < 0).all())):
+                raise FileFormatError(
+                    f"expected finite {name} coordinates that increase, or decrease, from point "
+                    f"to point, got {np.array2string(line, threshold=6)}"
+                )
+        backward = tuple(bool(line[0] > line[-1]) for line in lines)
+        lines = [line[::-1] if down else line for line, down in zip(lines, backward, strict=True)]
+        widths = [(line[-1] - line[0]) / (len(line) - 1) for line in lines if len(line) > 1]
+        # A single layer is as thick as cells are wide along the other axes.
+        width = float(np.mean(widths)) if widths else 1.0
+        grid = CartesianGrid(*(_edges(line, at, width) for line in lines), unit=unit)
+        return Arrangement(grid, (0, 1, 2), backward, None)
 
 
-def even_arrangement(
-    origin: Any, spacing: Any, direction: Any, low: Any, points: Any, at: str, unit: Any = ""
-) -> Arrangement:
-    """Return where the cells of image data are."""
-    counts = np.asarray(points)
-    check_memory(_PER_POINT * int(counts.sum()), "the walls of the cells", "is the file damaged?")
-    widths = np.asarray(spacing, float)
-    widths = np.where((widths == 0) & (counts == 1), 1.0, widths)
-    steps = np.asarray(direction, float).reshape(3, 3).T * widths[:, None]
-    first = np.asarray(origin, float) + np.asarray(low) @ steps
-    if at == "cell":  # a single layer of points is a layer of cells
-        first = first + 0.5 * (counts > 1) @ steps
-    return arranged(cell_counts(points, at), Placement(first, steps, unit))
+def _edges(line: np.ndarray, at: str, width: float) -> np.ndarray:
+    """Return the walls of the cells around ascending points, or between them."""
+    if len(line) == 1:
+        return line[0] + np.array([-0.5, 0.5]) * width
+    if at == POINT:
+        return edges_of_centers(line)
+    # A grid of equal cells is faster, and files round coordinates.
+    return np.linspace(line[0], line[-1], len(line)) if is_even(line) else line
 
 
-def uneven_arrangement(coordinates: Any, at: str, unit: Any = "") -> Arrangement:
-    """Return where the cells of a rectilinear grid are."""
-    from ...grids import CartesianGrid
-
-    lines = [np.asarray(line, np.float64) for line in coordinates]
-    for name, line in zip("xyz", lines, strict=True):
-        _check_line(name, line)
-    backward = tuple(bool(line[0] > line[-1]) for line in lines)
-    lines = [line[::-1] if down else line for line, down in zip(lines, backward, strict=True)]
-    widths = [(line[-1] - line[0]) / (len(line) - 1) for line in lines if len(line) > 1]
-    # A single layer is as thick as cells are wide along the other axes.
-    width = float(np.mean(widths)) if widths else 1.0
-    grid = CartesianGrid(*(_edges(line, at, width) for line in lines), unit=unit)
-    return Arrangement(grid, (0, 1, 2), backward, None)
-
-
-def aligned_lines(points: np.ndarray) -> list[np.ndarray]:
-    """Return the coordinates of a structured grid whose points lie on planes of x, y and z."""
-    lines = [points[0, 0, :, 0], points[0, :, 0, 1], points[:, 0, 0, 2]]
+def aligned(points: np.ndarray) -> Uneven:
+    """Return where a structured grid (nz, ny, nx, 3) is whose points lie on planes of x, y, z."""
+    lines = (points[0, 0, :, 0], points[0, :, 0, 1], points[:, 0, 0, 2])
     for k, line in enumerate(lines):
         planes = line.reshape([-1 if axis == 2 - k else 1 for axis in range(3)])
         rounding = _ROUNDING * float(np.max(np.abs(line)))
@@ -108,53 +115,25 @@ def aligned_lines(points: np.ndarray) -> list[np.ndarray]:
                 f"a structured grid whose points do not lie on planes of constant {'xyz'[k]} is "
                 f"curved or oblique{ADVICE}"
             )
-    return lines
+    return Uneven(lines)
 
 
 def cell_counts(points: Any, at: str) -> tuple[int, ...]:
     """Return the number of cells around points, or between them."""
-    return tuple(max(int(n) - 1, 1) if at == "cell" else int(n) for n in points)
-
-
-def _check_line(name: str, line: np.ndarray) -> None:
-    steps = np.diff(line)
-    if not (np.isfinite(line).all() and ((steps > 0).all() or (steps < 0).all())):
-        raise FileFormatError(
-            f"expected finite {name} coordinates that increase, or decrease, from point to point, "
-            f"got {np.array2string(line, threshold=6)}"
-        )
-
-
-def _edges(line: np.ndarray, at: str, width: float) -> np.ndarray:
-    """Return the walls of the cells around ascending points, or between them."""
-    if len(line) == 1:
-        return line[0] + np.array([-0.5, 0.5]) * width
-    if at == "point":
-        return edges_of_centers(line)
-    # A grid of equal cells is faster, and files round coordinates.
-    return np.linspace(line[0], line[-1], len(line)) if is_even(line) else line
-
-
-POINT, CELL = "point", "cell"
-# Of the names that programs use for the one number that all know.
-_TIME = ("TimeValue", "TIME", "Time", "time")
-_TIME_IN_TITLE = re.compile(r"\btime\s*=\s*([-+.\deE]+)")
-# What VTK writes as title of everything.
-_NO_TITLE = "vtk output"
-_MOST_COMPONENTS = 4096
+    return tuple(max(int(n) - 1, 1) if at == CELL else int(n) for n in points)
 
 
 @dataclass(frozen=True)
-class Array:
+class DataArray:
     """Values at all points, or in all cells."""
 
-    name: str  # as in the file
+    name: str
     at: str  # `POINT` or `CELL`; empty in formats that do not tell these apart
-    components: int  # values at each
-    dtype: np.dtype[Any]  # their type, in this machine's byte order
+    components: int
+    dtype: np.dtype[Any]
     load: Callable[[], np.ndarray]  # returns them: shape (nz, ny, nx, components)
-    labels: tuple[str, ...] = ()  # names of the components, if all have one
-    unit: str = ""  # as astropy knows it; empty for none
+    labels: tuple[str, ...] = ()  # of the components, if all have one
+    unit: str = ""
 
     def __post_init__(self) -> None:
         if not 1 <= self.components <= _MOST_COMPONENTS:
@@ -168,7 +147,12 @@ class Array:
         """What it is called, at points or in cells."""
         return f"{self.at}/{self.name}" if self.at else self.name
 
-    def endings(self, upright: bool = True) -> tuple[str, ...]:
+    @property
+    def is_internal(self) -> bool:
+        """True for what VTK keeps for itself, such as ``vtkGhostType``."""
+        return self.name.startswith("vtk")
+
+    def endings(self, upright: bool) -> tuple[str, ...]:
         """Return what is put behind the name for each component; x, y, z only of upright data."""
         count = self.components
         if count == 1:
@@ -177,187 +161,114 @@ class Array:
             return COLORS[:count]
         if count == 3 and upright:
             return VECTOR
-        if len(set(self.labels)) == count:
-            return tuple(f"_{label}" for label in self.labels)
-        return tuple(f"_{number}" for number in range(count))
+        labels = self.labels if len(set(self.labels)) == count else range(count)
+        return tuple(f"_{label}" for label in labels)
 
-    def names(self, upright: bool = True) -> tuple[str, ...]:
-        """Return the names of the fields it becomes."""
-        if self.components == 1:
-            return (field_name(self.name),)
-        return tuple(field_name(self.name + ending) for ending in self.endings(upright))
+
+Chosen = dict[str, tuple[DataArray, int]]  # name of a field → array and component
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """Structured data."""
+    """Structured data: points, and arrays on them."""
 
-    points: tuple[int, ...]  # number of points along each index, the fastest first
-    arrange: Callable[[str, Any], Arrangement]  # ``arrange(at, unit)`` returns where the cells are
-    arrays: Sequence[Array]  # all there are
-    # names of the scalars that are to be shown, at points and in cells
-    active: dict[str, str] = field(default_factory=dict)
-    meta: dict[str, Any] = field(default_factory=dict)  # what else is told
-    # index of the first point along each, where this is a piece of something
-    low: tuple[int, ...] = (0, 0, 0)
+    points: tuple[int, ...]  # along each index, the fastest first
+    arrange: Callable[[str, Any], Arrangement]  # of `POINT` or `CELL`, and the unit of length
+    arrays: Sequence[DataArray]
+    active: Mapping[str, str] = field(default_factory=dict)  # scalars to show, by `POINT`, `CELL`
+    meta: dict[str, Any] = field(default_factory=dict)
+    low: tuple[int, ...] = (0, 0, 0)  # index of the first point, where this is a piece
 
     def shape(self, at: str) -> tuple[int, ...]:
         """Return the number of cells along each index."""
         return cell_counts(self.points, at)
 
     def preferred(self) -> str:
-        """Return where the values are that are shown if nobody asks for others.
+        """Return where the values are that are shown by default.
 
         Where there are any; where there are active scalars; where there are more.
         """
-        shown = [array.at for array in self.arrays if not is_internal(array)]
+        shown = [array.at for array in self.arrays if not array.is_internal]
         if len(set(shown)) == 1:
             return shown[0]
         if len(self.active) == 1:
             return next(iter(self.active))
         return CELL if shown.count(CELL) > shown.count(POINT) else POINT
 
+    def fields(self, upright: bool = True) -> dict[str, tuple[str, DataArray, int]]:
+        """Return, by place, the name, array and component of all fields; preferred ones first."""
+        preferred = self.preferred()
+        found = {}
+        for array in sorted(self.arrays, key=lambda array: array.at != preferred):
+            for k, ending in enumerate(array.endings(upright)):
+                place = f"{array.place}/{ending[1:]}" if ending else array.place
+                found[place] = (field_name(array.name + ending), array, k)
+        return found
 
-def is_internal(array: Array) -> bool:
-    """Return True for what VTK keeps for itself, such as ``vtkGhostType``."""
-    return array.name.startswith("vtk")
+    def infos(self) -> tuple[FieldInfo, ...]:
+        """Return what there is to read."""
+        return tuple(
+            FieldInfo(name, place, self.shape(array.at), str(array.dtype), array.unit)
+            for place, (name, array, _) in self.fields().items()
+        )
 
+    def chosen(self, fields: Any, upright: bool = True) -> Chosen:
+        """Return array and component of each field that is asked for, by its name."""
+        known = self.fields(upright)
+        if not known:
+            raise FileFormatError("expected values at points or in cells, there are none")
+        offered = known
+        if fields is None:
+            preferred = self.preferred()
+            shown = {p: k for p, k in known.items() if k[1].at == preferred}
+            offered = {p: k for p, k in shown.items() if not k[1].is_internal} or shown or known
+        places = chosen_fields({place: name for place, (name, _, _) in offered.items()}, fields)
+        return {name: known[place][1:] for name, place in places.items()}
 
-def told(values: dict[str, Any], title: str = "") -> dict[str, Any]:
-    """Return a volume's `meta`: what a file tells besides fields."""
-    meta = {"time" if name in _TIME else name: value for name, value in values.items()}
-    found = _TIME_IN_TITLE.search(title)
-    if found and "time" not in meta:
-        with contextlib.suppress(ValueError):
-            meta["time"] = float(found[1])
-    return meta if title in ("", _NO_TITLE) else {"title": title, **meta}
+    def volume(self, fields: Any = None, unit: Any = None) -> Volume:
+        """Return the volume, whose fields are read when they are used."""
+        from ...volume import Volume
 
-
-# Bits of ``vtkGhostType`` (vtkDataSetAttributes.h) that say that there is nothing to see.
-_HIDDEN = {POINT: 2, CELL: 32}
-_GHOSTS = "vtkGhostType"
-OPTIONS = {
-    "unit": "unit of length",
-    "resolution": "resample to equal cells: how many along the longest side, or three numbers",
-}
-
-
-class DatasetReader(Reader):
-    """A reader that makes a `Dataset` of a file; what there is in it follows."""
-
-    options = OPTIONS
-
-    def dataset(self, path: Path, **options: Any) -> Dataset:
-        """Return what a file tells, with the reader's options but for ``unit``."""
-        raise NotImplementedError
-
-    def read(self, path: Path, fields: Any = None, *, unit: Any = None, **options: Any) -> Volume:
-        return volume_of(self.dataset(path, **options), fields, unit)
-
-    def info(self, path: Path, *, unit: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        return infos(self.dataset(path, **options))
-
-
-class Parts:
-    """The components of an array, decoded once: those nobody has asked for yet are kept."""
-
-    def __init__(self, array: Array, wanted: set[int]) -> None:
-        self._array, self._wanted = array, wanted
-        self._kept: dict[int, np.ndarray] = {}
-
-    def take(self, component: int) -> np.ndarray:
-        """Return one component, shape (nz, ny, nx)."""
-        if component not in self._kept:
-            values = self._array.load()
-            self._kept = {k: values[..., k] for k in self._wanted | {component}}
-        self._wanted = self._wanted - {component}
-        return self._kept.pop(component)
+        chosen = self.chosen(fields)
+        arrangement = self.arrange(common_place(chosen), unit or self.meta.get("length_unit"))
+        volume = Volume(arrangement.grid)
+        volume.meta |= {name: v for name, v in self.meta.items() if name != "length_unit"}
+        if arrangement.direction is not None:
+            volume.meta["direction"] = arrangement.direction.tolist()
+            chosen = self.chosen(fields, upright=False)
+        arrays = ArrangedArrays(self, chosen, arrangement)
+        for name, (array, _) in chosen.items():
+            volume[name] = Deferred(functools.partial(arrays.load, name), array.dtype, array.unit)
+        return volume
 
 
-def volume_of(dataset: Dataset, fields: Any = None, unit: Any = None) -> Volume:
-    """Return the volume of a dataset, whose fields are read when they are used."""
-    from ...volume import Volume
+class ArrangedArrays:
+    """Reads the fields that are chosen of a dataset, each as an array on its grid."""
 
-    chosen = chosen_arrays(dataset, fields)
-    at = common_place(chosen)
-    arrangement = dataset.arrange(at, unit or dataset.meta.get("length_unit"))
-    volume = Volume(arrangement.grid)
-    volume.meta |= {name: v for name, v in dataset.meta.items() if name != "length_unit"}
-    if arrangement.direction is not None:
-        volume.meta["direction"] = arrangement.direction.tolist()
-        chosen = chosen_arrays(dataset, fields, upright=False)
-    source = Source(dataset, chosen, arrangement)
-    for name, (array, _) in chosen.items():
-        volume[name] = Deferred(functools.partial(source.load, name), array.dtype, array.unit)
-    return volume
-
-
-class Source:
-    """What reads the fields that are chosen of a dataset, each as an array on its grid."""
-
-    def __init__(
-        self, dataset: Dataset, chosen: dict[str, tuple[Array, int]], arrangement: Arrangement
-    ) -> None:
-        at = common_place(chosen)
-        self._hidden = next((a for a in dataset.arrays if (a.name, a.at) == (_GHOSTS, at)), None)
-        self._chosen, self._parts, self._arrangement = chosen, _parts(chosen), arrangement
+    def __init__(self, dataset: Dataset, chosen: Chosen, arrangement: Arrangement) -> None:
+        ghosts = ("vtkGhostType", common_place(chosen))
+        self._hidden = next((a for a in dataset.arrays if (a.name, a.at) == ghosts), None)
+        self._chosen, self._arrangement = chosen, arrangement
+        # Components of an array that was decoded, and that nobody has asked for yet.
+        self._waiting: dict[tuple[str, int], np.ndarray] = {}
 
     def load(self, name: str) -> np.ndarray:
         """Return the values of a field; NaN where VTK hides them."""
         array, component = self._chosen[name]
-        values, hidden = self._parts[array.place].take(component), self._hidden
+        if (array.place, component) not in self._waiting:
+            whole = array.load()
+            for other, k in self._chosen.values():
+                if other.place == array.place:
+                    self._waiting[array.place, k] = whole[..., k]
+        values, hidden = self._waiting.pop((array.place, component)), self._hidden
         if hidden is not None and values.dtype.kind == "f":
             blank = (hidden.load()[..., 0] & _HIDDEN[hidden.at]) != 0
             values = np.where(blank, values.dtype.type(np.nan), values)
         return self._arrangement.put(values.transpose())
 
 
-def _parts(chosen: dict[str, tuple[Array, int]]) -> dict[str, Parts]:
-    wanted: dict[str, set[int]] = {}
-    for array, component in chosen.values():
-        wanted.setdefault(array.place, set()).add(component)
-    return {array.place: Parts(array, wanted[array.place]) for array, _ in chosen.values()}
-
-
-def infos(dataset: Dataset) -> tuple[FieldInfo, ...]:
-    """Return what there is to read."""
-    return tuple(
-        FieldInfo(name, place, dataset.shape(array.at), str(array.dtype), array.unit)
-        for place, (name, array, _) in _known(dataset).items()
-    )
-
-
-def _known(dataset: Dataset, upright: bool = True) -> dict[str, tuple[str, Array, int]]:
-    """Return, by place, the name, array and component of all fields; preferred ones first."""
-    preferred = dataset.preferred()
-    known = {}
-    for array in sorted(dataset.arrays, key=lambda array: array.at != preferred):
-        several = array.components > 1
-        endings = array.endings(upright)
-        for k, (name, ending) in enumerate(zip(array.names(upright), endings, strict=True)):
-            place = f"{array.place}/{ending[1:]}" if several else array.place
-            known[place] = (name, array, k)
-    return known
-
-
-def chosen_arrays(
-    dataset: Dataset, fields: Any, upright: bool = True
-) -> dict[str, tuple[Array, int]]:
-    """Return array and component of each field that is asked for, by its name."""
-    known = _known(dataset, upright)
-    if not known:
-        raise FileFormatError("expected values at points or in cells, there are none")
-    offered = known
-    if fields is None:
-        preferred = dataset.preferred()
-        shown = {p: k for p, k in known.items() if k[1].at == preferred}
-        offered = {p: k for p, k in shown.items() if not is_internal(k[1])} or shown or known
-    places = chosen_fields({place: name for place, (name, _, _) in offered.items()}, fields)
-    return {name: known[place][1:] for name, place in places.items()}
-
-
-def common_place(chosen: dict[str, tuple[Array, int]]) -> str:
-    """Return where the values of all fields are."""
+def common_place(chosen: Chosen) -> str:
+    """Return where the values of all fields are: at points, or in cells."""
     found = {array.at for array, _ in chosen.values()}
     if len(found) > 1:
         listed = "; ".join(
@@ -365,7 +276,23 @@ def common_place(chosen: dict[str, tuple[Array, int]]) -> str:
             for at in sorted(found)
         )
         raise InputError(
-            f"values at points and in cells are on different grids; choose fields of one kind "
+            "values at points and in cells are on different grids; choose fields of one kind "
             f"({listed})"
         )
     return found.pop()
+
+
+class DatasetReader(Reader):
+    """A reader that makes a `Dataset` of a file."""
+
+    options = OPTIONS
+
+    def dataset(self, path: Path, **options: Any) -> Dataset:
+        """Return what is in a file, with the reader's options but for ``unit``."""
+        raise NotImplementedError
+
+    def read(self, path: Path, fields: Any = None, *, unit: Any = None, **options: Any) -> Volume:
+        return self.dataset(path, **options).volume(fields, unit)
+
+    def info(self, path: Path, *, unit: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
+        return self.dataset(path, **options).infos()

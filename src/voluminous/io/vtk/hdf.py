@@ -13,23 +13,22 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError
-from ..hdf5 import data_set, is_hdf5, opened, read
-from ..scanners.placement import Arrangement
+from ..hdf5 import data_set, is_hdf5, opened, read, text
 from .dataset import (
     ADVICE,
     CELL,
     POINT,
     UPRIGHT,
-    Array,
+    DataArray,
     Dataset,
     DatasetReader,
+    Even,
     cell_counts,
-    even_arrangement,
 )
 from .library import heard, vtk
 from .objects import dataset_of
 
-_ROOT, _IMAGE = "VTKHDF", "ImageData"
+_ROOT = "VTKHDF"
 _SECTIONS = (("PointData", POINT), ("CellData", CELL))
 
 
@@ -50,79 +49,64 @@ class VTKHDFReader(DatasetReader):
             return path.suffix.lower() in self.suffixes
 
     def dataset(self, path: Path, *, resolution: Any = None, **options: Any) -> Dataset:
-        return _dataset(path, resolution)
-
-
-def _dataset(path: Path, resolution: Any = None) -> Dataset:
-    if resolution is not None:
-        reader = vtk("vtkIOHDF").vtkHDFReader()
-        reader.SetFileName(str(path))
-        with heard():
-            reader.Update()
-        return dataset_of(reader.GetOutput(), resolution)
-    with opened(path) as file:
-        if _ROOT not in file:
-            raise FileFormatError(f"expected a group {_ROOT}, there is none")
-        root = file[_ROOT]
-        _check_kind(root)
-        extent = _numbers(root, "WholeExtent", 6).astype(np.int64)
-        points = tuple(int(n) for n in extent[1::2] - extent[::2] + 1)
-        if min(points) < 1 or max(points) > 2**31:
-            raise FileFormatError(f"WholeExtent is {extent.tolist()}: it holds no points")
-        place = {
-            "origin": _numbers(root, "Origin", 3, (0, 0, 0)),
-            "spacing": _numbers(root, "Spacing", 3, (1, 1, 1)),
-            "direction": _numbers(root, "Direction", 9, UPRIGHT),
-        }
-
-        def arrange(at: str, unit: Any) -> Arrangement:
-            return even_arrangement(**place, low=extent[::2], points=points, at=at, unit=unit)
-
-        arrays = [a for tag, at in _SECTIONS for a in _arrays(path, root, tag, at, points)]
-        return Dataset(points, arrange, arrays, _active(root))
-
-
-def _check_kind(root: Any) -> None:
-    """Refuse what is no image of one time."""
-    kind = root.attrs.get("Type", b"")
-    kind = kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
-    if kind != _IMAGE:
-        raise InputError(f"it holds {kind[:100] or 'data of no type'}, not a regular grid{ADVICE}")
-    if "Steps" in root:
-        raise InputError("it is a series of times; save one of them as .vti, or as .vtkhdf")
-
-
-def _arrays(path: Path, root: Any, tag: str, at: str, points: Any) -> Iterator[Array]:
-    shape = cell_counts(points, at)[::-1]
-    for name in root.get(tag) or ():
-        item = data_set(path, root[tag], name)
-        if item.shape[:3] != shape or item.ndim > 4:
-            raise FileFormatError(
-                f"{item.name} has the shape {item.shape}, but there are {shape} {at}s (z, y, x)"
+        if resolution is not None:
+            reader = vtk("vtkIOHDF").vtkHDFReader()
+            reader.SetFileName(str(path))
+            with heard():
+                reader.Update()
+            return dataset_of(reader.GetOutput(), resolution)
+        with opened(path) as file:
+            if _ROOT not in file:
+                raise FileFormatError(f"expected a group {_ROOT}, there is none")
+            root = file[_ROOT]
+            kind = text(root.attrs.get("Type", b""))
+            if kind != "ImageData":
+                kind = kind[:100] or "data of no type"
+                raise InputError(f"it holds {kind}, not a regular grid{ADVICE}")
+            if "Steps" in root:
+                raise InputError("it is a series of times; save one of them as .vti, or as .vtkhdf")
+            extent = _numbers(root, "WholeExtent", 6).astype(np.int64)
+            points = tuple(int(n) for n in extent[1::2] - extent[::2] + 1)
+            if min(points) < 1 or max(points) > 2**31:
+                raise FileFormatError(f"WholeExtent is {extent.tolist()}: it holds no points")
+            place = Even(
+                _numbers(root, "Origin", 3, (0, 0, 0)),
+                _numbers(root, "Spacing", 3, (1, 1, 1)),
+                _numbers(root, "Direction", 9, UPRIGHT),
+                tuple(extent[::2].tolist()),
+                points,
             )
-        load = functools.partial(_load, path, item.name)
-        dtype = item.dtype.newbyteorder("=")
-        yield Array(name, at, item.shape[3] if item.ndim == 4 else 1, dtype, load)
+            active = {
+                at: name
+                for tag, at in _SECTIONS
+                for name, item in (root.get(tag) or {}).items()
+                if text(item.attrs.get("Attribute", b"")) == "Scalars"
+            }
+            return Dataset(points, place, list(_arrays(path, root, points)), active)
 
 
-def _load(path: Path, place: str) -> np.ndarray:
-    group, _, name = place.rpartition("/")
+def _arrays(path: Path, root: Any, points: tuple[int, ...]) -> Iterator[DataArray]:
+    for tag, at in _SECTIONS:
+        shape = cell_counts(points, at)[::-1]
+        for name in root.get(tag) or ():
+            item = data_set(path, root[tag], name)
+            if item.shape[:3] != shape or item.ndim > 4:
+                raise FileFormatError(
+                    f"{item.name} has the shape {item.shape}, but there are {shape} {at}s (z, y, x)"
+                )
+            load = functools.partial(_load, path, f"{_ROOT}/{tag}", name)
+            count = item.shape[3] if item.ndim == 4 else 1
+            yield DataArray(name, at, count, item.dtype.newbyteorder("="), load)
+
+
+def _load(path: Path, group: str, name: str) -> np.ndarray:
     with opened(path) as file:
         values = read(data_set(path, file[group], name))
     return values if values.ndim == 4 else values[..., None]
 
 
-def _active(root: Any) -> dict[str, str]:
-    found = {}
-    for tag, at in _SECTIONS:
-        for name, item in (root.get(tag) or {}).items():
-            if bytes(item.attrs.get("Attribute", b"")) == b"Scalars":
-                found[at] = name
-    return found
-
-
-def _numbers(root: Any, name: str, count: int, default: Any = None) -> np.ndarray:
-    values = np.ravel(root.attrs.get(name, () if default is None else default))
+def _numbers(root: Any, name: str, count: int, default: Any = ()) -> np.ndarray:
+    values = np.ravel(root.attrs.get(name, default))
     if len(values) != count or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
         raise FileFormatError(f"expected {name} to be {count} numbers, got {values!r:.100}")
     return values

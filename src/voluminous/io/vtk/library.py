@@ -30,7 +30,7 @@ def vtk(module: str) -> Any:
 
 @contextmanager
 def heard(warnings: bool = True) -> Iterator[None]:
-    """Make an error of whatever text VTK shows meanwhile; without `warnings` of errors alone."""
+    """Make an error of the text that VTK shows meanwhile; without `warnings` of errors alone."""
     core = vtk("vtkCommonCore")
     window, log = core.vtkOutputWindow, core.vtkLogger
     before, verbosity = window.GetInstance(), log.GetCurrentVerbosityCutoff()
@@ -45,14 +45,9 @@ def heard(warnings: bool = True) -> Iterator[None]:
         log.SetStderrVerbosity(verbosity)
     text = _HARMLESS.sub("", own.GetOutput())
     if text.strip() and (warnings or "ERROR:" in text):
-        raise FileFormatError(f"VTK cannot read it: {_plain(text)}")
-
-
-def _plain(text: str) -> str:
-    """Return what VTK says without the lines of its source and dumps of its state."""
-    told = _NOISE.sub("", _DUMP.sub("", text) or text)
-    lines = dict.fromkeys(line.strip() for line in told.splitlines() if line.strip())
-    return "; ".join(lines)[:_LONGEST]
+        plain = _NOISE.sub("", _DUMP.sub("", text) or text).splitlines()
+        lines = dict.fromkeys(line.strip() for line in plain if line.strip())
+        raise FileFormatError(f"VTK cannot read it: {'; '.join(lines)[:_LONGEST]}")
 
 
 def tree(path: Path) -> Any:
@@ -87,9 +82,9 @@ def needed(element: Any, name: str) -> Any:
 
 def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, ...]:
     """Return an attribute of so many numbers."""
-    text = element.GetAttribute(name)
+    text = element.GetAttribute(name) or ""
     try:
-        found = tuple(kind(word) for word in (text or "").split())
+        found = tuple(kind(word) for word in text.split())
     except ValueError:
         found = ()
     if len(found) != count or any(abs(n) > 2**31 for n in found if kind is int):
@@ -102,15 +97,12 @@ def numbers(element: Any, name: str, count: int, kind: Any = int) -> tuple[Any, 
 
 def check_arrays(piece: Any) -> None:
     """Refuse what VTK takes without a word: a million components, values before the first byte."""
-    for section in children(piece):
-        for array in children(section, "DataArray"):
-            count = array.GetAttribute("NumberOfComponents") or "1"
-            if not count.strip().isdigit() or not 1 <= int(count) <= _MOST_COMPONENTS:
-                raise FileFormatError(
-                    f"array {array.GetAttribute('Name')!r}: expected 1 to {_MOST_COMPONENTS} "
-                    f"components, got {count:.20}"
-                )
-            if (array.GetAttribute("offset") or "").strip().startswith("-"):
-                raise FileFormatError(
-                    f"array {array.GetAttribute('Name')!r}: its offset is negative"
-                )
+    for array in (a for section in children(piece) for a in children(section, "DataArray")):
+        count = array.GetAttribute("NumberOfComponents") or "1"
+        if not count.strip().isdigit() or not 1 <= int(count) <= _MOST_COMPONENTS:
+            raise FileFormatError(
+                f"array {array.GetAttribute('Name')!r}: expected 1 to {_MOST_COMPONENTS} "
+                f"components, got {count:.20}"
+            )
+        if (array.GetAttribute("offset") or "").strip().startswith("-"):
+            raise FileFormatError(f"array {array.GetAttribute('Name')!r}: its offset is negative")

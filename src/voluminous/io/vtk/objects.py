@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import contextlib
+import re
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,26 +17,164 @@ from .dataset import (
     CELL,
     POINT,
     UPRIGHT,
-    Array,
+    DataArray,
     Dataset,
     Even,
     Uneven,
-    aligned_lines,
+    aligned,
     cell_counts,
-    told,
-    volume_of,
 )
 from .library import heard, vtk
 
 if TYPE_CHECKING:
     from ...volume import Volume
 
-
 _INSIDE = "vtkValidPointMask"
 _FLOATS = (10, 11)  # VTK_FLOAT, VTK_DOUBLE
+# More numbers are no remark but data.
+_MOST_NUMBERS = 16
+_LONGEST_TEXT = 4096
+# Of the names that programs use for the one number that all know.
+_TIME = ("TimeValue", "TIME", "Time", "time")
+_TIME_IN_TITLE = re.compile(r"\btime\s*=\s*([-+.\deE]+)")
+# What VTK writes as title of everything.
+_NO_TITLE = "vtk output"
 
 
-def resampled(mesh: Any, resolution: Any) -> Any:
+def from_pyvista(
+    dataset: Any, fields: Any = None, *, unit: Any = None, resolution: Any = None
+) -> Volume:
+    """Return a volume of an object of PyVista or VTK.
+
+    Parameters
+    ----------
+    dataset : pyvista.ImageData, pyvista.RectilinearGrid, or VTK's own
+        Also a `StructuredGrid` whose points lie on planes of constant x, y and z. Values at points
+        become cells around these; arrays of three components become three fields ``name_x``,
+        ``name_y``, ``name_z``.
+    fields : None, str, sequence of str or dict, optional
+        Which arrays, as for `voluminous.open`; by default all at points, or all in cells, whichever
+        the active scalars are, or most. ``{"density": "cell/rho"}`` is one in cells by another
+        name.
+    unit : str or unit, optional
+        Of lengths, which VTK does not know.
+    resolution : int or three int, optional
+        Resample to equal cells: so many along the longest side, or along x, y and z. Needed for
+        meshes and curved grids; cells whose centre lies outside of a mesh are NaN.
+
+    Returns
+    -------
+    Volume
+        With copies of the values: VTK keeps x fastest, volumes z.
+
+    Raises
+    ------
+    InputError
+        If it is something else: says what to do.
+
+    Examples
+    --------
+    >>> mesh = pyvista.examples.load_uniform()  # doctest: +SKIP
+    >>> volume = vm.from_pyvista(mesh, "Spatial Point Data")  # doctest: +SKIP
+    """
+    return dataset_of(dataset, resolution).volume(fields, unit).load()
+
+
+def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset:
+    """Return what an object holds; a mesh or a curved grid needs a resolution."""
+    if not hasattr(dataset, "IsA"):
+        raise InputError(f"expected an object of PyVista or VTK, got {type(dataset).__name__}")
+    if resolution is not None:
+        dataset = _resampled(dataset, resolution)
+    kinds = ("vtkImageData", "vtkRectilinearGrid", "vtkStructuredGrid")
+    kind = next((kind for kind in kinds if dataset.IsA(kind)), None)
+    if kind is None:
+        raise InputError(
+            f"expected image data or a rectilinear grid, got {type(dataset).__name__}{ADVICE}"
+        )
+    points = _points(dataset)
+    if min(points) < 1:
+        raise InputError(f"the {type(dataset).__name__} is empty: it has {points} points")
+    low = dataset.GetExtent()[::2]
+    place: Even | Uneven
+    if kind == kinds[0]:
+        matrix = dataset.GetDirectionMatrix()
+        direction = tuple(matrix.GetElement(i, j) for i in range(3) for j in range(3))
+        place = Even(dataset.GetOrigin(), dataset.GetSpacing(), direction or UPRIGHT, low, points)
+    elif kind == kinds[1]:
+        lines = (_numpy(getattr(dataset, f"Get{axis}Coordinates")()) for axis in "XYZ")
+        place = Uneven(tuple(lines))
+    else:
+        place = aligned(_numpy(dataset.GetPoints().GetData()).reshape(*points[::-1], 3))
+    active = {
+        at: data.GetScalars().GetName()
+        for at, data in _attributes(dataset)
+        if data.GetScalars() is not None and data.GetScalars().GetName()
+    }
+    return Dataset(points, place, list(arrays_of(dataset)), active, _meta(dataset, title), low)
+
+
+def _points(dataset: Any) -> tuple[int, ...]:
+    """Return the number of points along x, y and z, which all kinds tell by their extent."""
+    extent = dataset.GetExtent()
+    return tuple(high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True))
+
+
+def _attributes(dataset: Any) -> tuple[tuple[str, Any], ...]:
+    return (POINT, dataset.GetPointData()), (CELL, dataset.GetCellData())
+
+
+def arrays_of(dataset: Any) -> Iterator[DataArray]:
+    """Give the arrays of numbers at points and in cells."""
+    points = _points(dataset)
+    for at, data in _attributes(dataset):
+        shape = cell_counts(points, at)[::-1]
+        for number in range(data.GetNumberOfArrays()):
+            array = data.GetArray(number)  # None for texts
+            if array is not None and array.GetNumberOfComponents():
+                yield _array(array, array.GetName() or f"{at}_{number}", at, shape)
+
+
+def _array(array: Any, name: str, at: str, shape: tuple[int, ...]) -> DataArray:
+    components = array.GetNumberOfComponents()
+    labels = tuple(array.GetComponentName(k) or "" for k in range(components))
+    key = vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL()
+    unit = (array.GetInformation().Get(key) or "") if array.HasInformation() else ""
+
+    def load() -> np.ndarray:
+        return _numpy(array).reshape(*shape, components)
+
+    labels = labels if all(labels) else ()
+    unit = known_unit(unit.strip())
+    return DataArray(name, at, components, _numpy(array).dtype, load, labels, unit)
+
+
+def _numpy(array: Any) -> np.ndarray:
+    values: np.ndarray = vtk("util.numpy_support").vtk_to_numpy(array)
+    return values
+
+
+def _meta(dataset: Any, title: str) -> dict[str, Any]:
+    """Return what else a file tells; some codes tell the time in the title."""
+    data = dataset.GetFieldData()
+    meta: dict[str, Any] = {}
+    for number in range(data.GetNumberOfArrays()):
+        array = data.GetAbstractArray(number)
+        name = "time" if array.GetName() in _TIME else array.GetName()
+        if array.IsA("vtkStringArray"):
+            texts = map(array.GetValue, range(array.GetNumberOfValues()))
+            meta[name] = "\n".join(texts)[:_LONGEST_TEXT]
+        elif array.IsA("vtkDataArray") and 0 < array.GetNumberOfValues() <= _MOST_NUMBERS:
+            numbers = _numpy(array).ravel().tolist()
+            meta[name] = numbers[0] if len(numbers) == 1 else numbers
+    found = _TIME_IN_TITLE.search(title)
+    if found and "time" not in meta:
+        with contextlib.suppress(ValueError):
+            meta["time"] = float(found[1])
+    return meta if title in ("", _NO_TITLE) else {"title": title, **meta}
+
+
+def _resampled(mesh: Any, resolution: Any) -> Any:
     """Return image data whose points are the centres of equal cells that fill a mesh's bounds."""
     parts = [part for part in leaves(mesh) if part.GetNumberOfCells()]
     solid = max((part.GetMaxSpatialDimension() for part in parts), default=0)
@@ -128,150 +268,3 @@ def _prepared(parts: list[Any]) -> Any:
                 data.AddArray(changed)
         blocks.SetBlock(number, copy)
     return blocks
-
-
-# More are no remark but data.
-_MOST_NUMBERS = 16
-_LONGEST_TEXT = 4096
-_KINDS = ("vtkImageData", "vtkRectilinearGrid", "vtkStructuredGrid")
-
-
-def from_pyvista(
-    dataset: Any, fields: Any = None, *, unit: Any = None, resolution: Any = None
-) -> Volume:
-    """Return a volume of an object of PyVista or VTK.
-
-    Parameters
-    ----------
-    dataset : pyvista.ImageData, pyvista.RectilinearGrid, or VTK's own
-        Also a `StructuredGrid` whose points lie on planes of constant x, y and z. Values at points
-        become cells around these; arrays of three components become three fields ``name_x``,
-        ``name_y``, ``name_z``.
-    fields : None, str, sequence of str or dict, optional
-        Which arrays, as for `voluminous.open`; by default all at points, or all in cells, whichever
-        the active scalars are, or most. ``{"density": "cell/rho"}`` is one in cells by another
-        name.
-    unit : str or unit, optional
-        Of lengths, which VTK does not know.
-    resolution : int or three int, optional
-        Resample to equal cells: so many along the longest side, or along x, y and z. Needed for
-        meshes and curved grids; cells whose centre lies outside of a mesh are NaN.
-
-    Returns
-    -------
-    Volume
-        With copies of the values: VTK keeps x fastest, volumes z.
-
-    Raises
-    ------
-    InputError
-        If it is something else: says what to do.
-
-    Examples
-    --------
-    >>> mesh = pyvista.examples.load_uniform()  # doctest: +SKIP
-    >>> volume = vm.from_pyvista(mesh, "Spatial Point Data")  # doctest: +SKIP
-    """
-    return volume_of(dataset_of(dataset, resolution), fields, unit).load()
-
-
-def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset:
-    """Return what an object holds as for any file of VTK."""
-    if not hasattr(dataset, "IsA"):
-        raise InputError(f"expected an object of PyVista or VTK, got {type(dataset).__name__}")
-    if resolution is not None:
-        dataset = resampled(dataset, resolution)
-    kind = next((kind for kind in _KINDS if dataset.IsA(kind)), None)
-    if kind is None:
-        raise InputError(
-            f"expected image data or a rectilinear grid, got {type(dataset).__name__}{ADVICE}"
-        )
-    points = _points(dataset)
-    if min(points) < 1:
-        raise InputError(f"the {type(dataset).__name__} is empty: it has {points} points")
-    makers: dict[str, Callable[[Any], Any]] = dict(
-        zip(_KINDS, (_image, _rectilinear, _structured), strict=True)
-    )
-    place = makers[kind](dataset)
-    active = {
-        at: data.GetScalars().GetName()
-        for at, data in _attributes(dataset)
-        if data.GetScalars() is not None and data.GetScalars().GetName()
-    }
-    low = dataset.GetExtent()[::2]
-    remarks = told(_remarks(dataset), title)
-    return Dataset(points, place, list(arrays_of(dataset)), active, remarks, low)
-
-
-def _points(dataset: Any) -> tuple[int, ...]:
-    """Return the number of points along x, y and z, which all kinds tell by their extent."""
-    extent = dataset.GetExtent()
-    return tuple(high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True))
-
-
-def _image(dataset: Any) -> Even:
-    matrix = dataset.GetDirectionMatrix() if hasattr(dataset, "GetDirectionMatrix") else None
-    direction = UPRIGHT
-    if matrix is not None:
-        direction = tuple(matrix.GetElement(i, j) for i in range(3) for j in range(3))
-    low = dataset.GetExtent()[::2]
-    return Even(dataset.GetOrigin(), dataset.GetSpacing(), direction, low, _points(dataset))
-
-
-def _rectilinear(dataset: Any) -> Uneven:
-    lines = (_numpy(getattr(dataset, f"Get{axis}Coordinates")()) for axis in "XYZ")
-    return Uneven(tuple(lines))
-
-
-def _structured(dataset: Any) -> Uneven:
-    shape = (*_points(dataset)[::-1], 3)
-    return Uneven(tuple(aligned_lines(_numpy(dataset.GetPoints().GetData()).reshape(shape))))
-
-
-def _attributes(dataset: Any) -> Iterator[tuple[str, Any]]:
-    yield POINT, dataset.GetPointData()
-    yield CELL, dataset.GetCellData()
-
-
-def arrays_of(dataset: Any) -> Iterator[Array]:
-    """Give the arrays of numbers at points and in cells."""
-    points = _points(dataset)
-    for at, data in _attributes(dataset):
-        shape = cell_counts(points, at)[::-1]
-        for number in range(data.GetNumberOfArrays()):
-            array = data.GetArray(number)  # None for texts
-            if array is not None and array.GetNumberOfComponents():
-                yield _array(array, array.GetName() or f"{at}_{number}", at, shape)
-
-
-def _array(array: Any, name: str, at: str, shape: tuple[int, ...]) -> Array:
-    components = array.GetNumberOfComponents()
-    labels = tuple(array.GetComponentName(k) or "" for k in range(components))
-
-    def load() -> np.ndarray:
-        return _numpy(array).reshape(*shape, components)
-
-    key = vtk("vtkCommonCore").vtkDataArray.UNITS_LABEL()
-    unit = (array.GetInformation().Get(key) or "") if array.HasInformation() else ""
-    dtype = _numpy(array).dtype
-    return Array(
-        name, at, components, dtype, load, labels if all(labels) else (), known_unit(unit.strip())
-    )
-
-
-def _numpy(array: Any) -> np.ndarray:
-    values: np.ndarray = vtk("util.numpy_support").vtk_to_numpy(array)
-    return values
-
-
-def _remarks(dataset: Any) -> dict[str, Any]:
-    data, found = dataset.GetFieldData(), {}
-    for number in range(data.GetNumberOfArrays()):
-        array = data.GetAbstractArray(number)
-        if array.IsA("vtkStringArray"):
-            texts = map(array.GetValue, range(array.GetNumberOfValues()))
-            found[array.GetName()] = "\n".join(texts)[:_LONGEST_TEXT]
-        elif array.IsA("vtkDataArray") and 0 < array.GetNumberOfValues() <= _MOST_NUMBERS:
-            numbers = _numpy(array).ravel().tolist()
-            found[array.GetName()] = numbers[0] if len(numbers) == 1 else numbers
-    return found

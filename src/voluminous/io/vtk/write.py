@@ -20,21 +20,19 @@ from .library import heard, vtk
 if TYPE_CHECKING:
     from ...volume import Volume
 
-_UPRIGHT = np.eye(3)
 _OUT_OF_DISK_SPACE = 20007  # vtkErrorCode.h
 
 
 def write_image(volume: Volume, path: Path) -> None:
     """Write a volume of equal cells."""
-    grid = cartesian(volume)
+    grid, direction = cartesian(volume), direction_of(volume)
     if not grid.is_uniform:
         raise InputError("image data have equal cells, these are not: write a .vtr file")
     low, high = grid.bounds.T
-    direction = direction_of(volume)
-    if not np.array_equal(direction, _UPRIGHT):
+    if not np.array_equal(direction, np.eye(3)):
         # The grid of an oblique volume lies about the volume's true centre.
         middle = (low + high) / 2
-        low, high = (middle + direction @ (end - middle) for end in (low, high))
+        low = middle + direction @ (low - middle)
     image = vtk("vtkCommonDataModel").vtkImageData()
     image.SetDimensions(*(n + 1 for n in grid.shape))
     image.SetOrigin(*low)
@@ -46,7 +44,7 @@ def write_image(volume: Volume, path: Path) -> None:
 def write_rectilinear(volume: Volume, path: Path) -> None:
     """Write a volume of any cells between planes."""
     grid = cartesian(volume)
-    if not np.array_equal(direction_of(volume), _UPRIGHT):
+    if not np.array_equal(direction_of(volume), np.eye(3)):
         warnings.warn(
             "rectilinear grids of VTK cannot be turned: what meta['direction'] says of the cells "
             "is lost. A .vti file keeps it",
@@ -69,7 +67,17 @@ def _write(volume: Volume, data: Any, path: Path, kind: str) -> None:
         cells.AddArray(array)
         if len(parts) == 1 and cells.GetScalars() is None:
             cells.SetActiveScalars(name)
-    _add_remarks(volume, data.GetFieldData())
+    meta = {("TimeValue" if name == "time" else name): v for name, v in volume.meta.items()}
+    if volume.unit is not None:
+        meta["length_unit"] = str(volume.unit)
+    for name, value in meta.items():
+        if isinstance(value, str):
+            remark = vtk("vtkCommonCore").vtkStringArray()
+            remark.SetName(name)
+            remark.InsertNextValue(value)
+            data.GetFieldData().AddArray(remark)
+        elif isinstance(value, Real) and not isinstance(value, bool):
+            data.GetFieldData().AddArray(_array(name, np.array([float(value)])))
     writer = getattr(vtk("vtkIOXML"), f"vtkXML{kind}Writer")()
     writer.SetInputData(data)
     writer.SetFileName(str(path))
@@ -87,15 +95,16 @@ def _write(volume: Volume, data: Any, path: Path, kind: str) -> None:
 
 def _columns(volume: Volume) -> list[tuple[str, tuple[str, ...]]]:
     """Return the arrays to write: a field each, or the three of a vector that fit together."""
-    units, done, found = volume.units, set(), []
-    types = {name: told["dtype"] for name, told in volume.describe()["fields"].items()}
+    done, found = set(), []
+    kinds = {
+        name: (known["dtype"], volume.units[name])
+        for name, known in volume.describe()["fields"].items()
+    }
     for name in volume.fields:
         base = name.removesuffix(VECTOR[0])
         parts = tuple(base + ending for ending in VECTOR)
-        alike = {(types.get(part), units.get(part)) for part in parts} == {
-            (types[name], units[name])
-        }
-        if name != base and alike and base not in types:
+        alike = {kinds.get(part) for part in parts} == {kinds[name]}
+        if name != base and alike and base not in kinds:
             done |= set(parts)
             found.append((base, parts))
     return found + [(name, (name,)) for name in volume.fields if name not in done]
@@ -111,17 +120,3 @@ def _array(name: str, values: np.ndarray) -> Any:
     array = vtk("util.numpy_support").numpy_to_vtk(native)
     array.SetName(name)
     return array
-
-
-def _add_remarks(volume: Volume, data: Any) -> None:
-    meta = {("TimeValue" if name == "time" else name): v for name, v in volume.meta.items()}
-    if volume.unit is not None:
-        meta["length_unit"] = str(volume.unit)
-    for name, value in meta.items():
-        if isinstance(value, str):
-            text = vtk("vtkCommonCore").vtkStringArray()
-            text.SetName(name)
-            text.InsertNextValue(value)
-            data.AddArray(text)
-        elif isinstance(value, Real) and not isinstance(value, bool):
-            data.AddArray(_array(name, np.array([float(value)])))

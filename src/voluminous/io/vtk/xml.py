@@ -1,4 +1,4 @@
-"""From an XML file of VTK to what is in it: one piece, several, or pieces in files of their own.
+"""XML files of VTK: image data (.vti), rectilinear grids (.vtr), pieces and blocks of them.
 
 https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html
 """
@@ -21,8 +21,8 @@ from ...memory import check_memory
 from ..contract import FieldInfo, Reader
 from ..guard import placed
 from ..payload import checked_shape, inside
-from .blocks import LISTED, Block, infos_of_blocks, listed, together, volume_of_blocks
-from .dataset import ADVICE, CELL, OPTIONS, POINT, Array, Dataset, Even, infos, volume_of
+from .blocks import Block, alike, joined, listed, patches, together
+from .dataset import ADVICE, CELL, OPTIONS, POINT, DataArray, Dataset, Even
 from .library import check_arrays, children, heard, needed, numbers, tree, vtk
 from .objects import arrays_of, dataset_of
 from .write import write_image, write_rectilinear
@@ -30,190 +30,21 @@ from .write import write_image, write_rectilinear
 if TYPE_CHECKING:
     from ...volume import Volume
 
-
-IMAGE, RECTILINEAR, STRUCTURED = "ImageData", "RectilinearGrid", "StructuredGrid"
-
-
-def dataset(path: Path) -> Dataset:
-    """Return what is in a file."""
-    root = tree(path)
-    told = root.GetAttribute("type") or ""
-    kind = told.removeprefix("P")
-    if kind not in (IMAGE, RECTILINEAR, STRUCTURED):
-        raise InputError(f"it holds {told[:100] or 'data of no type'}, not a regular grid{ADVICE}")
-    element = needed(root, told)
-    if told == kind:
-        whole = together(_pieces(path, kind, element))
-        return replace(whole, arrange=_told(element, whole.arrange))
-    parts = []
-    for child in children(element, "Piece"):
-        source = inside(path.parent, child.GetAttribute("Source") or "")
-        with placed(source.name):
-            inner = tree(source)
-            if inner.GetAttribute("type") != kind:
-                raise FileFormatError(f"a piece of {path.name}: expected a VTK file with {kind}")
-            parts += _pieces(source, kind, needed(inner, kind))
-    whole = together(parts)
-    meta: dict[str, Any] = {}
-    for part in parts:
-        meta |= part.meta
-    return replace(whole, arrange=_told(element, whole.arrange), active=_active(element), meta=meta)
-
-
-def _told(element: Any, arrange: Any) -> Any:
-    """Return where image data are, as its element says: VTK passes over what is no number."""
-    if not isinstance(arrange, Even):
-        return arrange
-    counts = {"Origin": 3, "Spacing": 3, "Direction": 9}
-    given = {
-        name.lower(): numbers(element, name, count, float)
-        for name, count in counts.items()
-        if element.GetAttribute(name)
-    }
-    return replace(arrange, **given)
-
-
-def _active(element: Any) -> dict[str, str]:
-    """Return the names of the active scalars, as the file says that names the pieces."""
-    sections = [(at, children(element, f"P{tag}Data")) for at, tag in _SECTIONS]
-    told = {at: found[0].GetAttribute("Scalars") for at, found in sections if found}
-    return {at: name for at, name in told.items() if name}
-
-
-_SECTIONS = ((POINT, "Point"), (CELL, "Cell"))
-
-
-def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
-    parts = []
-    for piece in children(element, "Piece"):
-        extent = numbers(piece, "Extent", 6)
-        check_arrays(piece)
-        if all(low <= high for low, high in zip(extent[::2], extent[1::2], strict=True)):
-            parts.append(_piece(path, kind, extent))
-    return parts
-
-
-def _piece(path: Path, kind: str, extent: tuple[int, ...]) -> Dataset:
-    """Return what is in a part of a file, whose values are read when they are used."""
-    low, high = extent[::2], extent[1::2]
-    points = checked_shape(np.subtract(high, low) + 1, "the number of points")
-    if kind == STRUCTURED:
-        check_memory(24 * math.prod(points), "the points of the grid", "is the file damaged?")
-    place = dataset_of(_read(path, kind, extent, ""))
-    # The first cell alone tells all that is to be known of the arrays.
-    first = [n for a, b in zip(low, high, strict=True) for n in (a, min(a + 1, b))]
-    told = dataset_of(_read(path, kind, first))
-    arrays = [replace(array, load=functools.partial(_load, path, kind, extent, array))
-              for array in told.arrays]  # fmt: skip
-    return replace(place, arrays=arrays, active=told.active, meta=told.meta)
-
-
-def _load(path: Path, kind: str, extent: tuple[int, ...], array: Array) -> np.ndarray:
-    values = array.components * array.dtype.itemsize
-    size = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True)) * values
-    check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")
-    found = arrays_of(_read(path, kind, extent, array.place))
-    return next(a for a in found if (a.at, a.name) == (array.at, array.name)).load()
-
-
-def _read(path: Path, kind: str, extent: Any, only: str | None = None) -> Any:
-    """Return VTK's object of a part of a file, with all arrays, or with the one at a place."""
-    reader = getattr(vtk("vtkIOXML"), f"vtkXML{kind}Reader")()
-    reader.SetFileName(str(path))
-    with heard():
-        reader.UpdateInformation()
-        if only is not None:
-            for at, tag in _SECTIONS:
-                selection = getattr(reader, f"Get{tag}DataArraySelection")()
-                selection.DisableAllArrays()
-                if only.startswith(f"{at}/"):
-                    selection.EnableArray(only.removeprefix(f"{at}/"))
-        reader.UpdateExtent(extent)
-    return reader.GetOutput()
-
-
-# All of these have elements <DataSet> that name files, at any depth.
-_KINDS = (
-    *("vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"),
-    *("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet"),
-)
-_SERIES = "Collection"
-_MOST_BLOCKS = 100_000
-
-
-def names_others(root: Any) -> bool:
-    """Return True for a file that only names others."""
-    return root.GetAttribute("type") in (*_KINDS, _SERIES)
-
-
-def datasets(path: Path) -> dict[Block, Dataset]:
-    """Return the blocks on regular grids; a warning names those that are none."""
-    found, others, why = {}, [], ""
-    for block in _blocks(path):
-        try:
-            with placed(block.path.name):
-                found[block] = dataset(block.path)
-        except FileFormatError:
-            raise
-        except InputError as error:
-            others.append(block)
-            why = why or str(error)
-    if not found and len(others) == 1:
-        raise InputError(why)
-    if not found:
-        raise InputError(f"none of its blocks is a regular grid{ADVICE}:\n{listed(others)}")
-    if others:
-        warnings.warn(
-            f"{path.name}: blocks that are no regular grids are left out:\n{listed(others)}",
-            stacklevel=2,
-        )
-    return found
-
-
-def _blocks(path: Path) -> list[Block]:
-    root = tree(path)
-    told = root.GetAttribute("type")
-    told_of = list(_named(needed(root, told), ""))
-    if not told_of:
-        raise FileFormatError("it names no files of data")
-    if len(told_of) > _MOST_BLOCKS:
-        raise FileFormatError(f"it names {len(told_of)} files, more than {_MOST_BLOCKS}")
-    if told == _SERIES:
-        _check_times(path, [element for _, element in told_of])
-    return [
-        Block(name, path.parent / element.GetAttribute("file"))
-        for name, element in told_of
-        if inside(path.parent, element.GetAttribute("file"))
-    ]
-
-
-def _named(element: Any, above: str) -> Iterator[tuple[str, Any]]:
-    """Give the elements of files, each with its name: those of the blocks it is in before it."""
-    for child in children(element):
-        own = child.GetAttribute("name") or ""
-        name = f"{above}/{own}" if above and own else above or own
-        if child.GetName() == "DataSet" and child.GetAttribute("file"):
-            yield name, child
-        else:
-            yield from _named(child, name)
-
-
-def _check_times(path: Path, sets: list[Any]) -> None:
-    times = {element.GetAttribute("timestep") or "0": element for element in sets}
-    if len(times) > 1:
-        lines = [f"  {path.parent / e.GetAttribute('file')} (time {t})" for t, e in times.items()]
-        more = [f"  … and {len(lines) - LISTED} more"] if len(lines) > LISTED else []
-        raise InputError(
-            f"it is a series of {len(times)} times; open one of them:\n"
-            + "\n".join(lines[:LISTED] + more)
-        )
-
-
 # What may come before the first tag: a declaration, and comments.
 _FIRST_TAG = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*(?:<\?[^>]*>\s*|<!--(?:(?!-->).)*-->\s*)*<VTKFile\b([^>]*)", re.DOTALL
 )
 _TYPE = re.compile(rb"""\btype\s*=\s*["'](\w+)["']""")
+_GRIDS = ("ImageData", "RectilinearGrid", "StructuredGrid")
+_SECTIONS = ((POINT, "Point"), (CELL, "Cell"))
+_PLACE = {"Origin": 3, "Spacing": 3, "Direction": 9}
+# All of these have elements <DataSet> that name files, at any depth.
+_SERIES = "Collection"
+_BLOCKS = (
+    *("vtkMultiBlockDataSet", "vtkPartitionedDataSet", "vtkPartitionedDataSetCollection"),
+    *("vtkOverlappingAMR", "vtkNonOverlappingAMR", "vtkHierarchicalBoxDataSet", _SERIES),
+)
+_MOST_BLOCKS = 100_000
 
 
 class VTKXMLReader(Reader):
@@ -246,27 +77,15 @@ class VTKXMLReader(Reader):
         resolution: Any = None,
         **options: Any,
     ) -> Volume:
-        if resolution is not None:
-            return volume_of(_resampled(path, resolution), fields, unit)
-        if names_others(tree(path)):
-            return volume_of_blocks(datasets(path), fields, unit)
-        return volume_of(dataset(path), fields, unit)
+        found = _opened(path, resolution)
+        if isinstance(found, Dataset):
+            return found.volume(fields, unit)
+        return patches(found, fields, unit)
 
     def info(self, path: Path, *, resolution: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
-        if resolution is not None:
-            return infos(_resampled(path, resolution))
-        if names_others(tree(path)):
-            return infos_of_blocks(datasets(path))
-        return infos(dataset(path))
-
-
-def _resampled(path: Path, resolution: Any) -> Dataset:
-    tree(path)  # VTK does not tell of a file that is cut short
-    reader = vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
-    reader.SetFileName(str(path))
-    with heard():
-        reader.Update()
-    return dataset_of(reader.GetOutput(), resolution)
+        found = _opened(path, resolution)
+        # Shapes are those of the first of several patches.
+        return (found if isinstance(found, Dataset) else alike(found)[0]).infos()
 
 
 class VTIReader(VTKXMLReader):
@@ -275,7 +94,7 @@ class VTIReader(VTKXMLReader):
     name = "vti"
     description = "a file of VTK image data (.vti)"
     suffixes = (".vti",)
-    kind = IMAGE
+    kind = "ImageData"
     writes = True
 
     def write(self, volume: Volume, path: Path) -> None:
@@ -288,8 +107,160 @@ class VTRReader(VTKXMLReader):
     name = "vtr"
     description = "a VTK rectilinear grid (.vtr)"
     suffixes = (".vtr",)
-    kind = RECTILINEAR
+    kind = "RectilinearGrid"
     writes = True
 
     def write(self, volume: Volume, path: Path) -> None:
         write_rectilinear(volume, path)
+
+
+def _opened(path: Path, resolution: Any) -> Dataset | dict[Block, Dataset]:
+    """Return what is in a file, as one, or as blocks that fill no box together."""
+    root = tree(path)  # VTK does not tell of a file that is cut short
+    if resolution is not None:
+        reader = vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
+        reader.SetFileName(str(path))
+        with heard():
+            reader.Update()
+        return dataset_of(reader.GetOutput(), resolution)
+    if root.GetAttribute("type") not in _BLOCKS:
+        return _dataset(path)
+    blocks = _blocks(path, root)
+    return joined(blocks) or blocks
+
+
+def _dataset(path: Path) -> Dataset:
+    """Return what is in a file of one grid, or of its pieces."""
+    root = tree(path)
+    parallel = root.GetAttribute("type") or ""
+    kind = parallel.removeprefix("P")
+    if kind not in _GRIDS:
+        raise InputError(
+            f"it holds {parallel[:100] or 'data of no type'}, not a regular grid{ADVICE}"
+        )
+    element = needed(root, parallel)
+    if parallel == kind:
+        whole = together(_pieces(path, kind, element))
+    else:
+        parts: list[Dataset] = []
+        for child in children(element, "Piece"):
+            source = inside(path.parent, child.GetAttribute("Source") or "")
+            with placed(source.name):
+                inner = tree(source)
+                if inner.GetAttribute("type") != kind:
+                    raise FileFormatError(
+                        f"a piece of {path.name}: expected a VTK file with {kind}"
+                    )
+                parts += _pieces(source, kind, needed(inner, kind))
+        sections = [(at, children(element, f"P{tag}Data")) for at, tag in _SECTIONS]
+        active = {at: found[0].GetAttribute("Scalars") for at, found in sections if found}
+        meta = {name: value for part in parts for name, value in part.meta.items()}
+        shown = {at: name for at, name in active.items() if name}
+        whole = replace(together(parts), active=shown, meta=meta)
+    if isinstance(whole.arrange, Even):  # as the element says: VTK passes over what is no number
+        given = {
+            name.lower(): numbers(element, name, count, float)
+            for name, count in _PLACE.items()
+            if element.GetAttribute(name)
+        }
+        whole = replace(whole, arrange=replace(whole.arrange, **given))
+    return whole
+
+
+def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
+    """Return the pieces in a file, whose values are read when they are used."""
+    parts = []
+    for piece in children(element, "Piece"):
+        extent = numbers(piece, "Extent", 6)
+        check_arrays(piece)
+        low, high = extent[::2], extent[1::2]
+        if any(a > b for a, b in zip(low, high, strict=True)):
+            continue
+        points = checked_shape(np.subtract(high, low) + 1, "the number of points")
+        if kind == "StructuredGrid":
+            size = 24 * math.prod(points)
+            check_memory(size, "the points of the grid", "is the file damaged?")
+        place = dataset_of(_read(path, kind, extent, ""))
+        # The first cell alone tells all that is to be known of the arrays.
+        corner = [n for a, b in zip(low, high, strict=True) for n in (a, min(a + 1, b))]
+        first = dataset_of(_read(path, kind, corner))
+        arrays = [
+            replace(array, load=functools.partial(_load, path, kind, extent, array))
+            for array in first.arrays
+        ]
+        parts.append(replace(place, arrays=arrays, active=first.active, meta=first.meta))
+    return parts
+
+
+def _load(path: Path, kind: str, extent: tuple[int, ...], array: DataArray) -> np.ndarray:
+    points = math.prod(b - a + 1 for a, b in zip(extent[::2], extent[1::2], strict=True))
+    size = points * array.components * array.dtype.itemsize
+    check_memory(size, f"reading {array.name!r}", "read a coarser copy; is the file damaged?")
+    found = arrays_of(_read(path, kind, extent, array.place))
+    return next(a for a in found if (a.at, a.name) == (array.at, array.name)).load()
+
+
+def _read(path: Path, kind: str, extent: Any, only: str | None = None) -> Any:
+    """Return VTK's object of a part of a file, with all arrays, or with the one at a place."""
+    reader = getattr(vtk("vtkIOXML"), f"vtkXML{kind}Reader")()
+    reader.SetFileName(str(path))
+    with heard():
+        reader.UpdateInformation()
+        if only is not None:
+            for at, tag in _SECTIONS:
+                selection = getattr(reader, f"Get{tag}DataArraySelection")()
+                selection.DisableAllArrays()
+                if only.startswith(f"{at}/"):
+                    selection.EnableArray(only.removeprefix(f"{at}/"))
+        reader.UpdateExtent(extent)
+    return reader.GetOutput()
+
+
+def _blocks(path: Path, root: Any) -> dict[Block, Dataset]:
+    """Return the blocks on regular grids; a warning names those that are none."""
+    kind = root.GetAttribute("type")
+    files = list(_named(needed(root, kind), ""))
+    if not 0 < len(files) <= _MOST_BLOCKS:
+        raise FileFormatError(
+            f"it names {len(files)} files, expected 1 to {_MOST_BLOCKS}"
+            if files
+            else "it names no files of data"
+        )
+    times = {element.GetAttribute("timestep") or "0": element for _, element in files}
+    if kind == _SERIES and len(times) > 1:
+        steps = [f"{path.parent / e.GetAttribute('file')} (time {t})" for t, e in times.items()]
+        raise InputError(
+            f"it is a series of {len(times)} times; open one of them:\n{listed(steps)}"
+        )
+    found, others, why = {}, [], ""
+    for name, element in files:
+        inside(path.parent, element.GetAttribute("file"))
+        block = Block(name, path.parent / element.GetAttribute("file"))
+        try:
+            with placed(block.path.name):
+                found[block] = _dataset(block.path)
+        except FileFormatError:
+            raise
+        except InputError as error:
+            others.append(block)
+            why = why or str(error)
+    if not found and len(others) == 1:
+        raise InputError(why)
+    if not found:
+        raise InputError(f"none of its blocks is a regular grid{ADVICE}:\n{listed(others)}")
+    if others:
+        warnings.warn(
+            f"{path.name}: blocks that are no regular grids are left out:\n{listed(others)}",
+            stacklevel=2,
+        )
+    return found
+
+
+def _named(element: Any, above: str) -> Iterator[tuple[str, Any]]:
+    """Give the elements of files, each with its name: those of the blocks it is in before it."""
+    for child in children(element):
+        name = "/".join(filter(None, (above, child.GetAttribute("name"))))
+        if child.GetName() == "DataSet" and child.GetAttribute("file"):
+            yield name, child
+        else:
+            yield from _named(child, name)

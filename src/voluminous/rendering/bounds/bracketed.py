@@ -16,13 +16,13 @@ from ...media.bounds import RangeContext
 from ...media.contract import Medium
 from ...media.course import CourseContext, Courses, CubicPiece
 from ...media.stretch import control_point, shifted
+from ..cache import Cache
 from ..coefficients.classify import Classifier
 from ..coefficients.direct import Direct
 from ..coefficients.own_coordinates import ray_coordinates
 from ..empty_space.blocks import DUAL
 from ..empty_space.neglected import empty_blocks
 from ..sources.kept import get_lattices, get_ranges
-from ..store import Store
 from .curved import CurvedField
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -72,9 +72,9 @@ class Bracketed:
     """
 
     def __init__(self, volume: Any, medium: Medium, backend: Any, tolerance: float) -> None:
-        classifier, store = Classifier(volume, medium, Direct(medium), backend), Store(volume)
+        classifier, cache = Classifier(volume, medium, Direct(medium), backend), Cache(volume)
         self.medium, self.backend, grid = medium, backend, volume.grid
-        self.lattices, ranges = get_lattices(classifier, store), get_ranges(classifier, store, DUAL)
+        self.lattices, ranges = get_lattices(classifier, cache), get_ranges(classifier, cache, DUAL)
         self.signed = not all(_not_negative(part, volume, ranges) for part in medium.components())
         count = medium.channels * (4 if self.signed else 2)
         self.numbers = Numbers(count, count)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import get_backend
 from ...errors import InputError
 from ...media.contract import Medium
 from ...schemes.bracket import Bracket
@@ -79,7 +78,7 @@ def bracket(
         return None, None
     for part in job.medium.components():
         _check_known(part)
-    backend = get_backend(job.backend.device, "double")
+    backend = job.backend.with_precision("double")
     source = Bracketed(job.volume, job.medium, backend, job.tolerance)
     scheme = Bracket(budget, source.signed)
     job = replace(job, scheme=scheme, backend=backend, backward=False, cutoff=0.0, done=0)
