@@ -277,10 +277,10 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
 
 def _sections(volume: Volume, name: str) -> dict[str, Any]:
     """Return all of a scene but its volume: what `voluminous render` chooses, in short numbers."""
-    from ..calibration import auto
+    from ..calibration import suggest_medium
     from ..cameras.views import view_angles
 
-    medium = auto(volume, name, LEVELS)
+    medium = suggest_medium(volume, name, LEVELS)
     parts = [_told(part, volume) for part in medium.components()]
     more = {"render": {"scheme": "first-order"}} if medium.discrete else {}
     angles = {key: a for key, a in view_angles(volume.meta).items() if a or key != "posang"}

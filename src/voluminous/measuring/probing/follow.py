@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...expressions import Expression, NumpyOps
 from ...grids.contract import cells_across
 from ...grids.two_walks import cell_of
-from ...media.bounds import RangeContext
+from ...media.ranges import RangeContext
 from ...rendering.coefficients.emission_unit import before
 from ...rendering.job import Job
 from ...rendering.rays.drawing import Drawing

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...expressions.interval import Interval
 from ...grids.contract import has_blocks
-from ...media.bounds import RangeContext
 from ...media.contract import Medium
+from ...media.ranges import RangeContext
 from ..coefficients.classify import Classifier
 from .blocks import DUAL, worthwhile_blocks
 

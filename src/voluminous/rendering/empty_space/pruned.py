@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...expressions.interval import Interval
-from ...media.bounds import RangeContext
+from ...media.ranges import RangeContext
 from ..coefficients.classify import Classifier
 from ..interpolants.lattice import Octets
 
