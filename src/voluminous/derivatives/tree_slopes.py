@@ -479,7 +479,7 @@ def _solved(matrix: dict[tuple[int, int], Any], right: list[Any]) -> list[Any]:
 
 def is_tree(grid: Any) -> bool:
     """Return True for grids that kernels find neighbours on."""
-    return hasattr(grid, "neighbourhood")
+    return bool(grid.has_neighbourhood)
 
 
 class BoxesOfTree:

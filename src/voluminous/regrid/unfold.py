@@ -19,9 +19,9 @@ _THETA = 1
 def unfolded(volume: Any) -> Any:
     """Return a volume without a mirror; see `Volume.unfolded`."""
     grid = volume.grid
-    if not getattr(grid, "mirror", False):
+    if not grid.mirror:
         return volume
-    if len(grid.shape) == 1:
+    if not grid.is_structured:
         raise InputError(
             "a refined grid with mirror=True cannot be unfolded; make it with both halves, or "
             "use volume.resample(grid) first"
@@ -107,7 +107,7 @@ def _check_goes_around(grid: Any, counts: dict[str, int], around: int) -> None:
                 f"{axis} can only be divided where one cell goes all around, which is not so on "
                 f"this grid: {grid!r}"
             )
-    if len(grid.shape) == 1:
+    if not grid.is_structured:
         raise InputError(
             "a refined grid cannot be unfolded; use volume.resample(grid) with a grid that has "
             "many cells in phi"
