@@ -18,7 +18,7 @@ from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape, unpacked
 from .placement import Placement, lattice, single_field
-from .stored import GZIP, PLAIN, Stored, unpacked_start
+from .stored import GZIP, PLAIN, StoredNumbers, unpacked_start
 from .voxels import COLORS, VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ def _placement(head: Any) -> Placement:
     return Placement(affine[:3, 3], affine[:3, :3].T, unit, "RAS")
 
 
-def _stored(path: Path, head: Any, dtype: np.dtype[Any], count: int) -> Stored:
+def _stored(path: Path, head: Any, dtype: np.dtype[Any], count: int) -> StoredNumbers:
     offset = float(head["vox_offset"])
     if not 0 <= offset < 2**53:
         raise FileFormatError(f"vox_offset must be a number of bytes, got {offset}")
@@ -225,7 +225,7 @@ def _stored(path: Path, head: Any, dtype: np.dtype[Any], count: int) -> Stored:
     offset = max(offset, _SINGLE.get(magic, 0))
     with open(path, "rb") as file:
         packing = GZIP if file.read(2) == _GZIP_MAGIC else PLAIN
-    return Stored((path,), dtype, count, packing, skipped=int(offset))
+    return StoredNumbers((path,), dtype, count, packing, skipped=int(offset))
 
 
 def _scaled(values: np.ndarray, slope: float, intercept: float) -> np.ndarray:
