@@ -76,7 +76,8 @@ class NIfTIReader(VoxelReader):
         dtype = np.dtype(np.uint8) if colors > 1 else dtype
         if dtype.kind not in "iuf" or dtype.itemsize > 8:
             raise FileFormatError(
-                f"expected real numbers of up to 64 bits, got datatype {header['datatype']}: {dtype}"
+                "expected real numbers of up to 64 bits, got "
+                f"datatype {header['datatype']}: {dtype}"
             )
         size = math.prod(shape) * colors
         stored = _stored(data_path, header, dtype, size * times * count).check()
