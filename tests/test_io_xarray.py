@@ -410,7 +410,10 @@ def test_a_picture_is_that_of_the_volume(ball):
     assert ball.voluminous.to_volume(unit="pc").unit == u.pc
     assert "render" in repr(ball.voluminous)
     by_field = ball.voluminous.render("rho**2", camera)
-    assert by_field.provenance["medium"] == vm.auto(vm.from_xarray(ball), "rho**2").describe()
+    assert (
+        by_field.provenance["medium"]
+        == vm.suggest_medium(vm.from_xarray(ball), "rho**2").describe()
+    )
 
 
 def test_axes_in_another_order_are_refused_where_shapes_do_not_tell():

@@ -53,7 +53,7 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
     options = {"scheme": "first-order", "precision": precision}
     volume = core(shape=(3, 3, 3))
     tabulated = picture(volume, MEDIA[name], **options)
-    tables = [thing for thing in volume.tables.values() if isinstance(thing, Table)]
+    tables = [thing for thing, _ in volume.tables.values() if isinstance(thing, Table)]
     assert len(tables) == 1
     monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
     fresh = core(shape=(3, 3, 3))
@@ -73,7 +73,8 @@ def test_classifying_on_the_ray_knows_all_kinds_of_numbers(dtype, monkeypatch):
 
 def made(volume):
     """Return what is kept of a volume, but for plain numbers, and kernels of kinds of cameras."""
-    return {id(kept) for kept in volume.tables.values() if not isinstance(kept, (tuple, Kernels))}
+    things = (thing for thing, _ in volume.tables.values())
+    return {id(thing) for thing in things if not isinstance(thing, (tuple, Kernels))}
 
 
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))
@@ -116,11 +117,16 @@ def test_a_unit_that_is_corrected_makes_another_table():
     np.testing.assert_array_equal(picture(volume, medium), first)
 
 
-def test_few_tables_are_kept():
-    volume = core()
-    for k in range(40):
-        picture(volume, shell(center=0.05 * k))
-    assert len(volume.tables) <= 32
+def test_caches_are_limited_by_bytes(monkeypatch):
+    """A drag through centres drops the oldest tables; those of one picture stay together."""
+    monkeypatch.setattr("voluminous.rendering.cache.LIMIT", 8 << 20)
+    volume = core(shape=(64, 64, 64))  # 1 MiB per channel
+    for k in range(12):
+        picture(volume, shell(center=0.05 * k), scheme="first-order")
+        tables = [size for thing, size in volume.tables.values() if isinstance(thing, Table)]
+        assert 1 << 20 <= tables[-1] < 2 << 20
+        assert sum(size for _, size in volume.tables.values()) <= 10 << 20
+    assert len(tables) > 1
 
 
 TURNS = {

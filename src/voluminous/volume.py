@@ -74,7 +74,7 @@ class Volume(Evaluation, OnOtherCells):
         self._derivatives = Derivatives()
         # From where it is seen; see `seen_by`.
         self.sight = Sight(grid)
-        # What was made of this volume for pictures (see `rendering.store`), newest last.
+        # Cached for pictures (see `rendering.cache`), newest last, with the bytes that it takes.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         if isinstance(named.get("unit"), str):
             raise InputError(

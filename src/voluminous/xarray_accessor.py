@@ -31,20 +31,21 @@ class Accessor:
         Parameters
         ----------
         medium : Medium or str, optional
-            By default `voluminous.auto` finds one, for the field or expression if that is given.
+            By default `voluminous.suggest_medium` finds one, for the field or
+            expression if that is given.
         camera : camera, optional
             By default all is seen, from obliquely above.
         **options
             ``fields, dims, isel, sel, bounds, spacing, aspect, unit`` as in
             `voluminous.from_xarray`; all others as in `voluminous.render`.
         """
-        from .calibration import auto
+        from .calibration import suggest_medium
         from .rendering import render
 
         places = {name: options.pop(name) for name in _PLACES if name in options}
         volume = self.to_volume(**places)
         if isinstance(medium, str):
-            medium = auto(volume, medium)
+            medium = suggest_medium(volume, medium)
         return render(volume, medium, camera, **options)
 
     def __repr__(self) -> str:

@@ -21,6 +21,8 @@ DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}
 class Backend:
     """The array types of one device in one precision.
 
+    It is the key of everything that is cached for a device.
+
     Attributes
     ----------
     device : str
@@ -32,6 +34,8 @@ class Backend:
     Wide : type
         Double precision where the device has it. Work done once per ray or once per cell is done
         in it, so that single precision costs digits only where it saves time.
+    derivatives : bool
+        The arrays record what is computed with them, so that it can be differentiated.
     """
 
     device: str
@@ -42,6 +46,11 @@ class Backend:
     UInt: Any
     Bool: Any
     module: Any
+    derivatives: bool = False
+
+    def with_precision(self, precision: str) -> Backend:
+        """Return the backend of another precision, otherwise the same."""
+        return get_backend(self.device, precision, self.derivatives)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -79,7 +88,9 @@ class Backend:
         return dr.opaque(self.Wide, value)
 
 
-def get_backend(device: str = "auto", precision: str = "single") -> Backend:
+def get_backend(
+    device: str = "auto", precision: str = "single", derivatives: bool = False
+) -> Backend:
     """Return the backend for a device and a precision.
 
     Parameters
@@ -88,6 +99,8 @@ def get_backend(device: str = "auto", precision: str = "single") -> Backend:
         ``"auto"`` takes a GPU where there is one that has the precision, else the CPU.
     precision : {"single", "double"}
         Floating-point precision of the kernels.
+    derivatives : bool
+        Use Dr.Jit's array types that can be differentiated.
 
     Raises
     ------
@@ -100,11 +113,11 @@ def get_backend(device: str = "auto", precision: str = "single") -> Backend:
     check_name("device", device, ("auto", *DEVICES))
     if device == "auto":
         device = _best_device(precision)
-    return _backend(device, precision)
+    return _backend(device, precision, derivatives)
 
 
 @functools.cache
-def _backend(device: str, precision: str) -> Backend:
+def _backend(device: str, precision: str, derivatives: bool) -> Backend:
     if device == "cpu":
         if missing_llvm is not None:
             raise missing_llvm
@@ -116,7 +129,8 @@ def _backend(device: str, precision: str) -> Backend:
         )
     if device == "metal" and precision == "double":
         raise InputError("Metal GPUs have no double precision; use precision='single' or 'cpu'")
-    module = importlib.import_module(f"drjit.{DEVICES[device]}")
+    suffix = ".ad" if derivatives else ""
+    module = importlib.import_module(f"drjit.{DEVICES[device]}{suffix}")
     real = module.Float32 if precision == "single" else module.Float64
     return Backend(
         device=device,
@@ -127,6 +141,7 @@ def _backend(device: str, precision: str) -> Backend:
         UInt=module.UInt,
         Bool=module.Bool,
         module=module,
+        derivatives=derivatives,
     )
 
 

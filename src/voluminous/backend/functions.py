@@ -189,6 +189,9 @@ def split_log(x: Any) -> tuple[Any, Any]:
     bits: Any = dr.reinterpret_array(integer, x)
     n = (bits - 0x3F3504F3) >> 23
     mantissa: Any = dr.reinterpret_array(real, bits - (n << 23))
+    if dr.is_diff_v(real):  # the same number; bits have no derivative
+        exact = x * power_of_two(-real(n))
+        mantissa = dr.replace_grad(mantissa, exact)  # type: ignore[func-returns-value]
     f = mantissa - 1.0
     square = f * f
     tail = f * square * polynomial(f, _LOG_TAIL)

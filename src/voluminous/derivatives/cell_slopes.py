@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, from_host, get_backend
+from ..backend import dr, from_host
 
 # Where to look beyond a face, in widths of the cell: where centres of cells half as wide are.
 _SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -118,7 +118,7 @@ class CellSlopes:
         own: bool = True,
     ) -> None:
         self.grid, self.fields, self.boxes = grid, fields, boxes
-        self.backend = backend = get_backend(backend.device, "double")
+        self.backend = backend = backend.with_precision("double")
         self.around = (grid.surroundings if own else grid.neighbourhood)(backend)
         self.spacing = self.around.spacing(grid, backend)
         # Of each face and axis: 1 or -1 across it, and 0 along it.

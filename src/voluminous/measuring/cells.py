@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Sequence
 from numbers import Integral
 from typing import Any
@@ -15,7 +14,7 @@ from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
 from ..regrid.samples import points_along
-from ..rendering.coefficients.classify import extremes_of, range_of
+from ..rendering.cache import Statistics
 from .quantity import Quantity
 
 # Cells looked at at once.
@@ -69,8 +68,8 @@ def _defined(volume: Any, expression: Expression) -> bool:
     if not expression.partial:
         return True
     with np.errstate(all="ignore"):
-        extremes = functools.partial(extremes_of, volume)
-        fields = {name: range_of(volume, name, extremes) for name in expression.names}
+        statistics = Statistics(volume)
+        fields = {name: statistics.range_of(name) for name in expression.names}
         ops = IntervalOps()
         range_ = ops.number(expression.evaluate(ops, fields))
     return bool(np.isfinite(range_.lo) & np.isfinite(range_.hi))
@@ -227,8 +226,5 @@ def _reach(grid: Any, first: int, last: int) -> np.ndarray:
 
 
 def _native_boxes(grid: Any, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-    if tuple(grid.coordinates) == CARTESIAN:
-        size = np.asarray(grid.cell_sizes(first, last))
-        return np.asarray(grid.cell_centers(first, last)) - 0.5 * size, size
     low, high = grid.spans(first, last)
     return low, high - low

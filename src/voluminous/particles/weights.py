@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, from_host, get_backend
+from ..backend import dr, from_host
 from .kernels import Kernel
 from .overlaps import Overlaps, Pairs
 
@@ -34,7 +34,7 @@ class KernelWeights:
         self.overlaps, self.kernel = overlaps, kernel
         self.backend = overlaps.backend
         # Lengths are in radii of the support here: single precision is enough.
-        self.single = get_backend(self.backend.device, "single")
+        self.single = self.backend.with_precision("single")
 
     def of(self, pairs: Pairs) -> np.ndarray:
         """Return the weights of pairs, float32: they add up to about one for each particle."""

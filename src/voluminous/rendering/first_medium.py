@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..calibration import auto, presets
+from ..calibration import presets, suggest_medium
 from ..media.contract import Medium
 from ..volume import Volume
-from .store import Store
+from .cache import Cache
 
 
 def first_medium(volume: Volume) -> Medium:
-    """Return `voluminous.auto` of a volume, as found for the picture before, or its channels.
+    """Return `suggest_medium` of a volume, as found for the picture before, or its channels.
 
     The former takes a second for a million cells of patches, the picture itself a tenth.
     """
     if has_channels(volume):
         return presets.fluorescence(volume)
-    found = Store(volume).get(_key(volume))
+    found = Cache(volume).get(_key(volume))
     if found is None:
-        found = auto(volume)
-        Store(volume).keep(_key(volume), found)  # fields may have been read only now
+        found = suggest_medium(volume)
+        Cache(volume).put(_key(volume), found)  # fields may have been read only now
     medium: Medium = found
     return medium
 
@@ -34,4 +34,4 @@ def has_channels(volume: Volume) -> bool:
 def _key(volume: Volume) -> Any:
     """Return what tells whether a field has changed: one that waits in a file was not looked at."""
     read = [name for name in volume.fields if name not in volume.waiting]
-    return "first medium", Store(volume).digests(read)
+    return "first medium", Cache(volume).statistics.digests(read)

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, get_backend
-from ..grids.contract import cells_across, has_blocks
+from ..backend import dr
 from ..schemes.contract import scheme_key
 from ..volume import Volume
+from .cache import Cache
 from .coefficients.digits import beyond_single_sums
 from .coefficients.emission_unit import channels_last, in_units_of
-from .options import DEFAULT_ERROR, walk_kinds
+from .options import DEFAULT_ERROR
 from .rays.adaptive import refine
 from .rays.control import add_floor, controlled, in_kernel_unit, total_error
 from .rays.drawing import Drawing
@@ -24,7 +24,6 @@ from .rays.hidden import Hidden
 from .rays.kernels import Kernels
 from .rays.paths import Paths
 from .sources.choice import get_source
-from .store import Store
 
 
 @dataclass
@@ -75,7 +74,7 @@ class Job:
 
     Attributes
     ----------
-    store : Store
+    cache : Cache
         What was made of the volume before.
     hidden : Hidden, optional
         Cells that hold no value.
@@ -91,7 +90,7 @@ class Job:
     cutoff: float | None
     tolerance: float
     progress: Callable[[int, int], None]
-    store: Store
+    cache: Cache
     hidden: Hidden | None = None
     samples: int = 1
     adaptive: bool = False
@@ -110,10 +109,10 @@ class Job:
         they matter where there are bits to spare.
         """
         grid = self.volume.grid
-        if not self.scheme.reckoned or "reckoned" not in walk_kinds(grid):
+        if not self.scheme.reckoned or "reckoned" not in grid.walk_kinds:
             return False
         double = self.backend.precision == "double"
-        return not has_blocks(grid) or bool(double and self.camera.parallel)
+        return not grid.has_blocks or bool(double and self.camera.parallel)
 
     @property
     def walk_kind(self) -> str:
@@ -136,7 +135,7 @@ class Job:
     def steps(self) -> float:
         """About how many cells the rays will cross in all."""
         nx, ny = self.frame.pixels
-        return float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
+        return float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
 
     def run(self, brightest_background: float) -> Planes:
         """Render all pixels.
@@ -173,20 +172,20 @@ class Job:
 
     def _kernels(self, drawing: Drawing, faintest: bool) -> Kernels | None:
         """Return where what is traced is kept: with the volume, if all that steers it is known."""
-        if self.backend.device != "cpu":
+        if self.backend.device != "cpu" or self.backend.derivatives:
             return None
         parts = self.medium.key(), self.camera.key(), scheme_key(self.scheme)
-        if None in parts or not self.store.is_hashed(self.medium.names):
+        if None in parts or not self.cache.statistics.is_hashed(self.medium.names):
             return Kernels()
         source, ending = drawing.source, drawing.ending
         key = (
             "kernels",
             *parts,
-            self.store.digests(self.medium.names),
+            self.cache.statistics.digests(self.medium.names),
             (self.backend, self.backward, self.tolerance, faintest, self.hidden is None),
             (type(source), type(drawing.walk), None if ending is None else len(ending.weights)),
         )
-        kernels: Kernels = self.store.kept(key, Kernels)
+        kernels: Kernels = self.cache.get_or_make(key, Kernels)
         return kernels
 
     def _source(self, faintest: bool = False) -> Any:
@@ -202,7 +201,7 @@ class Job:
         return self.backend.device != "metal"
 
     def _take_double(self) -> None:
-        self.backend, self.done = get_backend(self.backend.device, "double"), 0
+        self.backend, self.done = self.backend.with_precision("double"), 0
         self.__post_init__()  # the way rays are followed may be another now
 
     def _make_source(self, faintest: bool) -> Any:
@@ -215,7 +214,7 @@ class Job:
             self._classifying,
             self.tolerance,
             faintest,
-            store=self.store,
+            cache=self.cache,
             whole=self.hidden is None,
         )
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from .cache import Cache
 from .rays.hidden import Hidden
-from .store import Store
 
 # Cells looked at at once.
 _CHUNK = 1 << 20
@@ -32,7 +32,7 @@ class Completed:
 
     Attributes
     ----------
-    store : Store
+    cache : Cache
         What was made of it before.
     hidden : Hidden or None
         The cells in which something was missing.
@@ -41,17 +41,17 @@ class Completed:
     """
 
     volume: Any
-    store: Store
+    cache: Cache
     hidden: Hidden | None
     counts: dict[str, int]
 
 
-def complete(store: Store, names: Any, hashed: bool) -> Completed:
+def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
     """Return the volume with values in place of those that are missing; itself if none is.
 
     Parameters
     ----------
-    store : Store
+    cache : Cache
         What is kept of the volume.
     names : iterable of str
         What the medium looks at.
@@ -63,25 +63,25 @@ def complete(store: Store, names: Any, hashed: bool) -> Completed:
     InputError
         If a field has infinite values, or nothing but missing ones.
     """
-    volume = store.volume
+    volume = cache.volume
     fields = sorted(volume.given(names))
     if hashed:
-        store.digests(fields)
-    lacking = [name for name in fields if not _all_finite(volume, name, store)]
+        cache.statistics.digests(fields)
+    lacking = [name for name in fields if not _all_finite(volume, name, cache)]
     if not lacking:
-        return Completed(volume, store, None, {})
-    key = ("completed", store.digests(fields))
-    whole, hidden, counts = store.kept(key, lambda: _complete(volume, lacking))
+        return Completed(volume, cache, None, {})
+    key = ("completed", cache.statistics.digests(fields))
+    whole, hidden, counts = cache.get_or_make(key, lambda: _complete(volume, lacking))
     seen = copy.copy(whole)
     seen.sight = volume.sight
-    return Completed(seen, Store(seen), hidden, counts)
+    return Completed(seen, Cache(seen), hidden, counts)
 
 
-def _all_finite(volume: Any, name: str, store: Any) -> bool:
+def _all_finite(volume: Any, name: str, cache: Any) -> bool:
     """Return whether a field has a value everywhere: its least and largest tell."""
     if volume.array(name).dtype.kind != "f":
         return True
-    return bool(np.all(np.isfinite(store.extremes(name))))
+    return bool(np.all(np.isfinite(cache.statistics.extremes(name))))
 
 
 def _complete(volume: Any, names: list[str]) -> tuple[Any, Hidden, dict[str, int]]:
@@ -130,7 +130,7 @@ def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     out = array.copy()
     flat = out.reshape(-1)
     flat[missing] = flat[~missing].mean(dtype=np.float64)
-    for cells, values in (_boxes if len(grid.shape) == 3 else _located)(grid, array, missing):
+    for cells, values in (_boxes if grid.is_structured else _located)(grid, array, missing):
         flat[cells] = values
     return out
 

@@ -9,11 +9,12 @@ from ..calibration import calibrated
 from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
-from ..media.formulas import with_formulas
-from ..media.shade import on_rays
+from ..media.function import with_formulas
+from ..media.shading import on_rays
 from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
+from .cache import Cache
 from .coefficients.classify import check_fields
 from .coefficients.digits import beyond_single, plain_widths
 from .job import Job
@@ -30,7 +31,6 @@ from .options import (
     is_recursive,
     sample_count,
 )
-from .store import Store
 
 
 def prepare(
@@ -58,8 +58,8 @@ def prepare(
     check_walk(solver, volume.grid)
     volume = volume.seen_by(camera)
     volume.refresh()  # derivatives of fields that were changed in place
-    store = Store(volume)
-    medium = with_formulas(calibrated(medium, volume, store.known))
+    cache = Cache(volume)
+    medium = with_formulas(calibrated(medium, volume, cache.measurements))
     if solver.place == "field":
         medium = medium.with_each(on_rays)
     if precision == "single" and (
@@ -69,12 +69,12 @@ def prepare(
     check_fields(volume, medium)
     check_coordinates(solver, volume.grid, medium.names)
     _check_units(volume, medium)
-    completed = complete(store, medium.names, solver.place == "field")
+    completed = complete(cache, medium.names, solver.place == "field")
     if solver.place == "field" and precision == "single" and _needs_double(completed, medium):
         precision = "double"
     job = Job(
         volume=completed.volume,
-        store=completed.store,
+        cache=completed.cache,
         hidden=completed.hidden,
         medium=medium,
         camera=camera,
@@ -122,11 +122,11 @@ def _check_units(volume: Volume, medium: Medium) -> None:
 
 def _needs_double(completed: Completed, medium: Medium) -> bool:
     """Return True if single precision cannot tell apart what the medium looks at."""
-    store = completed.store
+    cache = completed.cache
     widths = plain_widths(completed.volume, medium.known_expressions())
     told = tuple((expr.text, least) for expr, least in widths)
-    key = ("beyond single", told, store.digests(medium.names))
-    found: bool = store.kept(key, lambda: beyond_single(completed.volume, medium))
+    key = ("beyond single", told, cache.statistics.digests(medium.names))
+    found: bool = cache.get_or_make(key, lambda: beyond_single(completed.volume, medium))
     return found
 
 

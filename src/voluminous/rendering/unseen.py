@@ -10,11 +10,10 @@ import numpy as np
 
 from ..expressions import Expression
 from ..expressions.interval import Interval
-from ..media.bounds import RangeContext
 from ..media.contract import Medium
+from ..media.ranges import RangeContext
 from ..media.shell import Shell
 from ..units import unit_name
-from .coefficients.classify import range_of
 from .job import Job, Planes
 
 # A shell of which no more than this fraction of its peak is in the volume lies outside of it …
@@ -51,7 +50,7 @@ def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
     if not (nothing or missed) or (others and (nothing or everything)):
         return
     if not nothing or everything:
-        told += ". Choose values in that range; vm.auto(volume, ...) finds some"
+        told += ". Choose values in that range; vm.suggest_medium(volume, ...) finds some"
     else:
         told = "; ".join(filter(None, [_NOT_MET, told]))
     lacks = "shows only the faintest edge" if everything else "lacks a part"
@@ -63,7 +62,7 @@ class _Values:
     """The values of all that a medium looks at, in the whole volume."""
 
     def __init__(self, job: Job) -> None:
-        self.volume, self.store, self.medium = job.volume, job.store, job.medium
+        self.volume, self.cache, self.medium = job.volume, job.cache, job.medium
         self.fields: Any = _Ranges(job)
         self.context = RangeContext(self.volume.unit, self.volume.expression_unit, _TAIL)
 
@@ -82,10 +81,10 @@ class _Values:
             )
 
         own, names = self.medium.visible_key(), self.medium.names
-        if own is None or not self.store.is_hashed(names):
+        if own is None or not self.cache.statistics.is_hashed(names):
             return find()
-        found: tuple[tuple[int, ...], ...] = self.store.kept(
-            ("outside", own, self.store.digests(names)), find
+        found: tuple[tuple[int, ...], ...] = self.cache.get_or_make(
+            ("outside", own, self.cache.statistics.digests(names)), find
         )
         return found
 
@@ -113,7 +112,7 @@ class _Ranges(Mapping[str, Interval]):
     """The least and the largest value of each field: looked for when one is first asked for."""
 
     def __init__(self, job: Job) -> None:
-        self.volume, self.store, self.names = job.volume, job.store, job.medium.names
+        self.volume, self.cache, self.names = job.volume, job.cache, job.medium.names
         self.found: dict[str, Interval] = {}
 
     def __iter__(self) -> Iterator[str]:
@@ -131,11 +130,11 @@ class _Ranges(Mapping[str, Interval]):
         """Return the values of a field, or of a coordinate: of these, too, looked at once."""
 
         def find() -> Interval:
-            return range_of(self.volume, name, self.store.extremes)
+            return self.cache.statistics.range_of(name)
 
-        if name in self.volume or not self.store.is_hashed(self.names):
+        if name in self.volume or not self.cache.statistics.is_hashed(self.names):
             return find()
-        found: Interval = self.store.kept(("range", name), find)
+        found: Interval = self.cache.get_or_make(("range", name), find)
         return found
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import get_backend
 from ...errors import InputError
+from ..contract import Box
 from ..trees.octree_leaves import checked_flags
 from ..trees.octree_order import levels_from_flags
 from ..trees.octree_places import Places
@@ -45,6 +45,7 @@ class RefinedCells(CurvilinearGrid):
     """
 
     walk_kinds: tuple[str, ...] = ("cells", "dual")
+    has_neighbourhood = True
     fine_edges: tuple[np.ndarray, ...]
 
     @classmethod
@@ -154,13 +155,13 @@ class RefinedCells(CurvilinearGrid):
 
     def surroundings(self, backend: Any) -> RefinedSurroundings:
         """Return what finds the leaves around vertices in kernels, in double precision."""
-        return RefinedSurroundings(self, get_backend(backend.device, "double"))
+        return RefinedSurroundings(self, backend.with_precision("double"))
 
     def neighbourhood(self, backend: Any) -> StraightSurroundings:
         """Return what finds neighbours of leaves in kernels, and how far they are."""
-        return StraightSurroundings(self, get_backend(backend.device, "double"))
+        return StraightSurroundings(self, backend.with_precision("double"))
 
-    def walk(self, backend: Any, kind: str = "cells") -> Any:
+    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once).
 
         Parameters
@@ -174,8 +175,8 @@ class RefinedCells(CurvilinearGrid):
         from .refined_dual import RefinedFieldWalk
 
         if kind != "dual":
-            return super().walk(backend, kind)
-        cells = super().walk(backend)
+            return super().walk(backend, kind, box)
+        cells = super().walk(backend, box=box)
         return self.on_device(backend, kind, lambda: RefinedFieldWalk(self, cells, backend))
 
     def describe(self) -> dict[str, Any]:

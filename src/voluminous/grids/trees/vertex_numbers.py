@@ -46,7 +46,7 @@ class VertexNumbers:
     cells: np.ndarray
     first: np.ndarray
     lattices: Lattices
-    _traced: dict[str, Any] = field(default_factory=dict)
+    _traced: dict[Any, Any] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -86,9 +86,10 @@ class VertexNumbers:
 
     def traced(self, backend: Any) -> TracedNumbers:
         """Return the same for kernels (made once per device)."""
-        if backend.device not in self._traced:
-            self._traced[backend.device] = TracedNumbers(self.cells, backend)
-        return self._traced[backend.device]
+        key = backend.UInt  # the same in both precisions
+        if key not in self._traced:
+            self._traced[key] = TracedNumbers(self.cells, backend)
+        return self._traced[key]
 
 
 class TracedNumbers:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,10 +9,10 @@ import numpy as np
 from ...backend import aligned, dr
 from ...errors import InputError
 from ...expressions.interval import Interval
-from ...fields import coordinate_extremes
-from ...media.bounds import RangeContext
 from ...media.context import Context
 from ...media.contract import Medium
+from ...media.ranges import RangeContext
+from ..cache import Statistics
 from .centers import Centers
 
 
@@ -30,12 +28,17 @@ class Classifier:
     """
 
     def __init__(
-        self, volume: Any, medium: Medium, numbers: Any, backend: Any, extremes: Any = None
+        self,
+        volume: Any,
+        medium: Medium,
+        numbers: Any,
+        backend: Any,
+        statistics: Statistics | None = None,
     ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
         self._largest: list[float] | None = None
         self.backend, self.grid = backend, volume.grid
-        self.extremes = extremes if extremes is not None else functools.partial(extremes_of, volume)
+        self.statistics = statistics or Statistics(volume)
         check_fields(volume, medium)
         self.centers = Centers(volume, medium.names, backend)
 
@@ -73,7 +76,7 @@ class Classifier:
         self._largest = list(largest)
 
     def _find_largest(self) -> list[float]:
-        fields = {name: self.range_of(name) for name in self.medium.names}
+        fields = {name: self.statistics.range_of(name) for name in self.medium.names}
         return [float(end.max()) for end in self.most_in(fields)]
 
     def most_in(self, fields: dict[str, Interval]) -> list[np.ndarray]:
@@ -82,10 +85,6 @@ class Classifier:
         with np.errstate(all="ignore"):
             found = self.numbers.ranges(fields, context)
         return [np.maximum(np.abs(v.lo), np.abs(v.hi)) * self.grid.scale for v in found]
-
-    def range_of(self, name: str) -> Interval:
-        """Return the values of a field, or of a coordinate, in the whole volume."""
-        return range_of(self.volume, name, self.extremes)
 
     def unusable(self, values: list[Any]) -> Any:
         """Return where numbers are not finite, or an extinction is negative (traced)."""
@@ -135,18 +134,6 @@ def check_fields(volume: Any, medium: Medium) -> None:
     for name in medium.names:
         if name not in volume.coordinates and name not in volume:
             volume.array(name)
-
-
-def range_of(volume: Any, name: str, extremes: Callable[[str], Any]) -> Interval:
-    """Return the values of a field, of which `extremes` tells the ends, or of a coordinate."""
-    ends = extremes(name) if name in volume else coordinate_extremes(volume.grid, name)
-    return Interval(*(np.asarray(end) for end in ends))
-
-
-def extremes_of(volume: Any, name: str) -> tuple[float, float]:
-    """Return the least and the largest value of a field."""
-    array = volume.array(name)
-    return float(array.min()), float(array.max())
 
 
 def device_array(flat: np.ndarray, backend: Any) -> Any:

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr, from_host, get_backend
+from ...backend import dr, from_host
 from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
 from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings
@@ -55,7 +55,7 @@ class CornerValues:
         advice = "use scheme='first-order', or a coarser or smaller volume"
         needed = corner_bytes(grid, len(fields), backend)
         check_memory(needed, "fields at the corners of cells", advice)
-        self.grid, self.backend = grid, get_backend(backend.device, "double")
+        self.grid, self.backend = grid, backend.with_precision("double")
         self.real = backend.Float
         self.fields = [self.real(np.ascontiguousarray(f, dtype=backend.dtype)) for f in fields]
         self.boxes = Boxes(grid, 0, grid.size, self.backend)

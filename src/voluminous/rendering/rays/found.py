@@ -68,7 +68,7 @@ class Found:
         kind = type(path.transparency[0] if path.transparency else numbers[0])
         self.numbers = [flush_subnormal(number, MARGIN) for number in numbers]
         self.numbers.append(dr.select(early, kind(1), 0))
-        self.lanes = lanes
+        self.lanes, self.path = lanes, path
 
     def write(self, rows: list[Any], first: int) -> None:
         """Write all numbers to where they belong, the results of the first ray to a place."""

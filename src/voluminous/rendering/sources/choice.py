@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..cache import Cache
 from ..coefficients.classify import Classifier
 from ..coefficients.numbers import plan_numbers
-from ..store import Store
 from .interpolated_fields import interpolated_fields
 from .tabulated import tabulated
 
@@ -22,7 +22,7 @@ def get_source(
     tolerance: float = 1e-3,
     faintest: bool = False,
     *,
-    store: Store,
+    cache: Cache,
     whole: bool = True,
 ) -> Any:
     """Return the coefficients for a scheme.
@@ -37,13 +37,13 @@ def get_source(
         What a scheme that controls its error is to keep to.
     faintest : bool
         Leave nothing out, however faint.
-    store : Store
+    cache : Cache
         What was made of the volume before.
     whole : bool
         No cell is hidden: rays may cross several at once.
     """
     numbers = plan_numbers(medium, scheme, backend)
-    classifier = Classifier(volume, medium, numbers, backend, store.extremes)
+    classifier = Classifier(volume, medium, numbers, backend, cache.statistics)
     if scheme.place == "field":
-        return interpolated_fields(classifier, store, scheme, tolerance, faintest, whole)
-    return tabulated(classifier, store, scheme, steps, report, whole)
+        return interpolated_fields(classifier, cache, scheme, tolerance, faintest, whole)
+    return tabulated(classifier, cache, scheme, steps, report, whole)

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ..cache import Cache
 from ..coefficients.classify import Classifier
 from ..coefficients.digits import Exactness, exactness
 from ..coefficients.own_coordinates import ray_coordinates
 from ..empty_space.blocks import DUAL
 from ..empty_space.pruned import can_be_pruned, interpolated, pruned_walk
 from ..interpolants.interpolated import Interpolated
-from ..store import Store
 from .kept import get_blocks, get_lattices
 
 # The least that a precision can tell of a peak.
@@ -30,7 +30,7 @@ _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 
 def interpolated_fields(
     classifier: Classifier,
-    store: Store,
+    cache: Cache,
     scheme: Any,
     tolerance: float,
     faintest: bool,
@@ -38,7 +38,7 @@ def interpolated_fields(
 ) -> Interpolated:
     """Return the medium on interpolated fields; their lattices are kept with the volume."""
     volume, backend = classifier.volume, classifier.backend
-    needed = _remember(classifier, store)
+    needed = _remember(classifier, cache)
     classifier.numbers.normalise(classifier.largest())
     # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
     dense = float(classifier.numbers.densest(classifier.largest()))
@@ -59,11 +59,11 @@ def interpolated_fields(
         tolerance=tolerance,
         coordinates=ray_coordinates(volume, classifier.medium.names),
     )
-    blocks = get_blocks(classifier, store, faint, DUAL, scheme.coarseness if whole else 0.0)
-    lattices = get_lattices(classifier, store, blocks)
+    blocks = get_blocks(classifier, cache, faint, DUAL, scheme.coarseness if whole else 0.0)
+    lattices = get_lattices(classifier, cache, blocks)
     source = Interpolated(classifier, lattices, context, blocks, paths)
     if whole:
-        source.walk = _pruned(classifier, store, lattices, faint)
+        source.walk = _pruned(classifier, cache, lattices, faint)
     if scheme.controlled:
         source.lost = _lost_by_places(backend, needed.contrast)
         _keep_walk(source, tolerance, needed.contrast)
@@ -81,7 +81,7 @@ def _lost_by_places(backend: Any, contrast: float) -> float:
 def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
     """Where fields along a segment are no polynomials, have them near enough to one."""
     walk = source.walk or source.classifier.grid.walk(source.backend, source.walk_kind)
-    if hasattr(walk, "kept_to"):
+    if walk.approximate:
         source.walk = walk.kept_to(tolerance / contrast)
         source.lost += _LOST_BY_CUBICS * tolerance
 
@@ -93,7 +93,7 @@ def _path_lengths(classifier: Classifier) -> float:
     return float(np.clip(classifier.numbers.paths(largest) * diagonal, _SOME_PATHS, _MOST_PATHS))
 
 
-def _pruned(classifier: Classifier, store: Store, lattices: dict[str, Any], faint: float) -> Any:
+def _pruned(classifier: Classifier, cache: Cache, lattices: dict[str, Any], faint: float) -> Any:
     """Return the walk through the leaves that may show something, or None; kept."""
     medium, backend = classifier.medium, classifier.backend
     if not can_be_pruned(classifier):
@@ -106,10 +106,12 @@ def _pruned(classifier: Classifier, store: Store, lattices: dict[str, Any], fain
     own = medium.visible_key()
     if own is None:
         return make()
-    return store.kept(("pruned", own, faint, store.digests(medium.names), backend), make)
+    return cache.get_or_make(
+        ("pruned", own, faint, cache.statistics.digests(medium.names), backend), make
+    )
 
 
-def _remember(classifier: Classifier, store: Store) -> Exactness:
+def _remember(classifier: Classifier, cache: Cache) -> Exactness:
     """Have what was found for the same medium before, and return how exact expressions must be."""
     own = classifier.medium.key()
 
@@ -120,8 +122,8 @@ def _remember(classifier: Classifier, store: Store) -> Exactness:
         return make()[1]
     # Shapes have other numbers than what is made of all their colours.
     kind = type(classifier.numbers).__name__
-    key = ("numbers", kind, own, store.digests(classifier.medium.names))
-    found: tuple[list[float], Exactness] = store.kept(key, make)
+    key = ("numbers", kind, own, cache.statistics.digests(classifier.medium.names))
+    found: tuple[list[float], Exactness] = cache.get_or_make(key, make)
     classifier.expect(found[0])
     return found[1]
 
@@ -129,7 +131,9 @@ def _remember(classifier: Classifier, store: Store) -> Exactness:
 def _limits(classifier: Classifier, real: Any) -> dict[str, tuple[Any, Any]]:
     """Return the least and largest values of all fields, as numbers of a kernel."""
     volume = classifier.volume
-    extremes = {n: classifier.extremes(n) for n in classifier.medium.names if n in volume}
+    extremes = {
+        n: classifier.statistics.extremes(n) for n in classifier.medium.names if n in volume
+    }
     return {
         name: (dr.opaque(real, low), dr.opaque(real, high))
         for name, (low, high) in extremes.items()

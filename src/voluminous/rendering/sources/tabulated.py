@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 from ...memory import check_memory, fits
+from ..cache import SLABS, Cache
 from ..coefficients.classify import Classifier
 from ..coefficients.on_ray import OnRay
 from ..coefficients.tables import Table, cell_table, vertex_table
 from ..empty_space.blocks import CELLS
 from ..empty_space.pruned import pruned_walk, tabled
-from ..store import SLABS, Store
 from .kept import get_blocks
 
 _ADVICE = (
@@ -25,7 +25,7 @@ _FAINT = {"single": 1e-9, "double": 1e-18}
 
 def tabulated(
     classifier: Classifier,
-    store: Store,
+    cache: Cache,
     scheme: Any,
     steps: float,
     report: Callable[..., None],
@@ -40,8 +40,8 @@ def tabulated(
     complete = getattr(scheme, "complete", False)  # it leaves nothing out, however faint
     everywhere = getattr(scheme, "everywhere", False)  # nor where there is nothing
     faint = 0.0 if complete else _FAINT[backend.precision]
-    key = _key(classifier, scheme, store, (faint, everywhere))
-    found = None if key is None else store.get(key)
+    key = _key(classifier, scheme, cache, (faint, everywhere))
+    found = None if key is None else cache.get(key)
     if found is not None:
         return replace(found, numbers=numbers.reuse(found.numbers))
     if crowded:
@@ -51,13 +51,13 @@ def tabulated(
     make = cell_table if scheme.place == "cell" else vertex_table
     table = make(classifier, backend, report)
     if not everywhere:
-        table.blocks = get_blocks(classifier, store, faint, CELLS)
+        table.blocks = get_blocks(classifier, cache, faint, CELLS)
         table.walk = _pruned(table, volume.grid, scheme, faint) if whole else None
-    return table if key is None else store.keep(key, table)
+    return table if key is None else cache.put(key, table)
 
 
 def _pruned(table: Table, grid: Any, scheme: Any, faint: float) -> Any:
-    if scheme.place != "cell" or not hasattr(grid, "pruned"):
+    if scheme.place != "cell" or not grid.can_be_pruned:
         return None
     return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
 
@@ -88,10 +88,10 @@ def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
     return places * classifier.numbers.count * backend.dtype.itemsize
 
 
-def _key(classifier: Classifier, scheme: Any, store: Store, left_out: tuple[Any, ...]) -> Any:
+def _key(classifier: Classifier, scheme: Any, cache: Cache, left_out: tuple[Any, ...]) -> Any:
     own = classifier.numbers.key()
     if own is None:
         return None
     backend = classifier.backend
     names = classifier.medium.names
-    return (own, scheme.place, left_out, backend.device, backend.precision, store.digests(names))
+    return (own, scheme.place, left_out, backend, cache.statistics.digests(names))

@@ -1,0 +1,199 @@
+"""Fields that are multilinear in a curvilinear grid's own coordinates, enclosed along rays.
+
+x, y and z are linear along a ray, and own coordinates follow from them by roots and angles. With
+intervals of the values and of their derivatives (`TracedJet`) in place of numbers, the grid's own
+formulas tell between which values a field stays on a panel, and how far from straight it runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..expressions.traced_jet import Derivative, TracedJet
+from ..expressions.traced_jet_ops import TracedJetOps
+from ..expressions.traced_rounding import lowered, raised
+from ..grids.curvilinear.edges import FULL_CIRCLE
+
+_EPS = float(np.finfo(np.float64).eps)
+# What a point of a ray, and the derivatives of fields, lose by rounding, in ε.
+_LOSS = 16.0
+# Rounding puts points above their wall below it by less (as `grids.curvilinear.arithmetic` has it).
+_BELOW = -1e-3
+
+
+class JetArithmetic:
+    """What own coordinates are computed with; see `grids.curvilinear.arithmetic.Arithmetic`."""
+
+    def __init__(self, ops: TracedJetOps, real: Any) -> None:
+        self.ops, self.real = ops, real
+
+    def constant(self, value: Any) -> TracedJet:
+        """Return a number of the kernel."""
+        return TracedJet(TracedInterval.constant(self.real(value)))
+
+    def length(self, x: TracedJet, y: TracedJet, z: TracedJet | None = None) -> TracedJet:
+        """Return the length of a vector."""
+        ops, parts = self.ops, (x, y) if z is None else (x, y, z)
+        square = ops.multiply(x, x)
+        for part in parts[1:]:
+            square = ops.add(square, ops.multiply(part, part))
+        return ops.sqrt(square)
+
+    def mixed(self, a: TracedJet, p: Any, b: TracedJet, q: Any) -> TracedJet:
+        """Return a p + b q."""
+        first, second = (self.ops.multiply(c, self.constant(k)) for c, k in ((a, p), (b, q)))
+        return self.ops.add(first, second)
+
+    def angle(self, y: TracedJet, x: TracedJet, length: TracedJet | None = None) -> TracedJet:
+        """Return the angle of a vector; `upward` takes care of where it jumps by a turn."""
+        return self.ops.turning_angle(y, x)
+
+    def magnitude(self, a: TracedJet) -> TracedJet:
+        """Return a coordinate that keeps its sign, but for rounding, without it."""
+        sign: Any = dr.select(a.value.lo + a.value.hi >= 0.0, 1.0, -1.0)
+        return self.ops.multiply(a, self.constant(sign))
+
+    def part(self, value: TracedJet, lower: Any, inverse: Any) -> TracedJet:
+        """Return where between two walls a coordinate is, from 0 to 1."""
+        above = self.ops.subtract(value, self.constant(lower))
+        return self.stretched(above, inverse)
+
+    def stretched(self, part: TracedJet, factor: Any) -> TracedJet:
+        """Return a part times a number, from 0 to 1."""
+        found = self.ops.multiply(part, self.constant(factor))
+        value, undefined = found.value, found.value.nan | ~(found.value.lo <= found.value.hi)
+        ends = [dr.clip(end, 0.0, 1.0) for end in (value.lo, value.hi)]
+        low, high = dr.select(undefined, 0.0, ends[0]), dr.select(undefined, 1.0, ends[1])
+        return TracedJet(TracedInterval(low, high), _sure(found.first), _sure(found.second))
+
+    def upward(self, angle: TracedJet) -> TracedJet:
+        """Return an angle from a wall, from 0 to 2π but for rounding.
+
+        Half a turn from the wall it goes over to -π: a point there, on the upper wall of a cell of
+        that width, may be beyond by rounding, and an enclosure may hold what is on both sides.
+        """
+        value = angle.value
+        below, around = value.hi < _BELOW, (value.lo < _BELOW) & (value.hi > 3.0)
+        low = dr.select(below, value.lo + FULL_CIRCLE, value.lo)
+        high = dr.select(below, value.hi + FULL_CIRCLE, value.hi)
+        high = dr.select(around, FULL_CIRCLE, high)
+        return TracedJet(TracedInterval(low, high, value.nan), angle.first, angle.second)
+
+    def multilinear(self, values: Any, place: list[Any]) -> TracedJet:
+        """Return a field with given values[x][y][z] at the corners of the unit cube."""
+        if not place:
+            return self.constant(values)
+        low, high = (self.multilinear(v, place[1:]) for v in values)
+        rise = self.ops.subtract(high, low)
+        return self.ops.add(low, self.ops.multiply(place[0], rise))
+
+
+@dataclass
+class CurvedPiece:
+    """A field on a panel; see `media.course.Piece`."""
+
+    ends: list[TracedInterval]
+    whole: TracedJet
+
+    def end(self, number: int) -> TracedInterval:
+        """Return the value where the panel begins (0) or ends (1)."""
+        return self.ends[number]
+
+    def jet(self) -> TracedJet:
+        """Return values and derivatives over the panel."""
+        return self.whole
+
+    def after(self, before: TracedInterval, jumps: Any) -> CurvedPiece:
+        """Return, for lanes that jump, how the field comes to this panel's beginning: straight."""
+        start, value = self.ends[0], self.whole.value
+        zero = TracedInterval.constant(type(value.lo)(0))
+        among = TracedInterval(*extremes([before.lo, before.hi, start.lo, start.hi]))
+        ends = [_either(jumps, before, start), _either(jumps, start, self.ends[1])]
+        whole = TracedJet(
+            _either(jumps, among, value),
+            _either(jumps, start - before, self.whole.first or zero),
+            _either(jumps, zero, self.whole.second or zero),
+        )
+        return CurvedPiece(ends, whole)
+
+
+class CurvedField:
+    """A field along a segment.
+
+    Parameters
+    ----------
+    chord : CurvilinearChord
+        The segment.
+    corners : nested lists [x][y][z]
+        Values at the corners of its cell.
+    doubt : array
+        By how much of their differences rounding of the walls may put values off.
+    constant : callable
+        Puts numbers into the kernel.
+    """
+
+    def __init__(self, chord: Any, corners: Any, doubt: Any, constant: Any) -> None:
+        self.chord, self.corners = chord, corners
+        values = [v for face in corners for edge in face for v in edge]
+        real = type(values[0])
+        self.own = JetArithmetic(TracedJetOps(real, constant), real)
+        low, high = extremes(values)
+        unknown = dr.isnan(sum(values[1:], values[0]))
+        self.low, self.high = dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
+        self.before: TracedInterval | None = None  # where the segment before has ended
+        self.slack = doubt * (high - low) + _LOSS * _EPS * (dr.abs(low) + dr.abs(high))
+
+    def piece(self, begin: Any, width: Any) -> CurvedPiece:
+        """Return the field on a panel of the segment."""
+        first, last = self.chord.point(begin), self.chord.point(begin + width)
+        ends = [self._value(point) for point in (first, last)]
+        whole = self._field([_line(a, b) for a, b in zip(first, last, strict=True)])
+        return CurvedPiece(ends, whole)
+
+    def end(self, s: float) -> TracedInterval:
+        """Return the value at the segment's beginning (0) or end (1)."""
+        return self._value(self.chord.point(s))
+
+    def _value(self, point: list[Any]) -> TracedInterval:
+        return self._field([_point(p, p) for p in point]).value
+
+    def _field(self, point: list[TracedJet]) -> TracedJet:
+        place = self.chord.place(point, self.own)
+        place = [p if isinstance(p, TracedJet) else self.own.constant(p) for p in place]
+        found = self.own.multilinear(self.corners, place)
+        low, high = found.value.lo - self.slack, found.value.hi + self.slack
+        value = TracedInterval(
+            dr.select(low < self.low, self.low, low), dr.select(high > self.high, self.high, high)
+        )
+        return TracedJet(value, _sure(found.first), _sure(found.second))
+
+
+def _point(a: Any, b: Any) -> TracedJet:
+    """Return what is between two coordinates of a ray, and what rounding makes of it."""
+    low, high = extremes([a, b])
+    slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
+    return TracedJet(TracedInterval(low - slack, high + slack))
+
+
+def _line(a: Any, b: Any) -> TracedJet:
+    slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
+    return TracedJet(_point(a, b).value, TracedInterval(b - a - slack, b - a + slack))
+
+
+def _either(mask: Any, a: TracedInterval, b: TracedInterval) -> TracedInterval:
+    pairs = ((a.lo, b.lo), (a.hi, b.hi), (a.nan, b.nan))
+    return TracedInterval(*(dr.select(mask, *pair) for pair in pairs))
+
+
+def _sure(derivative: Derivative) -> Derivative:
+    """Return a derivative, moved out by rounding; anything where it is undefined."""
+    if derivative is None:
+        return None
+    undefined = derivative.nan | ~(derivative.lo <= derivative.hi)
+    ends = TracedInterval(lowered(derivative.lo, _LOSS), raised(derivative.hi, _LOSS))
+    return ends.unknown_where(undefined, False)

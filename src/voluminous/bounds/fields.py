@@ -1,0 +1,178 @@
+"""What guaranteed bounds are computed from: fields between cell centres, enclosed on panels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..geometry import CARTESIAN
+from ..media.contract import Medium
+from ..media.ranges import RangeContext
+from ..media.stretch import control_point, shifted
+from ..rendering.cache import Cache
+from ..rendering.coefficients.classify import Classifier
+from ..rendering.coefficients.direct import Direct
+from ..rendering.coefficients.own_coordinates import ray_coordinates
+from ..rendering.empty_space.blocks import DUAL
+from ..rendering.empty_space.neglected import empty_blocks
+from ..rendering.sources.kept import get_lattices, get_ranges
+from .curved import CurvedField
+from .media import PartBounds, bounds_on_panel
+from .scalars import CourseContext, Courses, CubicPiece
+
+_EPS = float(np.finfo(np.float64).eps)
+# What a polynomial's coefficients lose until control points are made of them, in ε.
+_LOSS = 64.0
+# What the place of a ray in a cell may be off by, in ε of the number of cells.
+_LOSS_OF_PLACE = 16.0
+
+
+@dataclass
+class Numbers:
+    """How many numbers a path has: bounds of every channel."""
+
+    emissions: int
+    extinctions: int
+
+
+@dataclass
+class Enclosed:
+    """A field along a segment: a cubic, how far off that may be, and what it never leaves."""
+
+    cubic: list[Any]
+    slack: Any
+    low: Any
+    high: Any
+
+    def piece(self, begin: Any, width: Any) -> CubicPiece:
+        """Return the field on a panel of the segment."""
+        c = shifted(self.cubic, begin, width)
+        inner = [control_point(c, k) for k in (1, 2)]
+        return CubicPiece([c[0], *inner, sum(c[1:], c[0])], self.slack, self.low, self.high)
+
+
+class Bracketed:
+    """What the scheme of guaranteed bounds gets its coefficients from.
+
+    Attributes
+    ----------
+    numbers : Numbers
+        How many there are in a path.
+    signed : bool
+        Whether the emissivity may be negative.
+    neglected : Neglected
+        What empty space may emit and absorb in all.
+    tolerance : tuple of arrays
+        How wide brackets of emission and transparency may be, per panel.
+    """
+
+    def __init__(self, volume: Any, medium: Medium, backend: Any, tolerance: float) -> None:
+        classifier, cache = Classifier(volume, medium, Direct(medium), backend), Cache(volume)
+        self.medium, self.backend, grid = medium, backend, volume.grid
+        self.lattices, ranges = get_lattices(classifier, cache), get_ranges(classifier, cache, DUAL)
+        self.signed = not all(_not_negative(part, volume, ranges) for part in medium.components())
+        count = medium.channels * (4 if self.signed else 2)
+        self.numbers = Numbers(count, count)
+        opaque = backend.opaque
+        self.context = CourseContext(backend.Float, opaque, volume.unit, volume.expression_unit)
+        self.scale = opaque(grid.scale)
+        self.curved = tuple(grid.coordinates) != CARTESIAN
+        cells = 1.0 / grid.resolution
+        self._place = opaque(_LOSS_OF_PLACE * _EPS * cells)
+        names = medium.names
+        self.context.coordinates = ray_coordinates(volume, names)
+        every = "r" in names or bool(self.context.coordinates)
+        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
+        self.tolerance: tuple[Any, Any] = (opaque(0.0), opaque(0.0))
+        self.blocks, self.neglected = empty_blocks(classifier, ranges, tolerance)
+
+    def allow(self, emission: float, transparency: float) -> None:
+        """Set how wide brackets may be per panel."""
+        opaque = self.backend.opaque
+        self.tolerance = (opaque(emission), opaque(transparency))
+
+    def cubics(self, chord: Any, active: Any) -> dict[str, Any]:
+        """Return every field along a segment."""
+        found: dict[str, Any] = {
+            name: self._enclosed(lattice.corners(chord, active), chord)
+            for name, lattice in self.lattices.items()
+        }
+        for a in self.coordinates:
+            start, step = chord.position[a], chord.step[a]
+            zero = type(start)(0)
+            slack = _LOSS * _EPS * (dr.abs(start) + dr.abs(step))
+            found["xyz"[a]] = Enclosed([start, step, zero, zero], slack, -dr.inf, dr.inf)
+        return found
+
+    def _enclosed(self, corners: Any, chord: Any) -> Any:
+        if self.curved:
+            return CurvedField(chord, corners, 3.0 * self._place, self.context.plain)
+        cubic = chord.cubic(corners)
+        low, high = extremes([v for face in corners for edge in face for v in edge])
+        size = sum((dr.abs(c) for c in cubic[1:]), dr.abs(cubic[0]))
+        unknown = dr.isnan(size)
+        slack = _LOSS * _EPS * size + 3.0 * self._place * (high - low)
+        return Enclosed(
+            cubic, slack, dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
+        )
+
+    def unknown(self) -> list[Any]:
+        """Return in place of `ends` what stands for: not known."""
+        count = 2 * len(self.lattices) if self.curved else 0
+        return [self.backend.Float(math.nan) for _ in range(count)]
+
+    def ends(self, cubics: dict[str, Any]) -> list[Any]:
+        """Return between what the fields are at a segment's end, if they may jump there."""
+        found = [field.end(1.0) for field in _curved(cubics)]
+        return [end for value in found for end in (value.lo, value.hi)]
+
+    def jumps(self, cubics: dict[str, Any], before: list[Any]) -> Any:
+        """Return where fields jump to a segment's beginning, from where they were `before`.
+
+        They do on the axis of a curvilinear grid: azimuth is another one on the other side.
+        """
+        found = self.backend.Bool(False)
+        ends = zip(before[::2], before[1::2], strict=True)
+        for field, (low, high) in zip(_curved(cubics), ends, strict=True):
+            field.before, start = TracedInterval(low, high), field.end(0.0)
+            found |= (field.before.hi < start.lo) | (start.hi < field.before.lo)
+        return found
+
+    def courses(self, cubics: dict[str, Any], length: Any, begin: Any, width: Any) -> Courses:
+        """Return how all scalars run along a panel of a segment.
+
+        One that begins before the segment is the jump to it, which has no length.
+        """
+        if self.curved:
+            jump = begin < 0.0
+            begin, width = dr.select(jump, 0.0, begin), dr.select(jump, 0.0, width)
+        pieces = {name: field.piece(begin, width) for name, field in cubics.items()}
+        for name, field in cubics.items():
+            if isinstance(field, CurvedField):
+                pieces[name] = pieces[name].after(field.before, jump)
+        return Courses(pieces, length * width * self.scale, self.context)
+
+    def parts(self, courses: Courses) -> list[PartBounds]:
+        """Return what is certain of the medium's parts on a panel."""
+        self.context.courses = courses
+        return bounds_on_panel(self.medium, courses, self.context)
+
+
+def _curved(fields: dict[str, Any]) -> list[CurvedField]:
+    return [field for field in fields.values() if isinstance(field, CurvedField)]
+
+
+def _not_negative(part: Medium, volume: Any, ranges: dict[str, Interval]) -> bool:
+    for name in ("colors", "color"):
+        if hasattr(part, name):
+            return bool(np.min(getattr(part, name)) >= 0.0)
+    context = RangeContext(volume.unit, volume.expression_unit)
+    with np.errstate(all="ignore"):
+        found = part.ranges(ranges, context)
+    return all(bool(np.all(j.lo >= 0.0)) for j in found.emissivity)

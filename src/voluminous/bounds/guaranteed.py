@@ -1,0 +1,165 @@
+"""Guaranteed bounds of a picture: brackets along rays, narrowed where they are too wide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..media.contract import Medium
+from ..rendering.job import Job
+from ..rendering.rays.drawing import Drawing
+from ..rendering.rays.paths import Paths
+from ..rendering.rays.pixels import BLOCK
+from .bracket import Bracket
+from .fields import Bracketed
+from .media import is_bounded
+
+# Panels tried per segment, at most, unless the caller says how many.
+BUDGET = 1024
+# How wide the bracket of one panel may be, of what a pixel's may; lower in every round.
+_SHARES = (0.03, 0.004, 0.0005)
+# What one panel loses by rounding, in ε of what has been gathered.
+_ROUNDING = 256 * float(np.finfo(np.float64).eps)
+# Sums that are smaller count as zero in kernels.
+_TINY = 1e-290
+# A panel takes as long as some hundred cells do otherwise.
+_SMALLER_BATCHES = 64
+
+
+def check_bounds(bounds: Any, job: Job) -> int:
+    """Return the budget of panels per segment; 0 for no bounds.
+
+    Raises
+    ------
+    InputError
+        If it is neither true, false nor a positive number, or the scheme has no bounds.
+    """
+    if bounds is False:
+        return 0
+    if bounds is not True and (not isinstance(bounds, (int, np.integer)) or bounds < 1):
+        raise InputError(
+            "bounds must be True, False, or the most panels per segment (a whole number from 1), "
+            f"got {bounds!r}"
+        )
+    if job.scheme.place != "field":
+        raise InputError(
+            "bounds are of fields interpolated between cell centres: take "
+            f"scheme='post-classified', got {job.scheme.name!r}"
+        )
+    if job.adaptive or job.recursive:
+        raise InputError("bounds need to know the rays of a pixel: give samples as a whole number")
+    return BUDGET if bounds is True else min(int(bounds), 1 << 31)
+
+
+def bracket(
+    job: Job, budget: int, intensity: np.ndarray, background: np.ndarray
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return lower and upper bounds of the intensity, shape (ny, nx, channel); None without budget.
+
+    Parameters
+    ----------
+    job : Job
+        What has been drawn; here in double precision, front to back, and without a cut-off.
+    budget : int
+        Panels tried per segment, at most.
+    intensity : array
+        The picture: to its brightest pixel the tolerance refers.
+    background : array
+        Intensities behind everything, which broadcast to the picture's.
+
+    Raises
+    ------
+    InputError
+        If a medium says nothing of its coefficients' ranges.
+    """
+    if not budget:
+        return None, None
+    for part in job.medium.components():
+        _check_known(part)
+    backend = job.backend.with_precision("double")
+    source = Bracketed(job.volume, job.medium, backend, job.tolerance)
+    scheme = Bracket(budget, source.signed)
+    job = replace(job, scheme=scheme, backend=backend, backward=False, cutoff=0.0, done=0)
+    brightest = float(np.max(np.abs(intensity)))
+    paths = _narrowed(job, source, brightest, float(np.max(np.abs(background))))
+    return _intensities(job, paths, source.neglected, background)
+
+
+def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
+    """Return all paths, drawn again with narrower panels where brackets are too wide."""
+    drawing = Drawing(job, source, 0.0)
+    drawing.batch = max(1, drawing.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
+    allowed = job.tolerance * brightest
+    source.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
+    paths = drawing.frame()
+    for share in _SHARES[1:]:
+        lower, upper = _ends(paths, job.medium.channels)
+        gap = np.max(upper.emission - lower.emission, axis=0)
+        dim = np.max(upper.transparency - lower.transparency, axis=0)
+        wide = np.flatnonzero(~(gap + dim * behind <= allowed))
+        if not len(wide):
+            break
+        source.allow(share * allowed, share * job.tolerance)
+        paths.put(wide, drawing.pixels(wide))
+    return paths
+
+
+def _intensities(
+    job: Job, paths: Paths, neglected: Any, background: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounds of the intensities, moved out by rounding and by what was leapt over."""
+    nx, ny = job.frame.pixels
+    lower, upper = _ends(paths, job.medium.channels)
+    panels = paths.depth[0] * job.samples**2
+    with np.errstate(invalid="ignore", over="ignore"):
+        lost = (neglected.depth + _ROUNDING * (panels + 1.0)) * upper.size
+        lost = lost + neglected.emission[:, None] + _TINY
+        ends = [lower.emission - lost, upper.emission + lost]
+    if not job.scheme.signed:
+        ends[0] = np.maximum(ends[0], 0.0)
+    low, high = (end.T.reshape(ny, nx, -1) for end in ends)
+    dim, clear = (end.transparency.T.reshape(ny, nx, -1) for end in (lower, upper))
+    blur = _ROUNDING * (panels.reshape(ny, nx, 1) + 1.0)
+    dim, clear = dim * np.exp(-neglected.depth) * (1.0 - blur), clear * (1.0 + blur)
+    low = low + np.where(background < 0.0, clear, dim) * background
+    high = high + np.where(background < 0.0, dim, clear) * background
+    return _defined(low, -np.inf), _defined(high, np.inf)
+
+
+@dataclass
+class _End:
+    """Lower or upper ends: emissions and transparencies (channel, pixel), and magnitudes."""
+
+    emission: np.ndarray
+    transparency: np.ndarray
+    size: np.ndarray
+
+
+def _ends(paths: Paths, channels: int) -> tuple[_End, _End]:
+    """Return the lower and the upper ends, from positive and negative emissions."""
+    parts = np.stack(paths.emission)
+    parts = parts.reshape(-1, 2, channels, parts.shape[1])
+    through = np.stack(paths.transparency)
+    dim, clear = through[:channels], through[channels : 2 * channels]
+    size = np.abs(parts).sum(axis=(0, 1))
+    low, high = parts[0] - parts[1] if len(parts) > 1 else parts[0]
+    return (
+        _End(_defined(low, -np.inf), _defined(dim, 0.0), size),
+        _End(_defined(high, np.inf), _defined(clear, 1.0), _defined(size, np.inf)),
+    )
+
+
+def _defined(values: np.ndarray, otherwise: float) -> np.ndarray:
+    return np.where(np.isnan(values), otherwise, values)
+
+
+def _check_known(part: Medium) -> None:
+    if not is_bounded(part):
+        raise InputError(
+            f"nothing is known of the range of {part!r}, so that there are no bounds; functions "
+            "have some if they compute with nothing but arithmetic, comparisons and NumPy's or "
+            "vm.math's exp, log10, sqrt, where, ... of single numbers (no erf, no if)"
+        )

@@ -1,0 +1,234 @@
+"""Between which values scalars stay on a panel of a ray, and how straight they run there."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..backend import dr
+from ..expressions import Expression
+from ..expressions.traced_interpolation import interpolate_traced_ranges
+from ..expressions.traced_interval import TracedInterval, extremes, traced
+from ..expressions.traced_interval_ops import TracedIntervalOps
+from ..expressions.traced_jet import Derivative, TracedJet
+from ..expressions.traced_jet_ops import TracedJetOps
+from ..expressions.traced_rounding import larger, lowered, raised, smaller
+from ..media.context import Context, completed
+
+
+class TracedRangeContext(Context):
+    """How a medium is evaluated on intervals inside a kernel.
+
+    Parameters
+    ----------
+    float_type : type
+        Dr.Jit float type of the ends.
+    number : callable
+        Turns a finite Python float into run-time data of that type.
+    unit : astropy unit or None
+        The volume's length unit.
+    unit_of : callable
+        Returns the unit of an `Expression`, or None.
+    faint : float
+        Coefficients below this fraction of their peak may be neglected.
+    """
+
+    def __init__(
+        self,
+        float_type: Any,
+        number: Callable[[float], Any],
+        unit: Any,
+        unit_of: Callable[[Expression], Any],
+        faint: float = 1e-8,
+    ) -> None:
+        self._float, self._constant = float_type, number
+
+        def constant(value: float) -> TracedInterval:
+            return TracedInterval.constant(number(value))
+
+        real = functools.partial(traced, float_type)
+        super().__init__(real, constant, unit, unit_of, faint=faint)
+
+    @property
+    def ops(self) -> TracedIntervalOps:
+        return TracedIntervalOps(self._float, self._constant)
+
+    def interpolate(
+        self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
+    ) -> list[TracedInterval]:
+        return interpolate_traced_ranges(x, nodes, columns)
+
+
+_AXES = ("x", "y", "z")
+
+
+class Piece(Protocol):
+    """What is certain of a field on a panel."""
+
+    def end(self, number: int) -> TracedInterval:
+        """Return the value where the panel begins (0) or ends (1)."""
+
+    def jet(self) -> TracedJet:
+        """Return values and derivatives over the panel, whose length counts as one."""
+
+
+@dataclass
+class CubicPiece:
+    """A field that is a cubic: enclosed by control points, and by values it cannot leave.
+
+    Attributes
+    ----------
+    points : list of four arrays
+        Bézier control points of a cubic.
+    slack : array
+        How far each of them may be off.
+    low, high : arrays
+        The field is never outside, such as beyond the corners of its cell.
+    """
+
+    points: list[Any]
+    slack: Any
+    low: Any
+    high: Any
+
+    def end(self, number: int) -> TracedInterval:
+        """Return the value at the first or last control point."""
+        point = self.points[3 * number]
+        return self._within(point, point)
+
+    def jet(self) -> TracedJet:
+        """Return value and derivatives over the panel: differences of control points.
+
+        A cubic and its derivatives stay within theirs (Farin 2002, sections 5.1 and 5.3).
+        """
+        p = self.points
+        rises = [b - a for a, b in pairwise(p)]
+        bends = [b - a for a, b in pairwise(rises)]
+        return TracedJet(
+            self._within(*extremes(p)), self._times(3.0, rises, 2.0), self._times(6.0, bends, 4.0)
+        )
+
+    def _within(self, low: Any, high: Any) -> TracedInterval:
+        low, high = low - self.slack, high + self.slack
+        return TracedInterval(
+            dr.select(low < self.low, self.low, low), dr.select(high > self.high, self.high, high)
+        )
+
+    def _times(self, factor: float, values: list[Any], slacks: float) -> TracedInterval:
+        low, high = extremes(values)
+        slack = slacks * self.slack
+        return factor * TracedInterval(low - slack, high + slack)
+
+
+@dataclass
+class Course:
+    """A scalar on a panel, u from 0 to 1.
+
+    Attributes
+    ----------
+    first, last, values : TracedInterval
+        What it is at both ends, and anywhere.
+    slope : TracedInterval
+        Its derivative by u.
+    bow : array
+        A bound of its second derivative: it is within u(1-u)/2 times this of the chord.
+    """
+
+    first: TracedInterval
+    last: TracedInterval
+    values: TracedInterval
+    slope: TracedInterval
+    bow: Any
+
+    @property
+    def off(self) -> Any:
+        """The mean distance from the chord between the middles of both ends, at most."""
+        return self.bow * (1.0 / 12.0) + self._doubt
+
+    @property
+    def farthest(self) -> Any:
+        """The largest distance from that chord, at most."""
+        return self.bow * 0.125 + self._doubt
+
+    @property
+    def _doubt(self) -> Any:
+        return larger(self.first.hi - self.first.lo, self.last.hi - self.last.lo)
+
+
+class CourseContext(TracedRangeContext):
+    """Evaluation by what is known of the courses of scalars: tighter than by ranges of fields."""
+
+    def __init__(
+        self,
+        float_type: Any,
+        number: Callable[[float], Any],
+        unit: Any,
+        unit_of: Callable[[Expression], Any],
+    ) -> None:
+        super().__init__(float_type, self.plain, unit, unit_of)
+        self._opaque = number
+        self.courses: Courses | None = None
+
+    def plain(self, value: float) -> Any:
+        """Return a number for kernels, which is put there once."""
+        return self.keep(("number", value), lambda: self._opaque(value))
+
+    def evaluate(self, expression: Any, fields: dict[str, Any]) -> Any:
+        assert self.courses is not None
+        return self.courses.course(expression).values
+
+
+class Courses:
+    """All scalars on a panel.
+
+    Parameters
+    ----------
+    pieces : dict of str to Piece
+        The fields.
+    length : array
+        The panel's length, in the volume's unit.
+    context : CourseContext
+        How expressions are evaluated.
+    """
+
+    def __init__(self, pieces: dict[str, Piece], length: Any, context: CourseContext) -> None:
+        self.real = type(length)
+        # Ends of segments are differences of distances, which round.
+        self.length = TracedInterval(lowered(length), raised(length))
+        self._ops, self._jets = context.ops, TracedJetOps(self.real, context.plain)
+        self._ends = [
+            completed(self._ops, {n: p.end(k) for n, p in pieces.items()}, context) for k in (0, 1)
+        ]
+        jets = {name: piece.jet() for name, piece in pieces.items()}
+        self._whole = completed(self._jets, jets, context)
+        self._found: dict[str, Course] = {}
+        self.fields = {name: jet.value for name, jet in self._whole.items()}
+
+    def course(self, expr: Expression) -> Course:
+        """Return how an expression runs; computed once."""
+        if expr.text not in self._found:
+            self._found[expr.text] = self._course(expr)
+        return self._found[expr.text]
+
+    def _course(self, expr: Expression) -> Course:
+        first, last = (self._ops.number(expr.evaluate(self._ops, end)) for end in self._ends)
+        jet = self._jets.number(expr.evaluate(self._jets, self._whole))
+        bow = self._interval(jet.second).size
+        sag = 0.125 * bow
+        chord_low = lowered(smaller(first.lo, last.lo) - sag)
+        chord_high = raised(larger(first.hi, last.hi) + sag)
+        values = TracedInterval(
+            larger(jet.value.lo, chord_low), smaller(jet.value.hi, chord_high), jet.value.nan
+        )
+        return Course(first, last, values, self._interval(jet.first), bow)
+
+    def _interval(self, derivative: Derivative) -> TracedInterval:
+        if derivative is None:
+            return TracedInterval.constant(self.real(0))
+        # Ends of what is undefined may be anything.
+        return derivative.unknown_where(derivative.nan, False)

@@ -1,0 +1,353 @@
+"""Piecewise-linear tables inside kernels: values, and exact means between two places.
+
+The mean of a column c between x₀ and x₁ is ∫ c dx / (x₁ - x₀). Integrals between nodes are
+differences of a cumulative table. So that no digits are lost, it is kept as sums of two numbers,
+of which the large ones are subtracted first, and what lies between an end and the next node is
+added to it, never a difference of such pieces.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr, from_host
+from ..backend.functions import first_true, precision_of
+from .stretch import Middle
+
+# Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
+_EVEN = 0.4
+# In units of the range of the nodes; beyond, x is as good as infinite.
+_FAR = {"single": 1e37, "double": 1e300}
+
+
+@dataclass
+class Place:
+    """Where x lies in a table, and the columns there.
+
+    Attributes
+    ----------
+    interval : array of int
+        0 below the first node, the number of nodes beyond the last.
+    low, high : array
+        The nodes around x.
+    before, value, after : list of arrays
+        The columns at the node before x, at x, and at the node behind.
+    left, right : list of arrays
+        Integrals of the columns from the node before x to x, and from x to the node behind.
+    """
+
+    x: Any
+    interval: Any
+    low: Any
+    high: Any
+    before: list[Any]
+    value: list[Any]
+    after: list[Any]
+    left: list[Any]
+    right: list[Any]
+
+
+class PiecewiseLinear:
+    """Columns linear between increasing nodes, constant beyond the ends; two equal nodes: a jump.
+
+    Parameters
+    ----------
+    real : type
+        Dr.Jit float type.
+    nodes : array, shape (n,)
+        Increasing places of the entries, at least two.
+    columns : array, shape (n, m)
+        The entries; of the order of one.
+    """
+
+    def __init__(self, real: Any, nodes: np.ndarray, columns: np.ndarray) -> None:
+        self.real, self.UInt = real, dr.uint32_array_t(real)
+        precision = precision_of(real)
+        dtype = np.float32 if precision == "single" else np.float64
+        self.exponent = unit_exponent(nodes)
+        self.unit = dr.opaque(real, 2.0**self.exponent)
+        nodes = self.scaled(nodes)
+        self.far = _FAR[precision]
+        self.last = dr.opaque(self.UInt, len(nodes))
+        rounded = nodes.astype(dtype)
+        self.pieces = Rows(real, _pieces(nodes, rounded))
+        # Per interval: what the columns begin and end with.
+        self.before = Rows(real, np.concatenate([columns[:1], columns]))
+        self.after = Rows(real, np.concatenate([columns, columns[-1:]]))
+        areas = np.diff(nodes)[:, None] * 0.5 * (columns[1:] + columns[:-1])
+        self.sums = Sums(real, areas)
+        self.walls = from_host(real, np.concatenate([[-np.inf], rounded, [np.inf]]))
+        start, spacing, off = _spacing(rounded)
+        even = off <= _EVEN
+        self.even = (dr.opaque(real, start), dr.opaque(real, 1.0 / spacing)) if even else None
+        # Where nodes are off by no more than rounding, nothing need be corrected.
+        self.regular = off <= 4.0 * len(nodes) * float(np.finfo(dtype).eps)
+
+    def scaled(self, nodes: np.ndarray) -> np.ndarray:
+        """Return values of x in the unit that kernels look them up in."""
+        return np.asarray(np.ldexp(nodes, self.exponent))
+
+    def at(self, x: Any) -> Place:
+        """Return where x lies, and the columns there; NaN where x is."""
+        x = self._near(x)
+        k = self._interval(x)
+        low, high, narrowness, stretch = self.pieces.at(k)
+        f = _fraction((x - low) * narrowness)
+        before, after = self.before.at(k), self.after.at(k)
+        value = [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
+        to_x, from_x = (0.5 * stretch * (x - low), 0.5 * stretch * (high - x))
+        left = [to_x * (a + v) for a, v in zip(before, value, strict=True)]
+        right = [from_x * (v + b) for v, b in zip(value, after, strict=True)]
+        return Place(x, k, low, high, before, value, after, left, right)
+
+    def values(self, x: Any) -> list[Any]:
+        """Return the columns at x; NaN where x is."""
+        if not self.regular:
+            return self.at(x).value
+        place = self._position(self._near(x))
+        most = self.real(self.last) - 2.0
+        k = dr.floor(dr.select(place > 0.0, dr.select(place < most, place, most), 0.0))
+        f = _fraction(place - k)
+        before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
+        return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
+
+    def means(self, first: Place, last: Place) -> list[Any]:
+        """Return the means of the columns between two places, in either order."""
+        together = first.interval == last.interval
+        turned = last.x < first.x
+        # By their numbers: what is NaN is in none, and below nothing.
+        lower = dr.minimum(first.interval, last.interval)
+        upper = dr.maximum(first.interval, last.interval)
+        between = self.sums.between(lower, upper, ~together)
+        way = dr.abs(last.x - first.x)
+        per_way = 1.0 / dr.select(together, 1.0, way)
+        found = []
+        for c, inner in enumerate(between):
+            ends = dr.select(turned, last.right[c] + first.left[c], first.right[c] + last.left[c])
+            middle = 0.5 * (first.value[c] + last.value[c])
+            found.append(dr.select(together, middle, per_way * (inner + ends)))
+        return found
+
+    def _near(self, x: Any) -> Any:
+        x = x * self.unit
+        return dr.select(x > self.far, self.far, dr.select(x < -self.far, -self.far, x))
+
+    def _position(self, x: Any) -> Any:
+        assert self.even is not None
+        start, per_node = self.even
+        return (x - start) * per_node
+
+    def below(self, x: Any) -> Any:
+        """Return the number of nodes that are not above x; rounded where they are regular."""
+        x = self._near(x)
+        if not self.regular:
+            return self._interval(x)
+        place, most = self._position(x) + 1.0, self.real(self.last)
+        return self.UInt(dr.select(place > 0.0, dr.select(place < most, place, most), 0.0))
+
+    def _interval(self, x: Any) -> Any:
+        if self.even is None:
+            return first_true(
+                len(self.walls) - 2,
+                self.UInt,
+                lambda k: dr.gather(self.real, self.walls, k + 1) > x,
+            )
+        guess = self._position(x) + 1.0
+        most = self.real(self.last)
+        guess = dr.select(guess > 0.0, dr.select(guess < most, guess, most), 0.0)
+        k = self.UInt(guess)
+        below = x < dr.gather(self.real, self.walls, k)
+        beyond = x >= dr.gather(self.real, self.walls, k + 1)
+        return dr.select(below, k - 1, dr.select(beyond, k + 1, k))
+
+
+class Rows:
+    """Rows of numbers, fetched in packets of 4, 2 or 1 numbers."""
+
+    def __init__(self, real: Any, rows: np.ndarray) -> None:
+        self.real, self.count = real, rows.shape[1]
+        self.parts: list[tuple[Any, Any, int]] = []
+        start = 0
+        while start < self.count:
+            width = next(w for w in (4, 2, 1) if start + w <= self.count)
+            data = from_host(real, rows[:, start : start + width].reshape(-1))
+            self.parts.append((_packet(real, width), data, width))
+            start += width
+
+    def at(self, index: Any) -> list[Any]:
+        """Return the numbers of a row."""
+        found: list[Any] = []
+        for kind, data, width in self.parts:
+            got = dr.gather(kind, data, index)
+            found += [got] if width == 1 else list(got)
+        return found
+
+
+class Sums:
+    """Sums of what lies between nodes, from any node to any later one.
+
+    Parameters
+    ----------
+    real : type
+        Dr.Jit float type.
+    steps : array, shape (n - 1, m)
+        What lies between neighbouring nodes.
+    """
+
+    def __init__(self, real: Any, steps: np.ndarray) -> None:
+        dtype = np.float32 if precision_of(real) == "single" else np.float64
+        self.parts = [Rows(real, part) for part in running_sums(steps, dtype)]
+
+    def between(self, lower: Any, upper: Any, apart: Any) -> list[Any]:
+        """Return the sums from the end of one interval to the start of a later one."""
+        (high_0, low_0), (high_1, low_1) = (
+            [rows.at(k) for rows in self.parts]
+            for k in (dr.select(apart, lower, 0), dr.select(apart, upper - 1, 0))
+        )
+        return [(b - a) + (d - c) for a, b, c, d in zip(high_0, high_1, low_0, low_1, strict=True)]
+
+
+def _fraction(f: Any) -> Any:
+    return dr.select(f < 0.0, 0.0, dr.select(f > 1.0, 1.0, f))
+
+
+def _packet(real: Any, width: int) -> Any:
+    if width == 1:
+        return real
+    suffix = "f" if precision_of(real) == "single" else "f64"
+    return getattr(sys.modules[real.__module__], f"Array{width}{suffix}")
+
+
+def _pieces(nodes: np.ndarray, rounded: np.ndarray) -> np.ndarray:
+    """Return per interval its ends, 1/width, and its true width over that of the rounded ends.
+
+    The last keeps the integral over a spike what it is, though its ends cannot be told apart well.
+    """
+    low = np.concatenate([rounded[:1], rounded])
+    high = np.concatenate([rounded, rounded[-1:]])
+    width = (high - low).astype(np.float64)
+    true = np.concatenate([[0.0], np.diff(nodes), [0.0]])
+    some = width > 0
+    narrowness = np.divide(1.0, width, out=np.zeros(len(width)), where=some)
+    ratio = np.divide(true, width, out=np.ones(len(width)), where=some)
+    return np.stack([low, high, narrowness, ratio], axis=1)
+
+
+def unit_exponent(nodes: np.ndarray) -> int:
+    """Return the power of two that brings any unit near one, and rounds nothing."""
+    extent = float(np.ptp(nodes))
+    return int(np.clip(-round(np.log2(extent)), -120, 120)) if extent > 0 else 0
+
+
+def running_sums(steps: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sums of all rows before each as sums of a large and a small part.
+
+    What every addition rounds away (Knuth's two-sum) is added up on its own.
+    """
+    nothing = np.zeros((1, steps.shape[1]))
+    total = np.concatenate([nothing, np.cumsum(steps, axis=0)])
+    before, after = total[:-1], total[1:]
+    taken = after - before
+    lost = (before - (after - taken)) + (steps - taken)
+    rest = np.concatenate([nothing, np.cumsum(lost, axis=0)])
+    large = total.astype(dtype)
+    return large, (total - large + rest).astype(dtype)
+
+
+def _spacing(nodes: np.ndarray) -> tuple[float, float, float]:
+    """Return start and spacing of evenly spaced nodes, and how far these are off, in spacings."""
+    start, count = float(nodes[0]), len(nodes) - 1
+    spacing = (float(nodes[-1]) - start) / count
+    if spacing <= 0:
+        return start, 1.0, np.inf
+    off = np.abs(nodes.astype(np.float64) - (start + spacing * np.arange(count + 1)))
+    return start, spacing, float(off.max()) / spacing
+
+
+class TableMiddles:
+    """The centre of mass of a weight that is linear between nodes, for any panel.
+
+    Parameters
+    ----------
+    real : type
+        Dr.Jit float type.
+    nodes, weight : array, shape (n,)
+        As in `PiecewiseLinear`; not negative. The weight is the last column of the table in which
+        places are looked up.
+    """
+
+    def __init__(self, real: Any, nodes: np.ndarray, weight: np.ndarray) -> None:
+        nodes = np.ldexp(nodes, unit_exponent(nodes))
+        origin = 0.5 * float(nodes[0] + nodes[-1])
+        self.origin = dr.opaque(real, origin)
+        step, a, b = np.diff(nodes), weight[:-1], weight[1:]
+        area = 0.5 * step * (a + b)
+        moment = (nodes[:-1] - origin) * area + step * step * (a + 2 * b) / 6
+        square = step * (a * a + a * b + b * b) / 3
+        self.sums = Sums(real, np.stack([area, moment, square], axis=1))
+
+    def between(self, first: Place, last: Place) -> Middle:
+        """Return the middle of the mass between two places."""
+        v, w = first.value[-1], last.value[-1]
+        together = first.interval == last.interval
+        mass, moment, square = (
+            dr.select(together, near, far)
+            for near, far in zip(
+                (0.5 * (v + w), (v + 2.0 * w) / 6.0, _square(v, w)),
+                self._apart(first, last, ~together),
+                strict=True,
+            )
+        )
+        some = mass > 0.0
+        place = dr.select(some, moment / dr.select(some, mass, 1.0), 0.5)
+        place = dr.select(place > 0.0, dr.select(place < 1.0, place, 1.0), 0.0)
+        # The mass in a box: as wide as its mean is over the mean of its square.
+        extent = dr.select(some, mass * mass / dr.select(some, square, 1.0), 1.0)
+        room = place * (1.0 - place)
+        spread = extent * extent / (12.0 * dr.select(room > 0.0, room, 1.0))
+        return Middle(place, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))
+
+    def _apart(self, first: Place, last: Place, apart: Any) -> tuple[Any, Any, Any]:
+        """Return mean, first moment from the first end, and mean square, in units of the way."""
+        turned = last.x < first.x
+        lower = dr.select(turned, last.interval, first.interval)
+        upper = dr.select(turned, first.interval, last.interval)
+        area, about_origin, square = self.sums.between(lower, upper, apart)
+        start = dr.select(turned, last.x, first.x)
+        way = dr.abs(last.x - first.x)
+        lows, highs = (
+            [dr.select(turned, b, a) for a, b in zip(own, other, strict=True)]
+            for own, other in (
+                (_to_node(first), _to_node(last)),
+                (_from_node(last), _from_node(first)),
+            )
+        )
+        mass = lows[0] + area + highs[0]
+        moment = lows[1] + (about_origin - (start - self.origin) * area) + way * highs[0] - highs[1]
+        per_way = dr.select(apart, 1.0 / dr.select(apart, way, 1.0), 0.0)
+        mass, moment = mass * per_way, moment * per_way * per_way
+        return (
+            mass,
+            dr.select(turned, mass - moment, moment),
+            (lows[2] + square + highs[2]) * per_way,
+        )
+
+
+def _to_node(p: Place) -> list[Any]:
+    return [p.right[-1], *_moments(p.high - p.x, p.value[-1], p.after[-1])]
+
+
+def _from_node(p: Place) -> list[Any]:
+    return [p.left[-1], *_moments(p.x - p.low, p.value[-1], p.before[-1])]
+
+
+def _moments(way: Any, near: Any, far: Any) -> tuple[Any, Any]:
+    return way * way * (near + 2.0 * far) / 6.0, way * _square(near, far)
+
+
+def _square(a: Any, b: Any) -> Any:
+    return (a * a + a * b + b * b) / 3.0

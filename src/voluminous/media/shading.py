@@ -1,0 +1,317 @@
+"""Shading of media: emission modulated by how the gradient lies in the light.
+
+Not radiative transfer but an illustration, as in direct volume rendering (Levoy 1988): the emission
+is multiplied with ``1 - s + s Σ w |n·l|``, n the direction of the gradient, l the lights, Σ w = 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..errors import InputError
+from ..expressions import Expression
+from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval
+from .arguments import fraction
+from .stretch import NODES, Middle, extremes, kept
+from .unresolved import change_across
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .stretch import Panel, Stretch
+
+
+HEADLIGHT = "headlight"
+# Where the light changes by more than this within a panel, panels are made smaller.
+_DOUBT = 0.25
+Light = tuple[Any, float]
+
+
+def given_lights(lights: Any) -> tuple[Light, ...]:
+    """Return lights as (direction or "headlight", weight); the weights add up to one.
+
+    Raises
+    ------
+    InputError
+        If one is neither "headlight" nor a direction, or no light is left.
+    """
+    if not isinstance(lights, (list, tuple, type(None))):
+        raise InputError(f"lights must be a list, got {lights!r}")
+    rows = [_light(one) for one in ([HEADLIGHT] if lights is None else lights)]
+    total = sum(weight for _, weight in rows)
+    if not total > 0.0:
+        raise InputError("lights must hold at least one light of positive intensity")
+    return tuple((direction, weight / total) for direction, weight in rows)
+
+
+def _light(given: Any) -> Light:
+    direction, weight = given, 1.0
+    if isinstance(given, (list, tuple)) and len(given) == 2:
+        direction, weight = given
+    try:
+        weight = float(weight)
+        if isinstance(direction, str):
+            size = 1.0 if direction == HEADLIGHT else math.nan
+        else:
+            direction = [float(v) for v in direction]
+            size = math.hypot(*direction) if len(direction) == 3 else math.nan
+    except (TypeError, ValueError):
+        size = math.nan
+    if not (0.0 < size < math.inf and 0.0 <= weight < math.inf):
+        raise InputError(
+            "lights must be a list of 'headlight', directions (x, y, z) towards a light, or pairs "
+            f"of one of these and its intensity, got {given!r}"
+        )
+    if isinstance(direction, str):
+        return direction, weight
+    return tuple(v / size for v in direction), weight
+
+
+def described_lights(lights: tuple[Light, ...]) -> dict[str, Any]:
+    """Return lights as an argument of a medium; nothing for the headlight alone."""
+    if lights == ((HEADLIGHT, 1.0),):
+        return {}
+    return {"lights": [[d if d == HEADLIGHT else list(d), w] for d, w in lights]}
+
+
+def given_shade(expr: Expression, shading: Any, lights: Any) -> Shade | None:
+    """Return the shading of an expression; None if there is none."""
+    share = fraction(shading, "shading")
+    rows = given_lights(lights)
+    if lights is not None and share == 0.0:
+        raise InputError("lights need shading, such as shading=0.7")
+    return Shade(expr, share, rows) if share > 0.0 else None
+
+
+def on_rays(medium: Any) -> Any:
+    """Return a medium for schemes that ask for its light on rays alone, and know their directions.
+
+    The gradient along the line of sight, in all cells, took three times as long as the picture.
+    """
+    changes: dict[str, Any] = {}
+    own, surface = getattr(medium, "modulation", None), getattr(medium, "shade", None)
+    if own is not None and own.shade is not None:
+        changes["modulation"] = type(own)(own.where, own.color, own.channels, _on_rays(own.shade))
+    if surface is not None:
+        changes["shade"] = _on_rays(surface)
+    if not changes:
+        return medium
+    found = medium.changed(**changes)
+    return found.changed(names=found.used_names())
+
+
+def _on_rays(shade: Shade) -> Shade:
+    return Shade(shade.expr, shade.share, shade.lights, on_rays=True)
+
+
+class Shade:
+    """How bright a place is by the direction of a gradient.
+
+    Parameters
+    ----------
+    expr : Expression
+        Its gradient is the normal.
+    share : float
+        Part of the emission that depends on the light; the rest is ambient.
+    lights : sequence of (direction or "headlight", weight)
+        Towards the light, in coordinates of the volume.
+    on_rays : bool
+        Only `seen` is asked for: no field of all cells is needed for each camera.
+    """
+
+    def __init__(
+        self, expr: Expression, share: float, lights: tuple[Light, ...], *, on_rays: bool = False
+    ) -> None:
+        self.expr, self.share, self.lights = expr, share, lights
+        self.normal = [Expression(f"grad({expr.text}).{a}") for a in "xyz"]
+        self.head = any(direction == HEADLIGHT for direction, _ in lights)
+        self.sight = Expression(f"los(grad({expr.text}))") if self.head and not on_rays else None
+        used = [*(n for e in self.expressions() for n in e.names), *("xyz" if self.head else "")]
+        self.names = tuple(dict.fromkeys(used))
+
+    def expressions(self) -> list[Expression]:
+        """Return the components of the gradient, along the line of sight too if that matters."""
+        return [*self.normal, *([self.sight] if self.sight else [])]
+
+    def factor(self, fields: dict[str, Any], context: Context) -> Any:
+        """Return the factor of the emission at places; or an interval that holds it."""
+        values = [context.evaluate(e, fields) for e in self.expressions()]
+        if isinstance(values[0], Interval):
+            where: Any = dr.select if isinstance(values[0], TracedInterval) else np.where
+            anywhere = values[0].lo == values[0].lo
+            low = where(anywhere, 1.0 - self.share, 1.0 - self.share)
+            return type(values[0])(low, where(anywhere, 1.0, 1.0))
+        return self._lit(values, context.number, context.kept_number(self.share))
+
+    def seen(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+        """Return the factor on a ray, in the type that integrals are computed with.
+
+        With the direction of the ray: near an observer inside the volume that to a cell's middle is
+        another one.
+        """
+        values = [context.evaluate(e, fields) for e in self.normal]
+        if self.head:
+            way = [stretch.cubics[axis][1] for axis in "xyz"]
+            most = extremes([dr.abs(w) for w in way])[1]
+            way = [w / dr.select(most > 0.0, most, 1.0) for w in way]
+            along = sum(v * w for v, w in zip(values, way, strict=True))
+            size = dr.sqrt(sum(w * w for w in way))
+            values.append(along / dr.select(size > 0.0, size, 1.0))
+        return context.narrow(self._lit(values, context.number, context.kept_number(self.share)))
+
+    def _lit(self, values: list[Any], number: Any, share: Any) -> Any:
+        """Return the factor from the gradient's components; ambient where they vanish."""
+        x, y, z = (abs(v) for v in values[:3])
+        ops = dr if not isinstance(values[0], (np.ndarray, float)) else np
+        most = ops.maximum(x, ops.maximum(y, z))
+        where = dr.select if ops is dr else np.where
+        there = (most > 0.0) & (most < math.inf)
+        # Squares of gradients in g/cm⁴ underflow.
+        g = [where(there, v / where(there, most, 1.0), 0.0) for v in values]
+        size = ops.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+        lit = 0.0 * size
+        for direction, weight in self.lights:
+            if direction == HEADLIGHT:
+                along = abs(g[3])
+            else:
+                along = abs(sum(number(n) * v for n, v in zip(direction, g[:3], strict=True)))
+            lit = lit + number(weight) * along
+        cosine = where(there, lit / where(size > 0.0, size, 1.0), 0.0)
+        return (1.0 - share) + share * ops.minimum(cosine, 1.0)
+
+    def turns(self, stretch: Stretch, context: Context) -> Any:
+        """Return where the light changes by so much that a few places do not show its way."""
+        low, high = extremes([self.seen(stretch.fields(s), stretch, context) for s in NODES])
+        return high - low > _DOUBT
+
+    def key(self) -> tuple[Any, ...]:
+        """Return the expression and all numbers."""
+        return ("Shade", self.normal[0].text, self.share, self.lights)
+
+    def describe(self) -> dict[str, Any]:
+        """Return it as the arguments of a medium."""
+        return {"shading": self.share, **described_lights(self.lights)}
+
+
+# What the cosine of ray and normal may change by within a panel.
+_TURN = 0.1
+# What a curve may be off by between two places of Gauss and Legendre, of its second difference.
+_CURVED = 0.125
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """Lamps: at the camera, or in fixed directions.
+
+    Attributes
+    ----------
+    normal : list of three Expression
+        The components of the gradient.
+    shading : float
+        Which part of the light is the lamps'; at 0 there are none.
+    lights : sequence of (direction or "headlight", weight)
+        As in `Shade`.
+    """
+
+    normal: list[Expression]
+    shading: float
+    lights: tuple[Light, ...] = ((HEADLIGHT, 1.0),)
+
+    def shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
+        """Return how bright a surface of some width looks on a panel.
+
+        The mean of two places (Gauss-Legendre) in what the panel has of it: the normal turns in it,
+        whether that is a small part of the panel or all of it.
+        """
+        if self.shading == 0:
+            return 1.0
+        share = self._share(context)
+        way = dr.sqrt(middle.spread * middle.place * (1.0 - middle.place))
+        first, last = (
+            self._cosine(panel.fields(f), panel.stretch, context)
+            for f in (middle.place - way, middle.place + way)
+        )
+        return 1.0 - share + 0.5 * share * (first + last)
+
+    def light(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+        """Return how bright the surface looks at a place of a stretch, with these fields."""
+        if self.shading == 0:
+            return 1.0
+        share = self._share(context)
+        return 1.0 - share + share * self._cosine(fields, stretch, context)
+
+    def off(self, stretch: Stretch, context: Context) -> Any:
+        """Return what light may be off by in a surface of some width, as a part of its emission.
+
+        A panel and its halves look at the same places where the surface is all in one of them.
+        """
+        if self.shading == 0:
+            return stretch.length * 0.0
+        first, middle, last = self._lit(stretch, context)
+        return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
+
+    def across(self, stretch: Stretch, context: Context, extent: Any, depth: Any) -> Any:
+        """Return what light may be off by in a surface that absorbs: its front is seen most.
+
+        Parameters
+        ----------
+        extent, depth : array
+            What part of a half of the stretch the surface takes, and its optical depth there.
+        """
+        share = self._share(context)
+        nodes = [[1.0 - share + share * lit] for lit in self._lit(stretch, context)]
+        return change_across(nodes, extent, depth)
+
+    def turns(self, stretch: Stretch, context: Context) -> Any:
+        """Return where the normal turns by so much that a few places do not show its way."""
+        if self.shading == 0:
+            return stretch.length < 0.0
+        low, high = extremes(self._lit(stretch, context))
+        return high - low > _TURN
+
+    def _share(self, context: Context) -> Any:
+        return context.keep(("shading", self.shading), lambda: context.narrow_number(self.shading))
+
+    def _lit(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return the cosine of ray and normal at both ends and in the middle; computed once."""
+        return kept(
+            stretch,
+            ("lit", self.normal[0].text, self.lights),
+            lambda: [self._cosine(stretch.fields(s), stretch, context) for s in NODES],
+        )
+
+    def _cosine(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+        across = _scaled([context.evaluate(e, fields) for e in self.normal], context)
+        found = 0.0
+        for direction, weight in self.lights:
+            if direction == HEADLIGHT:
+                way = _scaled([stretch.cubics[axis][1] for axis in "xyz"], context)
+            else:
+                way = [context.narrow_number(d) for d in direction]
+            cosine = lambert(across, way)
+            one = self.lights == ((HEADLIGHT, 1.0),)
+            found = cosine if one else found + context.narrow_number(weight) * cosine
+        return found
+
+
+def lambert(across: list[Any], way: list[Any]) -> Any:
+    """Return the cosine between two directions, on either side; one if there is no normal."""
+    size = dr.sqrt(_dot(across, across) * _dot(way, way))
+    cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
+    return dr.select(size > 0.0, cosine, 1.0)
+
+
+def _scaled(vector: list[Any], context: Context) -> list[Any]:
+    """Return a vector over its largest component: squares of gradients in g/cm⁴ underflow."""
+    x, y, z = (dr.abs(v) for v in vector)
+    most = dr.maximum(x, dr.maximum(y, z))
+    return [context.narrow(v / dr.select(most > 0.0, most, 1.0)) for v in vector]
+
+
+def _dot(a: list[Any], b: list[Any]) -> Any:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
