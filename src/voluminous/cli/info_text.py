@@ -113,7 +113,7 @@ def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
         Around how many particles it was made: cells and levels are not those of a file then.
     """
     told = grid.describe()
-    refined = len(grid.shape) == 1
+    refined = not grid.is_structured and "base" in told
     yield f"grid: {told['type']}, {_times(grid.shape)} cells{_kind(told)}"
     if particles is not None:
         yield f"  made by voluminous around {particles} particles, which have no cells of their own"
@@ -130,7 +130,7 @@ def _kind(told: dict[str, Any]) -> str:
 
 def _extent(grid: Any, unit: str) -> Iterator[str]:
     own = tuple(grid.coordinates)
-    if own != ("x", "y", "z") and hasattr(grid, "edges"):
+    if own != ("x", "y", "z"):
         for name, edges in zip(own, grid.edges, strict=True):
             own_unit = "rad" if is_angle(name) else unit
             yield f"  {name}  {span(edges[0], edges[-1])} {own_unit}".rstrip()

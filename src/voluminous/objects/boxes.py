@@ -57,20 +57,20 @@ class Lattice:
 
 def level_count(grid: Any) -> int:
     """Return how many levels a grid has; level 0 is the domain."""
-    if hasattr(grid, "patches"):
+    if grid.patches is not None:
         return int(grid.patches.level.max()) + 1
-    return int(grid.places.deepest) + 1 if hasattr(grid, "places") else 1
+    return 1 if grid.places is None else int(grid.places.deepest) + 1
 
 
 def lattice_of(grid: Any, level: int) -> Lattice:
     """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
-    if hasattr(grid, "patches"):
+    if grid.patches is not None:
         return _of_patches(grid, level)
     if level == 0:
         curved = grid.coordinates in (SPHERICAL, CYLINDRICAL)
         return replace(_bent(grid, _ends(grid), _ONE), boxes=None) if curved else _of_bounds(grid)
     nodes, size = _nodes(grid, level - 1)
-    if hasattr(grid, "base_edges"):
+    if grid.base_edges:
         corners = (nodes * size, (nodes + 1) * size)
         return Lattice(grid.position, nodes, size, corners)
     walls = [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)]
@@ -432,7 +432,7 @@ class Boxes(SceneObject):
 
     def _lines(self, grid: Any) -> tuple[Any, np.ndarray]:
         """Return polylines, and which of the levels that are drawn each belongs to."""
-        merged = not hasattr(grid, "patches") if self.merged is None else self.merged
+        merged = grid.patches is None if self.merged is None else self.merged
         levels = _chosen(self.levels, level_count(grid))
         parts = [outline(grid, level, merged) for level in levels]
         which = [np.full(sum(map(len, part)), k) for k, part in enumerate(parts)]
