@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import UnitsError
 from ..expressions import Expression, NumpyOps
-from ..expressions.sides import on_one_side
+from ..expressions.expression import on_one_side
 from ..fields import coordinates
 from ..media.contract import Medium
 from ..units import is_quantity, plain

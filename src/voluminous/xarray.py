@@ -1,14 +1,15 @@
-"""``array.voluminous``: pictures and volumes of what xarray holds."""
+"""``import voluminous.xarray`` gives xarray's arrays and data sets ``.voluminous``."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import xarray
+
 if TYPE_CHECKING:
     from .image import Image
     from .volume import Volume
 
-NAME = "voluminous"
 # Options of `to_volume` that `render` takes too; all others are those of `voluminous.render`.
 _PLACES = ("fields", "dims", "isel", "sel", "bounds", "spacing", "aspect", "unit")
 
@@ -52,13 +53,9 @@ class Accessor:
         return "<voluminous: .to_volume(…), .render(…)>"
 
 
-def register() -> None:
-    """Give xarray's arrays and data sets the accessor, unless they have it."""
-    import xarray
-
-    for kind, attach in (
-        (xarray.DataArray, xarray.register_dataarray_accessor),
-        (xarray.Dataset, xarray.register_dataset_accessor),
-    ):
-        if not hasattr(kind, NAME):
-            attach(NAME)(Accessor)
+for _kind, _attach in (
+    (xarray.DataArray, xarray.register_dataarray_accessor),
+    (xarray.Dataset, xarray.register_dataset_accessor),
+):
+    if not hasattr(_kind, "voluminous"):
+        _attach("voluminous")(Accessor)
