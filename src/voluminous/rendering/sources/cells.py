@@ -239,3 +239,11 @@ def _formula(name: str, grid: Any) -> Expression:
     # Azimuths above the first one by less than a full circle.
     first = float(grid.edges[grid.coordinates.index("phi")][0])
     return Expression(f"atan2(y, x) - 2*pi*((atan2(y, x) - {first!r}) // (2*pi))")
+
+
+# Dr.Jit arrays, and the offsets of packets in them, are 32-bit.
+LARGEST = 2**32 - 1
+
+
+# Cells classified at once: bounds the memory of temporaries, and the time between interruptions.
+SLAB = 1 << 19

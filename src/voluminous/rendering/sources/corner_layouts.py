@@ -17,9 +17,8 @@ from ...grids.curvilinear.field_walk import dual_values
 from ...grids.trilinear import trilinear
 from ...memory import check_memory, fits
 from ..cache import Cache
-from .cells import CellEvaluator, device_array
+from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .channel_layout import unit_near
-from .table import LARGEST, SLAB
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
 # with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.

@@ -17,13 +17,8 @@ from ...grids.contract import Corners, Segment
 from ...memory import check_memory, fits
 from ...schemes.base import Coefficients
 from ..cache import SLABS, Cache
-from .cells import CellEvaluator, device_array
+from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .empty_space import CELLS, get_blocks, pruned_walk, tabled
-
-# Dr.Jit arrays, and the offsets of packets in them, are 32-bit.
-LARGEST = 2**32 - 1
-# Cells classified at once: bounds the memory of temporaries, and the time between interruptions.
-SLAB = 1 << 19
 
 
 def packet_widths(count: int) -> list[int]:
