@@ -13,7 +13,7 @@ too small to be sampled.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,8 +23,9 @@ from ..errors import InputError, UnitsError
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..memory import check_memory
 from ..progress import reported_range
-from ..units import is_count, shown, unit_name
+from ..units import is_count, plain, shown, unit_name
 from .slices import MOST
+from .table import named_fields
 
 # Boxes cut at once.
 _CHUNK = 1 << 18
@@ -402,3 +403,36 @@ def _check(source: Any, target: Any, samples: Any) -> None:
         raise InputError(
             f"the new grid, {told[0]}, is nowhere in the volume, {told[1]}; compare their bounds"
         )
+
+
+def resampled_volume(
+    volume: Any, grid: Any, fields: Iterable[str] | None, fill: float, samples: int
+) -> Any:
+    """Return a volume on another grid; see `Volume.resample`."""
+    names = named_fields(volume, fields)
+    values = {name: volume.array(name) for name in names}
+    means = resampled(values, volume.grid, grid, _number(fill), samples)
+    other = type(volume)(grid)
+    for name in names:
+        single = values[name].dtype == np.float32
+        other[name] = means[name].astype(np.float32) if single else means[name]
+        other.set_unit(name, volume.field_unit(name))
+    other.meta |= _meta_on(volume, grid)
+    return other
+
+
+def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
+    meta = dict(volume.meta)
+    old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
+    if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):
+        # Where the patient's axes are is then not known either.
+        del meta["direction"]
+        meta.pop("orientation", None)
+    return meta
+
+
+def _number(fill: Any) -> float:
+    number = None if fill is None else plain(fill, None, "fill")
+    if not isinstance(number, float):
+        raise InputError(f"fill must be one number, got {shown(fill)}")
+    return number

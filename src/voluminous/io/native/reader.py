@@ -1,4 +1,4 @@
-"""Native files: what `voluminous.io.save` writes, whatever the grid."""
+"""Native files: what `Volume.save` writes, whatever the grid."""
 
 from __future__ import annotations
 

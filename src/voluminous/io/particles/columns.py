@@ -107,7 +107,7 @@ def placed(points: Any, masses: Any, unit: Any, **placing: Any) -> Deposit:
     unit : unit or None
         Of length; by default one in which the domain has a handy size.
     **placing
-        As for `voluminous.from_particles`.
+        As for `voluminous.Volume.from_particles`.
     """
     from ...particles import deposit, particles
 

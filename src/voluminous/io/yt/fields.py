@@ -47,7 +47,7 @@ class Fields:
         self.on_disk = {"/".join(f): self._names["/".join(f)] for f in stored}
 
     def chosen(self, fields: Any) -> dict[str, Field]:
-        """Return name → field of those asked for; see `voluminous.from_yt`.
+        """Return name → field of those asked for; see `voluminous.Volume.from_yt`.
 
         Raises
         ------
