@@ -208,11 +208,11 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
 
 
 def points_along(grid: Any, count: int) -> list[int]:
-    """Return how many points are taken along each axis of a cell: more along wide angles."""
-    widths = [
-        np.diff(edges).max() if name in ("theta", "phi") else 0.0
-        for name, edges in zip(grid.coordinates, grid.edges, strict=False)
-    ]
+    """Return the number of points along each axis of a cell: more along wide angles."""
+    widths = [0.0, 0.0, 0.0]
+    for axis, edges in enumerate(grid.edges):  # of a structured grid
+        if grid.coordinates[axis] in ("theta", "phi"):
+            widths[axis] = np.diff(edges).max()
     return [max(count, math.ceil(width * count / _ANGLE - 1e-9)) for width in widths]
 
 
