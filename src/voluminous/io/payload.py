@@ -6,6 +6,7 @@ import bz2
 import gzip
 import lzma
 import math
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
@@ -21,6 +22,8 @@ _PACKED: dict[bytes, Callable[[Path], Any]] = {
     b"BZh": bz2.BZ2File,
     b"\xfd7zXZ\x00": lzma.LZMAFile,
 }
+# How ZIP files start: with a file in them, or empty.
+ZIP = (b"PK\x03\x04", b"PK\x05\x06")
 _PIECE = 1 << 24
 _LARGEST = 2**62
 
@@ -123,3 +126,12 @@ def inside(directory: Path, name: str) -> Path:
 
 def _times(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
+
+
+def zip_names(path: Path) -> frozenset[str]:
+    """Return the names in a ZIP file; none if it is no ZIP file, or too damaged to tell."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(archive.namelist())
+    except Exception:  # of damaged ones it raises nearly anything, NotImplementedError too
+        return frozenset()

@@ -14,9 +14,8 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...units import unit_name
-from ..archives import ZIP, zip_names
 from ..names import field_name
-from ..payload import read_exactly
+from ..payload import ZIP, read_exactly, zip_names
 from .layout import AXES, Entry, text_in
 from .named_arrays import NamedArraysReader
 
@@ -76,7 +75,7 @@ class NPZReader(NamedArraysReader):
             }
 
     def write(self, volume: Volume, path: Path) -> None:
-        from ..cartesian import cartesian
+        from ..axes import cartesian
 
         grid = cartesian(volume)
         arrays: dict[str, Any] = dict(zip(AXES, grid.edges, strict=True))

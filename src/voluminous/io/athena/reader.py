@@ -12,9 +12,9 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import unit_name
+from ..axes import round_unit
 from ..contract import FieldInfo, Reader
 from ..hdf5 import holds, opened
-from ..lengths import round_unit
 from ..names import chosen_fields
 from .mesh import Mesh, checked, read_mesh
 from .variables import CodeUnits, Variable, variables

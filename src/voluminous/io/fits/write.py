@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...image.sky import table_hdus, tables_of
-from ..cartesian import cartesian
+from ..axes import cartesian
 from .axes import axis_name
 from .layout import is_place
 from .units import fits_name

@@ -14,8 +14,8 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import parse_unit, unit_of
+from ..axes import round_unit
 from ..contract import FieldInfo, Reader
-from ..lengths import round_unit
 from ..names import chosen_fields, field_name
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import numpy as np
 from ...errors import InputError
 from ...grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
 from ...memory import check_memory
+from ..axes import round_unit
 from ..leaves import ABSENT, placed_values, tree_of_leaves
-from ..lengths import round_unit
 from .source import Source, plain_values
 
 _DEGREE = math.pi / 180
