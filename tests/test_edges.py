@@ -12,8 +12,7 @@ from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression, NumpyOps
 from voluminous.expressions.sides import on_one_side
 from voluminous.media.context import Context
-from voluminous.media.edges import Edge, edges_ahead, first_edge
-from voluminous.media.passing import passing
+from voluminous.media.edges import Edge, edges_ahead, first_edge, passing
 from voluminous.media.stretch import Stretch
 
 # Rounding of places, and of what is added up.

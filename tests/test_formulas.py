@@ -15,7 +15,7 @@ import voluminous as vm
 from voluminous.backend import dr
 from voluminous.expressions import NumpyOps
 from voluminous.media import Coefficients, Function
-from voluminous.media.formulas import Formulas
+from voluminous.media.function import Formulas
 
 GRID = vm.CartesianGrid.uniform(16, (-1, 1))
 CAMERA = vm.Orthographic(40, 30, width=3, resolution=32)

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from voluminous.backend.device import get_backend
-from voluminous.media.shape_means import gaussian_mean
-from voluminous.media.shape_middles import box_middle, gaussian_middle
-from voluminous.media.table_means import PiecewiseLinear
-from voluminous.media.table_middles import TableMiddles
+from voluminous.media.gaussian import gaussian_mean, gaussian_middle
+from voluminous.media.piecewise_linear import PiecewiseLinear, TableMiddles
+from voluminous.media.rectangle import box_middle
 
 PRECISIONS = ["single", "double"]
 

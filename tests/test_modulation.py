@@ -97,7 +97,7 @@ def test_numbers_in_a_gate_have_units(kind, precision):
     )
     np.testing.assert_array_equal(found, expected)
     assert not np.array_equal(found, seen(made(None), volume, precision=precision))
-    (*_, part) = vm.calibrate(gated, volume).components()
+    (*_, part) = gated.calibrated(volume).components()
     assert part.describe()["where"] == "(4.5 km / s) < v"
     assert gated.components()[-1].describe()["where"] == "4.5e3 m/s < v"
     with pytest.raises(vm.UnitsError, match="'1 K' is in K, expected km / s"):

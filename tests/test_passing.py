@@ -10,7 +10,7 @@ from random_trees import random_flags
 from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
-from voluminous.media.passing import passing, slope_at
+from voluminous.media.edges import passing, slope_at
 from voluminous.media.stretch import Stretch
 
 # How far values are from the level: rounding.

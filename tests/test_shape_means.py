@@ -8,7 +8,8 @@ import pytest
 
 from voluminous.backend import dr, from_host, get_backend
 from voluminous.backend.functions import split_log
-from voluminous.media.shape_means import box_mean, gaussian_mean
+from voluminous.media.gaussian import gaussian_mean
+from voluminous.media.rectangle import box_mean
 
 KINDS = {"single": np.float32, "double": np.float64}
 # In single the rational function is good to 3e-7, which its difference divides by 0.3; in double

@@ -10,6 +10,8 @@ from voluminous.backend import from_host, get_backend
 from voluminous.backend.functions import decay
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
+from voluminous.media.gaussian import finely_sampled_gaussian, sampled_gaussian
+from voluminous.media.piecewise_linear import PiecewiseLinear
 from voluminous.media.sampled import (
     EIGHT,
     FIVE,
@@ -18,13 +20,10 @@ from voluminous.media.sampled import (
     WEIGHTS,
     WEIGHTS_OF_EIGHT,
     compared,
-    finely_sampled_gaussian,
-    sampled_gaussian,
+    products,
 )
-from voluminous.media.sampled_products import products
 from voluminous.media.stretch import Stretch
 from voluminous.media.table_bends import BEND
-from voluminous.media.table_means import PiecewiseLinear
 
 BOTH = pytest.mark.parametrize("precision", ["single", "double"])
 # Relative: the fit of the polynomial and a few roundings; Dr.Jit's own exponential in double. The

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from voluminous.backend import from_host, get_backend
+from voluminous.media.piecewise_linear import PiecewiseLinear
 from voluminous.media.sampled import PAIR
 from voluminous.media.table_bends import BEND, TableBends
-from voluminous.media.table_means import PiecewiseLinear
 
 RNG = np.random.default_rng(0)
 EVEN = np.linspace(-1.0, 1.0, 256)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from voluminous.backend import from_host, get_backend
-from voluminous.media.table_means import PiecewiseLinear
-from voluminous.media.table_structure import structures, visible_range
+from voluminous.media.piecewise_linear import PiecewiseLinear
+from voluminous.media.table import structures, visible_range
 
 PRECISIONS = ["single", "double"]
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from expression_trees import expressions
 from test_bounds import MEDIA, MONOTONE, ONE, SPECIAL, TWO, assert_inside, points_in
 from voluminous.backend import dr, from_host, get_backend
+from voluminous.bounds.scalars import TracedRangeContext
 from voluminous.errors import UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
@@ -22,7 +23,6 @@ from voluminous.expressions.traced_interval import TracedInterval, traced
 from voluminous.expressions.traced_interval_ops import TracedIntervalOps
 from voluminous.media import Colormap, Context, Gaussian, Medium, Rectangle, Table
 from voluminous.media.context import no_unit
-from voluminous.media.traced_bounds import TracedRangeContext
 
 INF, NAN = math.inf, math.nan
 

@@ -13,8 +13,7 @@ import numpy as np
 from ..errors import UnitsError
 from ..expressions import Expression, times, without_unit
 from ..media import Coefficients, ColorBy, Medium
-from ..media.formulas import Formulas
-from ..media.function import Function
+from ..media.function import Formulas, Function
 from ..units import parse_unit, unit_name
 from ..volume import Volume
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..derivatives import BoxesOfTree, Cells, differences
 from ..expressions import Expression
-from ..grids import CartesianGrid
 from ..volume import Volume
 
 # Cells of a run: the cells of trees that follow each other are neighbours, so of large ones many
@@ -291,7 +290,7 @@ def pieces(
         If the expression names a field that does not exist.
     """
     volume.check_names(expr)
-    if not isinstance(volume.grid, CartesianGrid):
+    if not volume.grid.is_rectilinear:
         yield from scattered_pieces(volume, expr, budget)
         return
     for first, stop in _parts(volume.grid.shape, budget):

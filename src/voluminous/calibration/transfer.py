@@ -11,10 +11,10 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
-from ..image.annotate.sheet import pretty_unit
+from ..image.lengths import pretty_unit
 from ..media import Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
-from ..media.shaped import Shaped
+from ..media.profiles import Shaped
 from ..notebook import png
 from ..units import is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume

@@ -34,7 +34,7 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
     array
         Of the grid's shape; float32 if the argument is, and its range allows.
     """
-    if len(volume.grid.shape) == 3:
+    if volume.grid.is_structured:
         return _along_axes(volume, operation, argument)
 
     def cells(first: int, last: int) -> np.ndarray:

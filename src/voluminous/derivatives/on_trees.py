@@ -17,7 +17,7 @@ from .quadratic_fit import fitted
 
 def is_tree(grid: Any) -> bool:
     """Return True for grids that kernels find neighbours on."""
-    return hasattr(grid, "neighbourhood")
+    return bool(grid.has_neighbourhood)
 
 
 class BoxesOfTree:

@@ -32,7 +32,7 @@ class Sight:
                 "los(...) needs to know from where the volume is seen; "
                 "give a camera: volume.evaluate(..., camera=camera)"
             )
-        if getattr(self.grid, "mirror", False):
+        if self.grid.mirror:
             raise InputError(
                 "los(...) differs between a cell and its mirror image: volume.unfolded() has both"
             )

@@ -123,11 +123,10 @@ def round_unit(width: Any) -> Any:
 
 def cartesian(volume: Volume) -> CartesianGrid:
     """Return the grid of a volume, which must be Cartesian to be written."""
-    from ..grids import CartesianGrid
-
-    if not isinstance(volume.grid, CartesianGrid):
+    if not volume.grid.is_rectilinear:
         raise InputError(
             f"this format holds Cartesian grids only, got {type(volume.grid).__name__}; save it as "
             ".h5, or resample it first (volume.resample, voluminous convert --resample)"
         )
-    return volume.grid
+    grid: CartesianGrid = volume.grid
+    return grid

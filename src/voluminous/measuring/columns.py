@@ -171,7 +171,7 @@ def check_exact(grid: Any, camera: Any) -> None:
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "
             f"{type(camera).__name__}; use method='rays' with samples"
         )
-    if tuple(grid.coordinates) != ("x", "y", "z"):
+    if not grid.cells_are_boxes or tuple(grid.coordinates) != ("x", "y", "z"):
         raise InputError(
             f"method='exact' needs cells that are boxes, got a {type(grid).__name__}; use "
             "method='rays' with samples"

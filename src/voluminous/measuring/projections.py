@@ -9,7 +9,6 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError, check_name
-from ..image.planes import changed
 from ..media import Coefficients
 from ..progress import Progress, with_progress
 from ..rendering import prepare
@@ -187,7 +186,7 @@ def project(
         total = column(
             volume, quantity, camera, weight=1 if how == "mean" else None, unit=unit, **options
         )
-        return changed(total, provenance={**(total.provenance or {}), "how": how})
+        return total.replace(provenance={**(total.provenance or {}), "how": how})
     if how == "first":
         return _first(volume, quantity, camera, unit, options)
     what = Quantity.of(volume.seen_by(camera), quantity)

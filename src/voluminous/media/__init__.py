@@ -8,8 +8,8 @@ from .contract import Medium
 from .function import Function
 from .gaussian import Gaussian
 from .isosurface import Isosurface
+from .profiles import Shaped
 from .rectangle import Rectangle
-from .shaped import Shaped
 from .sum import Sum
 from .table import Table
 

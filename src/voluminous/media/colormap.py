@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from .color_scale import SAMPLES, ColorScale, OpenRange
+from .arguments import check_plain, named
+from .color_by import SAMPLES, ColorScale, OpenRange
 from .context import Context
-from .given import check_plain, named
 from .shell import Shell
 from .table import Table
 

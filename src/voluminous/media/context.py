@@ -98,3 +98,13 @@ class Context:
     def interpolate(self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
         """Return the columns of a table, given at its nodes, interpolated at x."""
         return interpolate(self.real, x, nodes, columns)
+
+
+def completed(ops: Any, fields: dict[str, Any], context: Context) -> dict[str, Any]:
+    """Return fields with what follows from x, y and z, if these are among them."""
+    if all(axis in fields for axis in "xyz"):
+        x, y, z = (ops.multiply(fields[a], fields[a]) for a in "xyz")
+        fields["r"] = ops.sqrt(ops.add(ops.add(x, y), z))
+        for name, formula in context.coordinates.items():
+            fields[name] = formula.evaluate(ops, fields)
+    return fields

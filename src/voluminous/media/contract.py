@@ -18,10 +18,9 @@ from ..value import Value
 from .context import Context, no_unit
 
 if TYPE_CHECKING:
-    from .bounds import Bounds
-    from .course import CourseContext, Courses
+    from ..volume import Volume
     from .edges import Edge
-    from .part_bounds import PartBounds
+    from .ranges import Bounds
     from .sampled import Sampled
     from .shell import Shell
     from .stretch import Panel, Stretch
@@ -35,7 +34,7 @@ GAUSS_LEGENDRE_3 = (
 
 
 @dataclass
-class Coefficients:
+class MediumSample:
     """Emissivity per channel; one extinction for all channels (grey), or one per channel."""
 
     emissivity: list[Any]
@@ -62,7 +61,7 @@ class Medium(Value):
         it is drawn cell by cell unless a scheme is given.
     path_length : float, Quantity or "auto", optional
         The length that its colours and opacities refer to, if there is one; ``"auto"`` until
-        `voluminous.calibrate` measures it, for media that tell their `profile`.
+        `Medium.calibrated` measures it, for media that tell their `profile`.
     sensitivity : float
         How many times more a picture may be off than fields are where structures have no width, or
         jump: where these lie, and what is looked up there, follow from the fields' slopes.
@@ -75,7 +74,7 @@ class Medium(Value):
     path_length: Any = None
     sensitivity: float = 1.0
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
         raise NotImplementedError
 
@@ -117,7 +116,7 @@ class Medium(Value):
         """
         return ()
 
-    def means(self, panel: Panel, context: Context) -> Coefficients:
+    def means(self, panel: Panel, context: Context) -> MediumSample:
         """Return the means of j and α over a panel of a ray (traced by Dr.Jit).
 
         Per `context.scale` of length, emission in units of `context.radiance`. By default three
@@ -129,9 +128,9 @@ class Medium(Value):
             total = [t + v for t, v in zip(total, values, strict=True)] if total else values
         return self.split(total)
 
-    def split(self, values: list[Any]) -> Coefficients:
+    def split(self, values: list[Any]) -> MediumSample:
         """Return listed values, j of all channels first, as coefficients."""
-        return Coefficients(values[: self.channels], values[self.channels :])
+        return MediumSample(values[: self.channels], values[self.channels :])
 
     def in_units(self, fields: dict[str, Any], context: Context) -> list[Any]:
         """Return j, then α, at a place in the units of `means`."""
@@ -153,7 +152,7 @@ class Medium(Value):
         """
         return []
 
-    def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
+    def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
         """Return what has no width and is passed on a stretch: emission if thin, optical depth.
 
         In the units of `means` times length; as it is at a place, from 0 to 1. None if there never
@@ -202,7 +201,7 @@ class Medium(Value):
         zero = stretch.length * 0.0
         count = 1 if self.grey else self.channels
         nothing, unknown = (
-            Coefficients([value] * self.channels, [value] * count)
+            MediumSample([value] * self.channels, [value] * count)
             for value in (zero, dr.select(seen, math.inf, zero))
         )
         return Sampled(nothing, nothing, nothing, unknown)
@@ -262,39 +261,29 @@ class Medium(Value):
         """Return what `visible_in` depends on, besides the fields; None if that cannot be told."""
         return self.key()
 
-    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         """Return intervals that hold j and α while the fields stay in theirs.
 
         By default nothing is known of them. A medium whose `coefficients` computes with nothing but
         operators, `Context.ops` and `Context.interpolate` returns ``self.coefficients(...)``.
         """
         count = 1 if self.grey else self.channels
-        return Coefficients(
+        return MediumSample(
             [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
         )
 
-    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         """Return how large |j| and α may be on a ray while the fields stay in ranges (NumPy).
 
         By default what `ranges` tells.
         """
         found = self.ranges(fields, context)
-        return Coefficients(
+        return MediumSample(
             *(
                 [np.where(value.nan, np.inf, value.size) for value in values]
                 for values in (found.emissivity, found.extinction)
             )
         )
-
-    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        """Return what is certain on a panel of a ray, of all parts whose sum this is (traced).
-
-        By default what `ranges` tells. Media that know their means better have narrower bounds.
-        """
-        from .part_bounds import part_bounds
-
-        found = self.ranges(courses.fields, context)
-        return [part_bounds(found, found, courses.length)]
 
     def bounds(
         self,
@@ -331,10 +320,9 @@ class Medium(Value):
         UnknownNameError
             If a field is missing.
         """
-        from .bounds import bounds
-        from .formulas import with_formulas
-
-        return bounds(with_formulas(self), lo, hi, unit, unit_of)
+        whole = room("media.function").with_formulas(self)
+        found: Bounds = room("media.ranges").bounds(whole, lo, hi, unit, unit_of)
+        return found
 
     def intensity_unit(self, context: Context) -> Any:
         """Return the unit of emissivity times length; None where colours are plain numbers."""
@@ -381,11 +369,10 @@ class Medium(Value):
         return change(self)
 
     def __add__(self, other: Any) -> Medium:
-        from .sum import Sum
-
         if not isinstance(other, Medium):
             return NotImplemented
-        return Sum(self.components() + other.components())
+        found: Medium = room("media.sum").Sum(self.components() + other.components())
+        return found
 
     def __radd__(self, other: Any) -> Medium:
         # sum([...]) starts from 0.
@@ -423,6 +410,51 @@ class Medium(Value):
         """
         return room("calibration.at_values").evaluate(self, values)
 
+    def calibrated(self, volume: Volume) -> Medium:
+        """Return this medium with numbers in place of all that is measured in a volume.
+
+        Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this
+        volume, so that one crossing of the shell shows its colour and its opacity. Open ends of
+        the range of a `ColorBy` or `Colormap` are set so that the range holds 99 % of what the
+        medium shows, by volume. Units in expressions are converted. The same volume gives the
+        same numbers on every machine.
+
+        Parameters
+        ----------
+        volume : Volume
+            In which thicknesses are measured.
+
+        Returns
+        -------
+        Medium
+            Path lengths are plain numbers in the volume's unit, and so are numbers in expressions
+            such as ``where="velocity_z > 5 km/s"``. The medium itself if nothing was open.
+
+        Raises
+        ------
+        InputError
+            If `volume` is no volume, or there is no range of colours.
+        UnknownNameError
+            If the medium uses a field that does not exist.
+        UnitsError
+            If the unit of an expression cannot be derived.
+
+        Notes
+        -----
+        Thickness is the effective width in x over the gradient of x, as a median weighted by
+        area. A shell that is nowhere in the volume gets the shortest side of the domain.
+
+        Examples
+        --------
+        >>> import voluminous as vm
+        >>> core = vm.models.prestellar_core(32)
+        >>> shell = vm.Gaussian("log10(density)", 3.5, 0.05, 1.0, 0.1, path_length="auto")
+        >>> f"{shell.calibrated(core).path_length:.2g} cm"
+        '4.2e+16 cm'
+        """
+        found: Medium = room("calibration.open_numbers").calibrate(self, volume)
+        return found
+
     def plot(self, volume: Any = None, ax: Any = None) -> Any:
         """Draw j and α over the values that the medium looks at, and how many cells have these.
 
@@ -432,7 +464,7 @@ class Medium(Value):
         Parameters
         ----------
         volume : Volume, optional
-            What is ``"auto"`` or open is measured in it, as in `calibrate`. Without it there is no
+            What is ``"auto"`` or open is measured in it, as in `calibrated`. Without it there is no
             histogram, and what one path length shows is drawn.
         ax : matplotlib Axes or sequence of them, optional
             Where to draw; one is divided if there are several panels. Default: a new figure, shown
@@ -461,9 +493,11 @@ class Medium(Value):
         units: Any = None,
     ) -> Medium:
         """Return a medium from any Python function of the fields; see `media.Function`."""
-        from .function import Function
-
-        return Function(function, fields, channels, grey=grey, parameters=parameters, units=units)
+        make = room("media.function").Function
+        found: Medium = make(
+            function, fields, channels, grey=grey, parameters=parameters, units=units
+        )
+        return found
 
     def _repr_png_(self) -> bytes | None:
         """Return a swatch of the transfer function, as far as no volume is needed for it."""

@@ -1,4 +1,4 @@
-"""A medium from any Python function of the fields, for physics nobody foresaw."""
+"""What a function of the fields computes, read as formulas: known as expressions are."""
 
 from __future__ import annotations
 
@@ -11,10 +11,58 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.symbols import read
 from ..units import parse_unit, unit_name
+from .arguments import whole_number
+from .coefficients import Coefficients
 from .context import Context
-from .contract import Coefficients, Medium
-from .formulas import Formulas
-from .given import whole_number
+from .contract import Medium, MediumSample
+
+
+class Formulas(Coefficients):
+    """A function as expressions: where it jumps, how smooth it is and what bounds it is known.
+
+    Parameters
+    ----------
+    function : Function
+        Whose they are.
+    emissivity, extinction : sequence of Expression
+        What it returns, per unit length of the volume: its fields are plain numbers.
+    """
+
+    def __init__(
+        self,
+        function: Function,
+        emissivity: tuple[Expression, ...],
+        extinction: tuple[Expression, ...],
+    ) -> None:
+        super().__init__(emissivity, extinction)
+        self.function, self.names = function, function.names
+
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
+        return MediumSample(
+            *([context.evaluate(e, fields) for e in every] for every in self._expressions())
+        )
+
+    def intensity_unit(self, context: Context) -> Any:
+        told = self.function.units is not None
+        return self.function.intensity_unit(context) if told else super().intensity_unit(context)
+
+    def key(self) -> Any:
+        return ("Formulas", *(tuple(e.text for e in every) for every in self._expressions()))
+
+    def describe(self) -> dict[str, Any]:
+        return self.function.describe()
+
+    def _expressions(self) -> tuple[tuple[Expression, ...], tuple[Expression, ...]]:
+        return self.emissivity, self.extinction
+
+
+def with_formulas(medium: Medium) -> Medium:
+    """Return a medium with the formulas of functions in place of these, where they can be read.
+
+    They are read for each picture: what a function closes over may have changed.
+    """
+    return medium.with_each(lambda part: part.formulas() or part)
+
 
 _MOST_CHANNELS = 4096
 
@@ -90,7 +138,7 @@ class Function(Medium):
         except Exception:  # anybody's function may raise anything
             return None
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         arguments = [context.evaluate(e, fields) for e in self.inputs]
         numbers = {name: context.number(value) for name, value in self.parameters.items()}
         try:
@@ -102,7 +150,7 @@ class Function(Medium):
                 "at once: use voluminous.math (vm.math.exp, vm.math.where, …) in place of NumPy's "
                 "functions and of `if`"
             ) from error
-        return Coefficients(*(list(map(context.real, v)) for v in self._listed(result)))
+        return MediumSample(*(list(map(context.real, v)) for v in self._listed(result)))
 
     def _listed(self, result: Any) -> tuple[list[Any], list[Any]]:
         """Return what the function returned as lists of the emissivities and the extinctions."""

@@ -12,39 +12,43 @@ is a sheet of constant thickness, and looks denser where it is seen edge-on.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..backend import dr
+from ..backend.functions import precision_of, unit_interval
 from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.interval import Interval
+from ..expressions.monotone import Kind
 from ..units import plain
-from . import surface_crossing, surface_panels, surface_sampled, surface_sheet
-from .context import Context
-from .contract import Coefficients, Medium
-from .edges import SENSITIVITY, Edge
-from .given import fraction, plain_number
-from .given import named as _named
-from .given import scalar as _scalar
-from .modulation import Factors
-from .sampled import Sampled
-from .shade import described_lights, given_lights, given_shade
-from .shell import Shell
-from .surface_given import (
+from .arguments import (
     depth_of,
+    fraction,
     given_levels,
     given_opacities,
-    modulated_colors,
+    plain_number,
     plain_opacities,
 )
-from .surface_light import Lamp
+from .arguments import named as _named
+from .arguments import scalar as _scalar
+from .context import Context
+from .contract import Medium, MediumSample
+from .edges import NOISE, SENSITIVITY, Edge, on_chord, passes, slope_at, way_within
+from .modulation import Factors, modulated_colors
+from .rectangle import box_extent, box_middle
+from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
+from .shading import Lamp, described_lights, given_lights, given_shade
+from .shell import Shell
+from .stretch import Middle, extremes, kept, may_turn
+from .unresolved import LookedUp, bend, core, extent_of, slope_factor
 
 if TYPE_CHECKING:
-    from .course import CourseContext, Courses
-    from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
+
 
 DENSITIES = ("crossing", "gradient")
 
@@ -62,6 +66,25 @@ class SurfaceNumbers:
     def ranges(self) -> list[tuple[Any, Any]]:
         """Between which values each surface is."""
         return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
+
+
+# Turns within a surface of some width that nodes do not show: what may be lost, in crossings and in
+# optical depth, of the tolerance. A panel and its halves agree about them, so that no error tells.
+_FOLD = 0.1
+_MOST_FOLDED = 1e-4
+# How many times the third difference of a function of the fields at their control points its cubic
+# part is: on a line these are evenly spaced, and it is 27/6 of that; 1 for sums of fields.
+_OF_FUNCTIONS = 4.5
+# One over the width of what is thinner than all panels.
+_THIN = 1e18
+# Values at the five places to the slopes of their polynomial there.
+_POWERS = np.vander(FIVE, increasing=True)
+_SLOPES = (np.arange(len(FIVE)) * np.roll(_POWERS, 1, axis=1)) @ np.linalg.inv(_POWERS)
+_WEIGHTS = np.array(WEIGHTS_OF_FIVE)
+# A panel in which a scalar goes back by more than this part of a surface must be narrower.
+_BACK = {"single": 1e-4, "double": 1e-9}
+# With a change of less than this, in widths, a panel is in a surface if its middle is.
+_LEVEL = 1e-5
 
 
 class Isosurface(Medium):
@@ -196,8 +219,8 @@ class Isosurface(Medium):
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         if self.hollow or not self.finer:
             return super().sampled(stretch, context, fine=fine)
-        own = surface_sampled.sampled if fine else surface_sampled.roughly
-        return own(self, stretch, context)
+        own = self._finely_sampled if fine else self._roughly_sampled
+        return own(stretch, context)
 
     def scalars(self) -> tuple[Expression, ...]:
         return (self.expr,)
@@ -212,22 +235,22 @@ class Isosurface(Medium):
         every = {"levels": self.levels, "colors": self.colors, "opacities": self.opacities}
         return self.changed(**{name: values[k : k + 1] for name, values in every.items()})
 
-    def means(self, panel: Panel, context: Context) -> Coefficients:
+    def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
         if self.hollow and panel.stretch.edgeless:
             return self.in_colors([], zero, context)
-        part = surface_sheet.part if self.thick else surface_crossing.part
-        found = [part(self, panel, context, level) for level in levels]
+        part = self._part_of_shell if self.thick else self._part_at_crossing
+        found = [part(panel, context, level) for level in levels]
         return self.in_colors(found, zero, context)
 
-    def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
+    def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
         if self.thick:
             return None
-        found = surface_crossing.layers(self, stretch, context, place)
+        found = self._layers(stretch, context, place)
         return self.in_colors(found, stretch.length * 0.0, context)
 
-    def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> Coefficients:
+    def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
         """Return emission and extinction of surfaces, of each of which so much is shown."""
         own = self.numbers(context)
         emission, extinction = [zero] * self.channels, [zero] * len(own.depths[0])
@@ -235,20 +258,11 @@ class Isosurface(Medium):
             extinction = [t + d * found.gate for t, d in zip(extinction, depths, strict=True)]
             for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
-        return Coefficients(emission, extinction)
-
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        return surface_panels.visible(self, stretch, context)
+        return MediumSample(emission, extinction)
 
     @property
     def steady(self) -> bool:
         return len(self.levels) == 1 and self.modulation.color is None and not self.shading
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        return surface_panels.cores(self, stretch, context)
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        return surface_panels.sharpness(self, stretch, context)
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         levels, width = self.plain_numbers(context)
@@ -262,7 +276,7 @@ class Isosurface(Medium):
         numbers = (*map(_named, self.levels), _named(self.width))
         return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         """Return j and α per unit length with |∇x| for the slope: that along a ray is not known.
 
         Raises
@@ -291,19 +305,14 @@ class Isosurface(Medium):
         if self.shade is not None:
             light = self.shade.factor(fields, context)
             emission = [j * light for j in emission]
-        return self.modulation.coefficients(Coefficients(emission, extinction), fields, context)
+        return self.modulation.coefficients(MediumSample(emission, extinction), fields, context)
 
-    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.coefficients(fields, context) if self.thick else super().ranges(fields, context)
 
-    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         most = np.where(self.visible_in(fields, context), np.inf, 0.0)
-        return Coefficients([most] * self.channels, [most] * len(self.opacities[0]))
-
-    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        from .surface_bounds import surface_parts
-
-        return surface_parts(self, courses, context)
+        return MediumSample([most] * self.channels, [most] * len(self.opacities[0]))
 
     def key(self) -> Any:
         look = (self.colors, self.opacities, self.density, self.shading, self.lights)
@@ -366,3 +375,310 @@ class Isosurface(Medium):
             )
 
         return context.keep(id(self), make)
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where a level may be crossed, and where more often than a panel's ends show."""
+        if self._is_outside(stretch):
+            nowhere = stretch.length < 0.0
+            return nowhere, nowhere
+        own = self.numbers(context)
+        nodes = stretch.nodes(self.expr)
+        seen = dr.isnan(nodes[1])  # where there is NaN, it must show
+        hidden = stretch.length < 0.0
+        for low, high in own.ranges:
+            for edge in (low, high) if self.thick else (low,):
+                possible, shown = passes(stretch, self.expr, edge)
+                seen |= possible > 0
+                hidden |= possible > shown
+        if self.thick:
+            for level in own.levels:
+                seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
+                hidden |= self._folded(stretch, context, level)
+        if not self.thick:  # looked at where it is crossed, whatever is beside it
+            return self.modulation.open(stretch, seen), hidden
+        hidden |= seen & self.lamp.turns(stretch, context)
+        if not self.modulation.fixed:
+            hidden |= self._looked_up(stretch, context).lost(self.modulation, stretch, context)
+        return self.modulation.visible(stretch, context, seen, hidden)
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return one: surfaces are thinner than all panels; crossings are counted exactly.
+
+        In a self of some width little is known of a density that goes with the gradient where the
+        slope bends, and of light where the normal turns.
+        """
+        zero = stretch.length * 0.0
+        if self._is_outside(stretch):
+            return zero, zero
+        if not self.thick:
+            return zero + 1.0, zero
+        off = self.lamp.off(stretch, context)
+        if self.density == "gradient":
+            off = extremes([off, *self._bend_errors(stretch, context)])[1]
+        lit = self.shading > 0
+        if lit or not self.modulation.fixed:
+            found = self._looked_up(stretch, context)
+            off = off + found.error(self.modulation, stretch, context)
+            if lit:
+                off = off + self.lamp.across(stretch, context, found.extent, found.depth)
+        return zero + 1.0, off
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return how many surfaces are crossed in each half."""
+        if self._is_outside(stretch):
+            return [stretch.length * 0.0] * 2
+        own = self.numbers(context)
+        nodes = stretch.nodes(self.expr)
+        varies = self.thick and self.modulation.color is not None
+        counts = []
+        for pair in (nodes[:2], nodes[1:]):
+            low, high = extremes(pair)
+            total = stretch.length * 0.0
+            for first, last in own.ranges:
+                there = (low <= last) & (high >= first)
+                total += core(there, high - low > own.width, varies, total)
+            counts.append(total)
+        return counts
+
+    def _is_outside(self, stretch: Stretch) -> bool:
+        """Return whether surfaces without width are at the ends of a stretch, and none is in it."""
+        return self.hollow and stretch.edgeless
+
+    def _folded(self, stretch: Stretch, context: Context, level: Any) -> Any:
+        """Return where it may go further up and down within a thick self than nodes show."""
+        expr, width = self.expr, self.numbers(context).width
+        found = stretch.turning(expr)
+        near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
+        noise = NOISE[precision_of(type(width))] * dr.abs(level) / width
+        deep = self._deepest(context)
+        few = min(_FOLD * context.tolerance, _MOST_FOLDED)
+        least = context.keep(("folded", few), lambda: context.narrow_number(few))
+        least = least / dr.select(deep > 1.0, deep, 1.0)
+        hidden = near & (context.narrow(found.apart / width - noise) > least)
+        if may_turn(expr, stretch.context):
+            return hidden
+        ways = [
+            way_within(xs, level, width) for xs in (stretch.controls(expr), stretch.nodes(expr))
+        ]
+        return hidden | (context.narrow(ways[0] - ways[1] - noise) > least)
+
+    def _deepest(self, context: Context) -> Any:
+        return extremes([d for row in self.numbers(context).depths for d in row])[1]
+
+    def _bend_errors(self, stretch: Stretch, context: Context) -> list[Any]:
+        own = self.numbers(context)
+        near = context.narrow(0.5 * own.width)
+        names = ("r", *context.coordinates)
+        more = _OF_FUNCTIONS if self.expr.kind(names) > Kind.SUM else 1.0
+        return [
+            more
+            * bend(
+                stretch,
+                self.expr,
+                _THIN,
+                lambda x, level=level: context.narrow(x - level),
+                -near,
+                near,
+            )
+            for level in own.levels
+        ]
+
+    def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
+        """Return surfaces of some width as shells: a colour varies within one, where it ends."""
+        own = self.numbers(context)
+        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
+        low, high = stretch.hull(self.expr)
+        ends = stretch.length < 0.0
+        for edge in (edge for pair in own.ranges for edge in pair):
+            ends |= (low <= edge) & (high >= edge)
+        return LookedUp(
+            expr=self.expr,
+            ranges=own.ranges,
+            thin=1.0,
+            extent=extent_of(nodes, context.narrow(own.width)),
+            depth=dr.select(ends, self._deepest(context), 0.0),
+        )
+
+    def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
+        """Return what a panel has of a self, per length: seen through its gate, and lit.
+
+        All of it where a line through the panel's ends passes the level.
+        """
+        stretch = panel.stretch
+        crossed = dr.select(_between(panel.ends(self.expr), level), panel.per_length, 0.0)
+        if not self.looks_inside:
+            return Factors([crossed] * self.channels, crossed)
+
+        def make() -> list[Any]:
+            place = on_chord(stretch, self.expr, level)
+            slope = stretch.scalar(self.expr, 1.0) - stretch.scalar(self.expr, 0.0)
+            return self._seen_at(stretch, stretch.fields(place), slope, context)
+
+        return _times(crossed, kept(stretch, (id(self), id(level)), make))
+
+    def _layers(self, stretch: Stretch, context: Context, place: Any) -> list[Factors]:
+        """Return what is seen of each self that is crossed on a stretch, which is at a place."""
+        one = type(stretch.length)(1.0)
+        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        levels = self.numbers(context).levels
+        crossed = [dr.select(_between(ends, level), one, 0.0) for level in levels]
+        if not self.looks_inside:
+            return [Factors([c] * self.channels, c) for c in crossed]
+        slope = slope_at(stretch, self.expr, place) if self.density == "gradient" else one
+        shown = self._seen_at(stretch, stretch.fields(place), slope, context)
+        return [_times(c, shown) for c in crossed]
+
+    def _seen_at(
+        self, stretch: Stretch, fields: dict[str, Any], slope: Any, context: Context
+    ) -> list[Any]:
+        """Return how dense a self is at a place with these fields, and how bright each channel.
+
+        `slope` is what the scalar grows by there, per length of the stretch.
+        """
+        dense = type(stretch.length)(1.0)
+        if self.density == "gradient":
+            dense = self._obliquity(fields, stretch.length, slope, context)
+        gate, *shown = self.modulation.at_place(fields, context)
+        light = self.lamp.light(fields, stretch, context)
+        return [gate * dense, *(f * dense * light for f in shown)]
+
+    def _obliquity(self, fields: dict[str, Any], length: Any, slope: Any, context: Context) -> Any:
+        """Return |∇x| over |∂x/∂s|, at least one; `slope` is what x grows by per `length`."""
+        steepest = length * self.steepness(fields, context)
+        along = dr.abs(slope)
+        ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
+        return dr.select(ratio > 1.0, ratio, 1.0)
+
+    def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
+        """Return what a panel has of a self, per length: seen through its gate, and lit."""
+        width = self.numbers(context).width
+        ends = [x - level for x in panel.ends(self.expr)]
+        in_halves = [context.narrow(2.0 * x / width) for x in ends]
+        middle = box_middle(*in_halves)
+        first, last = (unit_interval(x / width + 0.5) for x in ends)
+        dense = panel.per_length * context.narrow(dr.abs(last - first))
+        if self.density == "gradient":
+            dense = self._in_sheet(panel, context, dense, box_extent(*in_halves), middle)
+        light = self.lamp.shade(panel, context, middle)
+        if self.modulation.fixed:
+            return Factors([dense * light] * self.channels, dense)
+        factors = self.modulation.factors(panel, context, middle)
+        return Factors([f * dense * light for f in factors.emission], factors.gate * dense)
+
+    def _in_sheet(
+        self, panel: Panel, context: Context, dense: Any, inside: Any, middle: Middle
+    ) -> Any:
+        """Return how much of a sheet of the same thickness everywhere a panel has, per length.
+
+        By the part of the panel that is `inside`: along the sheet nothing is crossed.
+        """
+        slope = self.steepness(panel.fields(middle.place), context)
+        # Not over the mean slope of the panel, but over that at the place.
+        turned = slope_factor(panel, self.expr, middle.place, context.narrow)
+        found = inside * turned * context.narrow(slope / self.numbers(context).width)
+        return dr.select(found > dense, found, dense)
+
+    def _finely_sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return the means of j and α over a stretch without edges; see `Medium.sampled`."""
+        x = [stretch.scalar(self.expr, s) for s in FIVE]
+        ways = [context.narrow((v - x[0]) / self.numbers(context).width) for v in x]
+        dense, unsure = self._density(stretch, ways, context)
+        shares = self._shares(x, ways, context)
+        unsure &= extremes(shares)[1] > 0.0  # outside of all it may turn as it likes
+        total, doubt = dot(_WEIGHTS, dense), unseen(dense)
+        columns = []
+        for values in self._factors(stretch, context):
+            found = [a * b for a, b in zip(dense, values, strict=True)]
+            low, high = extremes(values)
+            # A crossing has as much as its ends tell of what is the same all along.
+            share = high - low
+            if self.density == "gradient":
+                share = extremes([dr.abs(low), dr.abs(high)])[1]
+            wrong = UNKNOWN * dr.fma(unseen(values), total, doubt * share)
+            off = dr.select(unsure, dr.inf, wrong)
+            columns.append([dot(_WEIGHTS, found), found[0], found[-1], off])
+        rows = (
+            [Factors([s * v for v in paint], s * gate) for s in shares]
+            for *paint, gate in zip(*columns, strict=True)
+        )
+        zero = stretch.length * 0.0
+        result = Sampled(*(self.in_colors(row, zero, context) for row in rows))
+        result.off.emissivity = [dr.abs(j) for j in result.off.emissivity]
+        return result
+
+    def _shares(self, x: list[Any], ways: list[Any], context: Context) -> list[Any]:
+        """Return what part of a stretch is in each self.
+
+        By how far its ends are in it: so what panels have of a self adds up to all of it, though
+        these end somewhat behind its sides.
+        """
+        own = self.numbers(context)
+        rise = dr.abs(ways[-1])
+        flat, shares = rise < _LEVEL, []
+        for level in own.levels:
+            first, last = (unit_interval((v - level) / own.width + 0.5) for v in (x[0], x[-1]))
+            inside = dr.select(dr.abs(x[2] - level) <= 0.5 * own.width, type(rise)(1.0), 0.0)
+            part = context.narrow(dr.abs(last - first)) / dr.select(flat, 1.0, rise)
+            # Not a quotient of what is rounding where a ray passes along a sheet.
+            all_in = (first > 0.0) & (first < 1.0) & (last > 0.0) & (last < 1.0)
+            shares.append(dr.select(all_in, 1.0, dr.select(flat, inside, part)))
+        return shares
+
+    def _roughly_sampled(self, stretch: Stretch, context: Context) -> Sampled:
+        """Return about how dense surfaces are on any stretch; what that is off by is not known."""
+        own = self.numbers(context)
+        ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
+        zero, per_length = stretch.length * 0.0, stretch.panel(0.0, 1.0).per_length
+        extinction = [zero] * len(own.depths[0])
+        for level, depths in zip(own.levels, own.depths, strict=True):
+            first, last = (unit_interval((x - level) / own.width + 0.5) for x in ends)
+            way = per_length * context.narrow(dr.abs(last - first))
+            extinction = [t + d * way for t, d in zip(extinction, depths, strict=True)]
+        nothing, unknown = (
+            MediumSample([zero + v] * self.channels, [zero + v] * len(extinction))
+            for v in (0.0, dr.inf)
+        )
+        return Sampled(MediumSample(nothing.emissivity, extinction), nothing, nothing, unknown)
+
+    def _density(
+        self, stretch: Stretch, ways: list[Any], context: Context
+    ) -> tuple[list[Any], Any]:
+        """Return how much of a self of depth one there is per length, and where that is unsure."""
+        rises = [dot(row, ways) for row in _SLOPES]
+        up, down = (
+            dot(_WEIGHTS, [dr.select(way * r > 0.0, way * r, 0.0) for r in rises])
+            for way in (1, -1)
+        )
+        back = dr.select(up < down, up, down)
+        unsure = (back > _BACK[precision_of(type(back))]) | ~dr.isfinite(ways[-1])
+        per_length = stretch.panel(0.0, 1.0).per_length
+        dense = [per_length * dr.abs(r) for r in rises]
+        if self.density == "gradient":
+            width = self.numbers(context).width
+            for k, s in enumerate(FIVE):
+                steep = context.narrow(self.steepness(stretch.fields(s), context) / width)
+                dense[k] = dr.select(steep > dense[k], steep, dense[k])
+        return dense, unsure
+
+    def _factors(self, stretch: Stretch, context: Context) -> list[list[Any]]:
+        """Return what multiplies each channel's emission, and then extinction, at five places."""
+        rows = []
+        for s in FIVE:
+            if self.modulation.fixed:
+                gate, paint = type(stretch.length)(1.0), []
+            else:
+                gate, *paint = self.modulation.at_node(stretch, s, context)
+            light = self.lamp.light(stretch.fields(s), stretch, context)
+            own = paint or [gate] * self.channels
+            rows.append([*(light * p for p in own), gate])
+        return [list(column) for column in zip(*rows, strict=True)]
+
+
+def _between(ends: Iterable[Any], level: Any) -> Any:
+    first, last = (x < level for x in ends)
+    return first ^ last
+
+
+def _times(crossed: Any, shown: list[Any]) -> Factors:
+    gate, *paint = shown
+    return Factors([crossed * f for f in paint], crossed * gate)

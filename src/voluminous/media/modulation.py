@@ -19,35 +19,19 @@ from ..backend import dr
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
+from .arguments import color_values, level_colors
 from .color_by import ColorBy
 from .context import Context
-from .contract import Coefficients
+from .contract import MediumSample
 from .edges import SENSITIVITY, Edge
-from .given import color_values
-from .turning import at_places, within
+from .stretch import Middle, at_places, kept, within
 
 if TYPE_CHECKING:
-    from .shade import Shade
+    from .shading import Shade
     from .stretch import Panel, Stretch
 
 # Where a gate may change by more than this within a panel, panels are made smaller.
 _DOUBT = 0.25
-
-
-@dataclass
-class Middle:
-    """Where the mass of a shape is in a panel.
-
-    Attributes
-    ----------
-    place : array
-        Its centre, as a fraction of the panel.
-    spread : array or float
-        Its variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
-    """
-
-    place: Any
-    spread: Any
 
 
 @dataclass
@@ -57,9 +41,9 @@ class Factors:
     emission: list[Any]
     gate: Any
 
-    def times(self, found: Coefficients) -> Coefficients:
+    def times(self, found: MediumSample) -> MediumSample:
         """Return modulated coefficients; zero where the factor is, whatever the coefficient."""
-        return Coefficients(
+        return MediumSample(
             [_product(f, j) for f, j in zip(self.emission, found.emissivity, strict=True)],
             [_product(self.gate, a) for a in found.extinction],
         )
@@ -81,6 +65,17 @@ def modulated(
         return (color.brightness,) * 3, Modulation(where, color, 3, shade)
     values = color_values(color)
     return values, Modulation(where, None, len(values), shade)
+
+
+def modulated_colors(
+    color: Any, where: Any, count: int
+) -> tuple[tuple[tuple[float, ...], ...], Modulation]:
+    """Return one colour per level, and what varies them."""
+    if isinstance(color, ColorBy):
+        row, modulation = modulated(color, where)
+        return (row,) * count, modulation
+    rows = level_colors(color, count)
+    return rows, Modulation(where, None, len(rows[0]))
 
 
 class Modulation:
@@ -156,8 +151,8 @@ class Modulation:
         return tuple((expr, 0.0) for expr in found if expr is not None)
 
     def coefficients(
-        self, found: Coefficients, fields: dict[str, Any], context: Context
-    ) -> Coefficients:
+        self, found: MediumSample, fields: dict[str, Any], context: Context
+    ) -> MediumSample:
         """Return coefficients at places, or intervals of them, modulated."""
         if self.fixed:
             return found
@@ -169,7 +164,7 @@ class Modulation:
             emission = [e * light for e in emission]
         ops = context.ops
         zero = context.real(0.0)
-        return Coefficients(
+        return MediumSample(
             [
                 ops.where(gate > 0.0, f * j, zero)
                 for f, j in zip(emission, found.emissivity, strict=True)
@@ -178,8 +173,8 @@ class Modulation:
         )
 
     def means(
-        self, found: Coefficients, panel: Panel, context: Context, middle: Middle
-    ) -> Coefficients:
+        self, found: MediumSample, panel: Panel, context: Context, middle: Middle
+    ) -> MediumSample:
         """Return mean coefficients over a panel, modulated where their mass is."""
         return found if self.fixed else self.factors(panel, context, middle).times(found)
 
@@ -306,14 +301,6 @@ class Modulation:
             return context.narrow(self.gate(stretch.fields(0.5), context))
 
         return kept(stretch, (id(self), "gate"), make)
-
-
-def kept(stretch: Stretch, key: Any, make: Any) -> Any:
-    """Return what `make` returned the first time for a stretch, whose panels share their ends."""
-    store = vars(stretch).setdefault("_kept", {})
-    if key not in store:
-        store[key] = make()
-    return store[key]
 
 
 def _possible(where: Expression, stretch: Stretch) -> Any:

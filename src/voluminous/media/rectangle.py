@@ -10,16 +10,12 @@ from ..backend import dr
 from ..backend.functions import precision_of
 from ..expressions import Ops
 from .context import Context
-from .crossings import passes
-from .edges import Edge
-from .modulation import Middle
+from .edges import Edge, passes
+from .profiles import SampledShaped
 from .sampled import Sampled
-from .sampled_shapes import SampledShaped
-from .shape_means import box_mean
-from .shape_middles import box_middle
+from .stretch import Middle, middle_of
 
 if TYPE_CHECKING:
-    from ..expressions.traced_interval import TracedInterval
     from .stretch import Stretch
 
 
@@ -37,7 +33,8 @@ class Rectangle(SampledShaped):
 
     Notes
     -----
-    The rectangle function of Peters, *The physics of volume rendering* (2014), section 4.
+    The rectangle function of Peters, *The physics of volume rendering* (2014), section 2; the form
+    with h and w, section 5.
     """
 
     width_name = "half_width"
@@ -90,13 +87,6 @@ class Rectangle(SampledShaped):
         inside = _within(*ends)
         return Sampled(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
 
-    def mean_bounds(
-        self, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
-    ) -> TracedInterval:
-        from .mean_bounds import box_bounds
-
-        return box_bounds(first, last, farthest)
-
     def middle(self, first: Any, last: Any, mean: Any) -> Middle:
         return box_middle(first, last)
 
@@ -123,3 +113,40 @@ class Rectangle(SampledShaped):
 
 def _within(low: Any, high: Any) -> Any:
     return (low >= -1.0) & (high <= 1.0)
+
+
+def box_mean(first: Any, last: Any) -> Any:
+    """Return the mean of a shape that is one where |z| <= 1 and zero elsewhere."""
+    low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
+    inside = dr.select(high < 1.0, high, 1.0) - dr.select(low > -1.0, low, -1.0)
+    way = high - low
+    flat = dr.select(dr.abs(first) <= 1.0, 1.0, 0.0)
+    mean = dr.select(inside > 0.0, inside, 0.0) / dr.select(way > 0.0, way, 1.0)
+    return dr.select(way > 0.0, mean, flat * 1.0)
+
+
+def box_middle(first: Any, last: Any) -> Middle:
+    """Return where the part of the panel is in which z is from -1 to 1; exact."""
+    low, high = _part_within(first, last)
+    half = 0.5 * (last - first)
+    per_half = dr.select(half == 0.0, 0.0, 1.0 / half)
+    extent = dr.select(half == 0.0, 1.0, 0.5 * (high - low) * per_half)
+    center = 0.5 * (low + high) - 0.5 * (first + last)
+    return middle_of(center * per_half, extent * extent / 3.0)
+
+
+def box_extent(first: Any, last: Any) -> Any:
+    """Return what part of the panel it is in which z is from -1 to 1."""
+    low, high = _part_within(first, last)
+    way = dr.abs(last - first)
+    inside = dr.select((first >= -1.0) & (first <= 1.0), type(way)(1), 0.0)
+    return dr.select(way == 0.0, inside, (high - low) / dr.select(way == 0.0, 1.0, way))
+
+
+def _part_within(first: Any, last: Any) -> tuple[Any, Any]:
+    low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
+    return _clipped(low), _clipped(high)
+
+
+def _clipped(z: Any) -> Any:
+    return dr.select(z < -1.0, -1.0, dr.select(z > 1.0, 1.0, z))

@@ -12,14 +12,13 @@ Simpson's (degree three) among them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..backend import dr
-from ..backend.functions import decay, horner, precision_of
 from .stretch import extremes
 
 # Gauss and Legendre's places and weights on [0, 1].
@@ -30,18 +29,9 @@ EIGHT, WEIGHTS_OF_EIGHT = (
         0.5 * np.polynomial.legendre.leggauss(8)[1],
     )
 )
-# Ellipses around [0, 1], with half axes of (ρ ± 1/ρ)/4, and parts of a cubic's first three
-# derivatives on the stretch that no imaginary part on them is above. For functions no larger than
-# one there eight samples are off by 64/15 ρ^-16/(1 - ρ^-2) at most. The second is for tolerances of
-# 1e-7 and less, which the first never meets: in double precision alone.
-_SMALL, _LARGE = (3.0, (2 / 3, 0.073, 0.05)), (6.0, (1.46, 1.13, 0.6))
-_ELLIPSES = {"single": [_SMALL], "double": [_SMALL, _LARGE]}
-# With more of it nothing is known: 3 % for a line of seven and a half σ.
-_MOST_ASIDE = 5.0
-# Lobatto's places and weights on [0, 1], and what is off: the sixth derivative over this.
+# Lobatto's places and weights on [0, 1].
 PLACES = (0.0, 0.5 - math.sqrt(0.05), 0.5 + math.sqrt(0.05), 1.0)
 WEIGHTS = (1 / 12, 5 / 12, 5 / 12, 1 / 12)
-_OFF = 1_512_000.0
 # The same with five nodes, and the weights of Simpson's rule with the first, third and fifth.
 FIVE = (0.0, 0.5 - math.sqrt(3 / 28), 0.5, 0.5 + math.sqrt(3 / 28), 1.0)
 WEIGHTS_OF_FIVE = (1 / 20, 49 / 180, 16 / 45, 49 / 180, 1 / 20)
@@ -52,10 +42,6 @@ _BY_ACCIDENT = 0.06
 PAIR = (0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12))
 # The same with both ends and the middle: exact for polynomials of degree five.
 _WEIGHTS_OF_PAIR = (1 / 15, 3 / 10, 4 / 15)
-# The second to sixth derivative of exp(-z²/2) are below these times its square root.
-_DERIVATIVES = (1.15, 1.95, 3.75, 8.3, 20.0)
-# A Gaussian is smooth where its argument changes by less than this along a stretch, in σ.
-_SMOOTH = 3.0
 
 
 @dataclass
@@ -64,11 +50,11 @@ class Sampled:
 
     Attributes
     ----------
-    mean : array or Coefficients
+    mean : array or MediumSample
         The mean.
-    first, last : array or Coefficients
+    first, last : array or MediumSample
         What it begins and ends with, or a line through the samples does.
-    off : array or Coefficients
+    off : array or MediumSample
         How far the mean may be off; infinite where nothing is known.
     """
 
@@ -123,47 +109,66 @@ def missed_by_pair(nodes: list[Any], pair: list[Any]) -> Any:
     return dr.abs(mean - 0.5 * both)
 
 
-def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:
-    """Return the mean of exp(-z²/2) over a stretch, with a bound of its error.
+# What the polynomial through five values may be off by, in what `unseen` tells. With 0.5 0.8 % of
+# the pixels of coloured sheets in noise were beyond their error, with 2 0.3 %, in 1.05 of the time.
+UNKNOWN = 2.0
 
-    The latter is made of the sixth derivative by the place: with numbers for derivatives, T₂ … T₆
-    of the Gaussian by z and z₁ … z₃ of z by the place, T₆ z₁⁶ + 15 T₅ z₁⁴ z₂ + T₄ (45 z₁² z₂² +
-    20 z₁³ z₃) + T₃ (15 z₂³ + 60 z₁ z₂ z₃) + 10 T₂ z₃² (Faà di Bruno's formula).
+
+def _lagrange(nodes: Sequence[float], places: Sequence[float]) -> np.ndarray:
+    """Return by what values at nodes are multiplied to have their polynomial at places."""
+    return np.array(
+        [[np.prod([(s - b) / (a - b) for b in nodes if b != a]) for a in nodes] for s in places]
+    )
+
+
+# Weights of Gauss and Legendre for the mean, and for half of what a line through it rises by.
+_MEAN = np.array(WEIGHTS_OF_EIGHT)
+_LEAN = 6.0 * (np.array(EIGHT) - 0.5) * _MEAN
+_AT_EIGHT = _lagrange(FIVE, EIGHT)
+# Values at the five places to the coefficients of Legendre's second to fourth polynomials.
+_LEGENDRE = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * np.array(FIVE) - 1.0, 4))[2:]
+
+
+def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampled]:
+    """Return the means of a shape times each of some factors.
 
     Parameters
     ----------
-    nodes : four arrays
-        z at Lobatto's `PLACES`.
-    derivatives : three arrays
-        Bounds of |z₁|, |z₂| and |z₃|.
+    shape : eight arrays
+        The shape at `sampled.EIGHT`.
+    off : array
+        How far its mean may be off.
+    factors : list of five arrays each
+        The factors at `sampled.FIVE`.
     """
-    values = [decay(0.5 * (z * z)) for z in nodes]
-    largest = extremes(values)[1]
-    z1, z2, z3 = derivatives
-    t2, t3, t4, t5, t6 = (t / _OFF for t in _DERIVATIVES)
-    square = z1 * z1
-    straight = horner(square, [15.0 * t3 * z2 * z2 * z2, 45.0 * t4 * z2 * z2, 15.0 * t5 * z2, t6])
-    turning = dr.fma(z1, 20.0 * t4 * square + 60.0 * t3 * z2, 10.0 * t2 * z3)
-    off = dr.sqrt(largest) * dr.fma(z3, turning, straight)
-    start, *inner, end = values
-    mean = dr.fma(WEIGHTS[0], start + end, WEIGHTS[1] * (inner[0] + inner[1]))
-    return Sampled(mean, start, end, dr.select(z1 <= _SMOOTH, off, dr.inf))
+    whole = dot(_MEAN, shape)
+    mean, lean = (
+        [dot(weights * column, shape) for column in _AT_EIGHT.T] for weights in (_MEAN, _LEAN)
+    )
+    found = []
+    for values in factors:
+        center, rise = dot(mean, values), dot(lean, values)
+        largest = extremes([dr.abs(v) for v in values])[1]
+        error = dr.fma(UNKNOWN * unseen(values), whole, off * largest)
+        found.append(Sampled(center, center - rise, center + rise, error))
+    return found
 
 
-def finely_sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:
-    """Return the same from z at the places `EIGHT`: good for slopes of up to five σ.
+def unseen(values: list[Any]) -> Any:
+    """Return how far a function with these values may be from their polynomial, by its decay.
 
-    In an ellipse the Gaussian is at most exp(y²/2), with y the imaginary part of z.
+    Coefficients of smooth functions fall by about the same factor from one to the next.
     """
-    values = [decay(0.5 * (z * z)) for z in nodes]
-    mean, lean = values[0] * 0.0, values[0] * 0.0
-    for place, weight, value in zip(EIGHT, WEIGHTS_OF_EIGHT, values, strict=True):
-        mean = dr.fma(weight, value, mean)
-        lean = dr.fma(6.0 * (place - 0.5) * weight, value, lean)
-    off = mean + dr.inf
-    for rho, parts in _ELLIPSES[precision_of(type(mean))]:
-        y = sum(part * d for part, d in zip(parts, derivatives, strict=True))
-        least = 64 / 15 * rho**-16 / (1 - rho**-2)
-        here = dr.select(y < _MOST_ASIDE, least / decay(0.5 * (y * y)), dr.inf)
-        off = dr.select(here < off, here, off)
-    return Sampled(mean, mean - lean, mean + lean, off)
+    second, third, fourth = (dr.abs(dot(row, values)) for row in _LEGENDRE)
+    other = second + third
+    return dr.fma(third, third / dr.select(other > 0.0, other, 1.0), fourth)
+
+
+def dot(weights: Any, values: list[Any]) -> Any:
+    """Return the sum of values times numbers, or arrays."""
+    total = 0.0 * values[0]
+    # NumPy's own numbers would look into arrays of Dr.Jit's.
+    own = weights.tolist() if isinstance(weights, np.ndarray) else weights
+    for weight, value in zip(own, values, strict=True):
+        total = dr.fma(weight, value, total)
+    return total

@@ -10,14 +10,12 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import page, table
 from .context import Context
-from .contract import Coefficients, Medium
+from .contract import Medium, MediumSample
 from .sampled import Sampled
 from .stretch import extremes
 
 if TYPE_CHECKING:
-    from .course import CourseContext, Courses
     from .edges import Edge
-    from .part_bounds import PartBounds
     from .shell import Shell
     from .stretch import Panel, Stretch
 
@@ -53,7 +51,7 @@ class Sum(Medium):
         same = all(new is old for new, old in zip(changed, self.parts, strict=True))
         return self if same else Sum(changed)
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return self._total([part.coefficients(fields, context) for part in self.parts])
 
     def expressions(self) -> tuple[tuple[Expression, Any], ...]:
@@ -70,14 +68,14 @@ class Sum(Medium):
     def shells(self) -> tuple[Shell, ...]:
         return tuple(shell for part in self.parts for shell in part.shells())
 
-    def means(self, panel: Panel, context: Context) -> Coefficients:
+    def means(self, panel: Panel, context: Context) -> MediumSample:
         return self._total([part.means(panel, context) for part in self.parts])
 
     def edges(self, context: Context) -> list[Edge]:
         every = (edge for part in self.parts for edge in part.edges(context))
         return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
 
-    def layer(self, stretch: Stretch, context: Context, place: Any) -> Coefficients | None:
+    def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
         found = [part.layer(stretch, context, place) for part in self.parts]
         some = [one for one in found if one is not None]
         return self._total(some) if some else None
@@ -132,18 +130,15 @@ class Sum(Medium):
         keys = tuple(part.visible_key() for part in self.parts)
         return None if None in keys else keys
 
-    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self._total([part.ranges(fields, context) for part in self.parts])
 
-    def largest(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self._total([part.largest(fields, context) for part in self.parts])
 
-    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        return [found for part in self.parts for found in part.on_panel(courses, context)]
-
-    def _total(self, solved: list[Coefficients]) -> Coefficients:
+    def _total(self, solved: list[MediumSample]) -> MediumSample:
         count = 1 if self.grey else self.channels
-        return Coefficients(
+        return MediumSample(
             _add([c.emissivity for c in solved]),
             _add([_spread(c.extinction, count) for c in solved]),
         )

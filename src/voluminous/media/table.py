@@ -1,42 +1,86 @@
-"""Tables: colours and opacities given at values of a scalar, linear in between."""
+"""Tables on a stretch of ray: where they show, and what panels may not show of them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..backend import dr
+from ..backend.functions import precision_of
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..units import plain, unit_of
-from . import table_panels
+from .arguments import (
+    given_colors,
+    given_columns,
+    given_path_length,
+    given_values,
+    length_in,
+    named,
+)
 from .color_by import ColorBy
 from .context import Context
-from .contract import Coefficients, Medium
-from .given import named
-from .modulation import Modulation, kept
-from .path_length import given_path_length, length_in
+from .contract import Medium, MediumSample
+from .edges import NOISE, passes
+from .modulation import Modulation
+from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
 from .sampled import PAIR, Sampled, missed_by_pair
-from .shade import given_shade
+from .shading import given_shade
 from .shell import Shell
+from .stretch import extremes, kept
 from .table_bends import TableBends
-from .table_given import given_colors, given_columns, given_values, shared_colors
-from .table_means import PiecewiseLinear, Place
-from .table_middles import TableMiddles
+from .unresolved import LookedUp, bend, core, extent_of, thinness
 
 if TYPE_CHECKING:
-    from .course import CourseContext, Courses
     from .edges import Edge
-    from .part_bounds import PartBounds
     from .stretch import Panel, Stretch
+
 
 # Emission and extinction that differ by less, as parts of their peaks, vary alike.
 _EVEN = 1e-9
 # Half of how far apart the ends of a stretch are, over the distance of two samples.
 _TO_ENDS = 0.5 / (PAIR[1] - PAIR[0])
+
+
+# Structures are looked at in classes of width, each so much wider than the one before.
+_CLASS, _CLASSES = 8.0, 3
+# So many jumps are looked for exactly, the largest: each takes its part of every kernel.
+_JUMPS = 4
+# Control points that stick out by this part of a structure's width call for smaller panels.
+_DOUBT = 0.25
+# What is left of that where x only just reaches what shows.
+_REACHED = 2.0**-8
+# A structure is a ramp up and one down.
+_RAMPS = 2.0
+
+
+@dataclass
+class _Parts:
+    """What a table shows, as numbers of a kernel.
+
+    Attributes
+    ----------
+    first, last : array
+        Between which x it may be noticeable.
+    begin, end : array
+        Between which x it varies.
+    structures : list of three arrays
+        Of each: by how much x may go unseen, and between which x it is; the narrowest first.
+    jumps : list of arrays
+        Where entries jump.
+    """
+
+    first: Any
+    last: Any
+    begin: Any
+    end: Any
+    structures: list[list[Any]]
+    jumps: list[Any]
 
 
 class Table(Medium):
@@ -89,7 +133,7 @@ class Table(Medium):
         n = len(self.values)
         self.opacities = given_columns(opacities, n, "opacities")
         by = colors if isinstance(colors, ColorBy) else None
-        self.colors = given_colors(colors, n) if by is None else shared_colors(self.opacities, by)
+        self.colors = given_colors(colors, n) if by is None else _shared_colors(self.opacities, by)
         self.path_length = given_path_length(path_length)
         self.channels = self.colors.shape[1]
         if self.opacities.shape[1] not in (1, self.channels):
@@ -126,7 +170,7 @@ class Table(Medium):
         """The largest extinction, or one for each channel."""
         return tuple(self.opacities.max(axis=0).tolist())
 
-    def coefficients(self, fields: dict[str, Any], context: Context) -> Coefficients:
+    def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         x = context.evaluate(self.expr, fields)
         scale = 1.0 / self._length(context)
         columns = [column * scale for column in (*self.colors.T, *self.opacities.T)]
@@ -156,7 +200,7 @@ class Table(Medium):
     def shells(self) -> tuple[Shell, ...]:
         return (Shell(self, None, dark=not self.rows.any(), has_entries=True),)
 
-    def means(self, panel: Panel, context: Context) -> Coefficients:
+    def means(self, panel: Panel, context: Context) -> MediumSample:
         stretch = panel.stretch
         ends = [self._place(stretch, s, context) for s in (panel.first, panel.last)]
         heights = self.heights(context)
@@ -206,15 +250,6 @@ class Table(Medium):
         )
         return Sampled(*map(self.split, (middle, start, end, [h * off for h in heights])))
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        return table_panels.visible(self, stretch, context)
-
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        return table_panels.cores(self, stretch, context)
-
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        return table_panels.sharpness(self, stretch, context)
-
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         x = context.evaluate(self.expr, fields)
         found = context.interpolate(x, self.nodes(context), list(self.shape.T))
@@ -230,14 +265,8 @@ class Table(Medium):
     def visible_key(self) -> Any:
         return (*self._entries(), self.modulation.gate_key())
 
-    def ranges(self, fields: dict[str, Interval], context: Context) -> Coefficients:
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
         return self.coefficients(fields, context)
-
-    def on_panel(self, courses: Courses, context: CourseContext) -> list[PartBounds]:
-        from .mean_bounds import table_parts
-
-        length = length_in(self.path_length, context.unit)
-        return table_parts(self, length, courses, context)
 
     @property
     def rows(self) -> np.ndarray:
@@ -358,3 +387,155 @@ class Table(Medium):
         """Return gate and colours as plain values."""
         told = self.modulation.described()
         return {"colors" if key == "color" else key: value for key, value in told.items()}
+
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return where an entry may be noticeable, and where a panel's ends may not show that."""
+        low, high = (context.narrow(x) for x in stretch.hull(self.expr))
+        below, above = extremes([context.narrow(x) for x in stretch.nodes(self.expr)])
+        parts = self._kernel_numbers(context, type(low))
+        seen = ~((low > parts.last) | (high < parts.first))  # where there is NaN, it must show
+        # Between log10 of nothing and a value there is all of the self, and ends show none of it.
+        endless = dr.isinf(below) | dr.isinf(above)
+        hidden = seen & endless & (high > parts.begin) & (low < parts.end)
+        for doubt, begin, end in parts.structures:
+            hidden |= (high > above + doubt) & (above < end) & (high > begin)
+            hidden |= (low < below - doubt) & (below > begin) & (low < end)
+            hidden |= (low < end) & (high > begin) & stretch.turns(self.expr, doubt)
+        if parts.structures:
+            hidden |= seen & self._entered(parts, stretch)
+            if not self.modulation.fixed:
+                found = self._looked_up(parts, stretch, context)
+                hidden |= seen & found.lost(self.modulation, stretch, context)
+        for edge in parts.jumps:
+            # However little it goes beyond a jump, what is there counts.
+            possible, shown = passes(stretch, self.expr, edge)
+            hidden |= seen & (possible > shown)
+        return self.modulation.visible(stretch, context, seen, hidden)
+
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+        """Return how thin the narrowest structure is, and what bends of x may do to it."""
+        real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
+        parts = self._kernel_numbers(context, real)
+        if not parts.structures:  # the same everywhere
+            return stretch.length * 0.0, stretch.length * 0.0
+        narrowness = _DOUBT / parts.structures[0][0]
+        off = bend(stretch, self.expr, narrowness, context.narrow, parts.first, parts.last)
+        if not self.modulation.fixed:
+            found = self._looked_up(parts, stretch, context)
+            off = off + found.error(self.modulation, stretch, context)
+        return thinness(stretch, self.expr, narrowness, context.narrow), off
+
+    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+        """Return how many structures are in each half; of several classes of width the most."""
+        nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
+        parts = self._kernel_numbers(context, type(nodes[0]))
+        counts = []
+        for low, high in map(extremes, pairwise(nodes)):
+            count = stretch.length * 0.0
+            for doubt, first, last in parts.structures:
+                narrow = _DOUBT * (high - low) > doubt
+                own = core((low < last) & (high > first), narrow, not self.even, count)
+                count = extremes([count, own])[1]
+            counts.append(count)
+        return counts
+
+    def _kernel_numbers(self, context: Context, real: Any) -> _Parts:
+        def make() -> _Parts:
+            nodes, shape = self.nodes(context), self.shape
+            first, last = visible_range(nodes, shape, context.faint)
+            found = structures(nodes, shape)
+            return _Parts(
+                dr.opaque(real, first),
+                dr.opaque(real, last),
+                dr.opaque(real, float(nodes[0])),
+                dr.opaque(real, float(nodes[-1])),
+                [[dr.opaque(real, v) for v in (_DOUBT * w, low, high)] for w, low, high in found],
+                [context.number(x) for x in jumps(nodes, shape)],
+            )
+
+        return context.keep((id(self), "parts"), make)
+
+    def _entered(self, parts: _Parts, stretch: Stretch) -> Any:
+        """Return where x reaches what shows, and no end does: of an opaque self little is much."""
+        low, high = stretch.hull(self.expr)
+        below, above = extremes(stretch.nodes(self.expr))
+        noise = NOISE[precision_of(type(low))] * extremes([dr.abs(low), dr.abs(high)])[1]
+        least = _REACHED * parts.structures[0][0] + noise
+        return ((above <= parts.first) & (high > parts.first + least)) | (
+            (below >= parts.last) & (low < parts.last - least)
+        )
+
+    def _looked_up(self, parts: _Parts, stretch: Stretch, context: Context) -> LookedUp:
+        """Return the narrowest structure as a shell in which colours and a gate are looked up."""
+        doubt, low, high = parts.structures[0]
+        narrowness = _DOUBT / doubt
+        extent = extent_of(
+            [context.narrow(x) for x in stretch.nodes(self.expr)], _RAMPS / narrowness
+        )
+        way = 0.5 * stretch.length * dr.select(extent < 1.0, extent, 1.0)
+        return LookedUp(
+            expr=self.expr,
+            ranges=[(low, high)],
+            thin=thinness(stretch, self.expr, narrowness, context.narrow),
+            extent=extent,
+            depth=extremes(self.heights(context)[self.channels :])[1] * way,
+        )
+
+
+def visible_range(nodes: np.ndarray, columns: np.ndarray, faint: float) -> tuple[float, float]:
+    """Return between which x an entry may exceed `faint`; (∞, -∞) if none does.
+
+    Parameters
+    ----------
+    nodes : array, shape (n,)
+        Increasing places of the entries.
+    columns : array, shape (n, m)
+        The entries, at most one.
+    faint : float
+        What may be neglected.
+    """
+    seen = np.flatnonzero((np.abs(columns) > faint).any(axis=1))
+    if not len(seen):
+        return np.inf, -np.inf
+    first, last = int(seen[0]), int(seen[-1])
+    return (
+        float(nodes[first - 1]) if first > 0 else -np.inf,
+        float(nodes[last + 1]) if last < len(nodes) - 1 else np.inf,
+    )
+
+
+def structures(nodes: np.ndarray, columns: np.ndarray) -> list[tuple[float, float, float]]:
+    """Return width, least and greatest x of the table's structures, the narrowest first.
+
+    The width of a piece between two nodes is how far x goes, at its rate, for a change of one; a
+    jump at an end counts as change. Pieces of similar width are one structure, whose ends are those
+    of its pieces.
+    """
+    steps = np.diff(nodes)
+    jumps = np.abs(np.diff(columns, axis=0)).max(axis=1)
+    alone = np.where(steps > 0, 0.0, jumps)
+    change = jumps + np.append(alone[1:], 0.0) + np.append(0.0, alone[:-1])
+    some = (steps > 0) & (change > 0)
+    width = steps[some] / change[some]
+    low, high = nodes[:-1][some], nodes[1:][some]
+    found: list[tuple[float, float, float]] = []
+    while len(width) and len(found) < _CLASSES:
+        least = float(width.min())
+        near = width < _CLASS * least
+        found.append((least, float(low[near].min()), float(high[near].max())))
+        width, low, high = width[~near], low[~near], high[~near]
+    return found
+
+
+def jumps(nodes: np.ndarray, columns: np.ndarray) -> list[float]:
+    """Return where entries jump, at two equal nodes: the largest of these jumps first."""
+    change = np.where(np.diff(nodes) > 0, 0.0, np.abs(np.diff(columns, axis=0)).max(axis=1))
+    largest = np.argsort(-change, kind="stable")[:_JUMPS]
+    return [float(nodes[k]) for k in largest if change[k] > 0]
+
+
+def _shared_colors(opacities: np.ndarray, by: ColorBy) -> np.ndarray:
+    """Return the opacity times the brightness in three channels, to be coloured."""
+    if opacities.shape[1] not in (1, 3):
+        raise InputError(f"opacities must have one column or 3, got {opacities.shape[1]}")
+    return by.brightness * np.broadcast_to(opacities, (len(opacities), 3))

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from .piecewise_linear import PiecewiseLinear, Rows
 from .sampled import PAIR
-from .table_means import PiecewiseLinear, Rows
 
 # What is off for a bend of one: half the square of the first place (Peano's kernel).
 BEND = 0.5 * PAIR[0] ** 2

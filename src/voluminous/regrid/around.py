@@ -61,7 +61,7 @@ def _check_goes_around(grid: Any, counts: dict[str, int], around: int) -> None:
                 f"{axis} can only be divided where one cell goes all around, which is not so on "
                 f"this grid: {grid!r}"
             )
-    if len(grid.shape) == 1:
+    if not grid.is_structured:
         raise InputError(
             "a refined grid cannot be unfolded; use volume.resample(grid) with a grid that has "
             "many cells in phi"

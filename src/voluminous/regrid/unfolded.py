@@ -18,9 +18,9 @@ _THETA = 1
 def unfolded(volume: Any) -> Any:
     """Return a volume without a mirror; see `Volume.unfolded`."""
     grid = volume.grid
-    if not getattr(grid, "mirror", False):
+    if not grid.mirror:
         return volume
-    if len(grid.shape) == 1:
+    if not grid.is_structured:
         raise InputError(
             "a refined grid with mirror=True cannot be unfolded; make it with both halves, or "
             "use volume.resample(grid) first"

@@ -10,13 +10,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..image import Image
-from ..media.bounds import RangeContext
 from ..media.contract import Medium
+from ..media.ranges import RangeContext
 from ..objects.values import MANY
+from ..packages import room
 from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
-from .bounds.guaranteed import bracket, check_bounds
 from .coefficients.emission_unit import before
 from .first_medium import first_medium
 from .framing import first_camera, framed
@@ -55,16 +55,17 @@ def render(
     volume : Volume
         Grid and fields.
     medium : Medium, optional
-        From field values to emissivity and extinction. By default `voluminous.auto` finds one.
+        From field values to emissivity and extinction. By default `suggest_medium` finds one.
     camera : Orthographic or Perspective, optional
         Which rays. By default all is seen, from obliquely above (a patient from the front, a stack
-        of pictures as they are); without a medium, what the one that is found shows (`framed`).
+        of pictures as they are); without a medium, what that one shows
+        (`Orthographic.framing`).
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
         In place of a camera: what the medium shows, from a side of a patient, or as a stack of
-        pictures is leafed through; see `framed`.
+        pictures is leafed through; see `Orthographic.framing`.
     scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first, but
-        ``"first-order"`` for what `voluminous.auto` makes of labels: between two there are no
+        ``"first-order"`` for what `suggest_medium` makes of labels: between two there are no
         others.
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
@@ -96,7 +97,7 @@ def render(
         so many as given, on a segment of a ray.
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
-        `Star`, `Stars`, `Spheres`, `Lines`, `boxes`, `axes`.
+        `Stars`, `Spheres`, `Lines`, `Boxes`, `Axes`.
     progress : bool or callable, optional
         True shows a bar, False none; by default one appears on a terminal and in a notebook when
         it takes longer than two seconds. A function is called as ``progress(done, total)`` now and
@@ -139,7 +140,7 @@ def render(
         progress=progress,
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
-    budget = check_bounds(bounds, job)
+    budget = room("bounds.guaranteed").check_bounds(bounds, job)
     start = time.monotonic()
     planes = job.run(float(np.max(np.abs(behind))))
     if not planes.finite:
@@ -178,7 +179,7 @@ def _image(
     intensity = planes.emission
     if np.any(behind):
         intensity = before(behind, intensity, planes.transparency)
-    lower, upper = bracket(job, budget, intensity, behind)
+    lower, upper = room("bounds.guaranteed").bracket(job, budget, intensity, behind)
     x, y = job.frame.coordinates()
     return Image(
         intensity,

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..grids.contract import cells_across, has_blocks
 from ..schemes.contract import scheme_key
 from ..volume import Volume
 from .cache import Cache
 from .coefficients.digits import beyond_single_sums
 from .coefficients.emission_unit import channels_last, in_units_of
-from .options import DEFAULT_ERROR, walk_kinds
+from .options import DEFAULT_ERROR
 from .rays.adaptive import refine
 from .rays.control import add_floor, controlled, in_kernel_unit, total_error
 from .rays.drawing import Drawing
@@ -110,10 +109,10 @@ class Job:
         they matter where there are bits to spare.
         """
         grid = self.volume.grid
-        if not self.scheme.reckoned or "reckoned" not in walk_kinds(grid):
+        if not self.scheme.reckoned or "reckoned" not in grid.walk_kinds:
             return False
         double = self.backend.precision == "double"
-        return not has_blocks(grid) or bool(double and self.camera.parallel)
+        return not grid.has_blocks or bool(double and self.camera.parallel)
 
     @property
     def walk_kind(self) -> str:
@@ -136,7 +135,7 @@ class Job:
     def steps(self) -> float:
         """About how many cells the rays will cross in all."""
         nx, ny = self.frame.pixels
-        return float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
+        return float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
 
     def run(self, brightest_background: float) -> Planes:
         """Render all pixels.

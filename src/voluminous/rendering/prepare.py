@@ -9,8 +9,8 @@ from ..calibration import calibrated
 from ..cameras.contract import check_camera
 from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
-from ..media.formulas import with_formulas
-from ..media.shade import on_rays
+from ..media.function import with_formulas
+from ..media.shading import on_rays
 from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume

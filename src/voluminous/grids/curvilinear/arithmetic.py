@@ -1,7 +1,7 @@
 """What the formulas of own coordinates are computed with: numbers, or anything else.
 
 Where a point is between the walls of its cell is written once (`Surfaces.fraction`); guaranteed
-bounds evaluate the same formulas with intervals and their derivatives (`rendering.bounds.curved`).
+bounds evaluate the same formulas with intervals and their derivatives (`bounds.curved`).
 """
 
 from __future__ import annotations

@@ -12,9 +12,8 @@ import numpy as np
 from ...backend import dr
 from ...errors import InputError
 from ...expressions import Expression, NumpyOps
-from ...grids.contract import cells_across
 from ...grids.two_walks import cell_of
-from ...media.bounds import RangeContext
+from ...media.ranges import RangeContext
 from ...rendering.coefficients.emission_unit import before
 from ...rendering.job import Job
 from ...rendering.rays.drawing import Drawing
@@ -268,7 +267,7 @@ def follow(
         The brightest background.
     """
     drawing = _Recording(job, job.source(brightest), brightest)
-    room = _ROOM * int(cells_across(job.volume.grid)) + 64
+    room = _ROOM * int(job.volume.grid.cells_across) + 64
     return drawing.follow(place, names, room)
 
 
@@ -503,7 +502,7 @@ def _hidden(job: ProbeJob, cell: np.ndarray) -> np.ndarray:
 
 
 def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
-    if len(grid.shape) != 3:
+    if not grid.is_structured:
         return None
     index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
     return np.where(cell[:, None] >= 0, index, -1)

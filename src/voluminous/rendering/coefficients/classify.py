@@ -9,9 +9,9 @@ import numpy as np
 from ...backend import aligned, dr
 from ...errors import InputError
 from ...expressions.interval import Interval
-from ...media.bounds import RangeContext
 from ...media.context import Context
 from ...media.contract import Medium
+from ...media.ranges import RangeContext
 from ..cache import Statistics
 from .centers import Centers
 

@@ -11,9 +11,9 @@ import numpy as np
 from ...backend import dr
 from ...backend.functions import any_attenuation
 from ...expressions.interval import Interval
-from ...media.bounds import RangeContext
 from ...media.context import Context
 from ...media.contract import Medium
+from ...media.ranges import RangeContext
 from ...media.stretch import Panel, Stretch
 from ...schemes.path import Path, most
 from .emission_unit import channels_last, in_units_of, unit_near

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...backend import dr
 from ...expressions.interval import Interval
-from ...media.bounds import RangeContext
 from ...media.context import Context
+from ...media.ranges import RangeContext
 from ...media.stretch import Panel, Stretch
 from ...schemes.path import Path
 from .emission_unit import fits_single, in_units_of

@@ -128,7 +128,7 @@ def _vertex_pieces(grid: Any) -> Iterator[tuple[tuple[int, int], tuple[int, int]
 
     Layers of the first axis touch two layers of cells; the leaves of a tree are anywhere.
     """
-    if len(grid.shape) != 3:
+    if not grid.is_structured:
         for first in range(0, grid.vertex_count, SLAB):
             yield (first, min(first + SLAB, grid.vertex_count)), (0, grid.size)
         return

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...expressions.interval import Interval
 from ...grids.cartesian.leap import BITS, Blocks, block_shape, make_blocks
-from ...media.bounds import RangeContext
+from ...media.ranges import RangeContext
 from ..coefficients.classify import Classifier
 
 _WIDTH = 1 << BITS

@@ -19,7 +19,7 @@ from ...backend import dr, from_host
 from ...expressions.interval import Interval
 from ...grids.cartesian.coarse_walk import WIDEST
 from ...grids.cartesian.leap import BITS
-from ...media.shaped import Shaped
+from ...media.profiles import Shaped
 from ..coefficients.classify import Classifier, device_array
 from .limits import Limit
 

@@ -10,7 +10,6 @@ import numpy as np
 from ...backend import dr
 from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
-from ...grids.trilinear import trilinear
 from ...media.context import Context
 from ...media.edges import Edge
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
@@ -82,8 +81,10 @@ class Interpolated:
 
     def values(self, chord: Chord, corners: dict[str, Corners], s: float) -> dict[str, Any]:
         """Return every field at the beginning (0) or the end (1) of a segment."""
-        place = chord.end if s else chord.start
-        found = {name: self._value(name, trilinear(c, place)) for name, c in corners.items()}
+        found = {
+            name: self._value(name, self.lattices[name].at(chord, c, s))
+            for name, c in corners.items()
+        }
         for a in self.coordinates:
             here = chord.position[a] + chord.step[a] if s else chord.position[a]
             found["xyz"[a]] = self.context.real(here)
@@ -96,8 +97,9 @@ class Interpolated:
 
         Where it is none, it is one to fourth order, or to third if that is enough (`rough`).
         """
-        along = getattr(chord, "parabola", chord.cubic) if rough else chord.cubic
-        found = {name: along(values) for name, values in corners.items()}
+        found = {
+            name: self.lattices[name].along(chord, c, rough=rough) for name, c in corners.items()
+        }
         for a in self.coordinates:
             found["xyz"[a]] = [chord.position[a], chord.step[a]]
         return found

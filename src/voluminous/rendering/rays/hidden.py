@@ -33,8 +33,7 @@ class Hidden:
 
 def through_cells(walk: Any, grid: Any, backend: Any) -> Any:
     """Return a walk whose segments lie in one cell of the grid each."""
-    own = len(grid.shape) != 3 or not hasattr(walk, "chord")
-    return walk if own else TwoWalks(walk, grid.walk(backend))
+    return walk if walk.in_cells else TwoWalks(walk, grid.walk(backend))
 
 
 class Hiding:

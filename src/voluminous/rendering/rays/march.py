@@ -8,7 +8,7 @@ from typing import Any
 from ...backend import dr
 from ...backend.types import Mask
 from ...grids.cartesian.leap import Way, leap
-from ...grids.contract import Landing, Ray, has_gaps
+from ...grids.contract import Landing, Ray
 from ...schemes.path import Path, most, over
 
 
@@ -136,7 +136,7 @@ def march(
         (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} cells")
         return (left,)
 
-    body = visit if leaps or has_gaps(walk) else step
+    body = visit if leaps or walk.has_gaps else step
     (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
     return state
 

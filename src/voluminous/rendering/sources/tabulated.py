@@ -57,7 +57,7 @@ def tabulated(
 
 
 def _pruned(table: Table, grid: Any, scheme: Any, faint: float) -> Any:
-    if scheme.place != "cell" or not hasattr(grid, "pruned"):
+    if scheme.place != "cell" or not grid.can_be_pruned:
         return None
     return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
 

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
-from ...media.contract import Medium
-from ...schemes.bracket import Bracket
-from ..job import Job
-from ..rays.drawing import Drawing
-from ..rays.paths import Paths
-from ..rays.pixels import BLOCK
-from .bracketed import Bracketed
+from ..errors import InputError
+from ..media.contract import Medium
+from ..rendering.job import Job
+from ..rendering.rays.drawing import Drawing
+from ..rendering.rays.paths import Paths
+from ..rendering.rays.pixels import BLOCK
+from .bracket import Bracket
+from .fields import Bracketed
+from .media import is_bounded
 
 # Panels tried per segment, at most, unless the caller says how many.
 BUDGET = 1024
@@ -156,8 +157,7 @@ def _defined(values: np.ndarray, otherwise: float) -> np.ndarray:
 
 
 def _check_known(part: Medium) -> None:
-    own = type(part)
-    if own.ranges is Medium.ranges and own.on_panel is Medium.on_panel:
+    if not is_bounded(part):
         raise InputError(
             f"nothing is known of the range of {part!r}, so that there are no bounds; functions "
             "have some if they compute with nothing but arithmetic, comparisons and NumPy's or "

@@ -12,7 +12,7 @@ from ..colormaps import get_colormap, mapped_colors
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Gaussian, Medium, Rectangle, Sum
-from ..media.shaped import Shaped
+from ..media.profiles import Shaped
 from ..volume import Volume
 from .open_numbers import check_volume, nothing_to_see, positive_opacity, shell_count
 from .samples import pieces
@@ -262,7 +262,7 @@ _TWICE = 2.0
 _GOLDEN = 0.5 * (5**0.5 - 1)
 
 
-def auto(
+def suggest_medium(
     volume: Volume,
     expr: Any = None,
     n: int = 4,
@@ -315,10 +315,10 @@ def auto(
     --------
     >>> import voluminous as vm
     >>> core = vm.models.prestellar_core(32)
-    >>> [shell.expr.text for shell in vm.auto(core, n=2).components()]
+    >>> [shell.expr.text for shell in vm.suggest_medium(core, n=2).components()]
     ['log10(density)', 'log10(density)']
     """
-    check_volume("auto", "first", volume)
+    check_volume("suggest_medium", "first", volume)
     volume.refresh()  # derivatives of fields that were changed in place
     count, depth = shell_count(n), positive_opacity(opacity)
     scalar = main_scalar(volume) if expr is None else _expression(expr)

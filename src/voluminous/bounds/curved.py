@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
-from ...expressions.traced_interval import TracedInterval, extremes
-from ...expressions.traced_jet import Derivative, TracedJet
-from ...expressions.traced_jet_ops import TracedJetOps
-from ...expressions.traced_rounding import lowered, raised
-from ...grids.curvilinear.edges import FULL_CIRCLE
+from ..backend import dr
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..expressions.traced_jet import Derivative, TracedJet
+from ..expressions.traced_jet_ops import TracedJetOps
+from ..expressions.traced_rounding import lowered, raised
+from ..grids.curvilinear.edges import FULL_CIRCLE
 
 _EPS = float(np.finfo(np.float64).eps)
 # What a point of a ray, and the derivatives of fields, lose by rounding, in ε.

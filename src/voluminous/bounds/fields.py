@@ -8,22 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
-from ...expressions.interval import Interval
-from ...expressions.traced_interval import TracedInterval, extremes
-from ...geometry import CARTESIAN
-from ...media.bounds import RangeContext
-from ...media.contract import Medium
-from ...media.course import CourseContext, Courses, CubicPiece
-from ...media.stretch import control_point, shifted
-from ..cache import Cache
-from ..coefficients.classify import Classifier
-from ..coefficients.direct import Direct
-from ..coefficients.own_coordinates import ray_coordinates
-from ..empty_space.blocks import DUAL
-from ..empty_space.neglected import empty_blocks
-from ..sources.kept import get_lattices, get_ranges
+from ..backend import dr
+from ..expressions.interval import Interval
+from ..expressions.traced_interval import TracedInterval, extremes
+from ..geometry import CARTESIAN
+from ..media.contract import Medium
+from ..media.ranges import RangeContext
+from ..media.stretch import control_point, shifted
+from ..rendering.cache import Cache
+from ..rendering.coefficients.classify import Classifier
+from ..rendering.coefficients.direct import Direct
+from ..rendering.coefficients.own_coordinates import ray_coordinates
+from ..rendering.empty_space.blocks import DUAL
+from ..rendering.empty_space.neglected import empty_blocks
+from ..rendering.sources.kept import get_lattices, get_ranges
 from .curved import CurvedField
+from .media import PartBounds, bounds_on_panel
+from .scalars import CourseContext, Courses, CubicPiece
 
 _EPS = float(np.finfo(np.float64).eps)
 # What a polynomial's coefficients lose until control points are made of them, in ε.
@@ -157,10 +158,10 @@ class Bracketed:
                 pieces[name] = pieces[name].after(field.before, jump)
         return Courses(pieces, length * width * self.scale, self.context)
 
-    def parts(self, courses: Courses) -> Any:
+    def parts(self, courses: Courses) -> list[PartBounds]:
         """Return what is certain of the medium's parts on a panel."""
         self.context.courses = courses
-        return self.medium.on_panel(courses, self.context)
+        return bounds_on_panel(self.medium, courses, self.context)
 
 
 def _curved(fields: dict[str, Any]) -> list[CurvedField]:

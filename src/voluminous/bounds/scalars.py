@@ -2,19 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
 
+import numpy as np
+
 from ..backend import dr
 from ..expressions import Expression
-from ..expressions.traced_interval import TracedInterval, extremes
+from ..expressions.traced_interpolation import interpolate_traced_ranges
+from ..expressions.traced_interval import TracedInterval, extremes, traced
+from ..expressions.traced_interval_ops import TracedIntervalOps
 from ..expressions.traced_jet import Derivative, TracedJet
 from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import larger, lowered, raised, smaller
-from .context import Context
-from .traced_bounds import TracedRangeContext
+from ..media.context import Context, completed
+
+
+class TracedRangeContext(Context):
+    """How a medium is evaluated on intervals inside a kernel.
+
+    Parameters
+    ----------
+    float_type : type
+        Dr.Jit float type of the ends.
+    number : callable
+        Turns a finite Python float into run-time data of that type.
+    unit : astropy unit or None
+        The volume's length unit.
+    unit_of : callable
+        Returns the unit of an `Expression`, or None.
+    faint : float
+        Coefficients below this fraction of their peak may be neglected.
+    """
+
+    def __init__(
+        self,
+        float_type: Any,
+        number: Callable[[float], Any],
+        unit: Any,
+        unit_of: Callable[[Expression], Any],
+        faint: float = 1e-8,
+    ) -> None:
+        self._float, self._constant = float_type, number
+
+        def constant(value: float) -> TracedInterval:
+            return TracedInterval.constant(number(value))
+
+        real = functools.partial(traced, float_type)
+        super().__init__(real, constant, unit, unit_of, faint=faint)
+
+    @property
+    def ops(self) -> TracedIntervalOps:
+        return TracedIntervalOps(self._float, self._constant)
+
+    def interpolate(
+        self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
+    ) -> list[TracedInterval]:
+        return interpolate_traced_ranges(x, nodes, columns)
+
 
 _AXES = ("x", "y", "z")
 
@@ -184,13 +232,3 @@ class Courses:
             return TracedInterval.constant(self.real(0))
         # Ends of what is undefined may be anything.
         return derivative.unknown_where(derivative.nan, False)
-
-
-def completed(ops: Any, fields: dict[str, Any], context: Context) -> dict[str, Any]:
-    """Return fields with what follows from x, y and z, if these are among them."""
-    if all(axis in fields for axis in _AXES):
-        x, y, z = (ops.multiply(fields[a], fields[a]) for a in _AXES)
-        fields["r"] = ops.sqrt(ops.add(ops.add(x, y), z))
-        for name, formula in context.coordinates.items():
-            fields[name] = formula.evaluate(ops, fields)
-    return fields

@@ -1,0 +1,1 @@
+"""Guaranteed bounds of pictures: everything that brackets a ray's intensity with certainty."""

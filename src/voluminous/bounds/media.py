@@ -1,0 +1,524 @@
+"""Guaranteed bounds of means over a panel: what they are on the chord, and what the bow can change.
+
+A scalar is within u(1-u)/2 sup|x''| of its chord, so within sup|x''|/12 in the mean: the mean of a
+function of it is that on the chord, in closed form, up to as much times the function's slope.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr
+from ..errors import InputError
+from ..expressions import Expression
+from ..expressions.traced_interval import TracedInterval
+from ..expressions.traced_rounding import float_info, larger, lowered, positive, raised, smaller
+from ..media.arguments import depth_of, length_in
+from ..media.coefficients import Coefficients
+from ..media.contract import Medium, MediumSample
+from ..media.gaussian import Gaussian, gaussian_mean
+from ..media.isosurface import Isosurface
+from ..media.piecewise_linear import PiecewiseLinear
+from ..media.profiles import Shaped
+from ..media.rectangle import Rectangle, box_mean
+from ..media.shading import HEADLIGHT
+from ..media.sum import Sum
+from ..media.table import Table
+
+if TYPE_CHECKING:
+    from ..media.color_by import ColorBy
+    from ..media.modulation import Modulation
+    from .scalars import Course, CourseContext, Courses
+
+
+@dataclass
+class PartBounds:
+    """Intervals of a part's coefficients on a panel, times the panel's length.
+
+    Attributes
+    ----------
+    emissivity : list of TracedInterval
+        Values of j anywhere, per channel.
+    extinction : list of TracedInterval
+        Values of α anywhere, one (grey) or per channel.
+    emitted, depth : list of TracedInterval
+        Their integrals over the panel.
+    source : list of (low, high) or None, per channel
+        Values of j/α, where they are known by themselves.
+    """
+
+    emissivity: list[TracedInterval]
+    extinction: list[TracedInterval]
+    emitted: list[TracedInterval]
+    depth: list[TracedInterval]
+    source: list[Any] = field(default_factory=list)
+
+    def spread(self, count: int) -> PartBounds:
+        """Return the same with a number of extinctions."""
+        if len(self.extinction) == count:
+            return self
+        alike = self.extinction * count, self.depth * count
+        return PartBounds(self.emissivity, alike[0], self.emitted, alike[1], self.source)
+
+    def source_of(self, channel: int) -> tuple[Any, Any]:
+        """Return between which values j/α is; infinite where nothing is known."""
+        if self.source and self.source[channel] is not None:
+            return self.source[channel]
+        alpha = self.extinction[channel if len(self.extinction) > 1 else 0]
+        quotient = self.emissivity[channel] / alpha
+        return quotient.lo, quotient.hi
+
+
+def part_bounds(
+    found: MediumSample, means: MediumSample, length: TracedInterval, source: Sequence[Any] = ()
+) -> PartBounds:
+    """Return bounds from ranges and from means of the coefficients over a panel of a length."""
+
+    def whole(values: list[Any]) -> list[TracedInterval]:
+        return [length * v for v in values]
+
+    j, alpha, emitted, depth = (
+        whole(values)
+        for values in (found.emissivity, found.extinction, means.emissivity, means.extinction)
+    )
+    emitted = [meet(a, b) for a, b in zip(emitted, j, strict=True)]
+    depth = [meet(a, b) for a, b in zip(depth, alpha, strict=True)]
+    return PartBounds(j, alpha, emitted, depth, list(source))
+
+
+Sums = tuple[list[TracedInterval], list[TracedInterval], list[TracedInterval], list[TracedInterval]]
+
+
+def total_bounds(parts: list[PartBounds]) -> PartBounds:
+    """Return the bounds of a sum; its j/α is among those of the parts that are there."""
+    if len(parts) == 1:
+        return parts[0]
+    sums = (
+        _added([p.emissivity for p in parts]),
+        _added([p.extinction for p in parts]),
+        _added([p.emitted for p in parts]),
+        _added([p.depth for p in parts]),
+    )
+    channels = range(len(parts[0].emissivity))
+    return PartBounds(*sums, [_source(parts, c, sums) for c in channels])
+
+
+def _added(rows: list[list[TracedInterval]]) -> list[TracedInterval]:
+    return [functools.reduce(lambda a, b: a + b, column) for column in zip(*rows, strict=True)]
+
+
+def _source(parts: list[PartBounds], channel: int, sums: Sums) -> tuple[Any, Any]:
+    """Return the hull of j/α over the parts that may absorb or emit, met with that of the sums."""
+    own = PartBounds(*sums).source_of(channel)
+    low, high = dr.inf, -dr.inf
+    for part in parts:
+        alpha = part.extinction[channel if len(part.extinction) > 1 else 0]
+        there = (alpha.hi > 0.0) | (part.emissivity[channel].size > 0.0)
+        below, above = part.source_of(channel)
+        low = dr.select(there & ~(below >= low), below, low)
+        high = dr.select(there & ~(above <= high), above, high)
+    return larger(own[0], low), smaller(own[1], high)
+
+
+def meet(a: TracedInterval, b: TracedInterval) -> TracedInterval:
+    """Return what is in both of two intervals that hold the same number."""
+    return TracedInterval(larger(a.lo, b.lo), smaller(a.hi, b.hi), a.nan & b.nan)
+
+
+# What the closed forms lose in double precision, of the peak, and several times as much for safety.
+_SHAPE_LOSS = 1e-14
+_TABLE_LOSS = 1e-12
+# In place of the slope of a jump: what it is multiplied with stays finite.
+_STEEPEST = 1e150
+
+
+@functools.singledispatch
+def bounds_on_panel(medium: Medium, courses: Courses, context: CourseContext) -> list[PartBounds]:
+    """Return bounds on a panel of a ray, for every part whose sum the medium is.
+
+    Media of other types: the ranges of their coefficients. Those registered here have narrower
+    bounds, from their means.
+    """
+    found = medium.ranges(courses.fields, context)
+    return [part_bounds(found, found, courses.length)]
+
+
+@bounds_on_panel.register(Sum)
+def _of_sum(medium: Sum, courses: Courses, context: CourseContext) -> list[PartBounds]:
+    return [part for one in medium.parts for part in bounds_on_panel(one, courses, context)]
+
+
+def is_bounded(medium: Medium) -> bool:
+    """Return whether anything is known of the ranges of a medium's coefficients."""
+    own, base = bounds_on_panel.dispatch(type(medium)), bounds_on_panel.dispatch(Medium)
+    return own is not base or type(medium).ranges is not Medium.ranges
+
+
+def mean_of(course: Course) -> TracedInterval:
+    """Return the mean of a scalar: half its ends' sum, and what the bow may change."""
+    middle = 0.5 * (course.first + course.last)
+    off = raised(course.bow * (1.0 / 12.0))
+    return TracedInterval(lowered(middle.lo - off), raised(middle.hi + off), middle.nan)
+
+
+def in_widths(course: Course, center: Any, width: Any) -> tuple[Any, Any, Any, Any]:
+    """Return the ends' distances from a centre, and how far off the chord is in the mean, at most.
+
+    Plain numbers; the rounding of the first two is counted with the others.
+    """
+    middles = [0.5 * (end.lo + end.hi) for end in (course.first, course.last)]
+    first, last = ((x - center) / width for x in middles)
+    sizes = dr.abs(middles[0]) + dr.abs(middles[1]) + 2.0 * dr.abs(center)
+    rounding = 8.0 * float(float_info(type(first)).eps) * (sizes / width + 1.0)
+    return first, last, course.off / width + rounding, course.farthest / width + rounding
+
+
+def _mean_of_profile(
+    medium: Shaped, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+) -> TracedInterval:
+    if isinstance(medium, Gaussian):
+        return gaussian_bounds(gaussian_mean(first, last), off, z)
+    if isinstance(medium, Rectangle):
+        return box_bounds(first, last, farthest)
+    raise InputError(f"no bounds are known of the profile of {medium!r}")
+
+
+def gaussian_bounds(mean: Any, off: Any, z: TracedInterval) -> TracedInterval:
+    """Return the mean of exp(-z²/2), given that on the chord.
+
+    Its slope z exp(-z²/2) is largest at 1 and falls to both sides.
+    """
+    near, far = z.smallest, z.size
+    steepest = dr.select(far < 1.0, far, dr.select(near > 1.0, near, 1.0))
+    slope = dr.select(steepest < 30.0, steepest * dr.exp(-0.5 * steepest * steepest), 1e-190)
+    return _around(mean, raised(slope * off * (1.0 + 1e-12)) + _SHAPE_LOSS)
+
+
+def box_bounds(first: Any, last: Any, farthest: Any) -> TracedInterval:
+    """Return the part of a panel with z from -1 to 1: between those with limits moved both ways."""
+    inner, outer = 1.0 - farthest, 1.0 + farthest
+    some = dr.select(inner > 0.0, inner, 1.0)
+    least = dr.select(inner > 0.0, box_mean(first / some, last / some), 0.0)
+    most = box_mean(first / outer, last / outer)
+    return TracedInterval(_unit(least - _SHAPE_LOSS), _unit(most + _SHAPE_LOSS))
+
+
+def table_bounds(
+    course: Course, nodes: np.ndarray, columns: np.ndarray, context: CourseContext, table: Any
+) -> list[TracedInterval]:
+    """Return the means of piecewise-linear columns of the order of one."""
+    first, last = (0.5 * (end.lo + end.hi) for end in (course.first, course.last))
+    means = table.means(table.at(first), table.at(last))
+    rounding = 8.0 * float(float_info(type(first)).eps)
+    off = course.off + rounding * (dr.abs(first) + dr.abs(last) + float(np.abs(nodes).max()))
+    doubled, slopes = steepness(nodes, columns)
+    steep = context.interpolate(course.values, doubled, list(slopes.T))
+    return [
+        _around(mean, raised(slope.hi * off) + _TABLE_LOSS)
+        for mean, slope in zip(means, steep, strict=True)
+    ]
+
+
+def steepness(nodes: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the magnitudes of columns' slopes as a table with jumps; zero beyond both ends."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        slopes = np.abs(np.diff(columns, axis=0) / np.diff(nodes)[:, None])
+    slopes = np.minimum(np.nan_to_num(slopes, nan=0.0, posinf=_STEEPEST), _STEEPEST)
+    none = np.zeros((1, columns.shape[1]))
+    return np.repeat(nodes, 2), np.concatenate([none, np.repeat(slopes, 2, axis=0), none])
+
+
+@bounds_on_panel.register(Shaped)
+def _of_profile(medium: Shaped, courses: Courses, context: CourseContext) -> list[PartBounds]:
+    center, width, length = medium.plain_numbers(context)
+    course = courses.course(medium.expr)
+    c, w = context.plain(center), context.plain(width)
+    z = (course.values - context.number(center)) / context.number(width)
+    shape = _mean_of_profile(medium, *in_widths(course, c, w), z)
+    shape = TracedInterval(_unit(shape.lo), _unit(shape.hi)) * context.number(1.0 / length)
+    means = MediumSample(
+        [context.number(h) * shape for h in medium.color],
+        [context.number(h) * shape for h in medium.opacity],
+    )
+    opacities = medium.opacity * (1 if len(medium.opacity) > 1 else medium.channels)
+    sources = [
+        TracedInterval.constant(context.plain(h / o)) if o > 0 else None
+        for h, o in zip(medium.color, opacities, strict=True)
+    ]
+    ranged = medium.per_length(courses.fields, context)
+    plain = [context.number(h) * ranged for h in medium.color]
+    return [_modulated(medium, plain, means, sources, courses, context)]
+
+
+@bounds_on_panel.register(Table)
+def _of_table(medium: Table, courses: Courses, context: CourseContext) -> list[PartBounds]:
+    length = length_in(medium.path_length, context.unit)
+    course = courses.course(medium.expr)
+    nodes, columns = medium.nodes(context), medium.shape
+    table = context.keep(
+        (id(medium), "sums"), lambda: PiecewiseLinear(courses.real, nodes, columns)
+    )
+    heights = [context.number(float(h)) for h in medium.peaks / length]
+    means = [
+        h * m
+        for h, m in zip(heights, table_bounds(course, nodes, columns, context, table), strict=True)
+    ]
+    found = MediumSample(means[: medium.channels], means[medium.channels :])
+    values = context.interpolate(course.values, nodes, list((medium.rows / length).T))
+    alphas = values[medium.channels :] * (medium.channels if medium.grey else 1)
+    sources = [j / a for j, a in zip(values[: medium.channels], alphas, strict=True)]
+    return [_modulated(medium, values[: medium.channels], found, sources, courses, context)]
+
+
+@bounds_on_panel.register(Coefficients)
+def _of_expressions(
+    medium: Coefficients, courses: Courses, context: CourseContext
+) -> list[PartBounds]:
+    means = _Means(context)
+    return [
+        part_bounds(
+            medium.coefficients(courses.fields, context),
+            medium.coefficients(courses.fields, means),  # type: ignore[arg-type]
+            courses.length,
+        )
+    ]
+
+
+class _Means:
+    """A context in which an expression's value is its mean."""
+
+    def __init__(self, context: CourseContext) -> None:
+        self._courses, self.number = context.courses, context.number
+        self.unit, self.unit_of = context.unit, context.unit_of
+
+    def evaluate(self, expression: Any, fields: Any) -> TracedInterval:
+        assert self._courses is not None
+        return mean_of(self._courses.course(expression))
+
+
+def _modulated(
+    medium: Any,
+    plain: list[TracedInterval],
+    means: MediumSample,
+    sources: list[Any],
+    courses: Courses,
+    context: CourseContext,
+) -> PartBounds:
+    """Return bounds of a medium with gates and colours, from values and means without them."""
+    found = medium.ranges(courses.fields, context)
+    modulation: Modulation = medium.modulation
+    if modulation.shade is not None:
+        raise InputError(
+            "bounds=True is for media without shading, which is an illustration; use shading=0"
+        )
+    if modulation.color is not None:
+        paint, mean_paint = _paint(modulation.color, courses, context)
+        emitted = [
+            _mean_product(*factors)
+            for factors in zip(plain, means.emissivity, paint, mean_paint, strict=True)
+        ]
+        means = MediumSample(emitted, means.extinction)
+        sources = [None if s is None else s * p for s, p in zip(sources, paint, strict=True)]
+    if modulation.where is not None:
+        gate = modulation.gate(courses.fields, context)
+        means = MediumSample(
+            [_mean_times(gate, *m) for m in zip(plain, means.emissivity, strict=True)],
+            [gate * m for m in means.extinction],
+        )
+    ends = [None if s is None else (s.lo, s.hi) for s in sources]
+    return part_bounds(found, means, courses.length, ends)
+
+
+def _paint(
+    color: ColorBy, courses: Courses, context: CourseContext
+) -> tuple[list[TracedInterval], list[TracedInterval]]:
+    nodes, rgb = color.nodes(context), color.scale.rgb
+    course = courses.course(color.expr)
+    table = context.keep((id(color), "sums"), lambda: PiecewiseLinear(courses.real, nodes, rgb))
+    ranges = color.colors(courses.fields, context)
+    means = table_bounds(course, nodes, rgb, context, table)
+    return ranges, [meet(r, m) for r, m in zip(ranges, means, strict=True)]
+
+
+def _mean_product(
+    f: TracedInterval, mean_f: TracedInterval, g: TracedInterval, mean_g: TracedInterval
+) -> TracedInterval:
+    """Return the mean of a product: that of the means, up to Δf Δg / 4 (Grüss 1935)."""
+    product = mean_f * mean_g
+    apart = raised(0.25 * (f.hi - f.lo) * (g.hi - g.lo))
+    bounds = TracedInterval(lowered(product.lo - apart), raised(product.hi + apart), product.nan)
+    return meet(bounds, f * g)
+
+
+def _mean_times(gate: TracedInterval, f: TracedInterval, mean: TracedInterval) -> TracedInterval:
+    """Return the mean of a gate, from 0 to 1, times what may change its sign."""
+    one_sign = (f.lo >= 0.0) | (f.hi <= 0.0)
+    found = gate * mean
+    return TracedInterval(
+        dr.select(one_sign, found.lo, -dr.inf), dr.select(one_sign, found.hi, dr.inf)
+    )
+
+
+def _around(middle: Any, off: Any) -> TracedInterval:
+    return TracedInterval(lowered(middle - off), raised(middle + off))
+
+
+def _unit(value: Any) -> Any:
+    """Return a number between 0 and 1; NaN, of which nothing is known, as it is."""
+    return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
+
+
+@bounds_on_panel.register(Isosurface)
+def _of_surfaces(medium: Isosurface, courses: Courses, context: CourseContext) -> list[PartBounds]:
+    levels, width = medium.plain_numbers(context)
+    course = courses.course(medium.expr)
+    light = _lit(medium, courses, context)
+    found = []
+    for level, color, row in zip(levels, medium.colors, medium.opacities, strict=True):
+        value = context.plain(level)
+        if width > 0:
+            crossed, densest = _shell(course, value, context.plain(width))
+        else:
+            crossed, densest = _crossings(course, value)
+        if medium.density == "gradient":
+            steep = courses.course(medium.slope).values * courses.length
+            crossed = _oblique(course, steep, crossed)
+            if width > 0:
+                crossed, densest = _sheet(course, value, context.plain(width), steep, crossed)
+        if medium.modulation.where is not None:
+            gate = medium.modulation.gate(courses.fields, context)
+            crossed, densest = _gated(gate, crossed, densest)
+        depths = [depth_of(o) for o in row]
+        found.append(_part(color, depths, crossed, densest, light, context))
+    return found
+
+
+def _part(
+    color: tuple[float, ...],
+    depths: list[float],
+    crossed: TracedInterval,
+    densest: Any,
+    light: list[TracedInterval],
+    context: CourseContext,
+) -> PartBounds:
+    """Return bounds from how much is crossed, and how much there is at most anywhere."""
+    anywhere = TracedInterval(type(densest)(0), densest)
+    extinction = [_times(context, d, anywhere) for d in depths]
+    depth = [_times(context, d, crossed) for d in depths]
+    own = [0 if len(depths) == 1 else c for c in range(len(color))]
+    shown = [context.number(h) * lit for h, lit in zip(color, light, strict=True)]
+    return PartBounds(
+        [h * extinction[e] for h, e in zip(shown, own, strict=True)],
+        extinction,
+        [h * depth[e] for h, e in zip(shown, own, strict=True)],
+        depth,
+        [(h.lo, h.hi) for h in shown],
+    )
+
+
+def _gated(
+    gate: TracedInterval, crossed: TracedInterval, densest: Any
+) -> tuple[TracedInterval, Any]:
+    """Return the same where a gate lets them through; what is closed, holds nothing."""
+    most = dr.select(gate.hi > 0.0, crossed.hi, 0.0)
+    return TracedInterval(gate.lo * crossed.lo, most), dr.select(gate.hi > 0.0, densest, 0.0)
+
+
+def _times(context: CourseContext, depth: float, amount: TracedInterval) -> TracedInterval:
+    """Return a depth times an amount that may be infinite: nothing, if the depth is none."""
+    return context.number(0.0) if depth == 0.0 else context.number(depth) * amount
+
+
+def _crossings(course: Course, level: Any) -> tuple[TracedInterval, Any]:
+    """Return how often a level is passed, and how dense that is: without limit, or nothing."""
+    first, last, x = course.first, course.last, course.values
+    apart = ((first.hi < level) & (last.lo >= level)) | ((last.hi < level) & (first.lo >= level))
+    never = (x.hi < level) | (x.lo >= level)
+    many = dr.select(_monotonic(course), type(level)(1), dr.inf)
+    crossed = TracedInterval(dr.select(apart, type(level)(1), 0), dr.select(never, 0, many))
+    return crossed, dr.select(never, type(level)(0), dr.inf)
+
+
+def _shell(course: Course, level: Any, width: Any) -> tuple[TracedInterval, Any]:
+    """Return how much of a shell is passed, up and down, and how dense it is at most."""
+    first, last, x = (_place(v, level, width) for v in (course.first, course.last, course.values))
+    never = (x.hi <= 0.0) | (x.lo >= 1.0)
+    densest = dr.select(never, 0.0, raised(course.slope.size / width))
+    way = abs(last - first)
+    most = dr.select(_monotonic(course), smaller(way.hi, densest), densest)
+    return TracedInterval(dr.select(never, 0.0, way.lo), most), densest
+
+
+def _place(x: TracedInterval, level: Any, width: Any) -> TracedInterval:
+    inside = (x - level) / TracedInterval.constant(width) + 0.5
+    ends = [dr.select(v < 0.0, 0.0, dr.select(v > 1.0, 1.0, v)) for v in (inside.lo, inside.hi)]
+    return TracedInterval(*ends)
+
+
+def _monotonic(course: Course) -> Any:
+    return (course.slope.lo >= 0.0) | (course.slope.hi <= 0.0)
+
+
+def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> TracedInterval:
+    """Return the same for a sheet of equal thickness everywhere, by the whole gradient of x."""
+    ratio = steep / abs(course.slope)
+    one = type(course.bow)(1)
+    found = crossed * TracedInterval(larger(ratio.lo, one), larger(ratio.hi, one))
+    # Where nothing is crossed, a ratio without limit does not matter.
+    none = crossed.hi <= 0.0
+    return TracedInterval(dr.select(none, 0.0, positive(found.lo)), dr.select(none, 0.0, found.hi))
+
+
+def _sheet(
+    course: Course, level: Any, width: Any, steep: TracedInterval, oblique: TracedInterval
+) -> tuple[TracedInterval, Any]:
+    """Return how much there is of a sheet of some thickness, and how dense it is at most.
+
+    A panel along it crosses nothing, and is in it all the same.
+    """
+    first, x = (_place(v, level, width) for v in (course.first, course.values))
+    never = (x.hi <= 0.0) | (x.lo >= 1.0)
+    dense = steep / TracedInterval.constant(width)
+    densest = dr.select(never, 0.0, raised(larger(dense.hi, course.slope.size / width)))
+    always = (x.lo > 0.0) & (x.hi < 1.0)
+    least = dr.select(always, larger(oblique.lo, positive(dense.lo)), oblique.lo)
+    # Nothing is crossed outside, or along it.
+    along = (oblique.hi <= 0.0) & (first.hi > 0.0) & (first.lo < 1.0)
+    most = dr.select(along, densest, smaller(oblique.hi, densest))
+    return TracedInterval(dr.select(never, 0.0, least), most), densest
+
+
+def _lit(medium: Isosurface, courses: Courses, context: CourseContext) -> list[TracedInterval]:
+    """Return what multiplies each channel's colour: light, and the colours of another field."""
+    lit = [_shade(medium, courses, context)] * medium.channels
+    if medium.modulation.color is None:
+        return lit
+    paint = medium.modulation.color.colors(courses.fields, context)
+    return [a * b for a, b in zip(lit, paint, strict=True)]
+
+
+def _shade(medium: Isosurface, courses: Courses, context: CourseContext) -> TracedInterval:
+    """Return how bright the surface may look by the light of a lamp at the camera."""
+    one = context.number(1.0)
+    if medium.shading == 0:
+        return one
+    if medium.lights != ((HEADLIGHT, 1.0),):
+        raise InputError("bounds=True is for a headlight alone; leave lights= out")
+    normal = [courses.course(e).values for e in medium.normal]
+    way = [courses.course(Expression(axis)).slope for axis in "xyz"]
+    ops = context.ops
+    cosine = abs(_dot(normal, way)) / ops.sqrt(_dot(normal, normal) * _dot(way, way))
+    size = dr.select(cosine.hi < 1.0, cosine.hi, 1.0)
+    # A normal that may vanish counts as facing the camera.
+    limited = TracedInterval(positive(dr.select(cosine.lo > 1.0, 1.0, cosine.lo)), size)
+    share = context.number(medium.shading)
+    return (one - share) + share * limited
+
+
+def _dot(a: list[TracedInterval], b: list[TracedInterval]) -> TracedInterval:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

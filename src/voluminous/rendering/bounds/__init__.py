@@ -1,1 +1,0 @@
-"""Guaranteed bounds of a picture."""
