@@ -68,20 +68,7 @@ def _matching(patterns: Mapping[str, str], text: Any) -> str:
 
 
 def edges_of_centers(centers: np.ndarray) -> np.ndarray:
-    """Return the midpoints between ascending centres, and one beyond each end.
-
-    Parameters
-    ----------
-    centers : array, shape (n,)
-        Strictly increasing. The outermost cells are as wide on both sides of their centres; a
-        single cell is one unit wide.
-
-    Returns
-    -------
-    array, shape (n + 1,), float64
-        Equally spaced if the centres are so to the precision of their type or to six digits: a
-        grid of equal cells is faster, and files round coordinates.
-    """
+    """Return the midpoints between ascending centres, and one beyond each end."""
     values = np.asarray(centers, np.float64)
     if len(values) == 1:
         return values[0] + np.array([-0.5, 0.5])
@@ -102,11 +89,6 @@ def is_even(centers: np.ndarray) -> bool:
 
 def round_unit(width: Any) -> Any:
     """Return the largest unit of length of which a domain is at least one wide.
-
-    Parameters
-    ----------
-    width : Quantity or unit
-        Its largest width.
 
     Examples
     --------

@@ -167,17 +167,7 @@ def readers() -> tuple[Reader, ...]:
 
 
 def find_reader(path: Path, format: str | None = None) -> Reader:
-    """Return the reader for an existing file.
-
-    Raises
-    ------
-    MissingPathError
-        If there is no such file.
-    FileFormatError
-        If no reader wants it.
-    UnknownNameError
-        If there is no reader of the name `format`.
-    """
+    """Return the reader for an existing file."""
     url = url_of(path)
     head = b"" if url else _head(path)
     if format is not None:
@@ -195,13 +185,7 @@ def reader_for_suffix(path: Path) -> Reader | None:
 
 
 def check_options(reader: Reader, options: Any) -> None:
-    """Check that a reader knows all options.
-
-    Raises
-    ------
-    UnknownNameError
-        For the first that it does not; names the nearest.
-    """
+    """Check that a reader knows all options."""
     for option in options:
         if option not in reader.options:
             raise unknown_name(f"{reader.name} option", option, reader.options)

@@ -16,8 +16,7 @@ from ..axes import is_even
 from ..contract import FieldInfo, Reader
 from ..hdf5 import data_sets, holds, opened, read
 from ..names import chosen_fields
-from .arrange import REGULAR
-from .reader import AthenaReader, in_unit
+from .reader import REGULAR, AthenaReader, in_unit
 from .variables import CodeUnits, known
 
 if TYPE_CHECKING:

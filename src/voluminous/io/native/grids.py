@@ -40,13 +40,7 @@ class PlainGrid:
 
 
 def plain_grid(grid: Any) -> PlainGrid:
-    """Return a grid as plain arrays.
-
-    Raises
-    ------
-    InputError
-        If it is of a kind that is not known here.
-    """
+    """Return a grid as plain arrays."""
     writers: dict[str, Callable[[Any], PlainGrid]] = {
         "cartesian": lambda g: PlainGrid("cartesian", _C_ORDER, _edges("xyz", g.edges)),
         "octree": _octree,
@@ -91,13 +85,7 @@ def _patches(grid: Any) -> PlainGrid:
 
 
 def grid_of(plain: PlainGrid) -> Any:
-    """Return the grid that `plain_grid` made plain.
-
-    Raises
-    ------
-    FileFormatError
-        If it is of an unknown type, or something of it is missing or at odds.
-    """
+    """Return the grid that `plain_grid` made plain."""
     makers = {
         "cartesian": _make_cartesian,
         "octree": _make_octree,

@@ -49,7 +49,7 @@ class ParticleColumn:
     load: Callable[[], np.ndarray]  # returns it for all particles, shape (n,), in its unit
 
 
-class Particles:
+class ParticleFile:
     """The particles in a file. Without units of the code, numbers are plain."""
 
     density: FieldInfo  # the field that masses make; its place is where masses are
@@ -80,7 +80,7 @@ class ParticleReader(Reader):
 
     opening: tuple[str, ...] = ()
 
-    def particles(self, path: Path, **options: Any) -> Particles:
+    def particles(self, path: Path, **options: Any) -> ParticleFile:
         raise NotImplementedError
 
     def read(
@@ -123,7 +123,7 @@ def _split(
     return inside, {name: value for name, value in options.items() if name not in names}
 
 
-def _deposit(found: Particles, unit: Any, placing: dict[str, Any]) -> Deposit:
+def _deposit(found: ParticleFile, unit: Any, placing: dict[str, Any]) -> Deposit:
     from ...particles import deposit, particles
 
     points, sizes, masses = found.points(), found.sizes(), found.masses()

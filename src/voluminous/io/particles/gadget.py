@@ -18,8 +18,8 @@ from .common import (
     DENSITY_UNIT,
     OPTIONS,
     ParticleColumn,
+    ParticleFile,
     ParticleReader,
-    Particles,
     common_name,
     number,
     with_unit,
@@ -49,7 +49,7 @@ _GADGET = ("cubic", 1.0)
 
 
 class GadgetReader(ParticleReader):
-    """Particles of one type, placed on an octree.
+    """ParticleFile of one type, placed on an octree.
 
     With smoothing lengths they are smoothed by the code's kernel; without, but with volumes or
     densities, they are the cells of a mesh; else they get smoothing lengths of their own.
@@ -85,7 +85,7 @@ class GadgetItem(NamedTuple):
     attributes: dict[str, Any]
 
 
-class GadgetSnapshot(Particles):
+class GadgetSnapshot(ParticleFile):
     """The particles of one type, in one file or several, or in a directory with these."""
 
     def __init__(

@@ -19,8 +19,8 @@ from .common import (
     DENSITY_UNIT,
     OPTIONS,
     ParticleColumn,
+    ParticleFile,
     ParticleReader,
-    Particles,
     with_unit,
 )
 from .phantom_dump import DumpArray, byte_order, read_dump
@@ -78,7 +78,7 @@ class PhantomContents:
     left_out: dict[str, str]  # why other data sets can be no fields
 
 
-class PhantomParticles(Particles):
+class PhantomParticles(ParticleFile):
     """The live particles of one type."""
 
     def __init__(self, dump: PhantomContents, particle_type: Any = 1) -> None:
