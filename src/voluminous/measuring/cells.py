@@ -13,7 +13,7 @@ from ..expressions import Expression
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
-from ..regrid.samples import points_along
+from ..regrid.resample import points_along
 from ..rendering.cache import Statistics
 from .quantity import Quantity
 
