@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 import voluminous.xarray
 from voluminous.io import find_reader
-from voluminous.io.axis_names import axis_of
-from voluminous.io.edges import edges_of_centers
+from voluminous.io.axes import axis_of, edges_of_centers
 from voluminous.io.unit_texts import known_unit
 
 xr = pytest.importorskip("xarray")

@@ -210,7 +210,7 @@ def points_along(grid: Any, count: int) -> list[int]:
     """Return how many points are taken along each axis of a cell: more along wide angles."""
     widths = [
         np.diff(edges).max() if name in ("theta", "phi") else 0.0
-        for name, edges in zip(grid.coordinates, grid.edges, strict=False)
+        for name, edges in zip(grid.coordinates, grid.edges or ((),) * 3, strict=True)
     ]
     return [max(count, math.ceil(width * count / _ANGLE - 1e-9)) for width in widths]
 
