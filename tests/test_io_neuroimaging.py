@@ -145,14 +145,6 @@ def test_images_cut_short_are_refused(tmp_path, name, damaged, part):
         vm.open(tmp_path / name).load()
 
 
-class TestMINC2(ReaderContract):
-    """Recognised by its group."""
-
-    @pytest.fixture
-    def sample(self):
-        return lambda directory: write_minc2(directory / "head.mnc")
-
-
 class TestMGH(ReaderContract):
     """Recognised by its first numbers."""
 
@@ -166,20 +158,3 @@ class TestMGH(ReaderContract):
             return directory / "head.mgh"
 
         return write
-
-
-def test_files_named_like_data_without_a_head(tmp_path):
-    for name in ("a+orig.BRIK", "b.REC", "c.img"):
-        (tmp_path / name).write_bytes(bytes(100))
-        with pytest.raises(vm.VoluminousError):
-            vm.open(tmp_path / name)
-
-
-def test_a_head_whose_data_are_missing_is_not_called_damaged(tmp_path):
-    source = SAMPLES / "phantom_varscale.PAR"
-    if not source.exists():
-        pytest.skip("nibabel was installed without its samples")
-    (tmp_path / source.name).write_bytes(source.read_bytes())
-    with pytest.raises(vm.FileFormatError, match="cannot be opened") as caught:
-        vm.open(tmp_path / source.name)
-    assert "damaged" not in str(caught.value)
