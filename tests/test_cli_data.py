@@ -108,13 +108,13 @@ def test_constant_fields_come_last():
 def test_only_the_field_that_is_shown_is_read(snapshot, monkeypatch):
     from voluminous.io.native import reader
 
-    seen, values = [], reader.field_values
+    seen, values = [], reader._field_values
 
-    def counted(path, group, name):
+    def counted(path, name):
         seen.append(name)
-        return values(path, group, name)
+        return values(path, name)
 
-    monkeypatch.setattr(reader, "field_values", counted)
+    monkeypatch.setattr(reader, "_field_values", counted)
     assert run("render", "snapshot.h5", *FAST) == 0
     assert seen == ["rho"]
 

@@ -167,7 +167,7 @@ def test_a_scene_with_an_aperture_is_seen_by_its_camera(gas, capsys):
         (["--aperture", "circel((0, 0), 1)", "--angles", "0,0"], "did you mean 'circle'"),
         (
             ["--aperture", "polygon((1, 2 s))", "--angles", "0,0"],
-            "give all numbers of (1, 2 s) a unit",
+            "a polygon has three points or more",
         ),
         (["--aperture", "polygon((0, 0), (1, 0), (2, 0))", "--angles", "0,0"], "has no area"),
     ],

@@ -17,7 +17,7 @@ from expression_trees import expressions
 from voluminous import derivatives
 from voluminous.errors import ExpressionError, InputError, UnknownNameError
 from voluminous.expressions import Expression, components, derived_field
-from voluminous.expressions.text import text
+from voluminous.expressions.tree import text
 
 # Three different irregular axes.
 EDGES = [

@@ -8,7 +8,6 @@ import io
 import lzma
 import struct
 import zipfile
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -16,7 +15,6 @@ import pytest
 
 import real_data
 import voluminous as vm
-from contracts import ReaderContract
 from reference import data_directory
 from voluminous.io import compressed, find_reader
 
@@ -36,20 +34,6 @@ def test_centres_beside_a_field_make_edges(tmp_path, group):
     volume = vm.open(tmp_path / "a.h5")
     assert volume.grid.bounds.tolist() == [[0, 20], [0, 30], [0, 40]]
     assert str(volume.unit) == "km"
-
-
-@pytest.mark.parametrize("names", [("lev", "lat", "lon"), ("z", "y", "x")])
-def test_dimension_scales_tell_order_and_places(tmp_path, names):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        rho = file.create_dataset("rho", data=RHO.T)
-        for axis, (name, n) in enumerate(zip(names, RHO.T.shape, strict=True)):
-            file[f"axes/{name}"] = 3.0 * np.arange(n)
-            file[f"axes/{name}"].make_scale(name)
-            rho.dims[axis].attach_scale(file[f"axes/{name}"])
-    volume = vm.open(tmp_path / "a.h5")
-    np.testing.assert_array_equal(volume.array("rho"), RHO)
-    assert volume.grid.bounds.tolist() == [[-1.5, 4.5], [-1.5, 7.5], [-1.5, 10.5]]
-    assert vm.open(tmp_path / "a.h5", axes="xyz").grid.shape == (4, 3, 2)
 
 
 # Vectors
@@ -96,23 +80,6 @@ def test_links_out_of_a_file_are_not_followed(tmp_path):
     assert vm.open(tmp_path / "a.h5").fields == ("mine",)
     with pytest.raises(vm.UnknownNameError):
         vm.open(tmp_path / "a.h5", "theirs")
-
-
-def test_virtual_values_come_from_the_same_directory_only(tmp_path):
-    (tmp_path / "data").mkdir()
-    for place in ("inner.h5", "data/part.h5"):
-        with h5py.File(tmp_path / place, "w") as file:
-            file["rho"] = RHO
-    for source in ("part.h5", "../inner.h5", "gone.h5"):
-        layout = h5py.VirtualLayout(RHO.shape, RHO.dtype)
-        layout[:] = h5py.VirtualSource(source, "rho", RHO.shape)
-        with h5py.File(tmp_path / "data" / f"of_{Path(source).name}", "w") as file:
-            file.create_virtual_dataset("rho", layout)
-    np.testing.assert_array_equal(vm.open(tmp_path / "data" / "of_part.h5").array("rho"), RHO)
-    with pytest.raises(vm.FileFormatError, match="outside of its directory"):
-        vm.open(tmp_path / "data" / "of_inner.h5")
-    with pytest.raises(vm.InputError, match="there is no such file"):
-        vm.open(tmp_path / "data" / "of_gone.h5")
 
 
 # Mischief in archives
@@ -188,18 +155,6 @@ def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
     (tmp_path / "b.npy.gz").write_bytes(gzip.compress(npy()))
     with pytest.raises(vm.MemoryNeededError, match="unpacking needs more than the 100 bytes"):
         vm.open(tmp_path / "b.npy.gz")
-
-
-class TestVectors(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        def write(directory):
-            np.savez_compressed(
-                directory / "a.npz", v=np.ones((3, 5, 6, 7)), rho=np.ones((5, 6, 7))
-            )
-            return directory / "a.npz"
-
-        return write
 
 
 # Real data

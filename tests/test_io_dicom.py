@@ -184,41 +184,6 @@ def test_doses_have_offsets_of_frames(tmp_path, pydicom):
     check_places(volume, (stored * 0.001).astype(np.float32), ORIGIN, down)
 
 
-def test_slices_without_a_place_go_by_their_numbers(tmp_path, pydicom):
-    path = series(tmp_path)
-    for k in range(6):
-        head = pydicom.dcmread(path / f"IM{3 * k % 11:02d}")
-        del head.ImagePositionPatient
-        head.InstanceNumber = k
-        head.save_as(path / f"IM{3 * k % 11:02d}")
-    volume = vm.open(path)
-    np.testing.assert_array_equal(volume.array("ct"), VALUES)
-    assert "orientation" not in volume.meta
-    np.testing.assert_array_equal(volume.grid.bounds[:, 0], -WIDTHS / 2)
-
-
-@pytest.mark.parametrize("kind", ["implicit", "explicit", "big"])
-@pytest.mark.parametrize("preamble", [True, False])
-def test_files_without_group_2(tmp_path, pydicom, kind, preamble):
-    path = series(tmp_path)
-    for file in path.iterdir():
-        head = pydicom.dcmread(file)
-        for keyword in ("StudyDate", "InstitutionName", "ReferencedImageSequence"):
-            setattr(head, keyword, [] if "Seq" in keyword else None)
-        if kind == "big":
-            head.PixelData = np.frombuffer(head.PixelData, "<i2").astype(">i2").tobytes()
-        bare = pydicom.Dataset()
-        bare.update(head)
-        with open(file, "wb") as stream:
-            stream.write(bytes(128) + b"DICM" if preamble else b"")
-            implicit, little = kind == "implicit", kind != "big"
-            pydicom.dcmwrite(stream, bare, implicit_vr=implicit, little_endian=little)
-    for opened in (path, path / "IM03"):
-        volume = vm.open(opened)
-        assert volume.meta["orientation"] == "LPS"
-        check_places(volume, VALUES, ORIGIN, UPRIGHT)
-
-
 def csa_header(**tags):
     """Return Siemens's private header, of the second kind."""
     parts = [b"SV10\4\3\2\1", struct.pack("<2I", len(tags), 77)]

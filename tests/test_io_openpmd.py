@@ -145,24 +145,6 @@ def test_scalars_constants_and_numbers_as_they_are(tmp_path, order):
 YEE = {"x": (0.5, 0.0, 0.0), "y": (0.0, 0.5, 0.0), "z": (0.0, 0.0, 0.5)}
 
 
-def test_staggered_components_are_named(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = place(file)
-        vector(group, "E", "xyz", positions=YEE)
-        vector(group, "B", "xyz")
-    with pytest.warns(UserWarning, match=r"read B_x, B_y, B_z only.*E_x \| E_y \| E_z"):
-        volume = vm.open(tmp_path / "a.h5")
-    assert volume.fields == ("B_x", "B_y", "B_z")
-    with pytest.raises(vm.InputError, match=r"E_x \| E_y \| E_z.*centred=True"):
-        vm.open(tmp_path / "a.h5", "E")
-    for part in "xyz":
-        alone = vm.open(tmp_path / "a.h5", f"E_{part}")
-        np.testing.assert_allclose(alone.array(f"E_{part}"), expected(alone.grid), rtol=1e-12)
-    together = vm.open(tmp_path / "a.h5", centred=True)
-    assert len(together.fields) == 6
-    assert together.grid.bounds[0, 0] == OFFSET["x"]
-
-
 def modes(group, name="E", labels="rz", order="C", sign="+", geometry="thetaMode"):
     """Fields of modes 0 to 2; Σ of them at (R, phi, z) is `around`."""
     r, z = 0.5 * (np.arange(3) + 0.5), 2.0 * (np.arange(5) + 0.5) - 1

@@ -158,22 +158,6 @@ def test_grids_of_other_voxels_are_not_mixed(either):
         vm.open(either, "densty")
 
 
-def test_grids_that_make_no_volume(path, made):
-    made[0].transform.isLinear = False
-    with pytest.raises(vm.InputError, match="frustum"):
-        vm.open(path, "density")
-    made[0].metadata = {"file_bbox_min": (1, 1, 1), "file_bbox_max": (0, 0, 0)}
-    made[0].transform.isLinear = True
-    with pytest.raises(vm.InputError, match="no voxel of it is set"):
-        vm.open(path, "density")
-    made[0].metadata = {"file_bbox_min": (0, 0, 0), "file_bbox_max": (2**31 - 1,) * 3}
-    with pytest.raises(vm.MemoryNeededError):
-        vm.open(path, "density")
-    made[:] = [Grid("words", "string", VALUES, LOW, 1.0)]
-    with pytest.raises(vm.FileFormatError, match="expected grids of numbers or vectors"):
-        vm.open(path)
-
-
 @pytest.mark.parametrize("part", [0, 0.05, 0.2, 0.5, 0.9, 0.999])
 def test_files_cut_short_never_reach_the_library(either, part):
     content = either.read_bytes()

@@ -13,7 +13,7 @@ import voluminous as vm
 from contracts.reader import ReaderContract
 from reference import data_directory
 from voluminous.io import find_reader
-from voluminous.io.particles.names import common_name
+from voluminous.io.particles.common import common_name
 
 KPC, MSUN10, KMS = 3.085678e21, 1.989e43, 1e5
 RNG = np.random.default_rng(7)

@@ -33,27 +33,6 @@ def test_nrrd_in_every_encoding(tmp_path, dtype, endian, encoding):
     np.testing.assert_array_equal(volume.grid.bounds[:, 0], -0.5)
 
 
-@pytest.mark.parametrize(
-    ("kind", "endings"),
-    [("vector", "xyz"), ("RGB-color", ("red", "green", "blue")), ("list", "012")],
-)
-@pytest.mark.parametrize("axis", [0, 1, 3])
-def test_nrrd_components(tmp_path, kind, endings, axis):
-    nrrd = pytest.importorskip("nrrd")
-    parts = RNG.random((3, 4, 5, 6)).astype(np.float32)
-    kinds = ["domain"] * 3
-    kinds.insert(axis, kind)
-    spacings = [2.0] * 3
-    spacings.insert(axis, np.nan)
-    path = tmp_path / "v.nrrd"
-    nrrd.write(str(path), np.moveaxis(parts, 0, axis), {"kinds": kinds, "spacings": spacings})
-    volume = vm.open(path)
-    assert volume.fields == tuple(f"v_{ending}" for ending in endings)
-    for name, part in zip(volume.fields, parts, strict=True):
-        np.testing.assert_array_equal(volume.array(name), part)
-    np.testing.assert_array_equal(volume.grid.bounds[:, 0], -1.0)
-
-
 @pytest.mark.parametrize("space", ["4", "left-posterior-superior-time", "LPST"])
 def test_nrrd_in_space_and_time(tmp_path, space):
     values = RNG.random((4, 5, 6, 3)).astype(np.float32)
@@ -189,26 +168,3 @@ def test_nifti_vectors_and_colors(tmp_path):
     volume = vm.open(tmp_path / "rgb.nii")
     assert volume.fields == ("rgb_red", "rgb_green", "rgb_blue")
     np.testing.assert_array_equal(volume.array("rgb_green"), colors[..., 1])
-
-
-@pytest.mark.parametrize(
-    ("fields", "bounds"),
-    [
-        # Walls of cells: 4, 5 and 6 of them between these positions.
-        ({"centers": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
-        ({"centerings": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
-        ({}, [(0, 8), (10, 15), (-3, 3)]),  # Teem's default
-        # First and last nodes: cells reach half a step beyond.
-        ({"centers": "node node node"}, [(-4 / 3, 28 / 3), (9.375, 15.625), (-3.6, 3.6)]),
-        ({"centers": "node cell ???"}, [(-4 / 3, 28 / 3), (10, 15), (-3, 3)]),
-        ({"centers": "node cell cell", "spacings": "2 3 4"}, [(-1, 7), (10, 25), (-3, 21)]),
-        ({"axis_mins": "nan nan nan", "spacings": "2 3 4"}, [(0, 8), (0, 15), (-21, 3)]),
-    ],
-)
-def test_nrrd_axes_between_positions(tmp_path, fields, bounds):
-    fields = {"axis_mins": "0 10 -3", "axis_maxs": "8 15 3"} | fields
-    path = tmp_path / "box.nrrd"
-    path.write_bytes(nrrd_text(**fields).encode() + b"\n" + VALUES.tobytes("F"))
-    volume = vm.open(path)
-    np.testing.assert_allclose(volume.grid.bounds, bounds, atol=1e-12)
-    np.testing.assert_array_equal(volume.array("box"), VALUES)

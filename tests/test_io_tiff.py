@@ -99,25 +99,6 @@ def test_ome_channels_have_names_and_colours(tmp_path):
     assert vm.open(tmp_path / "kept.h5").meta == volume.meta
 
 
-def test_imagej_colours_and_ranges(tmp_path):
-    values = RNG.integers(0, 200, (5, 3, 20, 30)).astype(np.uint16)
-    tables = np.zeros((3, 3, 256), np.uint8)
-    tables[0, 0] = np.arange(256)
-    tables[1, 1:] = np.arange(256)
-    tables[2] = RNG.integers(0, 256, (3, 256))  # no ramp: it stands for no single colour
-    told = {"axes": "ZCYX", "mode": "composite", "LUTs": list(tables)}
-    told["Ranges"] = (0.0, 100.0, 5.0, 150.0, 7.0, 7.0)
-    volume = vm.open(tiff(tmp_path / "cell.tif", values, imagej=True, metadata=told))
-    assert volume.meta["channels"] == {
-        "cell_0": {"color": [1, 0, 0], "window": [0, 100]},
-        "cell_1": {"color": [0, 1, 1], "window": [5, 150]},
-        "cell_2": {},
-    }
-    told = {"axes": "ZYX", "min": 3.0, "max": 99.0}
-    single = vm.open(tiff(tmp_path / "one.tif", values[:, 0], imagej=True, metadata=told))
-    assert single.meta["channels"] == {"one": {"window": [3, 99]}}
-
-
 @pytest.mark.parametrize("planes", ["contig", "separate"])
 @pytest.mark.parametrize("packing", [None, "zlib"])
 def test_colored_stacks(tmp_path, planes, packing):

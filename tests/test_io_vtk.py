@@ -8,12 +8,9 @@ import pytest
 import real_data
 import voluminous as vm
 from reference import data_directory
-from voluminous.io import find_reader
 
 pytest.importorskip("vtkmodules", reason="VTK's own writers make the files")
 
-from vtkmodules.util.numpy_support import numpy_to_vtk
-from vtkmodules.vtkCommonCore import vtkBitArray, vtkDataArray, vtkStringArray
 from vtkmodules.vtkIOLegacy import (
     vtkRectilinearGridWriter,
     vtkStructuredGridWriter,
@@ -300,48 +297,6 @@ def test_names_of_components(tmp_path):
         np.testing.assert_array_equal(
             vm.open(path, "c_blue").array("c_blue"), random_values("u1", (*POINTS, 4))[..., 2]
         )
-
-
-@pytest.mark.parametrize("binary", [False, True])
-def test_units_time_and_texts(tmp_path, binary):
-    data = image()
-    array = add(data, "T", random_values("f4"))
-    array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), "km/s")
-    data.GetPointData().SetActiveScalars("T")
-    for name, values in (("TimeValue", [2.5]), ("cycle", [7]), ("box", [1, 2, 3])):
-        told = numpy_to_vtk(np.array(values), deep=True)
-        told.SetName(name)
-        data.GetFieldData().AddArray(told)
-    text = vtkStringArray()
-    text.SetName("code name")
-    text.InsertNextValue("MHD 3")
-    text.InsertNextValue("x" * 100)
-    data.GetFieldData().AddArray(text)
-    bits = vtkBitArray()
-    bits.SetName("bits")
-    for n in range(np.prod(POINTS)):
-        bits.InsertNextValue(n % 3 == 0)
-    legacy = write(
-        vtkStructuredPointsWriter(), with_array(data, bits), tmp_path / "a.vtk", FileType=1 + binary
-    )
-    expected = (np.arange(np.prod(POINTS)) % 3 == 0).reshape(POINTS[::-1]).T
-    np.testing.assert_array_equal(vm.open(legacy).array("bits"), expected)
-    data.GetPointData().RemoveArray("bits")
-    for path in (write_image(data, tmp_path / "a.vti", DataMode=binary), legacy):
-        volume = vm.open(path)
-        assert volume.units["T"] == "km / s"
-        assert find_reader(path).info(path)[0].unit == "km / s"
-        assert volume.meta == {
-            "time": 2.5,
-            "cycle": 7,
-            "box": [1, 2, 3],
-            "code name": "MHD 3\n" + "x" * 100,
-        }
-
-
-def with_array(data, array):
-    data.GetPointData().AddArray(array)
-    return data
 
 
 # What people and codes write themselves

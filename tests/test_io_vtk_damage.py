@@ -138,24 +138,3 @@ def test_pieces_elsewhere(tmp_path, source, error, expected):
     )
     with pytest.raises(error, match=expected):
         vm.open(path)
-
-
-def test_pieces_that_leave_gaps(tmp_path):
-    pieces = {"a.vti": "0 1 0 1 0 1", "b.vti": "2 3 0 1 0 1", "c.vti": "0 1 0 1 0 1"}
-    for name, extent in pieces.items():
-        (tmp_path / name).write_text(one_array(extent=extent))
-
-    def together(*names):
-        path = tmp_path / "all.pvti"
-        listed = "".join(f'<Piece Extent="{pieces[n]}" Source="{n}"/>' for n in names)
-        path.write_text(f'<VTKFile type="PImageData"><PImageData>{listed}</PImageData></VTKFile>')
-        return path
-
-    # Points are next to each other, there is none between.
-    assert vm.open(together("a.vti", "b.vti")).grid.shape == (4, 2, 2)
-    pieces["b.vti"] = "4 5 0 1 0 1"
-    (tmp_path / "b.vti").write_text(one_array(extent=pieces["b.vti"]))
-    with pytest.raises(vm.FileFormatError, match="have 16 points, expected at least 24"):
-        vm.open(together("a.vti", "b.vti"))
-    with pytest.raises(vm.FileFormatError, match="8 of 24 values are in none"):
-        vm.open(together("a.vti", "b.vti", "c.vti"))

@@ -11,7 +11,7 @@ import voluminous as vm
 pytest.importorskip("vtkmodules", reason="VTK's own readers judge the files")
 
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLRectilinearGridReader
 
 from vtk_files import (
@@ -19,8 +19,6 @@ from vtk_files import (
     LINES,
     POINTS,
     TYPES,
-    add,
-    image,
     random_values,
 )
 
@@ -128,15 +126,3 @@ def test_objects_of_pyvista():
     assert volume.fields == ("rho",)
     assert volume.grid.shape == (7, 6, 8)
     assert np.isfinite(volume.array("rho")).all()
-
-
-def test_hidden_cells_of_objects():
-    data = image()
-    add(data, "c", random_values("f4", CELLS), cells=True)
-    ghosts = vtkUnsignedCharArray()
-    ghosts.SetName("vtkGhostType")
-    for n in range(data.GetNumberOfCells()):
-        ghosts.InsertNextValue(32 if n == 3 else 0)
-    data.GetCellData().AddArray(ghosts)
-    hidden = np.isnan(vm.from_pyvista(data).array("c"))
-    assert np.flatnonzero(hidden.T).tolist() == [3]

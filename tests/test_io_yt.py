@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
+from voluminous.io.axes import round_unit
 from voluminous.io.leaves import ABSENT, placed_values, tree_of_leaves
-from voluminous.io.lengths import round_unit
 
 yt = pytest.importorskip("yt")
 yt.set_log_level(50)

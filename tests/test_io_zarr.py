@@ -245,19 +245,6 @@ def _scale(image, numbers):
 # Damage
 
 
-def test_pieces_that_no_memory_holds(tmp_path):
-    path = tmp_path / "a.zarr"
-    plain(path, 2)
-    (place,) = path.rglob(".zarray")
-    told = json.loads(place.read_text())
-    place.write_text(json.dumps({**told, "shape": [2, 3, 10**6], "chunks": [10**4] * 3}))
-    with pytest.raises(vm.MemoryNeededError, match=r"one piece \(10000, 10000, 10000\)"):
-        vm.open(path)
-    place.write_text(json.dumps({**told, "shape": [10**5] * 3}))
-    with pytest.raises(vm.MemoryNeededError, match="2000000000000000 bytes"):
-        vm.open(path)
-
-
 class _Contract(ReaderContract):
     def victims(self, path):
         """Return what describes the store, and its pieces: a piece that is not there is zeros."""

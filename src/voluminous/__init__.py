@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .import_hooks import when_imported
 from .llvm import find_llvm_early
 
 __version__ = "0.1.0"
@@ -193,8 +192,6 @@ if TYPE_CHECKING:
 
 
 find_llvm_early()
-# Gives xarray's arrays ``.voluminous``, whichever of the two packages is imported first.
-when_imported("xarray", lambda: importlib.import_module(".xarray_accessor", __name__).register())
 
 
 def __getattr__(name: str) -> Any:

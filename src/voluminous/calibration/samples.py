@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..derivatives import BoxesOfTree, Cells, differences
+from ..derivatives import BoxesOfTree, NeighbourDifferences, differences
 from ..expressions import Expression
 from ..volume import Volume
 
@@ -31,7 +31,7 @@ class ScatteredPiece:
 
     Parameters
     ----------
-    cells : Cells or BoxesOfTree
+    cells : NeighbourDifferences or BoxesOfTree
     volumes : array
         Of all cells.
     runs : sequence of (int, int)
@@ -45,7 +45,7 @@ class ScatteredPiece:
 
     def __init__(
         self,
-        cells: Cells | BoxesOfTree,
+        cells: NeighbourDifferences | BoxesOfTree,
         volumes: np.ndarray,
         runs: Sequence[tuple[int, int]],
     ) -> None:
@@ -160,7 +160,7 @@ def _along(cell: np.ndarray, values: np.ndarray, step: float, first: int) -> tup
     return 0.5 * (before + behind), 0.5 * np.abs(behind - before), length, first + line[:-1][good]
 
 
-# Cells looked at: enough for any median or histogram, and a second of work at most.
+# Cells sampled: enough for any median or histogram, and a second of work at most.
 BUDGET = 1 << 22
 # Cells of a piece: its temporary arrays take some tens of MiB.
 _PIECE = 1 << 19
@@ -273,22 +273,7 @@ class Piece:
 def pieces(
     volume: Volume, expr: Expression, budget: float = BUDGET
 ) -> Iterator[Piece | ScatteredPiece]:
-    """Yield pieces of a volume: all of it, or every k-th where there are more cells than `budget`.
-
-    Parameters
-    ----------
-    volume : Volume
-        On any grid; pieces of a `CartesianGrid` are layers, of others cells in the order they are.
-    expr : Expression
-        The scalar x.
-    budget : float
-        Number of cells to be looked at; infinity for all.
-
-    Raises
-    ------
-    UnknownNameError
-        If the expression names a field that does not exist.
-    """
+    """Yield all pieces of a volume, or every k-th if there are more cells than `budget`."""
     volume.check_names(expr)
     if not volume.grid.is_rectilinear:
         yield from scattered_pieces(volume, expr, budget)

@@ -14,9 +14,9 @@ from ..deferred import Deferred
 from ..errors import FileFormatError, InputError, UnknownNameError, VoluminousError, unknown_name
 from ..memory import check_memory
 from ..units import parse_unit, unit_name
+from .axes import round_unit
 from .contract import FieldInfo, Reader
 from .hdf5 import data_set, holds, is_own, opened, read, text
-from .lengths import round_unit
 from .names import chosen_fields, field_name
 
 if TYPE_CHECKING:

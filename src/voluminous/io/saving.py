@@ -63,13 +63,7 @@ def save(volume: Volume, path: str | Path, *, format: str | None = None, **optio
 
 
 def writer_for(path: Path, format: str | None = None) -> Reader:
-    """Return what writes files of this name, or of a format.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is nothing that does; names the nearest.
-    """
+    """Return what writes files of this name, or of a format."""
     writers = [reader for reader in readers() if getattr(reader, "writes", False)]
     if format is not None:
         named = {reader.name: reader for reader in writers}

@@ -17,15 +17,14 @@ from ..image import Image
 from ..media import Coefficients
 from ..progress import Progress, reported_range, with_progress
 from ..rendering import image_wcs, render
-from ..schemes.cellwise import Cellwise
-from ..schemes.contract import Solution
+from ..schemes.base import Scheme, Solution
 from ..units import unit_name
 from .cells import check_finite, with_known
 from .exact_projection import Screen, onto_pixels
 from .quantity import Quantity, check_volume, column_unit, converted
 
 
-class Thin(Cellwise):
+class Thin(Scheme):
     """Nothing is absorbed: b = j s. Quantities may be negative.
 
     Exact, up to rounding, for what is constant in cells. A third faster than first order with an
@@ -35,11 +34,8 @@ class Thin(Cellwise):
     name = "column"
     complete = True
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
-        """Return what a segment adds; see `schemes.contract.Scheme`."""
-        found, none = source.at(segment.cell, segment.active)
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Solution, list[Any]]:
+        found, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
         return Solution(
             [q * segment.length for q in found], [one for _ in none], [zero for _ in none]
@@ -69,13 +65,6 @@ def integrals(
     Returns
     -------
     float64 array, shape (k, ny, nx)
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such method.
-    InputError
-        If the method cannot be used with the camera or the grid, or a quantity is infinite.
     """
     check_camera(camera, "a map")  # of None `render` would make one
     if method == "exact":
@@ -115,19 +104,7 @@ def exact_maps(
     parts: Any = None,
     together: bool = False,
 ) -> np.ndarray:
-    """Return the pixels' mean columns: cells' shadows, clipped against the pixels.
-
-    Parameters
-    ----------
-    volume : Volume
-        As it is seen.
-    expressions : sequence of Expression or None
-        None stands for 1: how much space there is.
-    parts : Parts, optional
-        Which part of each cell counts.
-    together : bool
-        Cells where one expression has no value count nothing for the others either.
-    """
+    """Return the pixels' mean columns: cells' shadows, clipped against the pixels."""
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), screen_of(frame)
     total = np.zeros((len(expressions), *frame.pixels[::-1]))
@@ -159,13 +136,7 @@ def exact_maps(
 
 
 def check_exact(grid: Any, camera: Any) -> None:
-    """Refuse what cells' shadows are not known for.
-
-    Raises
-    ------
-    InputError
-        Says what to do.
-    """
+    """Refuse what cells' shadows are not known for."""
     if not isinstance(camera, Orthographic):
         raise InputError(
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "

@@ -1,0 +1,318 @@
+"""Intervals with derivatives along a line: how much a value bends, and so how straight it is.
+
+A jet holds, for all places u from 0 to 1 of a stretch, an interval of the value, of its first and
+of its second derivative by u (Moore, Kearfott & Cloud 2009, *Introduction to Interval Analysis*,
+chapter 9).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..backend import dr
+from .interval import Truth
+from .ops import Ops
+from .traced_interpolation import slopes_in_ranges
+from .traced_interval import TracedInterval
+from .traced_interval_ops import TracedIntervalOps
+
+# A derivative that is zero everywhere is None: constants cost nothing.
+Derivative = TracedInterval | None
+
+
+@dataclass
+class TracedJet:
+    """Intervals of a value and of its derivatives.
+
+    Attributes
+    ----------
+    value : TracedInterval
+        All values.
+    first, second : TracedInterval or None
+        All values of the derivatives; (-∞, ∞) where nothing is known of them.
+    """
+
+    value: TracedInterval
+    first: Derivative = None
+    second: Derivative = None
+
+    @property
+    def fixed(self) -> bool:
+        """Whether this is known to be one number."""
+        return self.first is None and self.second is None
+
+
+def plus(a: Derivative, b: Derivative) -> Derivative:
+    """Return the sum of two derivatives."""
+    if a is None or b is None:
+        return b if a is None else a
+    return a + b
+
+
+def times(a: Derivative, b: Derivative) -> Derivative:
+    """Return the product of two derivatives, or of one and a value."""
+    return None if a is None or b is None else a * b
+
+
+def negative(a: Derivative) -> Derivative:
+    """Return minus a derivative."""
+    return None if a is None else -a
+
+
+def chain(
+    x: TracedJet, value: TracedInterval, slope: TracedInterval, bend: TracedInterval
+) -> TracedJet:
+    """Return f(x) from f, f' and f'' over the range of x: (f' x')' = f'' x'² + f' x''."""
+    second = times(slope, x.second)
+    if x.first is not None:
+        second = plus(times(bend, x.first * x.first), second)
+    return TracedJet(value, times(slope, x.first), second)
+
+
+_COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
+
+
+class TracedJetOps(Ops):
+    """Evaluation with `TracedJet`.
+
+    Values are those of `TracedIntervalOps`. Derivatives are known of arithmetic, powers, roots,
+    exponentials, logarithms, sines, hyperbolic tangents and angles; of the rest, and where a kink
+    or jump may be, they may be anything.
+
+    Parameters
+    ----------
+    float_type : type
+        The Dr.Jit type of the ends.
+    constant : callable, optional
+        As in `DrjitOps`.
+    """
+
+    def __init__(self, float_type: Any, constant: Callable[[float], Any] | None = None) -> None:
+        self._float = float_type
+        self._at = TracedIntervalOps(float_type, constant)
+        for name in _COMPARISONS:
+            setattr(self, name, self._comparison(name))
+        for name in ("tan", "remainder"):
+            setattr(self, name, self._rough(name))
+
+    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+        return self, dict(values)
+
+    def constant(self, value: float) -> TracedJet:
+        return TracedJet(self._at.constant(value))
+
+    def interpolate(self, x: TracedJet, places: np.ndarray, entries: np.ndarray) -> TracedJet:
+        value = self._at.interpolate(x.value, places, entries)
+        slope, straight = slopes_in_ranges(x.value, places, entries)
+        return chain(x, value, slope, self._zero().unknown_where(~straight, False))
+
+    def is_mask(self, value: Any) -> bool:
+        return isinstance(value, Truth)
+
+    def number(self, value: Any) -> TracedJet:
+        if not isinstance(value, Truth):
+            return value
+        jump = self._zero().unknown_where(value.true & value.false, False)
+        return TracedJet(self._at.number(value), jump, jump)
+
+    def mask(self, value: Any) -> Any:
+        return value if self.is_mask(value) else self._at.mask(value.value)
+
+    def ones_like(self, value: TracedJet) -> TracedJet:
+        """Return one."""
+        return TracedJet(self._at.ones_like(value.value))
+
+    def add(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the sum."""
+        return TracedJet(a.value + b.value, plus(a.first, b.first), plus(a.second, b.second))
+
+    def negative(self, a: TracedJet) -> TracedJet:  # type: ignore[override]
+        """Return minus a value."""
+        return TracedJet(-a.value, negative(a.first), negative(a.second))
+
+    def positive(self, a: TracedJet) -> TracedJet:  # type: ignore[override]
+        """Return the value."""
+        return a
+
+    def subtract(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the difference."""
+        return self.add(a, self.negative(b))
+
+    def multiply(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the product: (ab)'' = a'' b + 2 a' b' + a b''."""
+        cross = times(a.first, b.first)
+        outer = plus(times(a.second, b.value), times(a.value, b.second))
+        return TracedJet(
+            a.value * b.value,
+            plus(times(a.first, b.value), times(a.value, b.first)),
+            plus(plus(cross, cross), outer),
+        )
+
+    def divide(self, a: TracedJet, b: TracedJet) -> TracedJet:
+        """Return the quotient; its value is that of intervals, tighter than a product's."""
+        if b.fixed:
+            over = [None if part is None else part / b.value for part in (a.first, a.second)]
+            return TracedJet(a.value / b.value, *over)
+        inverse = self.integer_power(b, -1)
+        found = self.multiply(a, inverse)
+        return TracedJet(a.value / b.value, found.first, found.second)
+
+    def integer_power(self, base: TracedJet, exponent: int) -> TracedJet:
+        at = self._at
+        value = at.integer_power(base.value, exponent)
+        if base.fixed:
+            return TracedJet(value)
+        slope = float(exponent) * at.integer_power(base.value, exponent - 1)
+        bend = float(exponent * (exponent - 1)) * at.integer_power(base.value, exponent - 2)
+        return chain(base, value, slope, bend)
+
+    def power(self, base: TracedJet, exponent: TracedJet) -> TracedJet:
+        """Return base**exponent; nothing is known of the derivatives if both vary."""
+        at = self._at
+        value, p = at.power(base.value, exponent.value), exponent.value
+        if base.fixed:
+            growth = at.log(base.value)  # undefined for negative numbers, as most powers are
+            return chain(exponent, value, growth * value, growth * (growth * value))
+        if not exponent.fixed:
+            return self._of_unknown_shape(value, (base, exponent))
+        slope = p * at.power(base.value, p - 1.0)
+        bend = p * (p - 1.0) * at.power(base.value, p - 2.0)
+        return chain(base, value, slope, bend)
+
+    def exp(self, x: TracedJet) -> TracedJet:
+        """Return the exponential, which is its own derivative."""
+        value = self._at.exp(x.value)
+        return chain(x, value, value, value)
+
+    def log(self, x: TracedJet) -> TracedJet:
+        """Return the natural logarithm."""
+        return self._logarithm(x, self._at.log(x.value), 1.0)
+
+    def log10(self, x: TracedJet) -> TracedJet:
+        """Return the logarithm to base ten."""
+        return self._logarithm(x, self._at.log10(x.value), 1.0 / math.log(10.0))
+
+    def _logarithm(self, x: TracedJet, value: TracedInterval, factor: float) -> TracedJet:
+        if x.fixed:
+            return TracedJet(value)
+        near = [float(np.nextafter(factor, end)) for end in (0.0, np.inf)]
+        slope = TracedInterval(*map(self._float, near)) / x.value
+        return chain(x, value, slope, -(slope / x.value))
+
+    def sqrt(self, x: TracedJet) -> TracedJet:
+        """Return the square root."""
+        root = self._at.sqrt(x.value)
+        if x.fixed:
+            return TracedJet(root)
+        slope = 0.5 / root
+        return chain(x, root, slope, -0.5 * (slope / x.value))
+
+    def sin(self, x: TracedJet) -> TracedJet:
+        """Return the sine."""
+        sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
+        return chain(x, sine, cosine, -sine)
+
+    def cos(self, x: TracedJet) -> TracedJet:
+        """Return the cosine."""
+        sine, cosine = self._at.sin(x.value), self._at.cos(x.value)
+        return chain(x, cosine, -sine, -cosine)
+
+    def tanh(self, x: TracedJet) -> TracedJet:
+        """Return the hyperbolic tangent."""
+        value = self._at.tanh(x.value)
+        slope = 1.0 - value * value
+        return chain(x, value, slope, -2.0 * (value * slope))
+
+    def atan2(self, y: TracedJet, x: TracedJet) -> TracedJet:
+        """Return the angle; it jumps by a turn where y changes its sign left of the origin."""
+        found = self.turning_angle(y, x)
+        if y.fixed and x.fixed:
+            return found
+        cut = (y.value.lo < 0.0) & (y.value.hi >= 0.0) & (x.value.lo <= 0.0)
+        derivatives = (self._interval(d) for d in (found.first, found.second))
+        return TracedJet(found.value, *(d.unknown_where(cut, False) for d in derivatives))
+
+    def turning_angle(self, y: TracedJet, x: TracedJet) -> TracedJet:
+        """Return the angle: α' = (y'x - yx')/r², α'' = (y''x - yx'' - α'(r²)')/r².
+
+        The derivatives are those of an angle that goes on where this one jumps by a turn.
+        """
+        value = self._at.atan2(y.value, x.value)
+        if y.fixed and x.fixed:
+            return TracedJet(value)
+        square = x.value * x.value + y.value * y.value
+        turn = self._over(self._cross(y.first, x.value, y.value, x.first), square)
+        growth = plus(times(x.value, x.first), times(y.value, y.first))
+        bend = self._cross(y.second, x.value, y.value, x.second)
+        twice = times(turn, plus(growth, growth))
+        return TracedJet(value, turn, self._over(plus(bend, negative(twice)), square))
+
+    def _cross(self, dy: Derivative, x: Any, y: Any, dx: Derivative) -> Derivative:
+        return plus(times(dy, x), negative(times(y, dx)))
+
+    def _over(self, a: Derivative, b: TracedInterval) -> Derivative:
+        return None if a is None else a / b
+
+    def floor_divide(self, left: TracedJet, right: TracedJet) -> TracedJet:
+        """Return the quotient rounded down: constant, but for jumps."""
+        value = self._at.floor_divide(left.value, right.value)
+        if left.fixed and right.fixed:
+            return TracedJet(value)
+        jump = self._zero().unknown_where(~(value.lo == value.hi), False)
+        return TracedJet(value, jump, jump)
+
+    def abs(self, x: TracedJet) -> TracedJet:  # type: ignore[override]
+        """Return the magnitude; it has a kink where the sign changes."""
+        return self._kinked(abs(x.value), x.value >= 0.0, x, self.negative(x))
+
+    def minimum(self, left: TracedJet, right: TracedJet) -> TracedJet:
+        """Return the smaller of both."""
+        value = self._at.minimum(left.value, right.value)
+        return self._kinked(value, left.value < right.value, left, right)
+
+    def maximum(self, left: TracedJet, right: TracedJet) -> TracedJet:
+        """Return the larger of both."""
+        value = self._at.maximum(left.value, right.value)
+        return self._kinked(value, left.value > right.value, left, right)
+
+    def where(self, mask: Truth, chosen: TracedJet, otherwise: TracedJet) -> TracedJet:
+        """Return the one or the other; where it can be either, derivatives may be anything."""
+        value = self._at.where(mask, chosen.value, otherwise.value)
+        found = self._kinked(value, mask, chosen, otherwise)
+        first = self._interval(found.first).unknown_where(mask.true & mask.false, False)
+        return TracedJet(value, first, found.second)
+
+    def _kinked(
+        self, value: TracedInterval, mask: Truth, chosen: TracedJet, otherwise: TracedJet
+    ) -> TracedJet:
+        """Return the one or the other, equal where it changes: slopes are between those of both."""
+        first, second = (
+            self._at.where(mask, self._interval(a), self._interval(b))
+            for a, b in ((chosen.first, otherwise.first), (chosen.second, otherwise.second))
+        )
+        return TracedJet(value, first, second.unknown_where(mask.true & mask.false, False))
+
+    def _comparison(self, name: str) -> Callable[[TracedJet, TracedJet], Truth]:
+        compare = getattr(self._at, name)
+        return lambda a, b: compare(a.value, b.value)
+
+    def _rough(self, name: str) -> Callable[..., TracedJet]:
+        function = getattr(self._at, name)
+        return lambda *xs: self._of_unknown_shape(function(*(x.value for x in xs)), xs)
+
+    def _of_unknown_shape(self, value: TracedInterval, inputs: Any) -> TracedJet:
+        if all(x.fixed for x in inputs):
+            return TracedJet(value)
+        anything = TracedInterval(self._float(-dr.inf), self._float(dr.inf))
+        return TracedJet(value, anything, anything)
+
+    def _interval(self, derivative: Derivative) -> TracedInterval:
+        return self._zero() if derivative is None else derivative
+
+    def _zero(self) -> TracedInterval:
+        return TracedInterval.constant(self._float(0))
