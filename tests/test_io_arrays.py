@@ -78,7 +78,7 @@ def test_links_out_of_a_file_are_not_followed(tmp_path):
         file["soft"] = h5py.SoftLink("/nowhere")
         file["group/loop"] = file["/"]
     assert vm.open(tmp_path / "a.h5").fields == ("mine",)
-    with pytest.raises(vm.UnknownNameError):
+    with pytest.raises(vm.errors.UnknownNameError):
         vm.open(tmp_path / "a.h5", "theirs")
 
 
@@ -140,7 +140,9 @@ def test_packed_files_are_what_is_in_them(tmp_path, suffix):
     assert volume.grid.bounds[0].tolist() == [0, 4]
     (told,) = find_reader(path).info(path)
     assert (told.name, told.shape) == ("rho", RHO.shape)
-    with pytest.raises(vm.UnknownNameError, match="npy option 'spcing'; did you mean 'spacing'"):
+    with pytest.raises(
+        vm.errors.UnknownNameError, match="npy option 'spcing'; did you mean 'spacing'"
+    ):
         vm.open(path, spcing=2)
 
 
@@ -153,7 +155,9 @@ def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
         vm.open(path)
     monkeypatch.setattr(compressed, "available_memory", lambda: 100)
     (tmp_path / "b.npy.gz").write_bytes(gzip.compress(npy()))
-    with pytest.raises(vm.MemoryNeededError, match="unpacking needs more than the 100 bytes"):
+    with pytest.raises(
+        vm.errors.MemoryNeededError, match="unpacking needs more than the 100 bytes"
+    ):
         vm.open(tmp_path / "b.npy.gz")
 
 

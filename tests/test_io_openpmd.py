@@ -114,7 +114,7 @@ def test_a_series_in_groups(tmp_path, meshes):
     assert volume.meta["iterations"] == [5, 20, 100]
     earlier = vm.open(tmp_path / "a.h5", "E", iteration=20)
     assert earlier.meta["iteration"] == 20
-    with pytest.raises(vm.UnknownNameError, match=r"iteration '21'.*20"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"iteration '21'.*20"):
         vm.open(tmp_path / "a.h5", iteration=21)
 
 
@@ -140,9 +140,6 @@ def test_scalars_constants_and_numbers_as_they_are(tmp_path, order):
     assert volume.units["T"] == ""
     assert volume.array("rho").dtype == np.float32
     np.testing.assert_allclose(volume.array("rho"), expected(volume.grid), rtol=1e-6)
-
-
-YEE = {"x": (0.5, 0.0, 0.0), "y": (0.0, 0.5, 0.0), "z": (0.0, 0.0, 0.5)}
 
 
 def modes(group, name="E", labels="rz", order="C", sign="+", geometry="thetaMode"):

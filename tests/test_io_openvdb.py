@@ -154,7 +154,7 @@ def test_what_is_told_without_reading(either):
 def test_grids_of_other_voxels_are_not_mixed(either):
     with pytest.raises(vm.InputError, match=r"different sizes.*mask \[1. 1. 1.\].*choose"):
         vm.open(either)
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'density'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'"):
         vm.open(either, "densty")
 
 
@@ -169,5 +169,7 @@ def test_files_cut_short_never_reach_the_library(either, part):
 def test_without_the_library_it_is_said_how_to_get_it(path, monkeypatch):
     for name in ("openvdb", "pyopenvdb"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(vm.MissingPackageError, match=r"conda install -c conda-forge openvdb"):
+    with pytest.raises(
+        vm.errors.MissingPackageError, match=r"conda install -c conda-forge openvdb"
+    ):
         vm.open(path)

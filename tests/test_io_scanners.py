@@ -106,7 +106,7 @@ def test_the_same_voxels_lie_at_the_same_place_in_all_formats(tmp_path, steps):
 def test_itk_reads_what_is_written(tmp_path, ending):
     sitk = pytest.importorskip("SimpleITK")
     volume = volume_of(VALUES)
-    vm.io.save(volume, tmp_path / f"written.{ending}")
+    volume.save(tmp_path / f"written.{ending}")
     image = sitk.ReadImage(str(tmp_path / f"written.{ending}"))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image).transpose(), VALUES)
     for index in [(0, 0, 0), (3, 4, 5)]:
@@ -133,7 +133,7 @@ def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
     if turned:
         volume.meta["direction"] = rotation(np.array([0.9, 0.3, -0.1, 0.2])).tolist()
     path = tmp_path_factory.mktemp("saved") / f"density.{ending}"
-    vm.io.save(volume, path)
+    volume.save(path)
     again = vm.open(path)
     expected = values.astype(np.uint8) if values.dtype == np.bool_ else values
     assert again.fields == ("density",)
@@ -164,7 +164,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path, ending):
         (vm.Volume(ball, a=np.ones(ball.shape)), "Cartesian"),
     ]:
         with pytest.raises(vm.InputError, match=told):
-            vm.io.save(volume, tmp_path / f"x.{ending}")
+            volume.save(tmp_path / f"x.{ending}")
     assert not list(tmp_path.iterdir())
 
 

@@ -95,7 +95,7 @@ def test_ome_channels_have_names_and_colours(tmp_path):
     asked = vm.open(path, {"green": "GFP_2"})
     assert asked.meta["channels"] == {"green": {"label": "GFP 2", "color": [0, 1, 0]}}
     assert vm.open(path, name="a").fields == ("a_0", "a_1", "a_2")
-    vm.io.save(volume, tmp_path / "kept.h5")
+    volume.save(tmp_path / "kept.h5")
     assert vm.open(tmp_path / "kept.h5").meta == volume.meta
 
 

@@ -57,7 +57,7 @@ def test_what_is_written_vtk_reads_and_so_do_we(tmp_path_factory, suffix):
     @settings(deadline=None, max_examples=50)
     @given(volumes(even=suffix == ".vti"))
     def run(volume):
-        vm.io.save(volume, path)
+        volume.save(path)
         theirs, ours = read(path), vm.open(path)
         np.testing.assert_allclose(theirs.GetBounds(), volume.grid.bounds.ravel(), rtol=1e-13)
         assert ours.fields == volume.fields
@@ -88,7 +88,7 @@ def test_vectors_truths_and_remarks(tmp_path):
     volume["truth"] = volume.array("inside") > 0.5
     volume.meta |= {"time": 2.5, "object": "a & b", "list": [1], "flag": True}
     path = tmp_path / "a.vti"
-    vm.io.save(volume, path)
+    volume.save(path)
     theirs, ours = read(path), vm.open(path)
     wind = theirs.GetCellData().GetArray("wind")
     assert wind.GetNumberOfComponents() == 3
@@ -113,16 +113,16 @@ def test_objects_of_pyvista():
     mesh["rho"] = random_values("f4").T.ravel()
     mesh.cell_data["c"] = random_values("f4", CELLS).T.ravel()
     mesh.field_data["TimeValue"] = [4.0]
-    volume = vm.from_pyvista(mesh, "rho")
+    volume = vm.Volume.from_pyvista(mesh, "rho")
     np.testing.assert_array_equal(volume.array("rho"), random_values("f4"))
     assert volume.meta == {"time": 4.0}
     grid = pv.RectilinearGrid(*LINES)
     grid["rho"] = random_values("f4").T.ravel()
-    np.testing.assert_array_equal(vm.from_pyvista(grid).array("rho"), random_values("f4"))
+    np.testing.assert_array_equal(vm.Volume.from_pyvista(grid).array("rho"), random_values("f4"))
     with pytest.raises(vm.InputError, match=r"got UnstructuredGrid.*give resolution=64"):
-        vm.from_pyvista(grid.cast_to_unstructured_grid())
+        vm.Volume.from_pyvista(grid.cast_to_unstructured_grid())
     # The advice helps.
-    volume = vm.from_pyvista(grid.cast_to_unstructured_grid(), resolution=8)
+    volume = vm.Volume.from_pyvista(grid.cast_to_unstructured_grid(), resolution=8)
     assert volume.fields == ("rho",)
     assert volume.grid.shape == (7, 6, 8)
     assert np.isfinite(volume.array("rho")).all()

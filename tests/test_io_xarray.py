@@ -40,7 +40,7 @@ def cubes(draw):
 @given(cubes())
 def test_values_stay_at_their_coordinates(cube):
     array, centers = cube
-    volume = vm.from_xarray(array)
+    volume = vm.Volume.from_xarray(array)
     sorted_ = [np.sort(centers[a]) for a in "xyz"]
     x, y, z = np.meshgrid(*sorted_, indexing="ij")
     np.testing.assert_array_equal(volume.array("f"), x + 100 * y + 10_000 * z)
@@ -58,7 +58,7 @@ def cube(dims=("z", "y", "x"), **options):
 
 
 def test_without_coordinates_cells_are_counted():
-    volume = vm.from_xarray(cube())
+    volume = vm.Volume.from_xarray(cube())
     assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
     np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
     assert volume.meta["axes"]["x"]["name"] == "x"
@@ -89,14 +89,14 @@ def test_what_a_dimension_is(dim, attributes, axis):
 
 
 def test_dims_say_it_otherwise():
-    volume = vm.from_xarray(cube(), dims=("z", "y", "x"))
+    volume = vm.Volume.from_xarray(cube(), dims=("z", "y", "x"))
     np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4))
-    same = vm.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
+    same = vm.Volume.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
     np.testing.assert_array_equal(same.array("rho"), volume.array("rho"))
     with pytest.raises(vm.InputError, match=r"dims must name.*\('x', 'y', 'z'\)"):
-        vm.from_xarray(cube(), dims=("x", "y"))
-    with pytest.raises(vm.UnknownNameError, match="unknown dimension 'xx'"):
-        vm.from_xarray(cube(), dims=("xx", "y", "z"))
+        vm.Volume.from_xarray(cube(), dims=("x", "y"))
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown dimension 'xx'"):
+        vm.Volume.from_xarray(cube(), dims=("xx", "y", "z"))
 
 
 # Coordinates
@@ -105,16 +105,16 @@ def test_dims_say_it_otherwise():
 def test_bounds_of_cells_go_before_midpoints():
     data = cube(coords={"z": ("z", [1.0, 5.0], {"bounds": "z_bnds"})}).to_dataset()
     data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [2.0, 8.0]])
-    assert vm.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
+    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
     # Those that do not join up are no edges.
     data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [3.0, 8.0]])
-    assert vm.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
+    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
 
 
 def test_depth_grows_downwards():
     coords = {"z": ("z", [10.0, 20.0], {"units": "m", "positive": "down"})}
     coords |= {a: (a, np.arange(float(N[a])), {"units": "m"}) for a in "xy"}
-    volume = vm.from_xarray(cube(coords=coords))
+    volume = vm.Volume.from_xarray(cube(coords=coords))
     assert volume.grid.bounds[2].tolist() == [-25, -5]
     top = volume.array("rho")[..., -1]
     np.testing.assert_array_equal(top, cube().values[0].T)
@@ -137,7 +137,7 @@ def atmosphere():
 
 def test_angles_and_pressures_are_no_lengths_and_a_warning_says_so():
     with pytest.warns(UserWarning, match=r"z = plev: hPa\): z is fitted into 180, which is no"):
-        volume = vm.from_xarray(atmosphere(), "u", isel={"time": 1})
+        volume = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": 1})
     assert volume.unit is None
     np.testing.assert_allclose(volume.grid.bounds, [[-15, 345], [-90, 90], [0, 180]])
     # Up is where the pressure is low: 75, 350 and 150 hPa wide halves around the levels.
@@ -154,17 +154,17 @@ def test_the_sides_of_the_box_can_be_said():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         chosen = {"isel": {"time": 0}, "unit": "km"}
-        volume = vm.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
+        volume = vm.Volume.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
         assert volume.grid.bounds.tolist() == [[0, 4], [0, 2], [0, 1]]
         assert volume.unit == u.km
-        spaced = vm.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
+        spaced = vm.Volume.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
         assert spaced.grid.bounds.tolist() == [[0, 12], [0, 6], [0, 6]]
-        bounded = vm.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
+        bounded = vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
         assert bounded.grid.bounds.tolist() == [[0, 1]] * 3
     with pytest.raises(vm.InputError, match="not bounds and aspect"):
-        vm.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
+        vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
     with pytest.raises(vm.InputError, match="aspect must be three positive"):
-        vm.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
+        vm.Volume.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
 
 
 # Which part, which fields
@@ -173,12 +173,12 @@ def test_the_sides_of_the_box_can_be_said():
 def test_other_dimensions_are_chosen():
     with pytest.raises(vm.InputError, match=r"\(time: 2, plev: 3, lat: 6, lon: 12\); choose one of "
                        r"time with isel=\{'time': 0\}"):  # fmt: skip
-        vm.from_xarray(atmosphere(), "u")
+        vm.Volume.from_xarray(atmosphere(), "u")
     whole = {"aspect": (1, 1, 1)}
-    by_value = vm.from_xarray(atmosphere(), "u", sel={"time": "2001-02-01"}, **whole)
-    by_number = vm.from_xarray(atmosphere(), "u", isel={"time": 1}, **whole)
+    by_value = vm.Volume.from_xarray(atmosphere(), "u", sel={"time": "2001-02-01"}, **whole)
+    by_number = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": 1}, **whole)
     np.testing.assert_array_equal(by_value.array("u"), by_number.array("u"))
-    part = vm.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
+    part = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
     np.testing.assert_array_equal(part.array("u"), by_number.array("u")[2:5])
 
 
@@ -194,7 +194,7 @@ def test_other_dimensions_are_chosen():
 )
 def test_a_part_that_is_not_there(options, message):
     with pytest.raises(vm.VoluminousError, match=message):
-        vm.from_xarray(atmosphere(), "u", **options)
+        vm.Volume.from_xarray(atmosphere(), "u", **options)
 
 
 def test_fields_that_lie_elsewhere_are_left_out_and_named():
@@ -202,12 +202,12 @@ def test_fields_that_lie_elsewhere_are_left_out_and_named():
     data = atmosphere()
     data["w"] = (("plev", "lat", "lon2"), np.zeros((3, 6, 13)))
     with pytest.warns(UserWarning, match=r"left out.*than u: w \(plev: 3, lat: 6, lon2: 13\)"):
-        assert vm.from_xarray(data, **options).fields == ("u", "v")
+        assert vm.Volume.from_xarray(data, **options).fields == ("u", "v")
     with pytest.raises(vm.InputError, match=r"same three dimensions, got u .* and w"):
-        vm.from_xarray(data, ["u", "w"], **options)
-    assert vm.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
-    with pytest.raises(vm.UnknownNameError, match="unknown variable 'q'"):
-        vm.from_xarray(data, "q", **options)
+        vm.Volume.from_xarray(data, ["u", "w"], **options)
+    assert vm.Volume.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown variable 'q'"):
+        vm.Volume.from_xarray(data, "q", **options)
 
 
 # Values
@@ -224,7 +224,7 @@ def test_pieces_are_computed_when_they_are_used(monkeypatch):
 
     data = xr.Dataset({"a": cube().chunk(x=2), "b": cube().chunk(x=2)})
     data = data.map(lambda v: v.copy(data=v.data.map_blocks(compute, meta=np.empty((0, 0, 0)))))
-    volume = vm.from_xarray(data)
+    volume = vm.Volume.from_xarray(data)
     assert volume.waiting == ("a", "b")
     assert not computed
     with dask.config.set(scheduler="synchronous"):
@@ -257,7 +257,7 @@ def test_a_picture_is_that_of_the_volume(ball):
     medium = vm.Coefficients("rho", 0.1)
     options = {"scheme": "first-order", "precision": "double"}
     mine = ball.to_dataset().voluminous.render(medium, camera, spacing=0.1, unit="pc", **options)
-    volume = vm.from_xarray(ball, spacing=0.1, unit="pc")
+    volume = vm.Volume.from_xarray(ball, spacing=0.1, unit="pc")
     np.testing.assert_array_equal(
         mine.intensity, vm.render(volume, medium, camera, **options).intensity
     )
@@ -266,7 +266,7 @@ def test_a_picture_is_that_of_the_volume(ball):
     by_field = ball.voluminous.render("rho**2", camera)
     assert (
         by_field.provenance["medium"]
-        == vm.suggest_medium(vm.from_xarray(ball), "rho**2").describe()
+        == vm.suggest_medium(vm.Volume.from_xarray(ball), "rho**2").describe()
     )
 
 
@@ -280,6 +280,6 @@ def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():
     data = xr.Dataset({"t": (("z", "y", "x"), stored, told)})
     expected = np.where(stored == -9, np.nan, 0.5 * stored + 3).T
     for packed in (data, data.t):
-        volume = vm.from_xarray(packed)
+        volume = vm.Volume.from_xarray(packed)
         np.testing.assert_allclose(volume.array("t"), expected)
         assert volume.units["t"] == "K"

@@ -117,7 +117,7 @@ def test_groups_with_names(tmp_path, version):
     with pytest.raises(vm.FileFormatError, match=r"several groups.*land/low, sea"):
         vm.open(path)
     assert vm.open(path, group="sea").fields == ("rho",)
-    with pytest.raises(vm.UnknownNameError, match="unknown group 'see'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown group 'see'"):
         vm.open(path, group="see")
 
 
