@@ -181,10 +181,10 @@ def assert_same(mine, theirs):
 @given(volume=volumes(), compress=st.booleans())
 def test_what_was_saved_comes_back_bit_for_bit(tmp_path_factory, volume, compress):
     path = tmp_path_factory.mktemp("native") / "volume.h5"
-    vm.io.save(volume, path, compress=compress)
+    volume.save(path, compress=compress)
     again = vm.open(path)
     assert_same(again, volume)
-    vm.io.save(again, path)  # onto itself, while its numbers are mapped
+    again.save(path)  # onto itself, while its numbers are mapped
     assert_same(vm.open(path), volume)
     assert_same(again, volume)
 
@@ -208,7 +208,7 @@ def test_the_sky_comes_back(tmp_path):
     wcs.wcs.restfrq = 110.201354e9
     wcs.pixel_shape = (4, 4, 4)
     volume.wcs = wcs
-    vm.io.save(volume, tmp_path / "a.h5")
+    volume.save(tmp_path / "a.h5")
     again = vm.open(tmp_path / "a.h5").wcs
     places = np.random.default_rng(0).uniform(0, 4, (20, 3))
     np.testing.assert_array_equal(again.wcs_pix2world(places, 0), wcs.wcs_pix2world(places, 0))
@@ -222,7 +222,7 @@ def test_the_file_explains_itself(tmp_path):
     grid = vm.OctreeGrid([0, 1, 2], [0, 1], [0, 1], [0, 1] + 8 * [0], unit="pc")
     volume = vm.Volume(grid, density=np.arange(9.0) * u.g / u.cm**3)
     volume.meta["time"] = 1.5
-    vm.io.save(volume, tmp_path / "a.h5")
+    volume.save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         assert dict(file.attrs)["format"] == "voluminous volume"
         assert file.attrs["version"] == 1
@@ -254,8 +254,8 @@ def test_files_of_before_still_open(tmp_path):
 
 def test_large_fields_stay_in_the_file(tmp_path):
     volume = vm.models.sphere(8)
-    vm.io.save(volume, tmp_path / "plain.h5")
-    vm.io.save(volume, tmp_path / "packed.h5", compress=True)
+    volume.save(tmp_path / "plain.h5")
+    volume.save(tmp_path / "packed.h5", compress=True)
     opened = vm.io.registry.open_lazily(tmp_path / "plain.h5")
     assert opened.waiting == volume.fields
     assert opened.bytes_waiting == 0  # mapped: nothing to take memory for
@@ -293,7 +293,7 @@ class TestNative(ReaderContract):
             volume.set_unit("density", "g / cm3")
             volume["count"] = np.arange(grid.size, dtype=np.int16).reshape(grid.shape)
             volume.meta["time"] = 1.0
-            vm.io.save(volume, directory / "volume.h5", compress=kind == "octree")
+            volume.save(directory / "volume.h5", compress=kind == "octree")
             return directory / "volume.h5"
 
         return write
@@ -304,7 +304,7 @@ def saved(tmp_path):
     """A function that changes a saved file by h5py and returns its path."""
     path = tmp_path / "a.h5"
     grid = vm.PatchGrid([[0, 0, 0], [0, 0, 0]], [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
-    vm.io.save(vm.Volume(grid, density=np.ones(71)), path)
+    vm.Volume(grid, density=np.ones(71)).save(path)
 
     def changed(change):
         with h5py.File(path, "r+") as file:

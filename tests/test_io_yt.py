@@ -163,7 +163,7 @@ def check_cells(volume, data, ds, fields=("density", "velocity_x", "temperature"
 @pytest.mark.parametrize("name", DATASETS)
 def test_every_cell_is_where_yt_has_it(name):
     ds = dataset(name)
-    volume = vm.from_yt(ds)
+    volume = vm.Volume.from_yt(ds)
     assert type(volume.grid) is KINDS[name]
     cells = check_cells(volume, ds.all_data(), ds)
     if name != "holes":
@@ -201,7 +201,7 @@ PARTS = [
 def test_a_region_has_its_own_cells_only(name, region):
     ds = dataset(name)
     data = REGIONS[region](ds, ds.domain_center, ds.domain_width)
-    volume = vm.from_yt(data, ["density", "velocity_x", "temperature"])
+    volume = vm.Volume.from_yt(data, ["density", "velocity_x", "temperature"])
     cells = check_cells(volume, data, ds)
     # No larger than its cells need: the grid's ends are those of a cell, or of one that they halve.
     center, width = (v.to(ds.length_unit).d for v in (data.fcoords, data.fwidth))
@@ -230,10 +230,10 @@ def test_curvilinear_coordinates(name):
     ds = uniform(geometry=geometry, axis_order=order, bbox=np.array(box, float))
     if "geographic" in geometry:
         ds.surface_height, ds.outer_radius = ds.quan(50, "code_length"), ds.quan(60, "code_length")
-    volume = vm.from_yt(ds, ["density", "temperature"])
+    volume = vm.Volume.from_yt(ds, ["density", "temperature"])
     assert len(check_cells(volume, ds.all_data(), ds, ["density", "temperature"])) == 192
     part = ds.cut_region(ds.all_data(), ["obj['gas', 'density'] > 1.5"])
-    check_cells(vm.from_yt(part, ["density"]), part, ds, ["density"])
+    check_cells(vm.Volume.from_yt(part, ["density"]), part, ds, ["density"])
 
 
 def test_sampled_arrays():
@@ -242,7 +242,7 @@ def test_sampled_arrays():
         ds.covering_grid(1, [0.25] * 3, [4, 6, 8]),
         ds.arbitrary_grid([0.1] * 3, [0.7] * 3, [5, 6, 7]),
     ):
-        volume = vm.from_yt(data, "density", unit="pc")
+        volume = vm.Volume.from_yt(data, "density", unit="pc")
         assert volume.grid.shape == tuple(data.ActiveDimensions)
         np.testing.assert_array_equal(volume.array("density"), data["gas", "density"].d)
         ends = np.stack([data.left_edge.d, data.right_edge.d], axis=1)
@@ -252,7 +252,7 @@ def test_sampled_arrays():
 def test_fields_go_by_many_names():
     ds = dataset("uniform")
     same = [
-        vm.from_yt(ds, fields)
+        vm.Volume.from_yt(ds, fields)
         for fields in (
             "density",
             ("gas", "density"),
@@ -263,37 +263,37 @@ def test_fields_go_by_many_names():
         )
     ]
     assert all(volume.fields == ("density",) for volume in same)
-    assert vm.from_yt(ds, ("density", "temperature")).fields == ("density", "temperature")
-    named = vm.from_yt(ds, {"rho": ("gas", "density"), "t": "temperature"})
+    assert vm.Volume.from_yt(ds, ("density", "temperature")).fields == ("density", "temperature")
+    named = vm.Volume.from_yt(ds, {"rho": ("gas", "density"), "t": "temperature"})
     np.testing.assert_array_equal(named.array("rho"), same[0].array("density"))
-    assert vm.from_yt(ds, ["velocity"]).fields == ("velocity_x", "velocity_y", "velocity_z")
-    assert set(vm.from_yt(ds).fields) == set(random_fields(1))
-    derived = vm.from_yt(ds, ["velocity_magnitude", "cell_mass"])
+    assert vm.Volume.from_yt(ds, ["velocity"]).fields == ("velocity_x", "velocity_y", "velocity_z")
+    assert set(vm.Volume.from_yt(ds).fields) == set(random_fields(1))
+    derived = vm.Volume.from_yt(ds, ["velocity_magnitude", "cell_mass"])
     speed = ds.all_data()["gas", "velocity_magnitude"].d
     np.testing.assert_array_equal(derived.array("velocity_magnitude").reshape(-1), speed)
 
 
 def test_an_unknown_field_is_told_with_the_nearest():
     ds = dataset("uniform")
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'density'") as failure:
-        vm.from_yt(ds, "densty")
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'") as failure:
+        vm.Volume.from_yt(ds, "densty")
     assert len(str(failure.value)) < 400  # not all that yt derives
 
 
 def test_units_of_lengths_and_fields():
     ds = dataset("uniform")
-    volume = vm.from_yt(ds, "density", units={"density": "Msun/pc3"})
+    volume = vm.Volume.from_yt(ds, "density", units={"density": "Msun/pc3"})
     assert str(volume.unit) == "kpc"
     assert volume.units["density"] == "solMass / pc3"
     expected = ds.all_data()["gas", "density"].to("Msun/pc**3").d
     # The Sun's mass differs in the fourth digit between unyt and astropy.
     np.testing.assert_allclose(volume.array("density").reshape(-1), expected, rtol=1e-3)
-    in_pc = vm.from_yt(ds, "density", unit="pc")
+    in_pc = vm.Volume.from_yt(ds, "density", unit="pc")
     np.testing.assert_allclose(in_pc.grid.bounds, 1000 * volume.grid.bounds, rtol=CONSTANTS)
     with pytest.raises(vm.UnitsError, match="density"):
-        vm.from_yt(ds, "density", units={"density": "K"})
-    with pytest.raises(vm.UnknownNameError):
-        vm.from_yt(ds, "density", units={"temperature": "K"})
+        vm.Volume.from_yt(ds, "density", units={"density": "K"})
+    with pytest.raises(vm.errors.UnknownNameError):
+        vm.Volume.from_yt(ds, "density", units={"temperature": "K"})
 
 
 @pytest.mark.parametrize(
@@ -308,16 +308,16 @@ def test_what_is_no_volume_is_refused():
     ds = dataset("uniform")
     for data, told in ((ds.slice(0, 0.5), "three dimensions"), (3.0, "float")):
         with pytest.raises(vm.InputError, match=told):
-            vm.from_yt(data)
+            vm.Volume.from_yt(data)
     with pytest.raises(vm.InputError, match="no cells"):
-        vm.from_yt(ds.cut_region(ds.all_data(), ["obj['gas', 'density'] > 5"]))
+        vm.Volume.from_yt(ds.cut_region(ds.all_data(), ["obj['gas', 'density'] > 5"]))
     connectivity = np.array([[0, 1, 2, 3, 4, 5, 6, 7]])
     corners = np.array([[i, j, k] for k in (0.0, 1) for j in (0.0, 1) for i in (0.0, 1)])
     mesh = yt.load_unstructured_mesh(
         connectivity, corners, elem_data={("connect1", "test"): np.ones((1, 1))}
     )
     with pytest.raises(vm.InputError, match="unstructured"):
-        vm.from_yt(mesh)
+        vm.Volume.from_yt(mesh)
 
 
 @settings(max_examples=40, deadline=None)

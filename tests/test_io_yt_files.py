@@ -76,7 +76,7 @@ def test_options(tmp_path):
     ends = [np.round(e * 16) / 16 for e in (3e4 / au, 1e5 / au, 1e5 / au)]
     np.testing.assert_allclose(volume.grid.bounds[:, 1] / au, ends, atol=1 / 15)
     assert volume.grid.size < 200
-    with pytest.raises(vm.UnknownNameError, match="units"):
+    with pytest.raises(vm.errors.UnknownNameError, match="units"):
         vm.open(path, unitz={})
 
 
@@ -226,7 +226,7 @@ def test_without_yt_it_is_said_how_to_get_it(tmp_path):
         "import sys; sys.modules['yt'] = None\n"
         "import voluminous as vm\n"
         f"try: vm.open({str(path)!r})\n"
-        "except vm.MissingPackageError as error: print(error)\n"
+        "except vm.errors.MissingPackageError as error: print(error)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False

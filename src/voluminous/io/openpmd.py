@@ -119,7 +119,7 @@ def _meshes(
     if not found:
         raise InputError(
             f"expected meshes that can be fields{_told(left) or '; there are none'}. Particles can "
-            "be read with h5py, and put on a grid with vm.from_particles"
+            "be read with h5py, and put on a grid with vm.Volume.from_particles"
         )
     return found, meta | ({"left_out": left} if left else {})
 

@@ -1,4 +1,4 @@
-"""Native files: what `voluminous.io.save` writes, whatever the grid.
+"""Native files: what `Volume.save` writes, whatever the grid.
 
 ``/grid`` holds what makes the grid again, ``/fields`` one data set per field in the grid's order of
 cells, ``/meta`` (JSON) and ``/wcs`` (a FITS header) what a file tells besides. Attributes say in

@@ -32,7 +32,7 @@ class YtFields:
         self.on_disk = {"/".join(f): self._names["/".join(f)] for f in stored}
 
     def chosen(self, fields: Any) -> dict[str, Field]:
-        """Return name → field of those asked for; see `voluminous.from_yt`."""
+        """Return name → field of those asked for; see `voluminous.Volume.from_yt`."""
         if fields is None:
             if not self.on_disk:
                 raise InputError("the data set has no field in cells; name one that yt derives")

@@ -76,7 +76,7 @@ def _kind(ds: Any) -> str:
             if kind == "mesh":
                 raise InputError(
                     f"{ds} is an unstructured mesh (or has uneven cells that yt keeps as one); "
-                    "sample it first: vm.from_yt(ds.arbitrary_grid(left, right, dims))"
+                    "sample it first: vm.Volume.from_yt(ds.arbitrary_grid(left, right, dims))"
                 )
             return kind
     return "octree"  # all others have cells that are halved

@@ -160,7 +160,7 @@ def from_yt(
     Examples
     --------
     >>> ds = yt.load("output_00080")  # doctest: +SKIP
-    >>> volume = vm.from_yt(ds, ["density", "velocity_x"], unit="kpc")  # doctest: +SKIP
+    >>> volume = vm.Volume.from_yt(ds, ["density", "velocity_x"], unit="kpc")  # doctest: +SKIP
     """
     volume = volume_of(data, fields, unit=unit, units=units)
     return volume.load() if volume.bytes_waiting <= _AT_ONCE else volume
