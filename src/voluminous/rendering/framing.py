@@ -41,7 +41,9 @@ def framed(
     camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
     if medium is None:
         return camera
-    job, _ = prepare(volume, medium, camera.replace(resolution=_COARSE), tolerance=None)
+    scheme = None if "dual" in volume.grid.walk_kinds else "first-order"
+    coarse = camera.replace(resolution=_COARSE)
+    job, _ = prepare(volume, medium, coarse, scheme=scheme, tolerance=None)
     light = job.run(0.0).emission.sum(axis=-1, dtype=np.float64)
     if not light.max() > 0.0:
         return camera
