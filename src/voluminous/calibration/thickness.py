@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..volume import Volume
 from .samples import BUDGET, Between, Lines, Piece, ScatteredPiece, lines, pieces
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 # Up to this part of the effective width a cell sees a single value of the profile.
 _NARROW = 1e-3
@@ -308,7 +311,7 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
     return Histogram(edges, cells / total, steep / (high - low) * (per_area * _BINS))
 
 
-def _domain(grid: Any) -> float:
+def _domain(grid: Grid) -> float:
     if grid.is_rectilinear:
         return float(np.prod(np.ptp(grid.bounds, axis=1) / grid.scale))
     return float(np.sum(grid.cell_volumes)) / grid.scale**3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,12 @@ from .cells import check_finite, with_known
 from .exact_projection import Screen, onto_pixels
 from .quantity import Quantity, check_volume, column_unit, converted
 
+if TYPE_CHECKING:
+    from ..backend.types import Float
+    from ..cameras import Camera, Frame
+    from ..grids.contract import Grid, Segment, Track, Walk
+    from ..volume import Volume
+
 
 class Thin(Cellwise):
     """Nothing is absorbed: b = j s. Quantities may be negative.
@@ -36,7 +42,13 @@ class Thin(Cellwise):
     complete = True
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        segment: Segment,
+        carried: list[Float],
+        backward: bool,
     ) -> tuple[Solution, list[Any]]:
         """Return what a segment adds; see `schemes.contract.Scheme`."""
         found, none = source.at(segment.cell, segment.active)
@@ -52,9 +64,9 @@ _CHUNK = 1 << 21
 
 
 def integrals(
-    volume: Any,
+    volume: Volume,
     expressions: Sequence[Any],
-    camera: Any,
+    camera: Camera,
     *,
     method: str = "rays",
     samples: int = 1,
@@ -101,9 +113,9 @@ def integrals(
 
 
 def exact_maps(
-    volume: Any,
+    volume: Volume,
     expressions: Sequence[Any],
-    camera: Any,
+    camera: Camera,
     device: str,
     parts: Any = None,
     together: bool = False,
@@ -139,7 +151,7 @@ def exact_maps(
     return total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale
 
 
-def check_exact(grid: Any, camera: Any) -> None:
+def check_exact(grid: Grid, camera: Camera) -> None:
     """Refuse what cells' shadows are not known for."""
     if not isinstance(camera, Orthographic):
         raise InputError(
@@ -153,7 +165,7 @@ def check_exact(grid: Any, camera: Any) -> None:
         )
 
 
-def screen_of(frame: Any) -> Screen:
+def screen_of(frame: Frame) -> Screen:
     """Return the pixels of an orthographic camera."""
     center, right, up = frame.vectors[:3]
     pixel = np.asarray(frame.pixel)
@@ -162,7 +174,9 @@ def screen_of(frame: Any) -> Screen:
     return Screen(axes, middle - axes @ center, frame.pixels)
 
 
-def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
+def as_map(
+    values: np.ndarray, unit: Any, volume: Volume, camera: Camera, told: dict[str, Any]
+) -> Image:
     """Return an image of some numbers per pixel.
 
     Parameters
@@ -190,16 +204,16 @@ def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[s
     )
 
 
-def depth_map(values: np.ndarray, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
+def depth_map(values: np.ndarray, volume: Volume, camera: Camera, told: dict[str, Any]) -> Image:
     """Return an image of distances along the lines of sight."""
     return as_map(values, volume.unit, volume, camera, {**told, "map": "depth"})
 
 
 @with_progress
 def column(
-    volume: Any,
+    volume: Volume,
     quantity: Any,
-    camera: Any,
+    camera: Camera,
     *,
     weight: Any = None,
     method: str = "rays",
@@ -279,7 +293,7 @@ def column(
     return as_map(factor * more * values, target, volume, camera, told)
 
 
-def lines_of_sight(camera: Any, grid: Any) -> tuple[np.ndarray, np.ndarray]:
+def lines_of_sight(camera: Camera, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and unit directions of the rays, each of shape (ny, nx, 3).
 
     Directions run away from the observer. Distances along a ray count from its origin: the

@@ -20,12 +20,15 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..backend import dr, from_host
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..backend import Backend
 
 # An edge shorter than this, of the longest, is seen along its length: leaving it out changes the
 # mean by the square of that, and its inverse would cost as many digits.
@@ -62,7 +65,7 @@ class BoxSpline:
             math.factorial(len(own) - 2) * np.prod(own[:, 0]) * (self.slopes[-1] - self.slopes[0])
         )
 
-    def traced(self, backend: Any) -> TracedBoxSpline:
+    def traced(self, backend: Backend) -> TracedBoxSpline:
         """Return it as run-time data of a kernel."""
         return TracedBoxSpline(self, backend)
 
@@ -86,7 +89,7 @@ def _merged(slopes: np.ndarray) -> np.ndarray:
 class TracedBoxSpline:
     """A `BoxSpline` in a kernel."""
 
-    def __init__(self, spline: BoxSpline, backend: Any) -> None:
+    def __init__(self, spline: BoxSpline, backend: Backend) -> None:
         o = backend.opaque
         self.real = backend.Float
         self.along, self.across = [[o(float(c)) for c in axis] for axis in spline.axes]
@@ -170,7 +173,7 @@ class Screen:
 
 
 def onto_pixels(
-    screen: Screen, centers: np.ndarray, sizes: np.ndarray, amounts: np.ndarray, backend: Any
+    screen: Screen, centers: np.ndarray, sizes: np.ndarray, amounts: np.ndarray, backend: Backend
 ) -> np.ndarray:
     """Return what the pixels get of amounts that are spread evenly in boxes.
 
@@ -301,7 +304,12 @@ class _State:
 
 
 def _shadows(
-    spline: BoxSpline, boxes: _Boxes, columns: int, rows: int, pixels: tuple[int, int], backend: Any
+    spline: BoxSpline,
+    boxes: _Boxes,
+    columns: int,
+    rows: int,
+    pixels: tuple[int, int],
+    backend: Backend,
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return parts of all amounts, and which sum each belongs to: (rows · cells · columns,)."""
     Float, UInt = backend.Float, backend.UInt

@@ -21,7 +21,12 @@ from .columns import as_map, column, depth_map
 from .quantity import Quantity, check_volume, converted
 
 if TYPE_CHECKING:
+    from ..backend.types import Float, Mask
+    from ..cameras import Camera
+    from ..grids.contract import Cursor, Segment, Track, Walk
     from ..image import Image
+    from ..media import Medium
+    from ..volume import Volume
 
 
 class Scanner:
@@ -46,12 +51,18 @@ class Scanner:
         return self.recorded
 
     def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        cursor: Cursor,
+        carried: list[Float],
+        moved: Mask,
     ) -> list[Any]:
         """Go on as before: nothing is found in empty space."""
         return carried
 
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def passed(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         """Go on as before: nothing is found in cells without values."""
         return carried
 
@@ -91,7 +102,7 @@ class Scanned:
     length: float
 
 
-def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> Scanned:
+def scan(volume: Volume, medium: Medium, camera: Camera, scheme: Any, **options: Any) -> Scanned:
     """Follow the rays through the pixels' centres."""
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels
@@ -100,7 +111,7 @@ def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> 
     return Scanned(values, numbers.unit / volume.grid.scale, volume.grid.scale)
 
 
-def distance(track: Any, t: Any) -> Any:
+def distance(track: Track, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in units of the scale (traced)."""
     return type(t)(track.entry + t)
 
@@ -111,9 +122,9 @@ HOW = ("max", "min", "first", "integral", "mean")
 
 @with_progress
 def project(
-    volume: Any,
+    volume: Volume,
     quantity: Any,
-    camera: Any,
+    camera: Camera,
     how: str = "max",
     *,
     depth: bool = False,
@@ -193,7 +204,7 @@ def project(
     return values, depth_map(found.length * found.values[1], volume, camera, told)
 
 
-def _first(volume: Any, condition: Any, camera: Any, unit: Any, options: Any) -> Image:
+def _first(volume: Volume, condition: Any, camera: Camera, unit: Any, options: Any) -> Image:
     what = converted_condition(volume.seen_by(camera), condition, "condition")
     found = _scanned(volume, what, camera, _First(), **options)
     told = {"condition": what.text, "how": "first"}
@@ -202,7 +213,9 @@ def _first(volume: Any, condition: Any, camera: Any, unit: Any, options: Any) ->
     return as_map(factor * found.length * found.values[0], target, volume, camera, told)
 
 
-def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
+def _scanned(
+    volume: Volume, what: Quantity, camera: Camera, scheme: Scanner, **options: Any
+) -> Scanned:
     seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
     return scan(seen, Coefficients(known, 0), camera, scheme, **options)
 
@@ -218,11 +231,17 @@ class _Largest(Scanner):
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, source: Any, walk: Walk, track: Track, cursor: Cursor) -> list[Any]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        segment: Segment,
+        carried: list[Float],
+        backward: bool,
     ) -> tuple[Any, list[Any]]:
         (value,), _ = source.at(segment.cell, segment.active)
         best, place = carried
@@ -238,11 +257,17 @@ class _First(Scanner):
     name = "first hit"
     place = "cell"
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, source: Any, walk: Walk, track: Track, cursor: Cursor) -> list[Any]:
         return [source.backend.Float(np.nan)]
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        segment: Segment,
+        carried: list[Float],
+        backward: bool,
     ) -> tuple[Any, list[Any]]:
         (value,), _ = source.at(segment.cell, segment.active)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)

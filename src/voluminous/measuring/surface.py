@@ -18,8 +18,13 @@ from .columns import depth_map, lines_of_sight
 from .projections import NOTHING, Scanner, distance, scan
 
 if TYPE_CHECKING:
+    from ..backend.types import Float, Mask
+    from ..cameras import Camera
+    from ..grids.contract import Cursor, Segment, Track, Walk
     from ..image import Image
+    from ..media import Medium
     from ..schemes.contract import Scheme
+    from ..volume import Volume
 
 
 @dataclass(frozen=True)
@@ -43,9 +48,9 @@ class TauSurface:
 
 @with_progress
 def tau_surface(
-    volume: Any,
-    medium: Any,
-    camera: Any,
+    volume: Volume,
+    medium: Medium,
+    camera: Camera,
     tau: float = 1.0,
     *,
     scheme: Any = "first-order",
@@ -94,7 +99,7 @@ def tau_surface(
     return TauSurface(image, _points(volume, camera, image.intensity), float(tau))
 
 
-def _points(volume: Any, camera: Any, depth: np.ndarray) -> np.ndarray:
+def _points(volume: Volume, camera: Camera, depth: np.ndarray) -> np.ndarray:
     """Return the points at distances (ny, nx, channel) from the origins of rays."""
     origin, direction = lines_of_sight(camera, volume.grid)
     return np.asarray(origin[:, :, None] + depth[..., None] * direction[:, :, None])
@@ -111,7 +116,7 @@ class Surface(Scanner):
     def count(self, numbers: Any) -> int:
         return 2 * int(numbers.extinctions)
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, source: Any, walk: Walk, track: Track, cursor: Cursor) -> list[Any]:
         """Carry nothing yet."""
         self.recorded, Float = self.count(source.numbers), source.backend.Float
         self.limit = source.backend.opaque(self.tau)
@@ -120,18 +125,30 @@ class Surface(Scanner):
         return [*places, *depths, *self.scheme.start(source, walk, track, cursor)]
 
     def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        cursor: Cursor,
+        carried: list[Float],
+        moved: Mask,
     ) -> list[Any]:
         own = self.recorded
         inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
         return [*carried[:own], *inner]
 
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def passed(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         own = self.recorded
         return [*carried[:own], *carried_beyond(self.scheme, carried[own:], onward[own:])]
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        segment: Segment,
+        carried: list[Float],
+        backward: bool,
     ) -> tuple[Any, list[Any]]:
         """Solve one segment, and see if the depth is reached in it."""
         count = self.recorded // 2
@@ -143,7 +160,7 @@ class Surface(Scanner):
         return NOTHING, [*reached, *after, *inner]
 
     def _reached(
-        self, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
+        self, track: Track, segment: Segment, place: Any, before: Any, after: Any, more: Any
     ) -> Any:
         hit = dr.isnan(place) & (after >= self.limit) & segment.active
         part = (self.limit - before) / dr.select(hit, more, 1.0)

@@ -16,7 +16,9 @@ from .columns import as_map, integrals
 from .quantity import Quantity, check_volume, column_unit
 
 if TYPE_CHECKING:
+    from ..cameras import Camera
     from ..image import Image
+    from ..volume import Volume
 
 
 _MOST = 4
@@ -50,9 +52,9 @@ class Moments:
 
 @with_progress
 def moments(
-    volume: Any,
+    volume: Volume,
     quantity: Any,
-    camera: Any,
+    camera: Camera,
     velocity: Any = "velocity",
     n: int = 2,
     *,
@@ -135,7 +137,7 @@ def _images_of_speed(
         )
 
 
-def _along(volume: Any, velocity: Any) -> Quantity:
+def _along(volume: Volume, velocity: Any) -> Quantity:
     """Return a vector's component along the line of sight, or the expression itself."""
     is_vector = isinstance(velocity, str) and velocity not in volume
     if is_vector and f"los({velocity!r})" in volume:
@@ -143,7 +145,7 @@ def _along(volume: Any, velocity: Any) -> Quantity:
     return Quantity.of(volume, velocity, "velocity")
 
 
-def _typical(volume: Any, weight: Quantity, speed: Quantity) -> float:
+def _typical(volume: Volume, weight: Quantity, speed: Quantity) -> float:
     """Return a velocity that is subtracted from all, so that squares of small ones differ.
 
     The mean of some cells will do: it is added again. Weights of both signs count alike, or their

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from ..grids.boxes import expanded
 from .contract import Layers, SceneObject, View
 from .lines import Lines
 from .values import joined
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
+    from ..volume import Volume
 
 # Leaves looked at at once.
 _CHUNK = 1 << 20
@@ -55,7 +59,7 @@ class Lattice:
     seams: tuple[Any, ...] = ((), (), ())
 
 
-def level_count(grid: Any) -> int:
+def level_count(grid: Grid) -> int:
     """Return how many levels a grid has; level 0 is the domain."""
     if grid.patches is not None:
         return int(grid.patches.level.max()) + 1
@@ -77,7 +81,7 @@ def lattice_of(grid: Any, level: int) -> Lattice:
     return _bent(grid, walls, nodes)
 
 
-def _of_bounds(grid: Any) -> Lattice:
+def _of_bounds(grid: Grid) -> Lattice:
     return Lattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
 
 
@@ -115,7 +119,7 @@ def _nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(found, axis=1).T, size
 
 
-def _ends(grid: Any) -> list[np.ndarray]:
+def _ends(grid: Grid) -> list[np.ndarray]:
     return [np.array(_limits(e)) for e in grid.edges]
 
 
@@ -123,7 +127,7 @@ def _limits(walls: np.ndarray) -> tuple[float, float]:
     return float(walls[0]), float(walls[-1])
 
 
-def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
+def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
     """Return blocks between walls of r, θ, φ or R, φ, z; a mirror shows them twice.
 
     An azimuth that is one closed block is cut in quarters, and θ above and below the midplane in
@@ -149,7 +153,7 @@ def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
     )
 
 
-def _both_halves(grid: Any, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _both_halves(grid: Grid, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if grid.mirror:
         below = block.copy()
         below[:, 1] = 2 * (len(walls) - 1) - 1 - block[:, 1]
@@ -301,7 +305,7 @@ _STRAIGHT = np.pi / 90
 _POINT = 1e-12
 
 
-def outline(grid: Any, level: int, merged: bool) -> list[np.ndarray]:
+def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
     """Return polylines around what is refined `level` times: arrays of shape (lines, n, 3).
 
     Returns
@@ -395,7 +399,7 @@ class Boxes(SceneObject):
 
     def __init__(
         self,
-        volume: Any = None,
+        volume: Volume | None = None,
         colors: Any = 1.0,
         *,
         levels: Any = None,
@@ -430,7 +434,7 @@ class Boxes(SceneObject):
         places = [line * unit for line in lines] if isinstance(lines, list) else lines * unit
         return Lines(places, _of_levels(self.colors, level), **self._style).layers(view)
 
-    def _lines(self, grid: Any) -> tuple[Any, np.ndarray]:
+    def _lines(self, grid: Grid) -> tuple[Any, np.ndarray]:
         """Return polylines, and which of the levels that are drawn each belongs to."""
         merged = grid.patches is None if self.merged is None else self.merged
         levels = _chosen(self.levels, level_count(grid))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +12,17 @@ from ...rendering.options import background_array
 from .follow import Place, ProbeJob, assembled, follow, wanted
 from .result import Probe
 
+if TYPE_CHECKING:
+    from ...cameras import Camera
+    from ...media import Medium
+    from ...volume import Volume
+
 
 @with_progress
 def probe(
-    volume: Any,
-    medium: Any,
-    camera: Any,
+    volume: Volume,
+    medium: Medium,
+    camera: Camera,
     pixel: Any = None,
     *,
     at: Any = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import numbers
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,14 @@ from ...units import parse_unit, plain, unit_name
 from ..quantity import Quantity
 from .result import Probe
 
+if TYPE_CHECKING:
+    from ...backend import Backend
+    from ...backend.types import Float, Mask
+    from ...cameras import Frame
+    from ...grids.contract import Cursor, Grid, Segment, Track, Walk
+    from ...media import Medium
+    from ...volume import Volume
+
 # The middle and the two halves of a segment, of which coefficients are the mean.
 _HALVES = ((0.0, 0.5), (0.5, 1.0))
 
@@ -32,7 +40,7 @@ _HALVES = ((0.0, 0.5), (0.5, 1.0))
 class Tape:
     """Rows of numbers that a kernel writes, one after another."""
 
-    def __init__(self, backend: Any, capacity: int) -> None:
+    def __init__(self, backend: Backend, capacity: int) -> None:
         self.backend, self.capacity = backend, capacity
         self.columns: dict[str, list[Any]] = {}
         self.limit = dr.opaque(backend.UInt, capacity)
@@ -73,7 +81,7 @@ class Recorder:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.scheme, name)
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, source: Any, walk: Walk, track: Track, cursor: Cursor) -> list[Any]:
         """Carry a count of zero."""
         numbers = source.numbers
         columns = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
@@ -87,7 +95,13 @@ class Recorder:
         return [*carried, *self.scheme.start(source, walk, track, cursor)]
 
     def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        cursor: Cursor,
+        carried: list[Float],
+        moved: Mask,
     ) -> list[Any]:
         """Let the scheme know."""
         (row, *before), inner = carried[: self.own], carried[self.own :]
@@ -96,13 +110,19 @@ class Recorder:
         inner = self.scheme.leapt(source, walk, track, cursor, inner, moved)
         return [row, *before, *inner]
 
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def passed(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         """Go on, and let the scheme know: what is not seen is written down, too."""
         inner = carried_beyond(self.scheme, carried[self.own :], onward[self.own :])
         return [*onward[: self.own], *inner]
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
+        self,
+        source: Any,
+        walk: Walk,
+        track: Track,
+        segment: Segment,
+        carried: list[Float],
+        backward: bool,
     ) -> tuple[Any, list[Any]]:
         """Return the segment's solution, and what to carry on."""
         row, *before = carried[: self.own]
@@ -120,7 +140,7 @@ class Recorder:
         return found, [row + dr.select(told, source.backend.UInt(1), 0), *after, *inner]
 
     def _seen(
-        self, source: Any, walk: Any, track: Any, segment: Any, before: list[Any]
+        self, source: Any, walk: Walk, track: Track, segment: Segment, before: list[Any]
     ) -> tuple[Any, dict[str, Any], list[Any]]:
         """Return mean coefficients, fields in the middle, and coefficients at the end."""
         if self.scheme.place == "cell":
@@ -143,7 +163,7 @@ class Recorder:
         return means, stretch.fields(0.5), []
 
 
-def _distance(source: Any, walk: Any, track: Any, t: Any) -> Any:
+def _distance(source: Any, walk: Walk, track: Track, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in the volume's unit."""
     Wide = source.backend.Wide
     return (Wide(track.entry) + Wide(t)) * Wide(walk.scale)
@@ -283,7 +303,7 @@ class Place:
     at: tuple[float, float]
 
     @classmethod
-    def of(cls, pixel: Any, at: Any, frame: Any, unit: Any) -> Place:
+    def of(cls, pixel: Any, at: Any, frame: Frame, unit: Any) -> Place:
         """Return what a user asks for: one of the two."""
         if (pixel is None) == (at is None):
             raise InputError("say which ray: pixel=(ix, iy), or at=(u, v) on the image plane")
@@ -320,7 +340,7 @@ def _point(at: Any, unit: Any) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def looked_at(medium: Any) -> tuple[list[Expression], list[Expression]]:
+def looked_at(medium: Medium) -> tuple[list[Expression], list[Expression]]:
     """Return a medium's fields, and its expressions that are more than a field."""
     fields = [Expression(name) for name in medium.names]
     known = [expr for expr, _ in medium.known_expressions()]
@@ -329,7 +349,7 @@ def looked_at(medium: Any) -> tuple[list[Expression], list[Expression]]:
     return fields, list(more.values())
 
 
-def in_cells(volume: Any, expr: Expression, cells: np.ndarray) -> np.ndarray:
+def in_cells(volume: Volume, expr: Expression, cells: np.ndarray) -> np.ndarray:
     """Return an expression in some cells; NaN where their number is negative."""
     known = {c: volume.evaluate_cells(expr, c, c + 1)[0] for c in np.unique(cells) if c >= 0}
     return np.array([known.get(c, np.nan) for c in cells], dtype=np.float64)
@@ -343,7 +363,7 @@ def on_the_ray(expr: Expression, recorded: dict[str, np.ndarray]) -> np.ndarray:
     return np.broadcast_to(np.asarray(values, dtype=np.float64), (count,))
 
 
-def wanted(volume: Any, expressions: Any) -> list[Expression]:
+def wanted(volume: Volume, expressions: Any) -> list[Expression]:
     """Return expressions that a user asks for."""
     several = isinstance(expressions, (list, tuple))
     listed = list(expressions) if several else [expressions]
@@ -351,13 +371,13 @@ def wanted(volume: Any, expressions: Any) -> list[Expression]:
     return [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
 
 
-def units_of(volume: Any, expressions: list[Expression]) -> dict[str, str]:
+def units_of(volume: Volume, expressions: list[Expression]) -> dict[str, str]:
     """Return the names of the expressions' units."""
     return {e.text: unit_name(volume.expression_unit(e)) for e in expressions}
 
 
 def assembled(
-    job: ProbeJob, volume: Any, place: Place, found: Followed, more: Any, background: np.ndarray
+    job: ProbeJob, volume: Volume, place: Place, found: Followed, more: Any, background: np.ndarray
 ) -> Probe:
     """Return a probe.
 
@@ -466,7 +486,7 @@ def _hidden(job: ProbeJob, cell: np.ndarray) -> np.ndarray:
     return np.asarray((job.hidden.words[cell >> 5] >> (cell & 31).astype(np.uint32)) & 1 == 1)
 
 
-def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
+def _index(grid: Grid, cell: np.ndarray) -> np.ndarray | None:
     if not grid.is_structured:
         return None
     index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
@@ -475,7 +495,7 @@ def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
 
 def _values(
     job: ProbeJob,
-    volume: Any,
+    volume: Volume,
     rows: dict[str, np.ndarray],
     cell: np.ndarray,
     hidden: np.ndarray,
