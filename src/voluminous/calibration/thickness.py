@@ -13,7 +13,7 @@ from ..digest import digest
 from ..errors import InputError
 from ..expressions import Expression
 from ..volume import Volume
-from .samples import BUDGET, Between, Lines, Piece, ScatteredPiece, lines, pieces
+from .samples import BUDGET, Between, LayerPiece, LineSamples, ScatteredPiece, lines, pieces
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -145,12 +145,12 @@ class _Shell:
     def area(self) -> float:
         return float(sum(areas.sum() for areas in self.areas))
 
-    def see(self, found: Lines, profile: Profile) -> None:
+    def see(self, found: LineSamples, profile: Profile) -> None:
         seen = found.seen(profile.mean(found.x, found.reach))
         self.seen.append(seen[seen > 0])
 
     def add(
-        self, piece: Piece | ScatteredPiece | Between, profile: Profile, longest: float
+        self, piece: LayerPiece | ScatteredPiece | Between, profile: Profile, longest: float
     ) -> None:
         mean = profile.mean(piece.x, piece.reach)
         # The most there can be, where a cell is steeper than the shell is wide.
@@ -210,7 +210,7 @@ def _look_between(
 
 def _between(volume: Volume, expr: Expression) -> Iterator[Between]:
     for piece in pieces(volume, expr):
-        if not isinstance(piece, Piece):
+        if not isinstance(piece, LayerPiece):
             found = lines(volume, expr)
             yield Between(found.x, found.reach, 2 * found.reach / found.length, found.length)
             return

@@ -15,7 +15,7 @@ from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
 from ..regrid.resample import points_along
 from ..rendering.cache import Statistics
-from .quantity import Quantity
+from .quantity import CellQuantity
 
 if TYPE_CHECKING:
     from ..grids.contract import Grid
@@ -99,12 +99,12 @@ def _with_fields(volume: Volume, arrays: dict[str, np.ndarray]) -> Any:
     return other
 
 
-def condition(volume: Volume, text: Any, what: str = "where") -> Quantity:
+def condition(volume: Volume, text: Any, what: str = "where") -> CellQuantity:
     """Return a condition, an expression that is zero where it does not hold."""
-    return Quantity.of(volume, text, what)
+    return CellQuantity.of(volume, text, what)
 
 
-def holds(volume: Volume, what: Quantity, first: int, last: int) -> Any:
+def holds(volume: Volume, what: CellQuantity, first: int, last: int) -> Any:
     """Return in which cells a condition holds; not where it has no value."""
     values = volume.evaluate_cells(what.expression, first, last)
     return (values != 0) & (values == values)
@@ -116,7 +116,7 @@ CHUNK = 1 << 18
 _ROUNDING = 1e-12
 
 
-class Parts:
+class CellParts:
     """The part of each cell that is measured."""
 
     def __init__(self, volume: Volume, where: Any, region: Region | None, samples: Any) -> None:

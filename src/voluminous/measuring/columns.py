@@ -21,8 +21,8 @@ from ..schemes.cellwise import Cellwise
 from ..schemes.contract import Solution
 from ..units import unit_name
 from .cells import check_finite, with_known
-from .exact_projection import Screen, onto_pixels
-from .quantity import Quantity, check_volume, column_unit, converted
+from .exact_projection import Screen, project_cells
+from .quantity import CellQuantity, check_volume, column_unit, converted
 
 if TYPE_CHECKING:
     from ..backend.types import Float
@@ -147,7 +147,7 @@ def exact_maps(
             unknown = np.any(unknown, axis=0)
         amounts = np.where(unknown | (share == 0), 0.0, values) * share
         centers = np.asarray(grid.cell_centers(first, last))
-        total += onto_pixels(screen, centers, sizes, amounts, backend)
+        total += project_cells(screen, centers, sizes, amounts, backend)
     return total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale
 
 
@@ -275,14 +275,14 @@ def column(
         "progress": progress,
     }
     check_volume(volume)
-    what = Quantity.of(volume.seen_by(camera), quantity)
+    what = CellQuantity.of(volume.seen_by(camera), quantity)
     told = {"quantity": what.text, "method": method, "samples": samples}
     told["map"] = f"{'column' if weight is None else 'mean'} of {what.text}"
     if weight is None:
         own, factor = column_unit(what.unit, volume.unit)
         values = integrals(volume, [what.number], camera, **how)[0]
     else:
-        by = Quantity.of(volume.seen_by(camera), weight, "weight")
+        by = CellQuantity.of(volume.seen_by(camera), weight, "weight")
         told["weight"] = by.text
         own, factor = what.unit, 1.0
         weighed = product(what.number, by.number)

@@ -18,7 +18,7 @@ from ..schemes.path import Path
 from .cells import condition as converted_condition
 from .cells import with_known
 from .columns import as_map, column, depth_map
-from .quantity import Quantity, check_volume, converted
+from .quantity import CellQuantity, check_volume, converted
 
 if TYPE_CHECKING:
     from ..backend.types import Float, Mask
@@ -193,7 +193,7 @@ def project(
         return total.replace(provenance={**(total.provenance or {}), "how": how})
     if how == "first":
         return _first(volume, quantity, camera, unit, options)
-    what = Quantity.of(volume.seen_by(camera), quantity)
+    what = CellQuantity.of(volume.seen_by(camera), quantity)
     found = _scanned(volume, what, camera, _Largest(_SIGNS[how]), **options)
     kind = f"{how}imum"
     told = {"quantity": what.text, "how": how, "map": f"{kind} of {what.text}"}
@@ -214,7 +214,7 @@ def _first(volume: Volume, condition: Any, camera: Camera, unit: Any, options: A
 
 
 def _scanned(
-    volume: Volume, what: Quantity, camera: Camera, scheme: Scanner, **options: Any
+    volume: Volume, what: CellQuantity, camera: Camera, scheme: Scanner, **options: Any
 ) -> Scanned:
     seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
     return scan(seen, Coefficients(known, 0), camera, scheme, **options)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class CellQuantity:
     """An expression in plain numbers of a volume's fields, and its unit (None: a plain number)."""
 
     expression: Expression
@@ -24,7 +24,7 @@ class Quantity:
     text: str
 
     @classmethod
-    def of(cls, volume: Volume, expression: Any, what: str = "quantity") -> Quantity:
+    def of(cls, volume: Volume, expression: Any, what: str = "quantity") -> CellQuantity:
         """Return what a user asks for."""
         if not isinstance(expression, (str, Expression, int, float)):
             raise InputError(

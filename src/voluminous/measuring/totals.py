@@ -14,9 +14,9 @@ from ..notebook import page, table
 from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
 from ..units import parse_unit
-from .cells import CHUNK, Parts
+from .cells import CHUNK, CellParts
 from .columns import as_map, check_exact, exact_maps
-from .quantity import Quantity, check_volume, column_unit, total_unit
+from .quantity import CellQuantity, check_volume, column_unit, total_unit
 from .shapes import Aperture, region_of
 
 if TYPE_CHECKING:
@@ -155,8 +155,8 @@ def measure(
         return _table(volume, quantities, where, camera, options)
     volume.refresh()  # derivatives of fields that were changed in place
     seen = volume if camera is None else volume.seen_by(camera)
-    what = {name: Quantity.of(seen, text, name) for name, text in asked.items()}
-    parts = Parts(seen, where, region, samples)
+    what = {name: CellQuantity.of(seen, text, name) for name, text in asked.items()}
+    parts = CellParts(seen, where, region, samples)
     if aperture is not None or maps:
         return _in_pixels(seen, what, parts, camera, aperture, maps, device)
     return _in_cells(seen, what, parts)
@@ -190,7 +190,7 @@ def _as_dict(name: str) -> str:
     return repr({name: _TOTALS[name]})
 
 
-def _in_cells(volume: Volume, what: dict[str, Quantity], parts: Parts) -> Measurement:
+def _in_cells(volume: Volume, what: dict[str, CellQuantity], parts: CellParts) -> Measurement:
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
     space, cells, grid = 0.0, 0, volume.grid
     volumes = np.asarray(grid.cell_volumes).reshape(-1)
@@ -210,8 +210,8 @@ def _in_cells(volume: Volume, what: dict[str, Quantity], parts: Parts) -> Measur
 
 def _in_pixels(
     volume: Volume,
-    what: dict[str, Quantity],
-    parts: Parts,
+    what: dict[str, CellQuantity],
+    parts: CellParts,
     camera: Camera | None,
     aperture: Any,
     maps: bool,

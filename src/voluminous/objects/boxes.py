@@ -29,7 +29,7 @@ _ONE = np.zeros((1, 3), np.int64)
 
 
 @dataclass
-class Lattice:
+class BlockLattice:
     """Blocks of one size that fill a part of a grid, and the boxes that it is made of.
 
     Attributes
@@ -66,7 +66,7 @@ def level_count(grid: Grid) -> int:
     return 1 if grid.places is None else int(grid.places.deepest) + 1
 
 
-def lattice_of(grid: Any, level: int) -> Lattice:
+def lattice_of(grid: Any, level: int) -> BlockLattice:
     """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
     if grid.patches is not None:
         return _of_patches(grid, level)
@@ -76,20 +76,20 @@ def lattice_of(grid: Any, level: int) -> Lattice:
     nodes, size = _nodes(grid, level - 1)
     if grid.base_edges:
         corners = (nodes * size, (nodes + 1) * size)
-        return Lattice(grid.position, nodes, size, corners)
+        return BlockLattice(grid.position, nodes, size, corners)
     walls = [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)]
     return _bent(grid, walls, nodes)
 
 
-def _of_bounds(grid: Grid) -> Lattice:
-    return Lattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
+def _of_bounds(grid: Grid) -> BlockLattice:
+    return BlockLattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
 
 
 def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
     return lambda place: np.stack([w[k] for w, k in zip(walls, place, strict=True)])
 
 
-def _of_patches(grid: Any, level: int) -> Lattice:
+def _of_patches(grid: Any, level: int) -> BlockLattice:
     """Return the patches of a level, and what they and finer ones cover in blocks."""
     patches = grid.patches
     low, high = patches.corners
@@ -101,7 +101,7 @@ def _of_patches(grid: Any, level: int) -> Lattice:
     common = np.gcd.reduce(np.concatenate([first, last]), axis=0)
     _, index = expanded(first // common, last // common)
     block = np.unique(index, axis=1).T
-    return Lattice(lambda place: grid.position(place), block, cell * common, boxes)
+    return BlockLattice(lambda place: grid.position(place), block, cell * common, boxes)
 
 
 def _nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +127,7 @@ def _limits(walls: np.ndarray) -> tuple[float, float]:
     return float(walls[0]), float(walls[-1])
 
 
-def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
+def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> BlockLattice:
     """Return blocks between walls of r, θ, φ or R, φ, z; a mirror shows them twice.
 
     An azimuth that is one closed block is cut in quarters, and θ above and below the midplane in
@@ -148,7 +148,7 @@ def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
         seams[1] = np.flatnonzero(np.abs(walls[1] - 0.5 * np.pi) < _ROUNDING)
     size = np.ones(3, np.int64)
     boxes = (block, block + 1)
-    return Lattice(
+    return BlockLattice(
         _between(walls), block, size, boxes, grid.coordinates, tuple(period), tuple(seams)
     )
 
@@ -325,7 +325,7 @@ def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
     return _polylines(joined_edges(edges), lattice)
 
 
-def _closed(edges: Edges, lattice: Lattice) -> Edges:
+def _closed(edges: Edges, lattice: BlockLattice) -> Edges:
     for axis, period in enumerate(lattice.period):
         if period:
             across = edges.axis != axis
@@ -333,7 +333,7 @@ def _closed(edges: Edges, lattice: Lattice) -> Edges:
     return edges
 
 
-def _visible(edges: Edges, lattice: Lattice) -> Edges:
+def _visible(edges: Edges, lattice: BlockLattice) -> Edges:
     first, last = edges.ends()
     ends = [position(lattice.system, lattice.own(place.T)) for place in (first, last)]
     near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
@@ -346,14 +346,14 @@ def _visible(edges: Edges, lattice: Lattice) -> Edges:
     return edges.some(kept)
 
 
-def _on_planes(edges: Edges, lattice: Lattice) -> np.ndarray:
+def _on_planes(edges: Edges, lattice: BlockLattice) -> np.ndarray:
     """Return which edges, if they are seams, are on planes: these need no lines to be seen."""
     if "theta" in lattice.system:
         return (edges.axis == 0) & np.isin(edges.start[:, 1], lattice.seams[1])
     return edges.axis == 0
 
 
-def _polylines(edges: Edges, lattice: Lattice) -> list[np.ndarray]:
+def _polylines(edges: Edges, lattice: BlockLattice) -> list[np.ndarray]:
     first, last = (lattice.own(place.T) for place in edges.ends())
     turned = np.isin(np.array(lattice.system)[edges.axis], ("theta", "phi"))
     way = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]

@@ -76,7 +76,7 @@ class Layers:
 
 
 @dataclass
-class Points:
+class PointLights:
     """Points of light: too small to hide anything.
 
     Attributes
@@ -132,7 +132,7 @@ class SceneObject(Value):
         """Return the layers that are in view."""
         return None
 
-    def lights(self, view: View) -> Points | None:
+    def lights(self, view: View) -> PointLights | None:
         """Return the points of light that are in view."""
         return None
 

@@ -22,7 +22,7 @@ from ...schemes.contract import carried_beyond
 from ...schemes.linear import looked_up
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
-from ..quantity import Quantity
+from ..quantity import CellQuantity
 from .result import Probe
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Tape:
         }
 
 
-class Recorder:
+class SegmentRecorder:
     """A scheme that does what another one does, and writes it to a tape.
 
     It carries the number of segments so far, the coefficients where the last one ended (of schemes
@@ -249,7 +249,7 @@ class _Recording(Drawing):
 
     def follow(self, place: Any, names: tuple[str, ...], capacity: int) -> Followed:
         scheme, tape = self.scheme, Tape(self.backend, capacity)
-        self.scheme = Recorder(scheme, tape, names)
+        self.scheme = SegmentRecorder(scheme, tape, names)
         ray = self.ray_through(*(np.array([part]) for part in place))
         state = self._followed(ray)
         dr.eval(state, tape.columns)
@@ -285,7 +285,7 @@ def _vector(parts: Any) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Place:
+class PixelPlace:
     """A point of the image plane, and the pixel that it is in or next to.
 
     Attributes
@@ -303,7 +303,7 @@ class Place:
     at: tuple[float, float]
 
     @classmethod
-    def of(cls, pixel: Any, at: Any, frame: Frame, unit: Any) -> Place:
+    def of(cls, pixel: Any, at: Any, frame: Frame, unit: Any) -> PixelPlace:
         """Return what a user asks for: one of the two."""
         if (pixel is None) == (at is None):
             raise InputError("say which ray: pixel=(ix, iy), or at=(u, v) on the image plane")
@@ -367,7 +367,7 @@ def wanted(volume: Volume, expressions: Any) -> list[Expression]:
     """Return expressions that a user asks for."""
     several = isinstance(expressions, (list, tuple))
     listed = list(expressions) if several else [expressions]
-    quantities = [Quantity.of(volume, expr, "also") for expr in listed]
+    quantities = [CellQuantity.of(volume, expr, "also") for expr in listed]
     return [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
 
 
@@ -377,7 +377,12 @@ def units_of(volume: Volume, expressions: list[Expression]) -> dict[str, str]:
 
 
 def assembled(
-    job: ProbeJob, volume: Volume, place: Place, found: Followed, more: Any, background: np.ndarray
+    job: ProbeJob,
+    volume: Volume,
+    place: PixelPlace,
+    found: Followed,
+    more: Any,
+    background: np.ndarray,
 ) -> Probe:
     """Return a probe.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...objects.contract import Layers, Points
+from ...objects.contract import Layers, PointLights
 from .pairs import with_channels
 from .spread import spread
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def seen_through(
-    points: Points, layers: Layers, drawing: Stretches
+    points: PointLights, layers: Layers, drawing: Stretches
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how much of each point of light comes through what is in front, and how far it is off.
 
@@ -55,7 +55,7 @@ def _in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarra
     return np.where(last > first, product, 1.0)[:, None]
 
 
-def shine(planes: Planes, points: Points, through: np.ndarray, unsure: np.ndarray) -> None:
+def shine(planes: Planes, points: PointLights, through: np.ndarray, unsure: np.ndarray) -> None:
     """Add points of light to the pixels that they are in, or are spread over; errors likewise."""
     ny, nx, _ = planes.emission.shape
     light, first = spread(points, points.flux * through, (nx, ny))

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import InputError
 from ...media.ranges import RangeContext
 from ...objects import SceneObject
-from ...objects.contract import Layers, Points, View
+from ...objects.contract import Layers, PointLights, View
 from .layered import lay
 from .light import seen_through, shine
 from .pairs import Pairs, fold, with_channels
@@ -86,9 +86,9 @@ class Drawn:
     """What objects show: layers and points at their true depth, and those in the foreground."""
 
     layers: Layers
-    points: list[Points]
+    points: list[PointLights]
     front_layers: Layers
-    front_points: list[Points]
+    front_points: list[PointLights]
 
     @classmethod
     def of(cls, objects: list[SceneObject], view: View) -> Drawn:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...objects.contract import REACH, Points
+from ...objects.contract import REACH, PointLights
 
 # The integral of a Gaussian, at equal steps: between them it is linear to 1e-8.
 _STEPS = 1 << 14
@@ -17,7 +17,9 @@ _BELOW *= 0.5 / _BELOW[-1]
 _RISE = np.append(np.diff(_BELOW), 0.0)
 
 
-def spread(points: Points, flux: np.ndarray, pixels: tuple[int, int]) -> tuple[np.ndarray, int]:
+def spread(
+    points: PointLights, flux: np.ndarray, pixels: tuple[int, int]
+) -> tuple[np.ndarray, int]:
     """Return what points of light add to some rows of a picture, and which is the first of them.
 
     Parameters
