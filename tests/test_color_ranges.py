@@ -162,7 +162,7 @@ def test_sums_and_unknown_fields():
         for part in sum(parts).calibrated(volume).components()
     ]
     np.testing.assert_allclose(shown, [1, 3], rtol=0.1)
-    with pytest.raises(vm.UnknownNameError, match="unknown field 'tt'; did you mean 't'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown field 'tt'; did you mean 't'"):
         vm.render(volume, vm.Gaussian("x", 0, 0.1, vm.ColorBy("tt", "plasma"), 1.0), CAMERA)
 
 
@@ -181,9 +181,9 @@ def test_small_differences_of_large_numbers_have_a_range_and_rounding_has_none()
 
 
 def test_mistakes_are_told_at_once_and_colours_without_a_range_when_they_are_needed():
-    with pytest.raises(vm.UnknownNameError, match="unknown colormap 'plasm'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown colormap 'plasm'"):
         vm.ColorBy("t", "plasm")
-    with pytest.raises(vm.UnknownNameError, match="unknown norm 'logg'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown norm 'logg'"):
         vm.ColorBy("t", "plasma", norm="logg")
     with pytest.raises(vm.InputError, match="samples must be"):
         vm.ColorBy("t", "plasma", samples=1)

@@ -398,11 +398,11 @@ def test_colours_by_name():
     assert colors(level=1, color="pink") == [[1.0, 192 / 255, 203 / 255]]
     assert len(set(map(tuple, colors(levels=[1, 2, 3], color="pink")))) == 3
     assert len(set(map(tuple, colors(levels=[1, 2, 3], color="viridis")))) == 3
-    with pytest.raises(vm.UnknownNameError, match="viridis"):
+    with pytest.raises(vm.errors.UnknownNameError, match="viridis"):
         vm.Isosurface("a", levels=[1, 2], color="viridiss")
     for shell in (vm.Gaussian, vm.Rectangle):
         assert shell("a", 0, 1, "orange", 0, 1).color == tuple(orange)
-        with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
+        with pytest.raises(vm.errors.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
             shell("a", 0, 1, "oragne", 0, 1)
     named = vm.Table("a", [0, 1], ["orange", [0, 1, 0]], 1.0, 1.0)
     assert named.colors.tolist() == [orange, [0.0, 1.0, 0.0]]

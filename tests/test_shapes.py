@@ -141,7 +141,7 @@ def test_texts_that_are_no_regions(text, told):
     ],
 )
 def test_unknown_names_tell_the_nearest(text, told):
-    with pytest.raises(vm.UnknownNameError, match=told):
+    with pytest.raises(vm.errors.UnknownNameError, match=told):
         region_of(text)
 
 
@@ -175,5 +175,5 @@ PARTS = [
 @given(st.lists(st.sampled_from(PARTS), max_size=20).map("".join) | st.text(max_size=40))
 def test_whatever_is_written_is_a_region_or_an_error(text):
     for read in (region_of, lambda text: polygon_of(text, u.pc)):
-        with contextlib.suppress(vm.InputError, vm.UnknownNameError):
+        with contextlib.suppress(vm.InputError, vm.errors.UnknownNameError):
             read(text)

@@ -17,8 +17,7 @@ from ..image import Image
 from ..media import Coefficients
 from ..progress import Progress, reported_range, with_progress
 from ..rendering import image_wcs, render
-from ..schemes.cellwise import Cellwise
-from ..schemes.contract import Solution
+from ..schemes.base import Scheme, Solution
 from ..units import unit_name
 from .cells import check_finite, with_known
 from .exact_projection import Screen, project_cells
@@ -27,11 +26,11 @@ from .quantity import CellQuantity, check_volume, column_unit, converted
 if TYPE_CHECKING:
     from ..backend.types import Float
     from ..cameras import Camera, Frame
-    from ..grids.contract import Grid, Segment, Track, Walk
+    from ..grids.contract import Grid, Segment
     from ..volume import Volume
 
 
-class Thin(Cellwise):
+class Thin(Scheme):
     """Nothing is absorbed: b = j s. Quantities may be negative.
 
     Exact, up to rounding, for what is constant in cells. A third faster than first order with an
@@ -42,16 +41,9 @@ class Thin(Cellwise):
     complete = True
 
     def solve(
-        self,
-        source: Any,
-        walk: Walk,
-        track: Track,
-        segment: Segment,
-        carried: list[Float],
-        backward: bool,
+        self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Solution, list[Any]]:
-        """Return what a segment adds; see `schemes.contract.Scheme`."""
-        found, none = source.at(segment.cell, segment.active)
+        found, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
         return Solution(
             [q * segment.length for q in found], [one for _ in none], [zero for _ in none]

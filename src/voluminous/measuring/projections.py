@@ -14,6 +14,7 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.rays.drawing import Drawing
 from ..rendering.rays.march import State
+from ..schemes.base import Scheme
 from ..schemes.path import Path
 from .cells import condition as converted_condition
 from .cells import with_known
@@ -21,15 +22,15 @@ from .columns import as_map, column, depth_map
 from .quantity import CellQuantity, check_volume, converted
 
 if TYPE_CHECKING:
-    from ..backend.types import Float, Mask
+    from ..backend.types import Float
     from ..cameras import Camera
-    from ..grids.contract import Cursor, Segment, Track, Walk
+    from ..grids.contract import Segment, Track
     from ..image import Image
     from ..media import Medium
     from ..volume import Volume
 
 
-class Scanner:
+class Scanner(Scheme):
     """A scheme that gathers nothing: what it carries is what it has found.
 
     Attributes
@@ -38,11 +39,6 @@ class Scanner:
         How many of the numbers that it carries are to be known in the end: those that come first.
     """
 
-    order = 1
-    linear = True
-    controlled = False
-    reckoned = False
-    coarseness = 0.0
     complete = True
     recorded = 1
 
@@ -50,19 +46,7 @@ class Scanner:
         """Return `recorded`, where it depends on what is integrated."""
         return self.recorded
 
-    def leapt(
-        self,
-        source: Any,
-        walk: Walk,
-        track: Track,
-        cursor: Cursor,
-        carried: list[Float],
-        moved: Mask,
-    ) -> list[Any]:
-        """Go on as before: nothing is found in empty space."""
-        return carried
-
-    def passed(self, carried: list[Float], onward: list[Float]) -> list[Any]:
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         """Go on as before: nothing is found in cells without values."""
         return carried
 
@@ -75,7 +59,8 @@ class Scan(Drawing):
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        return self.job.scheme.count(self.source.numbers), 0, 0
+        scanner: Any = self.job.scheme
+        return scanner.count(self.source.numbers), 0, 0
 
     def nothing(self) -> Path:
         return NOTHING
@@ -224,30 +209,21 @@ class _Largest(Scanner):
     """Carry the largest value, times a sign, and where it is."""
 
     name = "extreme"
-    place = "cell"
     recorded = 2
     everywhere = True
 
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def start(self, source: Any, walk: Walk, track: Track, cursor: Cursor) -> list[Any]:
+    def start(self, position: Any, source: Any) -> list[Any]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
-    def solve(
-        self,
-        source: Any,
-        walk: Walk,
-        track: Track,
-        segment: Segment,
-        carried: list[Float],
-        backward: bool,
-    ) -> tuple[Any, list[Any]]:
-        (value,), _ = source.at(segment.cell, segment.active)
+    def solve(self, segment: Segment, source: Any, carried: list[Float]) -> tuple[Any, list[Any]]:
+        (value,), _ = source.at(segment)
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
         larger &= segment.active & (segment.length > 0.0)
-        here = distance(track, 0.5 * (segment.begin + segment.end))
+        here = distance(segment.track, 0.5 * (segment.begin + segment.end))
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
@@ -255,20 +231,11 @@ class _First(Scanner):
     """Carry where rays enter the first cell with a number that is not zero."""
 
     name = "first hit"
-    place = "cell"
 
-    def start(self, source: Any, walk: Walk, track: Track, cursor: Cursor) -> list[Any]:
+    def start(self, position: Any, source: Any) -> list[Any]:
         return [source.backend.Float(np.nan)]
 
-    def solve(
-        self,
-        source: Any,
-        walk: Walk,
-        track: Track,
-        segment: Segment,
-        carried: list[Float],
-        backward: bool,
-    ) -> tuple[Any, list[Any]]:
-        (value,), _ = source.at(segment.cell, segment.active)
+    def solve(self, segment: Segment, source: Any, carried: list[Float]) -> tuple[Any, list[Any]]:
+        (value,), _ = source.at(segment)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
-        return NOTHING, [dr.select(hit, distance(track, segment.begin), carried[0])]
+        return NOTHING, [dr.select(hit, distance(segment.track, segment.begin), carried[0])]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..schemes.contract import scheme_key
+from ..schemes.base import Scheme
 from ..volume import Volume
 from .cache import Cache
 from .coefficients.digits import beyond_single_sums
@@ -84,7 +84,7 @@ class Job:
     medium: Any
     camera: Any
     frame: Any
-    scheme: Any
+    scheme: Scheme
     backend: Any
     backward: bool
     cutoff: float | None
@@ -109,7 +109,7 @@ class Job:
         they matter where there are bits to spare.
         """
         grid = self.volume.grid
-        if not self.scheme.reckoned or "reckoned" not in grid.walk_kinds:
+        if not self.scheme.radmc3d_steps or "reckoned" not in grid.walk_kinds:
             return False
         double = self.backend.precision == "double"
         return not grid.has_blocks or bool(double and self.camera.parallel)
@@ -117,7 +117,7 @@ class Job:
     @property
     def walk_kind(self) -> str:
         """Which walk through the grid the scheme needs."""
-        if self.scheme.place == "field":
+        if self.scheme.coefficients_at == "field":
             return "dual"
         return "reckoned" if self.reckoned else "cells"
 
@@ -174,7 +174,7 @@ class Job:
         """Return where what is traced is kept: with the volume, if all that steers it is known."""
         if self.backend.device != "cpu" or self.backend.derivatives:
             return None
-        parts = self.medium.key(), self.camera.key(), scheme_key(self.scheme)
+        parts = self.medium.key(), self.camera.key(), self.scheme.key()
         if None in parts or not self.cache.statistics.is_hashed(self.medium.names):
             return Kernels()
         source, ending = drawing.source, drawing.ending

@@ -184,8 +184,8 @@ def check_walk(scheme: Any, grid: Any) -> None:
     InputError
         Names a scheme that every grid has.
     """
-    missing = scheme.place == "field" and "dual" not in grid.walk_kinds
-    missing |= scheme.place == "vertex" and not grid.has_vertices
+    missing = scheme.coefficients_at == "field" and "dual" not in grid.walk_kinds
+    missing |= scheme.coefficients_at == "vertex" and not grid.has_vertices
     if missing:
         raise InputError(
             f"scheme {scheme.name!r} cannot be used on a {type(grid).__name__}; "
@@ -205,7 +205,7 @@ def check_coordinates(scheme: Any, grid: Any, names: Iterable[str]) -> None:
     """
     several = many_valued(grid)
     for name in names:
-        if scheme.place != "field" and name in several:
+        if scheme.coefficients_at != "field" and name in several:
             mirrored = grid.mirror
             many = "volume.unfolded()" if mirrored and name == "z" else "volume.unfolded(phi=64)"
             raise InputError(

@@ -3,19 +3,43 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Float
 from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
+from ...grids.contract import Segment
 from ...media.context import Context
 from ...media.edges import Edge
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
 from ...schemes.path import Path, layer
 from ..coefficients.classify import Classifier
 from .lattice import Corners
+
+
+@dataclass
+class FieldsAlong:
+    """All fields along a segment, from their values at the corners of its dual cell."""
+
+    source: Interpolated
+    chord: Chord
+    corners: dict[str, Corners]
+
+    def at_begin(self) -> dict[str, Float]:
+        """Return every field at the beginning of the segment."""
+        return self.source.values(self.chord, self.corners, 0.0)
+
+    def at_end(self) -> dict[str, Float]:
+        """Return every field at the end of the segment."""
+        return self.source.values(self.chord, self.corners, 1.0)
+
+    def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
+        """Return every field as a polynomial of s from 0 to 1; see `Interpolated.cubics`."""
+        return self.source.cubics(self.chord, self.corners, rough=rough)
 
 
 class Interpolated:
@@ -75,9 +99,15 @@ class Interpolated:
         allowed = (min(share * error, most) for error in (emission, transparency))
         self.tolerance = (*map(o, allowed), o(share))
 
-    def corners(self, chord: Chord, active: Any) -> dict[str, Corners]:
-        """Return the values of every field around the dual cell of a segment."""
-        return {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+    def inputs(self) -> Any:
+        return self.lattices, self.units, self.context.limits, self.tolerance, self.numbers.inputs()
+
+    def along(self, segment: Segment) -> FieldsAlong:
+        """Return the fields around the dual cell of a segment."""
+        chord = segment.walk.chord(segment.track, segment)
+        active = segment.active
+        corners = {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+        return FieldsAlong(self, chord, corners)
 
     def values(self, chord: Chord, corners: dict[str, Corners], s: float) -> dict[str, Any]:
         """Return every field at the beginning (0) or the end (1) of a segment."""
