@@ -17,7 +17,7 @@ from ..image import Image
 from ..media import Coefficients
 from ..progress import Progress, reported_range, with_progress
 from ..rendering import image_wcs, render
-from ..schemes.base import Scheme, Solution
+from ..schemes.base import Scheme, Solution, Source
 from ..units import unit_name
 from .cells import check_finite, with_known
 from .exact_projection import Screen, project_cells
@@ -41,8 +41,8 @@ class Thin(Scheme):
     complete = True
 
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
-    ) -> tuple[Solution, list[Any]]:
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
         found, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
         return Solution(

@@ -14,7 +14,7 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.rays.drawing import Drawing
 from ..rendering.rays.march import State
-from ..schemes.base import Scheme
+from ..schemes.base import Position, Scheme, Source
 from ..schemes.path import Path
 from .cells import condition as converted_condition
 from .cells import with_known
@@ -215,10 +215,12 @@ class _Largest(Scanner):
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def start(self, position: Any, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
-    def solve(self, segment: Segment, source: Any, carried: list[Float]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
@@ -232,10 +234,12 @@ class _First(Scanner):
 
     name = "first hit"
 
-    def start(self, position: Any, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         return [source.backend.Float(np.nan)]
 
-    def solve(self, segment: Segment, source: Any, carried: list[Float]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
         return NOTHING, [dr.select(hit, distance(segment.track, segment.begin), carried[0])]

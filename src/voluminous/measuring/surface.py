@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from ..grids.contract import Segment
     from ..image import Image
     from ..media import Medium
-    from ..schemes.base import Scheme
+    from ..schemes.base import Position, Scheme, Source
+    from ..schemes.path import Path
     from ..volume import Volume
 
 
@@ -115,7 +116,7 @@ class Surface(Scanner):
     def count(self, numbers: Any) -> int:
         return 2 * int(numbers.extinctions)
 
-    def start(self, position: Any, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         """Carry nothing yet."""
         self.recorded, Float = self.count(source.numbers), source.backend.Float
         self.limit = source.backend.opaque(self.tau)
@@ -124,7 +125,7 @@ class Surface(Scanner):
         return [*places, *depths, *self.scheme.start(position, source)]
 
     def after_skip(
-        self, position: Any, source: Any, carried: list[Float], moved: Mask
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Any]:
         own = self.recorded
         inner = self.scheme.after_skip(position, source, carried[own:], moved)
@@ -134,7 +135,9 @@ class Surface(Scanner):
         own = self.recorded
         return [*carried[:own], *self.scheme.after_hidden(carried[own:], onward[own:])]
 
-    def solve(self, segment: Segment, source: Any, carried: list[Float]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         """Solve one segment, and see if the depth is reached in it."""
         count = self.recorded // 2
         places, depths, inner = carried[:count], carried[count : 2 * count], carried[2 * count :]

@@ -18,7 +18,7 @@ from ...rendering.coefficients.emission_unit import before
 from ...rendering.job import Job
 from ...rendering.rays.drawing import Drawing
 from ...rendering.rays.paths import Paths
-from ...schemes.base import Position, Scheme, interpolated_at
+from ...schemes.base import Position, Scheme, Source, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
 from ..quantity import CellQuantity
@@ -79,7 +79,7 @@ class SegmentRecorder(Scheme):
         self.controlled = scheme.controlled
         self.own = 1
 
-    def start(self, position: Position, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         """Carry a count of zero."""
         numbers = source.numbers
         columns = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
@@ -94,7 +94,7 @@ class SegmentRecorder(Scheme):
         return [*carried, *self.scheme.start(position, source)]
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Float], moved: Mask
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Any]:
         """Let the scheme know."""
         (row, *before), inner = carried[: self.own], carried[self.own :]
@@ -108,7 +108,9 @@ class SegmentRecorder(Scheme):
         inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
         return [*onward[: self.own], *inner]
 
-    def solve(self, segment: Segment, source: Any, carried: list[Float]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         """Return the segment's solution, and what to carry on."""
         row, *before = carried[: self.own]
         inner = carried[self.own :]
@@ -125,7 +127,7 @@ class SegmentRecorder(Scheme):
         return found, [row + dr.select(told, source.backend.UInt(1), 0), *after, *inner]
 
     def _seen(
-        self, source: Any, segment: Segment, before: list[Any]
+        self, source: Source, segment: Segment, before: list[Any]
     ) -> tuple[Any, dict[str, Any], list[Any]]:
         """Return mean coefficients, fields in the middle, and coefficients at the end."""
         if self.coefficients_at == "cell":
@@ -147,7 +149,7 @@ class SegmentRecorder(Scheme):
         return means, stretch.fields(0.5), []
 
 
-def _distance(source: Any, segment: Segment, t: Any) -> Any:
+def _distance(source: Source, segment: Segment, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in the volume's unit."""
     Wide = source.backend.Wide
     return (Wide(segment.track.entry) + Wide(t)) * Wide(segment.walk.scale)
@@ -197,7 +199,7 @@ class ProbeJob(Job):
         return source
 
 
-def _everywhere(source: Any) -> Any:
+def _everywhere(source: Source) -> Any:
     """Return a source with which rays visit empty cells too, where steps are single cells."""
     source = copy.copy(source)
     if source.blocks is None or not getattr(source.blocks, "coarse", False):
