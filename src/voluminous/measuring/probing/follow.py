@@ -14,11 +14,10 @@ from ...errors import InputError
 from ...expressions import Expression, NumpyOps
 from ...grids.two_walks import cell_of
 from ...media.ranges import RangeContext
-from ...rendering.coefficients.emission_unit import before
-from ...rendering.job import Job
-from ...rendering.rays.drawing import Drawing
-from ...rendering.rays.paths import Paths
-from ...schemes.base import Position, Scheme, Source, interpolated_at
+from ...rendering.job import RenderJob
+from ...rendering.sources.channel_layout import before
+from ...rendering.tracer import Paths, RayTracer
+from ...schemes.base import Position, Scheme, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
 from ..quantity import CellQuantity
@@ -79,7 +78,7 @@ class SegmentRecorder(Scheme):
         self.controlled = scheme.controlled
         self.own = 1
 
-    def start(self, position: Position, source: Source) -> list[Any]:
+    def start(self, position: Position, source: Any) -> list[Any]:
         """Carry a count of zero."""
         numbers = source.numbers
         columns = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
@@ -94,7 +93,7 @@ class SegmentRecorder(Scheme):
         return [*carried, *self.scheme.start(position, source)]
 
     def after_skip(
-        self, position: Position, source: Source, carried: list[Float], moved: Mask
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
     ) -> list[Any]:
         """Let the scheme know."""
         (row, *before), inner = carried[: self.own], carried[self.own :]
@@ -109,7 +108,7 @@ class SegmentRecorder(Scheme):
         return [*onward[: self.own], *inner]
 
     def solve(
-        self, segment: Segment, source: Source, carried: list[Float]
+        self, segment: Segment, source: Any, carried: list[Float]
     ) -> tuple[Path, list[Float]]:
         """Return the segment's solution, and what to carry on."""
         row, *before = carried[: self.own]
@@ -127,7 +126,7 @@ class SegmentRecorder(Scheme):
         return found, [row + dr.select(told, source.backend.UInt(1), 0), *after, *inner]
 
     def _seen(
-        self, source: Source, segment: Segment, before: list[Any]
+        self, source: Any, segment: Segment, before: list[Any]
     ) -> tuple[Any, dict[str, Any], list[Any]]:
         """Return mean coefficients, fields in the middle, and coefficients at the end."""
         if self.coefficients_at == "cell":
@@ -149,7 +148,7 @@ class SegmentRecorder(Scheme):
         return means, stretch.fields(0.5), []
 
 
-def _distance(source: Source, segment: Segment, t: Any) -> Any:
+def _distance(source: Any, segment: Segment, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in the volume's unit."""
     Wide = source.backend.Wide
     return (Wide(segment.track.entry) + Wide(t)) * Wide(segment.walk.scale)
@@ -159,7 +158,7 @@ def _distance(source: Source, segment: Segment, t: Any) -> Any:
 _ROOM = 2
 
 
-class Watched(Drawing):
+class Watched(RayTracer):
     """Rays of a picture; remembers to which tolerance one pixel was drawn last."""
 
     watched = -1
@@ -176,15 +175,15 @@ class Watched(Drawing):
 
 
 @dataclass
-class ProbeJob(Job):
+class ProbeJob(RenderJob):
     """A job of which one pixel is looked at closely."""
 
     watched: int = 0
 
     def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Watched:
-        drawing = Watched(self, self._source(faintest), brightest_background)
-        drawing.watched = self.watched
-        return drawing
+        tracer = Watched(self, self._source(faintest), brightest_background)
+        tracer.watched = self.watched
+        return tracer
 
     def source(self, brightest_background: float) -> Any:
         """Return the source that this pixel is drawn with in the end.
@@ -193,13 +192,13 @@ class ProbeJob(Job):
         """
         if not self.scheme.controlled:
             return _everywhere(self._source())
-        drawing: Any = self.run(brightest_background).drawing
-        source = _everywhere(drawing.source)
-        source.tolerance = drawing.allowed
+        tracer: Any = self.run(brightest_background).tracer
+        source = _everywhere(tracer.source)
+        source.tolerance = tracer.allowed
         return source
 
 
-def _everywhere(source: Source) -> Any:
+def _everywhere(source: Any) -> Any:
     """Return a source with which rays visit empty cells too, where steps are single cells."""
     source = copy.copy(source)
     if source.blocks is None or not getattr(source.blocks, "coarse", False):
@@ -230,7 +229,7 @@ class Followed:
     numbers: Any
 
 
-class _Recording(Drawing):
+class _Recording(RayTracer):
     """Rays that are recorded."""
 
     def follow(self, place: Any, names: tuple[str, ...], capacity: int) -> Followed:
@@ -256,9 +255,9 @@ def follow(
     job: ProbeJob, place: tuple[int, float, float], names: tuple[str, ...], brightest: float
 ) -> Followed:
     """Follow one ray, and return all segments that it met."""
-    drawing = _Recording(job, job.source(brightest), brightest)
+    tracer = _Recording(job, job.source(brightest), brightest)
     room = _ROOM * int(job.volume.grid.cells_across) + 64
-    return drawing.follow(place, names, room)
+    return tracer.follow(place, names, room)
 
 
 def _outwards(rows: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
