@@ -149,7 +149,8 @@ __all__ = [
 
 if TYPE_CHECKING:
     from . import io, math, models, regions
-    from .calibration import auto, calibrate, presets
+    from .calibration import calibrate, presets
+    from .calibration.auto import auto
     from .cameras import Orthographic, Perspective
     from .cli.demo import demo
     from .errors import (
