@@ -80,6 +80,8 @@ class TestUnpackedOnTheWay(ReaderContract):
 
 
 class TestCompressedTiles(ReaderContract):
+    cuts = (0.0, 0.3, 0.6)
+
     @pytest.fixture
     def sample(self):
         def make(folder):
@@ -91,10 +93,6 @@ class TestCompressedTiles(ReaderContract):
             return path
 
         return make
-
-    @pytest.mark.parametrize("part", [0.0, 0.01, 0.1, 0.3, 0.6])
-    def test_cut_short(self, path, part):
-        super().test_cut_short(path, part)
 
 
 def several(folder):

@@ -307,11 +307,11 @@ def test_a_bad_file_is_told_when_it_is_wanted(tmp_path):
 
 def test_a_vector_in_text_is_read_once(tmp_path, monkeypatch):
     from voluminous.io import registry
-    from voluminous.io.radmc3d import blocks
+    from voluminous.io.radmc3d.encodings import TextPlanes
 
     read = []
-    whole = blocks.NumbersInText.read
-    monkeypatch.setattr(blocks.NumbersInText, "read", lambda *a: read.append(a) or whole(*a))
+    whole = TextPlanes.plane
+    monkeypatch.setattr(TextPlanes, "plane", lambda *a: read.append(a) or whole(*a))
     monkeypatch.setattr(registry, "AT_ONCE", 0)
     volume = vm.open(regular(tmp_path))
     assert volume.waiting == volume.fields

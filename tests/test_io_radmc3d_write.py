@@ -209,13 +209,13 @@ def test_nothing_is_replaced_unless_told(tmp_path):
 
 
 def test_an_interrupted_file_is_not_there(tmp_path, monkeypatch):
-    from voluminous.io.radmc3d import encoders
+    from voluminous.io.radmc3d import encodings
 
     def interrupted(self, columns):
         raise KeyboardInterrupt
 
     grid = vm.CartesianGrid(*CUBES, unit="cm")
-    monkeypatch.setattr(encoders.TextOut, "rows", interrupted)
+    monkeypatch.setattr(encodings.TextOut, "rows", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write(vm.Volume(grid, density=np.ones(grid.shape)), tmp_path / "m")
     assert list((tmp_path / "m").iterdir()) == []

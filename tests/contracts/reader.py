@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import shutil
 from pathlib import Path
 
@@ -24,6 +25,7 @@ class ReaderContract:
     """
 
     options: dict = {}  # noqa: RUF012
+    cuts = (0.0, 0.3, 0.9)
 
     def victims(self, path: Path) -> list[Path]:
         """Return the files to damage."""
@@ -61,9 +63,8 @@ class ReaderContract:
         with pytest.raises(vm.UnknownNameError):
             open(path, "no_such_field", **self.options)
 
-    @pytest.mark.parametrize("part", [0.0, 0.01, 0.1, 0.3, 0.6, 0.9, 0.999])
-    def test_cut_short(self, path, part):
-        for victim in self.victims(path):
+    def test_cut_short(self, path):
+        for victim, part in itertools.product(self.victims(path), self.cuts):
             content = victim.read_bytes()
             victim.write_bytes(content[: int(part * len(content))])
             with pytest.raises(vm.FileFormatError) as failure:

@@ -28,7 +28,7 @@ from .openvdb import OpenVDBReader
 from .particles.gadget import GadgetReader
 from .particles.phantom import PhantomReader
 from .radmc3d import RADMC3DReader
-from .raw.reader import RawReader
+from .raw import RawReader
 from .scanners.dicom import DICOMReader
 from .scanners.hdf5_images import ImarisReader, ITKReader
 from .scanners.metaimage import MetaImageReader

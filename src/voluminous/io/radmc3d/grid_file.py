@@ -1,53 +1,34 @@
-"""The file ``amr_grid``: what is in it, read in all its forms."""
+"""The file ``amr_grid``: a regular grid, an octree, or layers of finer cells over a base grid."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FileFormatError
-from .binary import BinaryFile
-from .known import opened
-from .records import RecordFile
-from .text import TextFile
+from .encodings import EncodedFile
 
 REGULAR, OCTREE, LAYERS = 0, 1, 10
 SPHERICAL, BEYOND = 100, 200
 # RADMC-3D refuses deeper trees.
 DEEPEST = 20
 _AXES = "xyz"
-Source = BinaryFile | TextFile | RecordFile
+Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class GridFile:
-    """What the file says.
+    """The contents of the file."""
 
-    Attributes
-    ----------
-    style : {REGULAR, OCTREE, LAYERS}
-    coordinates : int
-        Below 100 Cartesian, below 200 spherical.
-    active : tuple of three bool
-        Dimensions that there are: along others there is one cell, which is never refined.
-    walls : tuple of three float64 arrays
-        Of the base grid: x, y, z in cm; or r in cm, theta and phi in radian.
-    flags : array of uint8 or None
-        Of octrees: 1 for each node that is split, depth first.
-    layers : array of int64, shape (n, 7), or None
-        Of layers: parent; first cell from 1, number of cells, in cells of the parent.
-    """
-
-    style: int
-    coordinates: int
-    active: tuple[bool, ...]
-    walls: tuple[NDArray[np.float64], ...]
-    flags: NDArray[np.uint8] | None = None
-    layers: NDArray[np.int64] | None = None
+    style: int  # REGULAR, OCTREE or LAYERS
+    coordinates: int  # below 100 Cartesian, below 200 spherical
+    active: tuple[bool, ...]  # along other dimensions there is one cell, which is never refined
+    walls: tuple[NDArray[np.float64], ...]  # of the base grid: cm; or r in cm, angles in radian
+    flags: NDArray[np.uint8] | None = None  # of octrees: 1 for each split node, depth first
+    layers: Ints | None = None  # (n, 7): parent; first cell from 1, number, in cells of the parent
 
     def __eq__(self, other: object) -> bool:
         """Return True for the same cells."""
@@ -77,7 +58,7 @@ class GridFile:
         return ("r", "theta", "phi") if self.spherical else ("x", "y", "z")
 
     @property
-    def factors(self) -> NDArray[np.int64]:
+    def factors(self) -> Ints:
         """Number of cells along each axis that a refined one is split into."""
         return np.where(self.active, 2, 1)
 
@@ -97,35 +78,26 @@ def _bytes(array: NDArray[np.generic] | None) -> bytes:
     return b"" if array is None else array.tobytes()
 
 
-def read_grid(path: Path) -> GridFile:
-    """Return what a grid file says.
-
-    Raises
-    ------
-    FileFormatError
-        If it is damaged, at odds with itself, or RADMC-3D would not take it.
-    """
-    with opened(path) as source:
-        _expect("the format number", source.format(False), 1, 2)
-        (style,) = source.integers(1, "the grid style")
-        (coordinates,) = source.integers(1, "the coordinate system")
-        _expect("the grid style", style, REGULAR, 2 * LAYERS)
-        _expect("the coordinate system", coordinates, 0, BEYOND)
-        _expect("gridinfo", source.integers(1, "gridinfo")[0], 0, 1)
-        active = tuple(flag != 0 for flag in source.integers(3, "the active dimensions"))
-        shape = source.integers(3, "the numbers of cells")
-        _check_shape(shape, active)
-        sizes = _sizes(source, style)
-        walls = tuple(_walls(source, n, axis) for n, axis in zip(shape, _AXES, strict=True))
-        if style >= LAYERS:
-            layers = _read_layers(source, sizes[1], active)
-            source.end()
-            return GridFile(LAYERS, coordinates, active, walls, layers=layers)
-        if style >= OCTREE:
-            flags = _read_flags(source, sizes, math.prod(shape), 1 << sum(active))
-            return GridFile(OCTREE, coordinates, active, walls, flags)
-        source.end()
-        return GridFile(REGULAR, coordinates, active, walls)
+def read_grid(source: EncodedFile) -> GridFile:
+    """Return the contents of a grid file; a FileFormatError if RADMC-3D would not take it."""
+    _expect("the format number", source.format(False), 1, 2)
+    (style,) = source.integers(1, "the grid style")
+    (coordinates,) = source.integers(1, "the coordinate system")
+    _expect("the grid style", style, REGULAR, 2 * LAYERS)
+    _expect("the coordinate system", coordinates, 0, BEYOND)
+    _expect("gridinfo", source.integers(1, "gridinfo")[0], 0, 1)
+    active = tuple(flag != 0 for flag in source.integers(3, "the active dimensions"))
+    shape = source.integers(3, "the numbers of cells")
+    _check_shape(shape, active)
+    sizes = _sizes(source, style)
+    walls = tuple(_walls(source, n, axis) for n, axis in zip(shape, _AXES, strict=True))
+    if LAYERS > style >= OCTREE:
+        flags = _read_flags(source, sizes, math.prod(shape), 1 << sum(active))
+        return GridFile(OCTREE, coordinates, active, walls, flags)
+    layers = _read_layers(source, sizes[1], active) if style >= LAYERS else None
+    source.end()
+    style = REGULAR if layers is None else LAYERS
+    return GridFile(style, coordinates, active, walls, layers=layers)
 
 
 def _expect(what: str, number: int, least: int, beyond: int) -> None:
@@ -141,7 +113,7 @@ def _check_shape(shape: list[int], active: tuple[bool, ...]) -> None:
             raise FileFormatError(f"the number of cells along {axis} must be {allowed}, got {n}")
 
 
-def _sizes(source: Source, style: int) -> list[int]:
+def _sizes(source: EncodedFile, style: int) -> list[int]:
     if style < OCTREE:
         return []
     layered = style >= LAYERS
@@ -157,7 +129,7 @@ def _sizes(source: Source, style: int) -> list[int]:
     return sizes
 
 
-def _walls(source: Source, cells: int, axis: str) -> NDArray[np.float64]:
+def _walls(source: EncodedFile, cells: int, axis: str) -> NDArray[np.float64]:
     walls = source.reals(cells + 1, f"{axis} walls")
     rising = np.isfinite(walls) & (np.diff(walls, prepend=-np.inf) > 0)
     if not rising.all():
@@ -168,7 +140,9 @@ def _walls(source: Source, cells: int, axis: str) -> NDArray[np.float64]:
     return walls
 
 
-def _read_flags(source: Source, sizes: list[int], base: int, children: int) -> NDArray[np.uint8]:
+def _read_flags(
+    source: EncodedFile, sizes: list[int], base: int, children: int
+) -> NDArray[np.uint8]:
     flags = source.flags("the octree")
     splits = int(np.count_nonzero(flags))
     leaves, expected = len(flags) - splits, base + children * splits
@@ -184,10 +158,74 @@ def _read_flags(source: Source, sizes: list[int], base: int, children: int) -> N
     return flags
 
 
-def _read_layers(source: Source, count: int, active: tuple[bool, ...]) -> NDArray[np.int64]:
+def _read_layers(source: EncodedFile, count: int, active: tuple[bool, ...]) -> Ints:
     rows = []
     for k in range(count):  # ends with the file
         rows.append(source.integers(7, f"layer {k + 1}"))
     layers = np.array(rows, np.int64).reshape(-1, 7)
     layers[:, 4:][:, ~np.array(active)] = 1  # whatever is said of dimensions that are not there
     return layers
+
+
+@dataclass(frozen=True)
+class LayerBoxes:
+    """The base grid and its layers, in cells of their own levels."""
+
+    level: Ints  # (n + 1,)
+    low: Ints  # (n + 1, 3): first cell, counted across the domain
+    shape: Ints  # (n + 1, 3): number of cells
+
+
+def boxes(grid: GridFile) -> LayerBoxes:
+    """Return where the layers of a grid are."""
+    layers = np.zeros((0, 7), np.int64) if grid.layers is None else grid.layers
+    count = len(layers) + 1
+    level = np.zeros(count, np.int64)
+    low, shape = np.zeros((count, 3), np.int64), np.zeros((count, 3), np.int64)
+    shape[0] = grid.shape
+    for k, (parent, *numbers) in enumerate(layers.tolist(), start=1):
+        if not 0 <= parent < k:
+            raise FileFormatError(
+                f"the parent of layer {k} must be from 0 to {k - 1}, got {parent}: a layer comes "
+                "after its parent"
+            )
+        first, cells = [n - 1 for n in numbers[:3]], numbers[3:]
+        whole = shape[parent].tolist()
+        if any(f < 0 or n < 1 or f + n > m for f, n, m in zip(first, cells, whole, strict=True)):
+            raise FileFormatError(
+                f"layer {k} begins at cell {numbers[:3]} and covers {cells} of its parent "
+                f"{parent}, which has {whole}"
+            )
+        level[k] = level[parent] + 1
+        low[k] = grid.factors * (low[parent] + first)
+        shape[k] = grid.factors * cells
+    if level.max() > DEEPEST:
+        raise FileFormatError(f"layers are {level.max()} levels deep; {DEEPEST} are the most")
+    return LayerBoxes(level, low, shape)
+
+
+def uncovered(grid: GridFile) -> list[NDArray[np.bool_]]:
+    """Return, for the base grid and each layer, which cells no finer layer covers."""
+    found = boxes(grid)
+    seen = [np.ones(shape, bool) for shape in found.shape.tolist()]
+    layers = () if grid.layers is None else grid.layers.tolist()
+    for k, (parent, *numbers) in enumerate(layers, start=1):
+        ranges = zip(numbers[:3], numbers[3:], strict=True)
+        part = tuple(slice(first - 1, first - 1 + count) for first, count in ranges)
+        if not seen[parent][part].all():
+            raise FileFormatError(f"layer {k} overlaps another one on its parent {parent}")
+        seen[parent][part] = False
+    return seen
+
+
+def leaves(grid: GridFile) -> tuple[Ints, Ints, Ints]:
+    """Return levels of the cells that are seen, indices in their levels, and places in files."""
+    found, seen = boxes(grid), uncovered(grid)
+    index, value, first = [], [], 0
+    for low, mask in zip(found.low, seen, strict=True):
+        flat = np.flatnonzero(mask.ravel(order="F"))
+        index.append(np.stack(np.unravel_index(flat, mask.shape, order="F"), axis=1) + low)
+        value.append(first + flat)
+        first += mask.size
+    level = np.repeat(found.level, [len(part) for part in value])
+    return level, np.concatenate(index), np.concatenate(value)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +14,11 @@ from ...errors import FileFormatError, InputError, UnitsError, VoluminousError
 from ...units import parse_unit
 from ..contract import FieldInfo, Reader
 from ..guard import placed
-from .field_file import FieldFile, Part
-from .model import Model, holds_model, open_model
+from .fields import FieldFile, FieldPart, Model, holds_model, open_model
 
 if TYPE_CHECKING:
     from ...volume import Volume
-    from .cells import Cells
+    from .grids import ArrangedGrid
 
 
 class RADMC3DReader(Reader):
@@ -77,7 +74,7 @@ class RADMC3DReader(Reader):
         write(volume, path, **options)
 
 
-def _dtype(part: Part) -> np.dtype[Any]:
+def _dtype(part: FieldPart) -> np.dtype[Any]:
     if isinstance(part.file, FieldFile):
         return part.file.planes.dtype.newbyteorder("=")
     return np.dtype(np.float64)
@@ -89,33 +86,26 @@ def _check_length(unit: Any) -> None:
         raise UnitsError(f"unit must be a length such as 'au', got {unit!r}")
 
 
-def _cells(model: Model, unit: Any) -> Cells:
-    from .cartesian import cartesian_cells
-    from .spherical import spherical_cells
+def _cells(model: Model, unit: Any) -> ArrangedGrid:
+    from .grids import cartesian_grid, spherical_grid
 
-    make = spherical_cells if model.grid.spherical else cartesian_cells
-    with placed(model.grid_path.name), _of_file():
-        return make(model.grid, unit)
-
-
-@contextmanager
-def _of_file() -> Iterator[None]:
-    """Turn what grids say of the numbers they are given into an error of the file."""
+    make = spherical_grid if model.grid.spherical else cartesian_grid
     try:
-        yield
+        with placed(model.grid_path.name):
+            return make(model.grid, unit)
     except FileFormatError:
         raise
-    except InputError as error:
+    except InputError as error:  # numbers in the file that no grid can have
         raise FileFormatError(str(error)) from error
 
 
-def _deferred(part: Part, cells: Cells) -> Deferred:
+def _deferred(part: FieldPart, cells: ArrangedGrid) -> Deferred:
     assert isinstance(part.file, FieldFile)
     planes = part.file.planes
-    stays = planes.mapped and part.file.width == 1 and cells.in_order and planes.dtype.isnative
+    stays = planes.mapped and part.part is None and cells.in_order and planes.dtype.isnative
     return Deferred(functools.partial(_load, part, cells), _dtype(part), part.unit, stays)
 
 
-def _load(part: Part, cells: Cells) -> Any:
+def _load(part: FieldPart, cells: ArrangedGrid) -> Any:
     assert isinstance(part.file, FieldFile)
     return cells.arranged(part.file.values(part))

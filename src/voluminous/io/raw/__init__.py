@@ -1,1 +1,0 @@
-"""Bare numbers in a file, whose shape and type are told elsewhere."""
