@@ -12,7 +12,7 @@ from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression, NumpyOps
 from voluminous.expressions.sides import on_one_side
 from voluminous.media.context import Context
-from voluminous.media.edges import Edge, edges_ahead, first_edge
+from voluminous.media.edges import Level, edges_ahead, first_edge
 from voluminous.media.stretch import Stretch
 
 # Rounding of places, and of what is added up.
@@ -118,10 +118,10 @@ def test_edges_are_counted_and_the_first_is_found(precision):
     stretch, number = stretch_of(precision, **rows)
     a, b = (Expression(n) for n in "ab")
     cases = [
-        ([Edge(a, number(0.6)), Edge(a, number(0.3))], 2, 0.3),
-        ([Edge(a, number(0.6)), Edge(b, number(0.25))], 3, 0.25),
-        ([Edge(a, number(0.1)), Edge(b, number(0.25))], 3, 0.1),
-        ([Edge(a, number(1.6))], 0, 1.0),
+        ([Level(a, number(0.6)), Level(a, number(0.3))], 2, 0.3),
+        ([Level(a, number(0.6)), Level(b, number(0.25))], 3, 0.25),
+        ([Level(a, number(0.1)), Level(b, number(0.25))], 3, 0.1),
+        ([Level(a, number(1.6))], 0, 1.0),
     ]
     for edges, count, place in cases:
         found, hidden = edges_ahead(stretch, edges)
@@ -130,7 +130,7 @@ def test_edges_are_counted_and_the_first_is_found(precision):
         first = first_edge(stretch, edges).numpy().item()
         assert first == pytest.approx(place, abs=EXACT[precision])
     # Both ends and the middle show none of it.
-    count, hidden = edges_ahead(stretch, [Edge(Expression("4*a*a - 4*a"), number(-0.999))])
+    count, hidden = edges_ahead(stretch, [Level(Expression("4*a*a - 4*a"), number(-0.999))])
     assert hidden.numpy().item() or count.numpy().item() == 2
 
 

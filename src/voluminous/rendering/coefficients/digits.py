@@ -11,6 +11,7 @@ from ...expressions import Expression, NumpyOps
 from ...expressions.jumps import Margin
 from ...expressions.sides import on_one_side
 from ...fields import coordinates
+from ...media.contract import Feature
 from ...units import is_quantity, plain
 from .classify import Classifier
 
@@ -53,9 +54,8 @@ def exactness(classifier: Classifier) -> Exactness:
     Tried on a sample of cells: overflow and underflow (squares of lengths in cm), cancellation, and
     shells narrower than the spacing of single-precision numbers all show there.
     """
-    try:
-        expressions = plain_widths(classifier.volume, classifier.medium.expressions())
-    except NotImplementedError:
+    expressions = plain_widths(classifier.volume, classifier.medium.features())
+    if not expressions:
         return Exactness(False, _UNKNOWN)
     sample = _sample(classifier.volume, classifier.medium.names)
     # Coefficients are multiplied by the scale.
@@ -71,9 +71,11 @@ def exactness(classifier: Classifier) -> Exactness:
     return Exactness(single, contrast * classifier.medium.sensitivity)
 
 
-def plain_widths(volume: Any, expressions: Any) -> tuple[tuple[Expression, float], ...]:
-    """Return expressions with what matters of their values as numbers, in the volume's units."""
-    return tuple((expr, _plain_width(volume, expr, width)) for expr, width in expressions)
+def plain_widths(
+    volume: Any, features: tuple[Feature, ...]
+) -> tuple[tuple[Expression, float], ...]:
+    """Return expressions and the widths that matter, as numbers in the volume's units."""
+    return tuple((f.expr, _plain_width(volume, f.expr, f.width)) for f in features)
 
 
 def _plain_width(volume: Any, expr: Expression, width: Any) -> float:
@@ -96,7 +98,7 @@ def beyond_single(volume: Any, medium: Any) -> bool:
     rounded = {n: _disturbed(v) if n in volume else v for n, v in sample.items()}
     looked_at = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
-        for expr, least in plain_widths(volume, medium.known_expressions()):
+        for expr, least in plain_widths(volume, medium.known_features()):
             if expr.text not in looked_at:
                 beyond = _strays(expr, sample, rounded)
             else:

@@ -12,7 +12,7 @@ from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.trilinear import trilinear
 from ...media.context import Context
-from ...media.edges import Edge
+from ...media.edges import Level
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
 from ...schemes.path import Path, layer
 from ..coefficients.classify import Classifier
@@ -129,27 +129,27 @@ class Interpolated:
 
         Double precision is for those who want digits: panels have all of them in linear fields.
         """
-        return self.backend.precision == "single" and self.classifier.medium.smooth
+        return self.backend.precision == "single" and self.classifier.medium.sampling.smooth
 
     @property
-    def edges(self) -> list[Edge]:
+    def edges(self) -> list[Level]:
         """Where the medium jumps."""
-        return self.classifier.medium.edges(self.context)
+        return self.classifier.medium.discontinuities(self.context)
 
     @property
     def linear(self) -> bool:
         """Whether closed forms are best where scalars are linear."""
-        return self.classifier.medium.linear
+        return self.classifier.medium.sampling.linear
 
     @property
     def hollow(self) -> bool:
         """Whether there is nothing between edges."""
-        return self.classifier.medium.hollow
+        return self.classifier.medium.surface_only
 
     @property
     def layered(self) -> bool:
         """Whether something is without width."""
-        return any(part.hollow for part in self.classifier.medium.components())
+        return any(part.surface_only for part in self.classifier.medium.components())
 
     def layer(self, stretch: Stretch, place: Any) -> Path:
         """Return what has no width and is passed on a stretch, as it is at a place."""
@@ -160,12 +160,12 @@ class Interpolated:
     @property
     def quick(self) -> bool:
         """Whether there is a rule of fewer samples."""
-        return self.classifier.medium.quick
+        return self.classifier.medium.sampling.quick
 
     @property
     def finer(self) -> bool:
         """Whether samples will do for parts of the others."""
-        return self.classifier.medium.finer
+        return self.classifier.medium.sampling.finer
 
     def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
         """Return mean, first and last j and α of a stretch, and how far the means may be off."""
@@ -184,7 +184,7 @@ class Interpolated:
     def steady(self) -> bool:
         """Whether what an opaque medium shows is the same everywhere."""
         parts = self.classifier.medium.components()
-        return len(parts) == 1 and parts[0].steady
+        return len(parts) == 1 and parts[0].constant_source_function
 
     def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
         """Return how thin the medium's structures are, and how far bends may put means off."""
