@@ -131,7 +131,7 @@ def scenes() -> Iterator[tuple[str, Callable[[], tuple[Any, Any, Any, dict[str, 
         "stars": (
             SHELLS,
             camera,
-            {"objects": [vm.Stars(np.eye(3) * 0.5, "white", radii=0.05), vm.boxes()]},
+            {"objects": [vm.Stars(np.eye(3) * 0.5, "white", radii=0.05), vm.Boxes()]},
         ),
         "back to front": (MEDIA["coefficients"], camera, {"order": "back-to-front"}),
     }
@@ -155,8 +155,8 @@ def _real() -> Iterator[tuple[str, Any]]:
 
         def scene(name: str = name) -> tuple[Any, Any, Any, dict[str, Any]]:
             volume = real_data.load(name)
-            medium = vm.auto(volume)
-            first = vm.framed(volume, medium)
+            medium = vm.suggest_medium(volume)
+            first = vm.Orthographic.framing(volume, medium)
             told = {k: v for k, v in first.describe().items() if k not in ("type", "resolution")}
             return volume, medium, vm.Orthographic(**told, resolution=PIXELS), {}
 

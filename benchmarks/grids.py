@@ -17,7 +17,7 @@ import numpy as np
 import voluminous as vm
 from timing import summary, table, take_turns
 from voluminous.backend import dr
-from voluminous.schemes.cellwise import Cellwise
+from voluminous.schemes.base import Scheme
 from voluminous.schemes.path import Path
 
 CAMERA = vm.Orthographic(60, 30, width=2.2, resolution=400, center=(0, 0, 0))
@@ -31,14 +31,12 @@ SCHEMES = {
 }
 
 
-class Steps(Cellwise):
+class Steps(Scheme):
     """Counts the cells that rays visit, as light and as optical depth."""
 
     name = "steps"
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Path, list[Any]]:
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Path, list[Any]]:
         """Return one for every segment."""
         numbers, real = source.numbers, type(segment.length)
         one = dr.select(segment.active & (segment.length > 0), real(1), 0)

@@ -20,8 +20,7 @@ import voluminous as vm
 from timing import summary, table, take_turns
 from voluminous.backend import dr, from_host, get_backend
 from voluminous.backend.functions import attenuation
-from voluminous.schemes.cellwise import Cellwise
-from voluminous.schemes.contract import Solution
+from voluminous.schemes.base import Scheme, Solution
 
 VIEWS = {"oblique": (60, 30), "another": (35, 70), "face-on": (90, 0)}
 
@@ -54,7 +53,7 @@ LAYOUTS: dict[str, Callable[[list[Any], int], Any]] = {
 }
 
 
-class FirstOrder(Cellwise):
+class FirstOrder(Scheme):
     """First order with cells in a layout of their own."""
 
     name = "layout"
@@ -70,11 +69,13 @@ class FirstOrder(Cellwise):
         """Return what identifies it: pictures launch the kernel of those before."""
         return ("layout", self.layout, self.n)
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Solution, list[Any]]:
         """Return the solution of one segment."""
-        place = segment.cell if self.layout == "rows" else self._place(walk, track, segment)
+        place = (
+            segment.cell
+            if self.layout == "rows"
+            else self._place(segment.walk, segment.track, segment)
+        )
         *j, alpha = dr.gather(self.backend.packet(4), self.values, place, segment.active)
         depth = alpha * segment.length
         theta, mean = attenuation(depth)

@@ -16,22 +16,20 @@ from our_scene import camera_of, medium_of, volume_of
 from scenes import SCENES
 from timing import ratios, summary, table, take_turns
 from voluminous.schemes import get_scheme
-from voluminous.schemes.cellwise import Cellwise
+from voluminous.schemes.base import Scheme
 from voluminous.schemes.path import Path
 
 
-class Loads(Cellwise):
+class Loads(Scheme):
     """Look-ups of another scheme, and nothing else."""
 
     def __init__(self, scheme: Any) -> None:
-        self.name, self.order, self.place = f"loads of {scheme.name}", scheme.order, scheme.place
-        self.coarseness = getattr(scheme, "coarseness", 0.0)
+        self.name, self.order = f"loads of {scheme.name}", scheme.order
+        self.coefficients_at, self.coarseness = scheme.coefficients_at, scheme.coarseness
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Path, list[Any]]:
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Path, list[Any]]:
         """Return the sum of all that is looked up as emission."""
-        total = sum(self._found(source, walk, track, segment))
+        total = sum(self._found(source, segment))
         numbers, real = source.numbers, type(segment.length)
         return Path(
             [total for _ in range(numbers.emissions)],
@@ -39,12 +37,13 @@ class Loads(Cellwise):
             [real(0) for _ in range(numbers.extinctions)],
         ), carried
 
-    def _found(self, source: Any, walk: Any, track: Any, segment: Any) -> list[Any]:
-        if self.place == "cell":
+    def _found(self, source: Any, segment: Any) -> list[Any]:
+        if self.coefficients_at == "cell":
             return source.gather(segment.cell, segment.active)
-        if self.place == "vertex":
-            return source.interpolate(walk.exit_corners(track, segment), segment.active)
-        found = source.corners(walk.chord(track, segment), segment.active)
+        if self.coefficients_at == "vertex":
+            corners = segment.walk.exit_corners(segment.track, segment)
+            return source.interpolate(corners, segment.active)
+        found = source.along(segment).corners
         return [v for corners in found.values() for plane in corners for row in plane for v in row]
 
 

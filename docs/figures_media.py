@@ -127,14 +127,14 @@ def calibrated(target: Path, pixels: int) -> None:
     panels = {}
     for length in (1e15, 1e18, "auto"):
         shell = vm.Gaussian("log10(density)", 3.7, 0.02, (0.16, 0.24, 0.36), 0.3, length)
-        found = vm.calibrate(shell, volume).path_length
+        found = shell.calibrated(volume).path_length
         title = f"path_length={found:.2g}" + (' cm: "auto"' if length == "auto" else " cm")
         panels[title] = vm.render(volume, shell, camera)
     row(target, panels, (9.6, 3.5), gamut="clip")
 
 
 def automatic(target: Path, pixels: int) -> None:
-    """What `vm.auto` makes of data of which nothing is said."""
+    """What `vm.suggest_medium` makes of data of which nothing is said."""
     camera = vm.Orthographic(60, 30, width=1.9, resolution=pixels)
     core = vm.models.prestellar_core(64)
     core_camera = vm.Orthographic(60, 30, width=0.25 * u.pc, resolution=pixels)
@@ -144,8 +144,10 @@ def automatic(target: Path, pixels: int) -> None:
     gas["density"] = "density + 0.05"
     panels = {
         "core: equal steps of density": vm.render(core, flat, core_camera),
-        "vm.auto(core): in log10(density)": vm.render(core, vm.auto(core), core_camera),
-        "vm.auto(gas): in density": vm.render(gas, vm.auto(gas), camera),
+        "vm.suggest_medium(core): in log10(density)": vm.render(
+            core, vm.suggest_medium(core), core_camera
+        ),
+        "vm.suggest_medium(gas): in density": vm.render(gas, vm.suggest_medium(gas), camera),
     }
     row(target, panels, (9.6, 3.5), colors=None, exposure=None)
 
@@ -154,7 +156,10 @@ def transfer(target: Path, pixels: int) -> None:
     """What `Medium.plot` draws, of shells and of a colormap."""
     core = vm.models.prestellar_core(64)
     figure = Figure(figsize=(11, 3.4), layout="constrained")
-    media = (vm.auto(core), vm.Colormap("density", "inferno", norm="log", opacity=lambda p: p**2))
+    media = (
+        vm.suggest_medium(core),
+        vm.Colormap("density", "inferno", norm="log", opacity=lambda p: p**2),
+    )
     for medium, axes in zip(media, figure.subplots(1, 2), strict=True):
         medium.plot(core, axes)
     saved(figure, target, max(40, pixels // 4))

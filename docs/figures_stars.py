@@ -46,11 +46,11 @@ def stars(target: Path, pixels: int) -> None:
     )
     camera = vm.Orthographic(65, 30, width=2.2, resolution=pixels)
     drawn = [
-        vm.Star((0, 0, 0), (1.0, 0.9, 0.6), radius=0.12, limb_darkening=0.7),
+        vm.Stars([(0, 0, 0)], (1.0, 0.9, 0.6), radii=0.12, limb_darkening=0.7),
         vm.Spheres([(-0.6, 0, 0), (0.4, 0.5, -0.1)], 0.09, ["tomato", "skyblue"], limb_darkening=1),
         vm.Lines([orbit(0.6, 0), orbit(0.64, 10)], (0.35, 0.75, 0.5), width=1.5, closed=True),
-        vm.boxes(),
-        vm.axes(width=3),
+        vm.Boxes(),
+        vm.Axes(width=3),
     ]
     near = vm.Perspective((2.3, -1.7, 1.3), (0, 0, 0), fov=45, resolution=pixels)
     panels = {
@@ -85,7 +85,7 @@ def boxes(target: Path, pixels: int) -> None:
     }
     gas = vm.Coefficients(["1.2 * gas", "0.6 * gas", "0.3 * gas"], 0)
     camera = vm.Orthographic(62, 25, width=3.1, resolution=pixels)
-    outlines = vm.boxes(colors=["#8899bb", "deepskyblue", "gold", "tomato"], width=1.3)
+    outlines = vm.Boxes(colors=["#8899bb", "deepskyblue", "gold", "tomato"], width=1.3)
     panels = {
         name: vm.render(shells(grid), gas, camera, objects=[outlines])
         for name, grid in grids.items()

@@ -46,9 +46,9 @@ def medium() -> vm.Medium:
     return front + wide + dense
 
 
-def star() -> vm.Star:
+def star() -> vm.Stars:
     """Return the star: a small disc in the fourth channel, which pictures show as white."""
-    return vm.Star(STAR, 1.0, radius=0.0025, depth="foreground", channel=3, relative=True)
+    return vm.Stars([STAR], 1.0, radii=0.0025, depth="foreground", channel=3, relative=True)
 
 
 def camera(pixels: int = 400) -> vm.Orthographic:

@@ -12,7 +12,6 @@ from contracts import GridContract
 from contracts.grid import make_ray, walk_along
 from twin.curvilinear import Frame, chord, way_inside
 from voluminous.backend import dr
-from voluminous.grids.contract import has_gaps
 
 FAR = (-1e9, 1e9)
 MOST_STEPS = 100_000  # of one ray: a ray that hangs fails, not the machine
@@ -150,7 +149,7 @@ def sums(grid, backend, origins, directions, first=None, last=None):
         return cursor.inside & (steps < MOST_STEPS)
 
     def step(cursor, length, steps, shortest):
-        if has_gaps(walk):
+        if walk.has_gaps:
             cursor = walk.cross(track, cursor).cursor
         segment, following = walk.next(track, cursor)
         return following, length + segment.length, steps + 1, dr.minimum(shortest, segment.length)

@@ -12,7 +12,7 @@ from voluminous.cli import main
 from voluminous.errors import InputError, UnknownNameError
 from voluminous.image.annotate.marks import compass, time_text, triad
 from voluminous.image.annotate.scales import FieldValues, counts, of_medium, quantity_name
-from voluminous.image.annotate.sheet import bar_length, readable
+from voluminous.image.lengths import bar_length, readable
 
 ALL_OFF = {"scale_bar": False, "triad": False, "compass": False, "color_bar": False, "time": False}
 SEEN = {"type": "orthographic", "incl": 60.0, "phi": 30.0, "posang": 0.0}

@@ -45,7 +45,7 @@ def test_a_shell_is_as_thick_as_it_is(kind):
     medium = vm.Gaussian("f", 0.36, 0.05, 1.0, 1.0, path_length="auto")
     # Effective width over gradient where the shell is: sqrt(2 pi) 0.05 / (2 · 0.6).
     expected = np.sqrt(2 * np.pi) * 0.05 / 1.2
-    assert vm.calibrate(medium, volume).path_length == pytest.approx(expected, rel=0.03)
+    assert medium.calibrated(volume).path_length == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize("kind", ["shuffled", "octree"])
@@ -56,7 +56,7 @@ def test_a_field_of_two_values_has_shells_between_its_cells(kind):
     volume["f"] = "where(x > 0, 1, 0)"
     medium = vm.Rectangle("f", 0.5, 0.01, 1.0, 1.0, path_length="auto")
     # From one centre to the next it rises by one.
-    assert vm.calibrate(medium, volume).path_length == pytest.approx(0.02 * 2 / 32, rel=0.03)
+    assert medium.calibrated(volume).path_length == pytest.approx(0.02 * 2 / 32, rel=0.03)
 
 
 @pytest.mark.exhaustive
@@ -72,10 +72,12 @@ def test_the_unit_of_a_field_does_not_matter(kind, dtype, unit):
     scaled = vm.Volume(grid, f=(unit * plain.array("f").astype("f8")).astype(dtype))
     shell = vm.Gaussian("f", 0.56, 0.05, 1.0, 1.0, path_length="auto")
     other = vm.Gaussian("f", 0.56 * unit, 0.05 * unit, 1.0, 1.0, path_length="auto")
-    expected = vm.calibrate(shell, plain).path_length
+    expected = shell.calibrated(plain).path_length
     # Differences of numbers in single precision: 1e-7 over a difference of a hundredth.
-    assert vm.calibrate(other, scaled).path_length == pytest.approx(expected, rel=1e-4)
-    for one, two in zip(vm.auto(plain).components(), vm.auto(scaled).components(), strict=True):
+    assert other.calibrated(scaled).path_length == pytest.approx(expected, rel=1e-4)
+    for one, two in zip(
+        vm.suggest_medium(plain).components(), vm.suggest_medium(scaled).components(), strict=True
+    ):
         # Rounding may push a cell into the next of 1024 bins, of a range of two.
         assert two.center / unit == pytest.approx(one.center, abs=0.01)
         assert two.path_length == pytest.approx(one.path_length, rel=0.02)
@@ -98,7 +100,7 @@ def test_a_first_medium_is_nearly_that_of_a_fine_cartesian_grid(kind):
     shells = []
     for volume in volumes:
         volume["f"] = "tanh((0.6 - r) / 0.1)"
-        shells.append(vm.auto(volume, "f", n=1))
+        shells.append(vm.suggest_medium(volume, "f", n=1))
     # Both find the edge of the ball, where f is steepest.
     assert shells[0].center == pytest.approx(shells[1].center, abs=0.3)
     assert shells[0].path_length == pytest.approx(shells[1].path_length, rel=0.5)
@@ -112,9 +114,7 @@ def test_the_order_of_cells_does_not_matter():
         volume = vm.Volume(ShuffledGrid(original, seed))
         volume["f"] = "x + 0.5*y*y"
         volumes.append(volume)
-    mediums = [
-        vm.calibrate(vm.Gaussian("f", 0.2, 0.1, 1, 1, path_length="auto"), v) for v in volumes
-    ]
+    mediums = [vm.Gaussian("f", 0.2, 0.1, 1, 1, path_length="auto").calibrated(v) for v in volumes]
     assert mediums[0].path_length == pytest.approx(mediums[1].path_length, rel=1e-12)
     volume = vm.Volume(flat)
     volume["f"] = "x"
@@ -124,7 +124,7 @@ def test_the_order_of_cells_does_not_matter():
 def test_labels_have_their_background_at_the_surface():
     volume = vm.Volume(octree())
     volume["f"] = "where(r < 0.5, 2, where(r < 0.7, 5, 3))"
-    medium = vm.auto(volume, "f")
+    medium = vm.suggest_medium(volume, "f")
     assert sorted(part.center for part in medium.components()) == [2.0, 5.0]
 
 
@@ -134,7 +134,7 @@ def test_a_path_length_of_a_derivative():
     medium = vm.Gaussian("gradmag(f)", 1.0, 0.2, 1.0, 1.0, path_length="auto")
     # gradmag is 3 r², its slope 6 r.
     expected = np.sqrt(2 * np.pi) * 0.2 / (6 / np.sqrt(3))
-    assert vm.calibrate(medium, volume).path_length == pytest.approx(expected, rel=0.1)
+    assert medium.calibrated(volume).path_length == pytest.approx(expected, rel=0.1)
 
 
 def test_components_of_spherical_vectors_are_not_looked_at_first():
@@ -142,7 +142,7 @@ def test_components_of_spherical_vectors_are_not_looked_at_first():
     grid = vm.SphericalGrid(np.linspace(1, 2, 9), np.linspace(0, 3, 5), np.linspace(0, 6, 5))
     fields = {n: rng.normal(size=grid.shape) for n in ("v_r", "v_theta", "v_phi")}
     volume = vm.Volume(grid, {**fields, "stuff": np.linspace(0, 1, grid.size).reshape(grid.shape)})
-    (first, *_) = vm.auto(volume).components()
+    (first, *_) = vm.suggest_medium(volume).components()
     assert "stuff" in first.expr.text
 
 

@@ -8,7 +8,7 @@ import pytest
 import voluminous as vm
 from toy_grids import ShuffledGrid
 from voluminous.derivatives import differences
-from voluminous.derivatives.neighbours import Cells
+from voluminous.derivatives.neighbours import NeighbourDifferences
 
 EDGES = ([0.0, 1.0, 3.0, 3.5, 4.0], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 OPERATORS = ["gradmag(f)", "laplacian(f)", "grad(f).x", "grad(f).y", "grad(f).z"]
@@ -177,14 +177,14 @@ def flat_cells():
 @pytest.mark.parametrize("operation", [o for o in OPERATORS if o != "laplacian(f)"])
 @pytest.mark.parametrize("kind", [*UNEVEN, "flat"])
 def test_kernels_find_what_the_plain_rule_finds(kind, operation):
-    """On trees derivatives are made in kernels; `Cells` is the same in plain NumPy.
+    """On trees derivatives are made in kernels; `NeighbourDifferences` is the same in plain NumPy.
 
     Beside cells of other sizes `quadratic_fit` tells more, if there are cells on all sides.
     """
     grid = flat_cells() if kind == "flat" else UNEVEN[kind]()
     volume = vm.Volume(grid, f=random_fields(grid))
     found = volume.evaluate(operation)
-    cells = Cells(grid, lambda first, last: volume["f"][first:last])
+    cells = NeighbourDifferences(grid, lambda first, last: volume["f"][first:last])
     expected = cells.derivative(operation.replace("(f)", ""))
     plain = ~at_jumps(grid)
     # What a matrix loses that is nearly singular: cells have neighbours on few sides.
@@ -196,7 +196,9 @@ def test_kernels_find_what_the_plain_rule_finds(kind, operation):
 def test_some_cells_are_looked_at_as_all_of_them_are(kind):
     grid = UNEVEN[kind]()
     values = random_fields(grid)
-    plain, fast = (make(grid, lambda a, b: values[a:b]) for make in (Cells, differences))
+    plain, fast = (
+        make(grid, lambda a, b: values[a:b]) for make in (NeighbourDifferences, differences)
+    )
     whole, _ = plain.gradient([(0, grid.size)])
     for runs in ([(0, grid.size)], [(7, 30)], [(20, 30), (3, 9), (12, 13)]):
         (slope, surface), (gradient, alone) = (own.gradient(runs) for own in (plain, fast))

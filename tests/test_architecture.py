@@ -21,7 +21,7 @@ HEAVY = ("astropy", "matplotlib", "h5py", "PIL", "tqdm", "tifffile", "OpenEXR", 
 EVERY_MODULE = """
 import importlib, pkgutil, voluminous
 for found in pkgutil.walk_packages(voluminous.__path__, "voluminous."):
-    if not found.name.endswith("__main__"):
+    if not found.name.endswith(("__main__", ".xarray")):
         importlib.import_module(found.name)
 """
 HELP = """

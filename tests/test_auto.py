@@ -1,4 +1,4 @@
-"""vm.auto: what it chooses, and that a picture of any data shows something."""
+"""vm.suggest_medium: what it chooses, and that a picture of any data shows something."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import real_data
 import voluminous as vm
 from voluminous import rendering
-from voluminous.calibration.auto import is_wide, labels_of, levels, main_scalar, noise_of
+from voluminous.calibration.suggest import is_wide, labels_of, levels, main_scalar, noise_of
 from voluminous.calibration.thickness import histogram, sampled_values
 from voluminous.cli import main
 from voluminous.expressions import Expression
@@ -38,7 +38,7 @@ def boundary(radius, values):
 @pytest.mark.parametrize("values", [(0.0, 1.0), (-1000.0, 50.0), (5.0, 6.0)])
 def test_one_level_is_at_the_boundary_of_two_materials(values):
     # The mean gradient of tanh is greatest in the middle: d tanh = 1 - tanh².
-    (shell,) = shells(vm.auto(cube(boundary(0.6, values)), n=1))
+    (shell,) = shells(vm.suggest_medium(cube(boundary(0.6, values)), n=1))
     assert shell.center == pytest.approx(np.mean(values), abs=0.05 * np.ptp(values))
 
 
@@ -46,12 +46,12 @@ def test_several_materials_get_a_level_each():
     # Three boundaries: 0 | 1 | 2 | 3 from outside to inside, at 0.5, 1.5, 2.5.
     steps = [boundary(radius, (0.0, 1.0)) for radius in (0.75, 0.5, 0.25)]
     volume = cube(lambda r: sum(step(r) for step in steps), 64)
-    centers = [shell.center for shell in shells(vm.auto(volume, n=3))]
+    centers = [shell.center for shell in shells(vm.suggest_medium(volume, n=3))]
     assert centers == pytest.approx([0.5, 1.5, 2.5], abs=0.25)
 
 
 def test_scale_free_data_gets_equally_spaced_logarithms():
-    media = shells(vm.auto(vm.models.prestellar_core(64), n=5))
+    media = shells(vm.suggest_medium(vm.models.prestellar_core(64), n=5))
     assert {shell.expr.text for shell in media} == {"log10(density)"}
     steps = np.diff([shell.center for shell in media])
     assert np.ptp(steps) < 0.25 * steps.mean()  # the bins of the small, innermost shells are noisy
@@ -62,7 +62,9 @@ def test_both_ends_of_signed_data_are_seen():
     grid = vm.CartesianGrid.uniform(48, (-1, 1))
     x, y, z = np.meshgrid(*grid.centers, indexing="ij")
     speed = np.exp(-(x**2 + y**2) / 0.1**2 - (abs(z) - 0.5) ** 2 / 0.3**2)
-    centers = [shell.center for shell in shells(vm.auto(vm.Volume(grid, v=np.sign(z) * speed)))]
+    centers = [
+        shell.center for shell in shells(vm.suggest_medium(vm.Volume(grid, v=np.sign(z) * speed)))
+    ]
     assert centers == pytest.approx([-c for c in reversed(centers)], abs=0.05)  # few cells
     assert centers[-1] > 0.4
 
@@ -73,11 +75,11 @@ def test_levels_are_above_noise_around_zero():
     noise = np.random.default_rng(2).normal(0, 0.1, volume.grid.shape)
     noisy = vm.Volume(volume.grid, a=volume.array("a") + noise)
     assert noise_of(sampled_values(noisy, Expression("a"))) == pytest.approx(0.1, rel=0.05)
-    centers = [shell.center for shell in shells(vm.auto(noisy))]
+    centers = [shell.center for shell in shells(vm.suggest_medium(noisy))]
     assert min(centers) > 0.4
     assert max(centers) > 1.5
     # Without the noise nothing is negative, and the range begins at zero.
-    assert min(shell.center for shell in shells(vm.auto(volume))) < 0.4
+    assert min(shell.center for shell in shells(vm.suggest_medium(volume))) < 0.4
 
 
 @pytest.mark.parametrize(
@@ -182,7 +184,7 @@ def test_labels_get_a_shell_each_but_not_the_background():
     a = np.zeros((12, 12, 12), np.uint8)
     a[2:5, 2:5, 2:5], a[6:10, 6:10, 6:10], a[7, 7, 7] = 2, 3, 5
     volume = vm.Volume(vm.CartesianGrid.uniform(12, (0, 12)), tissue=a)
-    media = shells(vm.auto(volume, n=2))
+    media = shells(vm.suggest_medium(volume, n=2))
     assert [shell.center for shell in media] == [2, 3, 5]
     assert all(isinstance(shell, vm.Rectangle) for shell in media)
     assert len({shell.color for shell in media}) == 3
@@ -208,7 +210,7 @@ def test_a_constant_shows_nothing(value):
     grid = vm.CartesianGrid.uniform(4, (0, 1))
     volume = vm.Volume(grid, a=np.full(grid.shape, value))
     with pytest.raises(vm.InputError, match="nothing to see"):
-        vm.auto(volume)
+        vm.suggest_medium(volume)
 
 
 @pytest.mark.parametrize("value", [1e-24, 300.0, -7.0])
@@ -217,22 +219,22 @@ def test_rounding_is_no_structure(value):
     noise = 1 + 1e-15 * np.random.default_rng(1).normal(size=(12, 12, 12))
     volume = vm.Volume(vm.CartesianGrid.uniform(12, (-1, 1)), temperature=value * noise)
     with pytest.raises(vm.InputError, match=f"temperature is {value:g} everywhere"):
-        vm.auto(volume)
+        vm.suggest_medium(volume)
     # Beside a field with structure it is not looked at.
     volume["heat"] = "exp(-3 * r)"
-    assert shells(vm.auto(volume))[0].expr.text == "heat"
+    assert shells(vm.suggest_medium(volume))[0].expr.text == "heat"
     # One odd cell, and the range of all others is no wider than rounding.
     odd = volume.array("temperature").copy()
     odd[5, 6, 7] *= 2
     del volume["temperature"], volume["heat"]
     volume["temperature"] = odd
-    assert len(shells(vm.auto(volume))) == 4
+    assert len(shells(vm.suggest_medium(volume))) == 4
 
 
 def test_the_precision_of_a_field_does_not_move_levels():
     core = vm.models.prestellar_core(32)  # many cells have the greatest density
     double = vm.Volume(core.grid, density=core.array("density").astype(np.float64))
-    one, two = ([s.center for s in shells(vm.auto(v))] for v in (core, double))
+    one, two = ([s.center for s in shells(vm.suggest_medium(v))] for v in (core, double))
     assert core.array("density").dtype == np.float32
     # Rounding may push a cell into the next of 1024 bins, of a range of four decades.
     np.testing.assert_allclose(one, two, atol=0.01)
@@ -244,7 +246,7 @@ def test_one_odd_cell_does_not_matter_whatever_its_sign(odd):
     a = volume.array("a").copy()
     a[3, 4, 5] = odd
     volume["a"] = a
-    found = [shell.center for shell in shells(vm.auto(volume))]
+    found = [shell.center for shell in shells(vm.suggest_medium(volume))]
     # Its neighbours are steep, so a level may move within its quarter of the range, 2 to 3.
     assert (np.diff([2, *found, 3]) > 0).all()
     assert np.ptp(found) > 0.4
@@ -253,20 +255,20 @@ def test_one_odd_cell_does_not_matter_whatever_its_sign(odd):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
 def test_cells_without_a_value_do_not_matter(bad):
     volume = cube(lambda r: np.where(r > 0.9, bad, 10 ** (4 - 4 * r)))
-    media = shells(vm.auto(volume, n=3))
+    media = shells(vm.suggest_medium(volume, n=3))
     assert {shell.expr.text for shell in media} == {"log10(a)"}
     assert np.all(np.diff([shell.center for shell in media]) > 0)
     assert all(0.4 < shell.center < 4 for shell in media)
 
 
 def test_the_same_data_gives_the_same_medium():
-    first, second = (vm.auto(cube(np.cos)).describe() for _ in range(2))
+    first, second = (vm.suggest_medium(cube(np.cos)).describe() for _ in range(2))
     assert first == second
 
 
 def test_opacity_scales_the_optical_depth_and_large_shells_are_more_transparent():
     core = vm.models.prestellar_core(32)
-    one, half = (shells(vm.auto(core, opacity=o)) for o in (1.0, 0.5))
+    one, half = (shells(vm.suggest_medium(core, opacity=o)) for o in (1.0, 0.5))
     for a, b in zip(one, half, strict=True):
         assert b.opacity[0] == pytest.approx(0.5 * a.opacity[0])
     assert np.all(np.diff([shell.opacity[0] for shell in one]) > 0)
@@ -274,7 +276,7 @@ def test_opacity_scales_the_optical_depth_and_large_shells_are_more_transparent(
 
 def test_an_expression_may_be_given():
     core = vm.models.prestellar_core(16)
-    media = shells(vm.auto(core, "r / 1e16", n=2, cmap="viridis"))
+    media = shells(vm.suggest_medium(core, "r / 1e16", n=2, cmap="viridis"))
     assert [shell.expr.text for shell in media] == ["r / 1e16"] * 2
 
 
@@ -296,7 +298,7 @@ def test_an_expression_may_be_given():
 )
 def test_errors_say_what_to_do(options, error, told):
     with pytest.raises(error, match=told):
-        vm.auto(vm.models.prestellar_core(8), **options)
+        vm.suggest_medium(vm.models.prestellar_core(8), **options)
 
 
 @pytest.mark.parametrize(
@@ -304,20 +306,20 @@ def test_errors_say_what_to_do(options, error, told):
     [(np.ones((2, 2, 2)), "holds an array"), ("data.npz", "vm.open"), (None, "NoneType")],
 )
 def test_what_is_no_volume_is_refused(what, told):
-    with pytest.raises(vm.InputError, match=rf"auto needs a vm.Volume first.*{told}"):
-        vm.auto(what)
+    with pytest.raises(vm.InputError, match=rf"suggest_medium needs a vm.Volume first.*{told}"):
+        vm.suggest_medium(what)
 
 
 def test_a_volume_without_fields_says_so():
     with pytest.raises(vm.InputError, match="no fields"):
-        vm.auto(vm.Volume(vm.CartesianGrid.uniform(4, (0, 1))))
+        vm.suggest_medium(vm.Volume(vm.CartesianGrid.uniform(4, (0, 1))))
 
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", real_data.names())
 def test_a_picture_of_real_data_shows_something(name):
     volume = real_data.load(name)
-    image = vm.render(volume, vm.auto(volume), CAMERA, scheme="second-order")
+    image = vm.render(volume, vm.suggest_medium(volume), CAMERA, scheme="second-order")
     shown = image.to_rgb().max(axis=-1)
     visible = shown > 0.05
     # Not black, and not full to the edge: the frame is wider than any volume.
@@ -383,15 +385,15 @@ def test_a_file_of_no_known_kind_is_refused(data, capsys):
 @pytest.mark.parametrize("wrong", [4, 4.0, True, ["a"], np.zeros(3)])
 def test_what_is_no_expression_is_refused(wrong):
     with pytest.raises(vm.InputError, match="expr must be a field or an expression"):
-        vm.auto(cube(lambda r: r, 4), wrong)
+        vm.suggest_medium(cube(lambda r: r, 4), wrong)
     with pytest.raises(vm.InputError, match="for 3 shells write n=3"):
-        vm.auto(cube(lambda r: r, 4), 3)
+        vm.suggest_medium(cube(lambda r: r, 4), 3)
 
 
 def test_a_first_picture_needs_a_volume_only():
     volume = vm.models.prestellar_core(16)
     image = vm.render(volume)
-    expected = vm.render(volume, vm.auto(volume), vm.Orthographic(incl=60, phi=30))
+    expected = vm.render(volume, vm.suggest_medium(volume), vm.Orthographic(incl=60, phi=30))
     np.testing.assert_array_equal(image.intensity, expected.intensity)
     with pytest.raises(vm.InputError, match="Volume"):
         vm.render("density")
@@ -399,9 +401,9 @@ def test_a_first_picture_needs_a_volume_only():
 
 def test_the_medium_of_first_pictures_is_found_once_and_anew_where_a_field_has_changed(monkeypatch):
     counted = []
-    found = rendering.first_medium.auto
+    found = rendering.first_medium.suggest_medium
     monkeypatch.setattr(
-        rendering.first_medium, "auto", lambda volume: counted.append(1) or found(volume)
+        rendering.first_medium, "suggest_medium", lambda volume: counted.append(1) or found(volume)
     )
     values = cube(boundary(0.5, (0.0, 1.0)), 24).array("a").copy()
     volume = vm.Volume(vm.CartesianGrid.uniform(24, (-1, 1)), a=values)
@@ -409,7 +411,7 @@ def test_the_medium_of_first_pictures_is_found_once_and_anew_where_a_field_has_c
     np.testing.assert_array_equal(vm.render(volume).intensity, first.intensity)
     assert len(counted) == 1
     values[:] = 1.0 - values  # in place, as whoever has the array may
-    assert vm.render(volume).provenance["medium"] == vm.auto(volume).describe()
+    assert vm.render(volume).provenance["medium"] == vm.suggest_medium(volume).describe()
     volume["b"] = np.zeros(volume.grid.shape)
     vm.render(volume)
     assert len(counted) == 3
@@ -427,17 +429,17 @@ def test_a_first_picture_of_labels_shows_no_others_between_two():
     volume = organs()
     image = vm.render(volume)
     assert image.provenance["scheme"] == "first-order"
-    medium = vm.auto(volume)
+    medium = vm.suggest_medium(volume)
     for options in ({}, {"scheme": "first-order"}):
-        chosen = vm.render(volume, medium, vm.framed(volume, medium), **options)
+        chosen = vm.render(volume, medium, vm.Orthographic.framing(volume, medium), **options)
         np.testing.assert_array_equal(image.intensity, chosen.intensity)
     assert vm.render(volume, scheme="second-order").provenance["scheme"] == "second-order"
 
 
 def test_some_labels_are_drawn_cell_by_cell_and_with_a_shell_of_ones_own_as_usual():
     volume = organs()
-    every = vm.auto(volume)
-    some = vm.calibrate(sum(every.components()[1:]), volume)
+    every = vm.suggest_medium(volume)
+    some = sum(every.components()[1:]).calibrated(volume)
     own = vm.Rectangle("organ", 3.0, 0.5, (1, 1, 1), 1)
     used = {
         "first-order": (every, some, every.components()[0]),

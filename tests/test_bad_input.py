@@ -48,7 +48,10 @@ MAKERS = {
         ),
         {"fields": ["a"], "channels": 1, "parameters": {"p": 1}},
     ),
-    "auto": (vm.auto, {"volume": VOLUME, "expr": "a", "n": 2, "opacity": 1.0, "cmap": "turbo"}),
+    "auto": (
+        vm.suggest_medium,
+        {"volume": VOLUME, "expr": "a", "n": 2, "opacity": 1.0, "cmap": "turbo"},
+    ),
     "Orthographic": (
         vm.Orthographic,
         {"incl": 1, "phi": 1, "posang": 1, "width": 1, "resolution": 2, "shift": (0, 0)},

@@ -69,7 +69,7 @@ def test_thicknesses_that_cannot_be_measured_say_so():
     corners = 5.9e307 * np.sum(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=0)
     volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 2)), a=corners)
     with np.errstate(all="ignore"), pytest.raises(vm.InputError, match="Take another unit"):
-        vm.calibrate(vm.Gaussian("a", 0, 1e306, 1, 0.1), volume)
+        vm.Gaussian("a", 0, 1e306, 1, 0.1).calibrated(volume)
 
 
 @pytest.mark.parametrize("offset", [1e5, 1e7])

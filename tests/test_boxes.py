@@ -230,26 +230,26 @@ def test_a_picture_of_levels_in_their_colours():
     volume = vm.Volume(grid, a=np.ones(grid.shape))
     pixel = {x: round((x + 3) / 6 * 61 - 0.5) for x in (-2, -1, 0, 2)}
     row = round((-0.5 + 3) / 6 * 61 - 0.5)
-    colours = vm.boxes(colors=["red", "lime"], relative=False)
+    colours = vm.Boxes(colors=["red", "lime"], relative=False)
     seen, image = seen_columns(volume, colours, row)
     assert seen.tolist() == list(pixel.values())
     assert (image.intensity[row, pixel[-2]] > 0).tolist() == [True, False, False]
     assert (image.intensity[row, pixel[-1]] > 0).tolist() == [False, True, False]
-    seen, _ = seen_columns(volume, vm.boxes(volume, levels=1, colors="red", relative=False), row)
+    seen, _ = seen_columns(volume, vm.Boxes(volume, levels=1, colors="red", relative=False), row)
     assert seen.tolist() == [pixel[-1], pixel[0]]
     numbers = np.array([[1, 0, 0], [0, 1, 0]]) * u.one
-    again = seen_columns(volume, vm.boxes(colors=numbers, relative=False), row)[1]
+    again = seen_columns(volume, vm.Boxes(colors=numbers, relative=False), row)[1]
     np.testing.assert_array_equal(again.intensity, image.intensity)
     cartesian = vm.Volume(grid=vm.CartesianGrid.uniform(4, (-2, 2)), a=np.ones((4, 4, 4)))
-    one = seen_columns(cartesian, vm.boxes(colors=["red"], levels=range(3), relative=False), row)[0]
+    one = seen_columns(cartesian, vm.Boxes(colors=["red"], levels=range(3), relative=False), row)[0]
     assert one.tolist() == [pixel[-2], pixel[2]]
 
 
 def test_boxes_describe_themselves():
-    for thing in (vm.boxes(levels=[0, 2], merged=False), vm.boxes(levels=1), vm.boxes()):
+    for thing in (vm.Boxes(levels=[0, 2], merged=False), vm.Boxes(levels=1), vm.Boxes()):
         (again,) = build_objects([thing.describe()])
         assert again.describe() == thing.describe()
-    assert vm.boxes(levels=[0, 2]).describe() == {"type": "boxes", "levels": [0, 2]}
+    assert vm.Boxes(levels=[0, 2]).describe() == {"type": "boxes", "levels": [0, 2]}
 
 
 @pytest.mark.parametrize(
@@ -268,7 +268,7 @@ def test_boxes_describe_themselves():
 def test_boxes_that_make_no_sense(options, told):
     volume = vm.Volume(corner_tree(), a=np.zeros(29))
     with pytest.raises(vm.InputError, match=told):
-        seen_columns(volume, vm.boxes(**options))
+        seen_columns(volume, vm.Boxes(**options))
 
 
 def test_edges_of_boxes_are_the_edges_of_boxes():
@@ -284,4 +284,4 @@ def test_edges_of_boxes_are_the_edges_of_boxes():
 
 def test_colours_in_place_of_a_volume_are_refused():
     with pytest.raises(vm.InputError, match=r"expected a vm\.Volume, or colors="):
-        vm.boxes(["red", "lime"])
+        vm.Boxes(["red", "lime"])

@@ -31,7 +31,7 @@ def ramp(slope=3.0, edges=None, *, axis=0, unit=None, across=40.0):
 
 
 def length(medium, volume):
-    return vm.calibrate(medium, volume).path_length
+    return medium.calibrated(volume).path_length
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.3, 2.0])  # thinner than a cell, and thicker
@@ -131,11 +131,11 @@ def test_only_what_is_auto_is_changed_and_only_in_the_copy():
     automatic = vm.Gaussian("a", 40, 1, (1, 2), 0.1, "auto")
     given_length = vm.Gaussian("a", 20, 1, (1, 2), 0.1, 7.0)
     total = automatic + given_length
-    done = vm.calibrate(total, ramp())
+    done = total.calibrated(ramp())
     assert [type(p.path_length) for p in done.components()] == [float, float]
     assert done.components()[1] is given_length
     assert automatic.path_length == "auto"
-    assert vm.calibrate(done, ramp()) is done
+    assert done.calibrated(ramp()) is done
     told = {**automatic.describe(), "path_length": done.components()[0].path_length}
     assert done.components()[0].describe() == told
 
@@ -251,17 +251,15 @@ def test_other_texts_are_refused(bad):
         vm.Gaussian("a", 40, 1, 1, 1, bad)
 
 
-def test_what_is_no_medium_or_no_volume_is_refused():
+def test_what_is_no_volume_is_refused():
     shell = vm.Gaussian("a", 40, 1, 1, 1, "auto")
-    with pytest.raises(vm.InputError, match=r"calibrate needs a medium .* first, got Volume"):
-        vm.calibrate(ramp(), shell)
-    with pytest.raises(vm.InputError, match=r"a vm\.Volume second, got str; vm\.open"):
-        vm.calibrate(shell, "data.npz")
+    with pytest.raises(vm.InputError, match=r"a vm\.Volume first, got str; vm\.open"):
+        shell.calibrated("data.npz")
 
 
 def test_an_unknown_field_is_named():
     with pytest.raises(vm.UnknownNameError, match="'b'"):
-        vm.calibrate(vm.Gaussian("b", 40, 1, 1, 1, "auto"), ramp())
+        vm.Gaussian("b", 40, 1, 1, 1, "auto").calibrated(ramp())
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
@@ -306,7 +304,7 @@ def test_a_scene_may_say_auto():
 )
 def test_a_path_length_that_is_not_given_is_measured(make):
     assert make().key() == make(path_length="auto").key()
-    assert vm.calibrate(make(), ramp()).path_length > 0
+    assert make().calibrated(ramp()).path_length > 0
 
 
 class Wedge(vm.Medium):
@@ -329,7 +327,7 @@ class Wedge(vm.Medium):
 def test_media_of_others_are_measured_by_their_profiles():
     # Half as wide as it goes on, as any triangle is; a grows by 4 per unit of length.
     grid = vm.CartesianGrid.uniform(40, (0, 1))
-    medium = vm.calibrate(Wedge(), vm.Volume(grid, a="4*x"))
+    medium = Wedge().calibrated(vm.Volume(grid, a="4*x"))
     assert medium.path_length == pytest.approx(0.5 / 4, rel=1e-6)
 
 
@@ -364,7 +362,7 @@ def test_pictures_of_a_volume_measure_once(monkeypatch):
     assert found == [2, 1]
     seen(vm.Colormap("a", "viridis", 10.0, 60.0, 0.1), vm.Colormap("a", "magma", 10.0, 60.0, 0.1))
     assert found == [2, 1, 1]  # both are as wide
-    assert vm.calibrate(shells[0], volume).path_length == pytest.approx(SQRT_2PI / 3.0)
+    assert shells[0].calibrated(volume).path_length == pytest.approx(SQRT_2PI / 3.0)
 
 
 def test_what_was_changed_in_place_is_measured_again(monkeypatch):

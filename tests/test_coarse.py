@@ -17,7 +17,7 @@ from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
 from voluminous.media.context import Context, no_unit
 from voluminous.rendering.empty_space.blocks import DUAL
 from voluminous.rendering.interpolants.limits import Limit
-from voluminous.schemes.one_panel import OnePanel
+from voluminous.schemes.pre_integrated import PreIntegrated
 
 CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)
 numbers = st.integers(0, 2**32 - 1)
@@ -89,7 +89,7 @@ def shells(field):
 
 def drawn(scene, coarseness, **options):
     """Return a picture of one panel per segment."""
-    return vm.render(*scene, CAMERA, scheme=OnePanel(coarseness), **options).intensity
+    return vm.render(*scene, CAMERA, scheme=PreIntegrated(coarseness), **options).intensity
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
@@ -99,8 +99,8 @@ def test_a_linear_field_is_crossed_in_wide_steps_without_error(precision, order)
     volume, medium = shells("0.5*x + 0.3*y - 0.4*z + 0.5")
     inner = vm.Orthographic(50, 20, width=1.0, resolution=30)
     options = {"precision": precision, "order": order, "cutoff": 0}
-    wide = vm.render(volume, medium, inner, scheme=OnePanel(0.01), **options)
-    fine = vm.render(volume, medium, inner, scheme=OnePanel(0), **options)
+    wide = vm.render(volume, medium, inner, scheme=PreIntegrated(0.01), **options)
+    fine = vm.render(volume, medium, inner, scheme=PreIntegrated(0), **options)
     exact = vm.render(volume, medium, inner, precision="double", tolerance=1e-7, cutoff=0)
     most = exact.intensity.max()
     # A panel has a mean of j and of α, front and back mixed: what is dense is not crossed in wide
@@ -109,7 +109,8 @@ def test_a_linear_field_is_crossed_in_wide_steps_without_error(precision, order)
     assert np.abs(wide.intensity - exact.intensity).max() < 0.02 * most
     thin = vm.Gaussian("f", 0.3, 0.1, 1.0, 0.0, 0.1)
     pair = [
-        vm.render(volume, thin, inner, scheme=OnePanel(c), **options).intensity for c in (0.01, 0)
+        vm.render(volume, thin, inner, scheme=PreIntegrated(c), **options).intensity
+        for c in (0.01, 0)
     ]
     # Where the field bends, beyond the outermost centres, wings of shells may be off by more than
     # what the coarseness is of their peak, but by no more of what they show.
@@ -200,5 +201,5 @@ def test_a_rough_field_is_never_crossed_in_wide_steps():
 )
 def test_media_that_look_at_more_than_wide_shells_take_steps_of_one_cell(medium):
     volume, _ = shells("abs(0.5*x + 0.3*y - 0.4*z + 0.5)")
-    pair = [vm.render(volume, medium, CAMERA, scheme=OnePanel(c)).intensity for c in (0.1, 0)]
+    pair = [vm.render(volume, medium, CAMERA, scheme=PreIntegrated(c)).intensity for c in (0.1, 0)]
     np.testing.assert_array_equal(*pair)

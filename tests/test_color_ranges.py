@@ -22,7 +22,7 @@ def cube(cells=32, **fields):
 
 def ends(medium, volume):
     """Return the range of the colours of a medium in a volume."""
-    scale = vm.calibrate(medium, volume).modulation.color.scale
+    scale = medium.calibrated(volume).modulation.color.scale
     return np.array([scale.values[0], scale.values[-1]])
 
 
@@ -64,7 +64,7 @@ def test_what_is_given_stays_and_what_is_measured_has_the_unit_of_the_field():
     volume = cube(24)
     volume["t"] = volume.evaluate("300 + 100 * y") * u.K
     by = vm.ColorBy("t", "inferno", vmax=0.35 * u.kK)
-    found = vm.calibrate(vm.Gaussian("x", 0, 0.2, by, 1.0), volume).describe()["color"]
+    found = vm.Gaussian("x", 0, 0.2, by, 1.0).calibrated(volume).describe()["color"]
     assert found["vmax"] == "0.35 kK"
     low, unit = found["vmin"].split()
     assert unit == "K"
@@ -101,7 +101,7 @@ def test_a_colormap_takes_the_range_of_its_own_expression(norm):
     volume = cube(32)
     volume["t"] = (10 ** (3 * volume.evaluate("y"))) * u.K
     medium = vm.Colormap("t", "viridis", opacity=0.3, norm=norm, where="y > 0")
-    found = vm.calibrate(medium, volume)
+    found = medium.calibrated(volume)
     told = found.describe()
     assert told["vmin"].endswith(" K")
     np.testing.assert_allclose(np.log10(found.values[[0, -1]]), [0, 3], atol=0.1)
@@ -111,7 +111,7 @@ def test_a_colormap_takes_the_range_of_its_own_expression(norm):
         "t", "viridis", *told_range(told), 0.3, told["path_length"], norm=norm, where="y > 0"
     )
     np.testing.assert_array_equal(image.intensity, vm.render(volume, given, CAMERA).intensity)
-    with pytest.raises(vm.InputError, match=r"take vm\.calibrate"):
+    with pytest.raises(vm.InputError, match=r"take medium\.calibrated"):
         medium.nodes(None)
     assert "vmin" not in medium.describe()
 
@@ -127,7 +127,7 @@ def test_mistakes_are_told_at_once_and_colours_without_a_range_when_they_are_nee
         vm.ColorBy("t", "plasma", norm="logg")
     with pytest.raises(vm.InputError, match="samples must be"):
         vm.ColorBy("t", "plasma", samples=1)
-    with pytest.raises(vm.InputError, match=r"give vmin and vmax, or take vm\.calibrate"):
+    with pytest.raises(vm.InputError, match=r"give vmin and vmax, or take medium\.calibrated"):
         _ = vm.ColorBy("t", "plasma").scale
 
 

@@ -26,12 +26,12 @@ DOORS = {
     "isosurfaces": lambda c: vm.Isosurface("a", levels=[1, 2], color=[c, c]).colors,
     "table": lambda c: vm.Table("a", [1, 2], [c, c], [0, 1]).colors,
     "mix": lambda c: vm.Image(np.ones((2, 2, 2))).to_rgb(mix=[c, c]),
-    "star": lambda c: drawn(objects=[vm.Star((0, 0, 0), c, radius=1e16)]),
+    "star": lambda c: drawn(objects=[vm.Stars([(0, 0, 0)], c, radii=1e16)]),
     "stars": lambda c: drawn(objects=[vm.Stars(np.zeros((2, 3)), [c, c], radii=1e16)]),
     "spheres": lambda c: drawn(objects=[vm.Spheres(np.zeros((1, 3)), 1e16, c)]),
     "lines": lambda c: drawn(objects=[vm.Lines(np.eye(3) * 1e16, c)]),
-    "boxes": lambda c: drawn(objects=[vm.boxes(colors=c)]),
-    "axes": lambda c: drawn(objects=[vm.axes(colors=[c, c, c])]),
+    "boxes": lambda c: drawn(objects=[vm.Boxes(colors=c)]),
+    "axes": lambda c: drawn(objects=[vm.Axes(colors=[c, c, c])]),
 }
 
 
@@ -69,7 +69,7 @@ def test_colormaps_with_alpha_are_refused():
     for make in (
         lambda: vm.Colormap("a", clear, 0, 1),
         lambda: vm.ColorBy("a", clear, 0, 1),
-        lambda: vm.auto(CORE, cmap=clear),
+        lambda: vm.suggest_medium(CORE, cmap=clear),
     ):
         with pytest.raises(InputError, match="opacity="):
             make()

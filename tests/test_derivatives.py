@@ -17,7 +17,7 @@ from expression_trees import expressions
 from voluminous import derivatives
 from voluminous.errors import ExpressionError, InputError, UnknownNameError
 from voluminous.expressions import Expression, components, derived_field
-from voluminous.expressions.text import text
+from voluminous.expressions.tree import text
 
 # Three different irregular axes.
 EDGES = [
@@ -433,9 +433,9 @@ def test_refresh_finds_arrays_changed_in_place():
 
 
 LOOKS = {
-    "auto": lambda volume: vm.auto(volume, "gradmag(f)").describe(),
-    "calibrate": lambda volume: vm.calibrate(SHELL, volume).path_length,
-    "colours": lambda volume: vm.calibrate(vm.Colormap("laplacian(f)", "viridis"), volume).key(),
+    "auto": lambda volume: vm.suggest_medium(volume, "gradmag(f)").describe(),
+    "calibrate": lambda volume: SHELL.calibrated(volume).path_length,
+    "colours": lambda volume: vm.Colormap("laplacian(f)", "viridis").calibrated(volume).key(),
     "measure": lambda volume: vm.measure(volume, "gradmag(f)")["gradmag(f)"],
     "render": lambda volume: vm.render(volume, SHELL, FEW).intensity.tolist(),
     "column": lambda volume: vm.column(volume, "gradmag(f)", FEW).intensity.tolist(),

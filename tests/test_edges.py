@@ -10,7 +10,7 @@ import pytest
 import voluminous as vm
 from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression, NumpyOps
-from voluminous.expressions.sides import on_one_side
+from voluminous.expressions.expression import on_one_side
 from voluminous.media.context import Context
 from voluminous.media.edges import Level, edges_ahead, first_edge
 from voluminous.media.stretch import Stretch

@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 from expression_trees import expressions
 from voluminous.errors import ExpressionError, InputError, UnitsError, UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, NumpyOps, Ops, check_names, resolve
-from voluminous.expressions.language import FOREIGN_FUNCTIONS
-from voluminous.expressions.quantities import marked
-from voluminous.expressions.text import text as text_of
+from voluminous.expressions.language import FOREIGN_FUNCTIONS, marked
+from voluminous.expressions.tree import text as text_of
 
 
 @pytest.fixture(scope="module")

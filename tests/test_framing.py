@@ -23,7 +23,7 @@ def lump(center, radius, unit=None, n=64):
 @pytest.mark.parametrize("angles", [(0, 0), (60, 30), (90, 90), (130, 200)])
 def test_all_that_shows_is_in_the_frame_and_fills_it(angles, resolution):
     volume = lump((4, 10, 12), 2.0)
-    camera = vm.framed(volume, DENSE, *angles, resolution=resolution)
+    camera = vm.Orthographic.framing(volume, DENSE, *angles, resolution=resolution)
     image = vm.render(volume, DENSE, camera)
     lit = image.intensity[..., 0] > 0.02 * image.intensity.max()
     spans = [np.flatnonzero(lit.any(axis=a)) for a in (0, 1)]
@@ -39,29 +39,31 @@ def test_all_that_shows_is_in_the_frame_and_fills_it(angles, resolution):
 @pytest.mark.parametrize("density", [0.0, 1.0])
 def test_the_whole_box_is_seen_where_nothing_shows_or_all_of_it(density):
     volume = vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), density=np.full((8, 8, 8), density))
-    camera = vm.framed(volume, DENSE, 20, 30, resolution=50)
+    camera = vm.Orthographic.framing(volume, DENSE, 20, 30, resolution=50)
     assert camera.width is None
     assert camera.describe() == vm.Orthographic(20, 30, resolution=50).describe()
 
 
 def test_lengths_are_in_the_unit_of_the_volume():
-    plain, parsecs = (vm.framed(lump((4, 10, 12), 2.0, unit), DENSE) for unit in (None, u.pc))
+    plain, parsecs = (
+        vm.Orthographic.framing(lump((4, 10, 12), 2.0, unit), DENSE) for unit in (None, u.pc)
+    )
     assert (plain.width, plain.shift) == (parsecs.width, parsecs.shift)
 
 
 def test_a_first_picture_shows_what_there_is():
     volume = lump((4, 10, 12), 2.0)
     image = vm.render(volume)
-    whole = vm.render(volume, vm.auto(volume), vm.Orthographic(60, 30))
+    whole = vm.render(volume, vm.suggest_medium(volume), vm.Orthographic(60, 30))
     share = [np.mean(i.intensity.sum(axis=-1) > 0.02 * i.intensity.max()) for i in (image, whole)]
     assert share[0] > 0.3 > 3 * share[1]
 
 
 def test_what_cannot_be_drawn_is_told_as_by_render():
     with pytest.raises(vm.UnknownNameError, match="densty"):
-        vm.framed(lump((4, 10, 12), 2.0), vm.Coefficients("densty", 1.0))
+        vm.Orthographic.framing(lump((4, 10, 12), 2.0), vm.Coefficients("densty", 1.0))
     with pytest.raises(vm.InputError, match="medium"):
-        vm.framed(lump((4, 10, 12), 2.0), "density")
+        vm.Orthographic.framing(lump((4, 10, 12), 2.0), "density")
 
 
 def test_without_a_medium_the_whole_volume_is_seen():
@@ -69,6 +71,19 @@ def test_without_a_medium_the_whole_volume_is_seen():
     density[4:6, 8:10, 8:10] = 1
     volume = vm.Volume(vm.CartesianGrid.uniform(16, (0, 16)), density=density)
     volume.meta["orientation"] = "LPS"
-    camera = vm.framed(volume, view="left", resolution=32)
+    camera = vm.Orthographic.framing(volume, view="left", resolution=32)
     assert camera.frame(volume.grid).pixel[0] == 0.5
     assert vm.project(volume, "density", camera).intensity.max() == 1
+
+
+def test_a_perspective_camera_sees_the_same():
+    volume = lump((4, 10, 12), 2.0)
+    near = vm.Perspective.framing(volume, DENSE, 60, 30, resolution=64)
+    image = vm.render(volume, DENSE, near).intensity[..., 0]
+    edges = [image[0], image[-1], image[:, 0], image[:, -1]]
+    assert max(edge.max() for edge in edges) < 0.02 * image.max()
+    there = np.flatnonzero((image > 0.02 * image.max()).any(axis=0))
+    assert np.ptp(there) > 0.4 * 64
+    assert near.framing(volume, fov=90).width == pytest.approx((2.0, 2.0))
+    with pytest.raises(vm.InputError, match="between 0 and 180"):
+        vm.Perspective.framing(volume, fov=180)

@@ -15,7 +15,7 @@ from PIL import Image as Pillow
 
 from voluminous.errors import InputError, UnitsError, UnknownNameError
 from voluminous.image import Image
-from voluminous.image.plot import round_length
+from voluminous.image.lengths import round_length
 
 
 def test_two_axes_become_one_channel():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from voluminous.backend import get_backend
-from voluminous.schemes.in_front import InFront
 from voluminous.schemes.path import Path
+from voluminous.schemes.step_doubling import ErrorBudget
 
 Float = get_backend("cpu", "double").Float
 SHARE = 0.05
@@ -22,48 +22,48 @@ def stretch(wrong, dim=0.0, transparency=1.0):
     return Path([Float(0.0)], [Float(transparency)], [Float(0.0)], error)
 
 
-def most_allowed(in_front):
+def most_allowed(budget):
     """Return the largest error of emission that is allowed, by bisection."""
     low, high = 0.0, 1.0
     for _ in range(50):
         middle = 0.5 * (low + high)
-        good, _ = in_front.allows(SOURCE, Float(middle), Float(0.0))
+        good, _ = budget.accepts(SOURCE, Float(middle), Float(0.0))
         low, high = (middle, high) if good.numpy()[0] else (low, middle)
     return low
 
 
 def test_every_stretch_may_have_its_share_of_what_is_left():
-    in_front, total = InFront(Float(1.0), Float(0.0)), 0.0
+    budget, total = ErrorBudget(Float(1.0), Float(0.0)), 0.0
     for _ in range(30):
-        own = most_allowed(in_front)
+        own = most_allowed(budget)
         assert own == pytest.approx(SHARE * (2.0 - total), rel=1e-12)
         total += own
-        in_front = in_front.with_stretch(SOURCE, stretch(own), False)
+        budget = budget.behind(SOURCE, stretch(own), False)
     assert total < 2.0
-    assert in_front.spent.numpy()[0] == pytest.approx(total / 2.0, rel=1e-12)
+    assert budget.used.numpy()[0] == pytest.approx(total / 2.0, rel=1e-12)
 
 
 def test_something_is_always_allowed():
-    in_front = InFront(Float(1.0), Float(7.0))
-    assert most_allowed(in_front) == pytest.approx(0.2 * SHARE * 2.0, rel=1e-12)
+    budget = ErrorBudget(Float(1.0), Float(7.0))
+    assert most_allowed(budget) == pytest.approx(0.2 * SHARE * 2.0, rel=1e-12)
 
 
 def test_errors_of_transparency_count_as_well():
-    in_front = InFront(Float(1.0), Float(0.0)).with_stretch(SOURCE, stretch(0.2, 0.3), False)
-    assert in_front.spent.numpy()[0] == pytest.approx(0.1 + 0.3, rel=1e-12)
+    budget = ErrorBudget(Float(1.0), Float(0.0)).behind(SOURCE, stretch(0.2, 0.3), False)
+    assert budget.used.numpy()[0] == pytest.approx(0.1 + 0.3, rel=1e-12)
 
 
 def test_what_is_dimmed_may_be_off_by_more():
-    in_front = InFront(Float(1.0), Float(0.0))
-    forward = in_front.with_stretch(SOURCE, stretch(0.1, transparency=0.25), False)
+    budget = ErrorBudget(Float(1.0), Float(0.0))
+    forward = budget.behind(SOURCE, stretch(0.1, transparency=0.25), False)
     assert most_allowed(forward) == pytest.approx(4 * SHARE * (2.0 - 0.1), rel=1e-12)
     # Towards the observer nobody knows yet what will be in front.
-    backward = in_front.with_stretch(SOURCE, stretch(0.1, transparency=0.25), True)
+    backward = budget.behind(SOURCE, stretch(0.1, transparency=0.25), True)
     assert most_allowed(backward) == pytest.approx(SHARE * (2.0 - 0.1), rel=1e-12)
 
 
 def test_nothing_allowed_is_no_end_of_the_world():
     source = SimpleNamespace(tolerance=(Float(0.0), Float(SHARE), Float(SHARE)))
-    in_front = InFront(Float(1.0), Float(0.0)).with_stretch(source, stretch(0.0), False)
-    good, good_dim = in_front.allows(source, Float(0.0), Float(0.0))
+    budget = ErrorBudget(Float(1.0), Float(0.0)).behind(source, stretch(0.0), False)
+    good, good_dim = budget.accepts(source, Float(0.0), Float(0.0))
     assert np.all(good.numpy() & good_dim.numpy())

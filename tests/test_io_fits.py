@@ -1029,7 +1029,7 @@ def test_l1448_cell_by_cell(l1448):
 
 
 def test_levels_are_above_the_noise_of_l1448(l1448):
-    medium = vm.auto(vm.open(l1448))
+    medium = vm.suggest_medium(vm.open(l1448))
     # The negative values have an rms of 0.12.
     assert [part.expr.text for part in medium.components()] == ["intensity"] * 4
     assert min(part.center for part in medium.components()) > 4 * 0.12

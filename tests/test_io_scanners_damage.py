@@ -45,7 +45,7 @@ def test_streams_that_unpack_to_less_or_to_more(tmp_path, nifti):
     bomb = gzipped_nifti(tmp_path / "more.nii.gz", nifti + bytes(50_000_000))
 
     def opened():
-        with pytest.warns(UserWarning, match="more than its head tells of"):
+        with pytest.warns(UserWarning, match="more than its header tells of"):
             np.testing.assert_array_equal(vm.open(bomb).array("more"), VALUES)
 
     assert tracemalloc_peak(opened) < 10_000_000
@@ -63,7 +63,7 @@ def test_packed_data_are_unpacked_no_further_than_needed(tmp_path, packing):
         path.write_bytes(nrrd_text(encoding="bzip2").encode() + b"\n" + data)
 
     def opened():
-        with pytest.warns(UserWarning, match="more than its head tells of"):
+        with pytest.warns(UserWarning, match="more than its header tells of"):
             np.testing.assert_array_equal(vm.open(path).array("a"), VALUES)
 
     # bzip2 works in blocks of 900 kB.
@@ -139,9 +139,9 @@ def test_a_head_without_its_data(tmp_path, nifti):
         (nrrd_text(data_file="/etc/passwd"), "outside"),
         (nrrd_text(data_file="there_is_none.raw"), "no such file"),
         (nrrd_text(data_file="bad.nhdr"), "names itself"),
-        (nrrd_text(data_file="s%d%d.raw 1 6 1"), "pattern"),
-        (nrrd_text(data_file="s%d.raw 1 999999999 1"), "pattern"),
-        (nrrd_text(data_file="s%999999d.raw 1 6 1"), "pattern"),
+        (nrrd_text(data_file="s%d%d.raw 1 6 1"), "expected files of data"),
+        (nrrd_text(data_file="s%d.raw 1 999999999 1"), "expected files of data"),
+        (nrrd_text(data_file="s%999999d.raw 1 6 1"), "expected files of data"),
         (nrrd_text(data_file="LIST\n"), "names no file"),
         (nrrd_text(byte_skip=-7) + "\n", "cannot begin"),
         (nrrd_text(encoding="ascii") + "\n1 2 3 4", "cut short"),
@@ -167,7 +167,6 @@ def test_nrrd_heads_that_cannot_be(tmp_path, content, told):
         ({"ElementDataFile": "LIST\n../a.raw"}, "outside"),
         ({"ElementDataFile": "LIST\na.raw\na.raw\na.raw\na.raw\na.raw\na.raw\na.raw"}, "evenly"),
         ({"ElementDataFile": "LIST 1\na.raw"}, "files of slices"),
-        ({"ElementDataFile": "LIST\n" + "a.raw\n" * 1_000_000}, "does not end"),
         ({"DimSize": "4 5"}, "NDims"),
         ({"DimSize": "4 5 0"}, "positive whole numbers"),
         ({"DimSize": "4 5 six"}, "whole numbers"),

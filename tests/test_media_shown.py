@@ -93,7 +93,7 @@ def curves(axes):
 
 
 def test_a_transfer_function_shows_what_the_medium_is():
-    medium = vm.calibrate(vm.Gaussian("log10(density)", 4, 0.1, (1, 0.5, 0), 0.3), CORE)
+    medium = vm.Gaussian("log10(density)", 4, 0.1, (1, 0.5, 0), 0.3).calibrated(CORE)
     axes = medium.plot(CORE)
     *channels, alpha = curves(axes)
     x = np.asarray(channels[0].get_xdata())
@@ -141,7 +141,7 @@ def test_every_kind_of_medium_is_drawn(medium):
 
 
 def test_a_sum_has_a_panel_for_each_expression():
-    total = vm.auto(CORE) + vm.Colormap("density", "viridis")
+    total = vm.suggest_medium(CORE) + vm.Colormap("density", "viridis")
     panels = total.plot(CORE)
     assert [p.get_xlabel().split(" [")[0] for p in panels] == ["log10(density)", "density"]
     assert len(total.plot(CORE, ax=panels)) == 2
@@ -149,15 +149,19 @@ def test_a_sum_has_a_panel_for_each_expression():
     assert len(total.plot(CORE, ax=figure.add_subplot())) == 2
     with pytest.raises(vm.InputError, match="ax must be one axes to be divided, or 2, got 3"):
         total.plot(CORE, ax=[panels[0]] * 3)
-    assert vm.auto(CORE).plot(CORE, ax=panels[0]) is panels[0]
+    assert vm.suggest_medium(CORE).plot(CORE, ax=panels[0]) is panels[0]
     with pytest.raises(vm.InputError, match="axes of matplotlib"):
-        vm.auto(CORE).plot(CORE, ax=3)
+        vm.suggest_medium(CORE).plot(CORE, ax=3)
 
 
 def test_notebooks_show_values():
-    for value in (vm.auto(CORE), vm.Orthographic(30), vm.Star((0, 0, 0), radius=1)):
+    for value in (vm.suggest_medium(CORE), vm.Orthographic(30), vm.Stars([(0, 0, 0)], radii=1)):
         assert "<table>" in value._repr_html_()
-    for medium in (vm.auto(CORE), vm.Colormap("density", "viridis"), vm.Isosurface("a", 1)):
+    for medium in (
+        vm.suggest_medium(CORE),
+        vm.Colormap("density", "viridis"),
+        vm.Isosurface("a", 1),
+    ):
         assert medium._repr_png_().startswith(b"\x89PNG")
         assert "data:image/png" in medium._repr_html_()
     for medium in (vm.Coefficients("density", 0), vm.Medium.from_function(max, ["a"], 1)):
@@ -172,7 +176,7 @@ def test_notebooks_show_values():
     assert CORE.slice("grad(density)")._repr_png_() is None
     assert "mass" in vm.measure(CORE, {"mass": "density"})._repr_html_()
     camera = vm.Orthographic(resolution=4)
-    assert "segments" in vm.probe(CORE, vm.auto(CORE), camera, (2, 2))._repr_html_()
+    assert "segments" in vm.probe(CORE, vm.suggest_medium(CORE), camera, (2, 2))._repr_html_()
 
 
 def test_a_notebook_reads_no_file():

@@ -181,7 +181,7 @@ def test_automatic_media_and_flux_conserving_samples_take_holes():
     field = volume.array("density").copy()
     field[:, :, 12:16] = np.nan
     volume["density"] = field
-    image = vm.render(volume, vm.auto(volume), vm.Orthographic(60, 30, resolution=32))
+    image = vm.render(volume, vm.suggest_medium(volume), vm.Orthographic(60, 30, resolution=32))
     assert np.isfinite(image.intensity).all()
     assert image.intensity.max() > 0
     flux = vm.render(

@@ -42,7 +42,7 @@ def front_of(z):
 @pytest.mark.parametrize("order", ["front-to-back", "back-to-front"])
 @pytest.mark.parametrize("z", [-5.0, 0.31, 5.0])
 def test_a_disc_behind_inside_and_in_front_of_a_slab(z, order, scheme, precision):
-    star = vm.Star((0, 0, z), 5.0, radius=0.05)
+    star = vm.Stars([(0, 0, z)], 5.0, radii=0.05)
     image = vm.render(
         SLAB, MEDIUM, CAMERA, scheme=scheme, precision=precision, order=order, objects=star
     )
@@ -66,7 +66,7 @@ def test_a_point_is_dimmed_on_its_own_line_of_sight(precision):
     volume = vm.Volume(grid, a=2.0 + x)
     camera = vm.Orthographic(width=2, resolution=4)
     for place in (-0.61, 0.13, 0.88):
-        star = vm.Star((place, 0.2, 0.5), luminosity=3.0)
+        star = vm.Stars([(place, 0.2, 0.5)], luminosities=3.0)
         options = {"precision": precision, "scheme": "first-order"}
         image = vm.render(volume, vm.Coefficients(0, "a"), camera, objects=[star], **options)
         cell = x[grid.locate([[place, 0.2, 0.5]])[0] // 16, 0, 0]
@@ -104,7 +104,7 @@ def test_points_are_in_the_pixels_whose_rays_pass_them(camera):
             np.asarray(o).item() + 1.7 * np.asarray(d).item()
             for o, d in zip(ray.origin, ray.direction, strict=True)
         ]
-        star = vm.Star(point, luminosity=1.0)
+        star = vm.Stars([point], luminosities=1.0)
         image = vm.render(volume, medium, camera, objects=[star], scheme="first-order")
         assert np.flatnonzero(image.intensity[..., 0]) == iy * nx + ix
 
@@ -118,15 +118,15 @@ def test_fluxes_of_points_and_small_discs_are_the_same_from_everywhere():
         for place in ((0, 0, 0), (1.0, 0.5, 0.7)):
             options = {"camera": camera, "precision": "double", "scheme": "first-order"}
             point = vm.render(
-                empty, medium, objects=vm.Star(place, luminosity=2.0), **options
+                empty, medium, objects=vm.Stars([place], luminosities=2.0), **options
             ).intensity.sum()
             radius = 1e-3
             disc = vm.render(
-                empty, medium, objects=vm.Star(place, radius=radius, luminosity=2.0), **options
+                empty, medium, objects=vm.Stars([place], radii=radius, luminosities=2.0), **options
             ).intensity.sum()
             assert point == pytest.approx(disc, rel=1e-5)  # a disc of 1e-3: (R/D)² remains
     image = vm.render(
-        empty, medium, flat, objects=vm.Star((0, 0, 0), luminosity=2.0), precision="double"
+        empty, medium, flat, objects=vm.Stars([(0, 0, 0)], luminosities=2.0), precision="double"
     )
     assert image.intensity.sum() * image.pixel_area == pytest.approx(2.0 / 9.0, rel=1e-7)
 
@@ -139,7 +139,7 @@ def test_a_psf_spreads_what_there_is(psf):
     image = vm.render(volume, vm.Coefficients(0, "a"), camera, objects=[stars], precision="double")
     theta = np.exp([-1.0, -2.0])
     assert image.intensity.sum() * image.pixel_area == pytest.approx(theta @ [1, 2], rel=1e-12)
-    one = vm.Star((0.11, 0.02, 5.0), luminosity=1.0, psf=psf)
+    one = vm.Stars([(0.11, 0.02, 5.0)], luminosities=1.0, psf=psf)
     light = vm.render(volume, vm.Coefficients(0, "a"), camera, objects=[one]).intensity[..., 0]
     x, y = np.meshgrid(image.x, image.y)
     width = getattr(psf, "value", np.multiply(psf, image.pixel_size[0]))
@@ -169,7 +169,7 @@ def test_several_in_one_pixel_are_folded_in_order_of_depth():
 def test_points_between_layers_are_hidden_by_those_in_front():
     sheet = vm.Spheres([(0, 0, 0.5)], 0.05, 0.0, opacity=0.75)
     for z, part in ((0.7, 1.0), (0.3, 0.25)):
-        star = vm.Star((0.001, 0.002, z), luminosity=1.0)
+        star = vm.Stars([(0.001, 0.002, z)], luminosities=1.0)
         image = vm.render(
             SLAB, vm.Coefficients(0, "a"), CAMERA, objects=[star, sheet], precision="double"
         )
@@ -191,13 +191,13 @@ def test_a_line_is_seen_at_its_depth_all_along(precision):
 
 def test_foreground_is_undimmed_and_hides():
     for thing in (
-        vm.Star((0, 0, -9), 5.0, radius=0.05, depth="foreground"),
+        vm.Stars([(0, 0, -9)], 5.0, radii=0.05, depth="foreground"),
         vm.Lines([[-1, 0, -9], [1, 0, -9]], 5.0, width=3, depth="foreground"),
     ):
         image = vm.render(SLAB, MEDIUM, CAMERA, objects=[thing], background=3.0)
         assert image.intensity[10, 10, 0] == 5.0
         assert image.transparency[10, 10, 0] == 0.0
-    star = vm.Star((0, 0, -9), luminosity=1.0, depth="foreground")
+    star = vm.Stars([(0, 0, -9)], luminosities=1.0, depth="foreground")
     plain = vm.render(SLAB, MEDIUM, CAMERA, precision="double")
     image = vm.render(SLAB, MEDIUM, CAMERA, objects=[star], precision="double")
     added = (image.intensity - plain.intensity).sum() * image.pixel_area
@@ -208,7 +208,7 @@ def test_foreground_is_undimmed_and_hides():
 def test_a_channel_of_its_own(depth):
     """As in the note: the star is the fourth channel of a picture of three."""
     medium = vm.Coefficients(["j", "j", "2 * j"], "a")
-    star = vm.Star((0, 0, 0.5), 5.0, radius=0.05, channel=3, depth=depth)
+    star = vm.Stars([(0, 0, 0.5)], 5.0, radii=0.05, channel=3, depth=depth)
     image = vm.render(SLAB, medium, CAMERA, objects=[star], precision="double", background=1.0)
     assert image.shape == (21, 21, 4)
     seen = 5.0 if depth == "foreground" else 5.0 * np.exp(-ALPHA * 0.95)
@@ -222,15 +222,15 @@ def test_a_channel_of_its_own(depth):
 def test_no_channel_is_left_empty_below_that_of_an_object():
     medium = vm.Gaussian("a", 0.5, 0.1, (1.0,), 1.0, 1.0)
     for channel in (2, 10**20):
-        star = vm.Star((0, 0, 0), 5.0, radius=0.05, channel=channel)
+        star = vm.Stars([(0, 0, 0)], 5.0, radii=0.05, channel=channel)
         with pytest.raises(vm.InputError, match=r"nothing would be in channel 1"):
             vm.render(SLAB, medium, CAMERA, objects=[star])
 
 
 def test_channels_with_their_own_extinction():
     medium = vm.Coefficients(["j", "j"], ["a", "3 * a"])
-    star = vm.Star((0, 0, 0.5), (4.0, 5.0), radius=0.05)
-    point = vm.Star((0.052, 0.052, 0.5), (1.0, 2.0), luminosity=1.0)
+    star = vm.Stars([(0, 0, 0.5)], (4.0, 5.0), radii=0.05)
+    point = vm.Stars([(0.052, 0.052, 0.5)], (1.0, 2.0), luminosities=1.0)
     image = vm.render(SLAB, medium, CAMERA, objects=[star, point], precision="double")
     plain = vm.render(SLAB, medium, CAMERA, precision="double")
     for channel, (alpha, color) in enumerate([(ALPHA, 4.0), (3 * ALPHA, 5.0)]):
@@ -240,8 +240,8 @@ def test_channels_with_their_own_extinction():
         added = (image.intensity - plain.intensity)[15, 15, channel] * image.pixel_area
         assert added == pytest.approx((channel + 1) * np.exp(-alpha), rel=1e-10)
     with pytest.raises(vm.InputError, match="channel 2 is beyond the medium's 2"):
-        vm.render(SLAB, medium, CAMERA, objects=[vm.Star((0, 0, 0), radius=1, channel=2)])
-    front = vm.Star((0, 0, 0), 6.0, radius=0.05, channel=2, depth="foreground")
+        vm.render(SLAB, medium, CAMERA, objects=[vm.Stars([(0, 0, 0)], radii=1, channel=2)])
+    front = vm.Stars([(0, 0, 0)], 6.0, radii=0.05, channel=2, depth="foreground")
     assert vm.render(SLAB, medium, CAMERA, objects=[front]).intensity[10, 10, 2] == 6.0
 
 
@@ -332,7 +332,7 @@ def test_folding_is_folding_one_after_another(groups):
 
 def test_bright_things_behind_thick_clouds_are_not_cut_off():
     volume = vm.models.uniform_slab(emissivity=1.0, extinction=14.0, thickness=1.0)
-    star = vm.Star((0, 0, -1), 1e9, radius=0.05)
+    star = vm.Stars([(0, 0, -1)], 1e9, radii=0.05)
     image = vm.render(volume, MEDIUM, CAMERA, objects=[star], scheme="first-order")
     expected = 1e9 * np.exp(-14.0) + (1 - np.exp(-14.0)) / 14
     assert image.intensity[10, 10, 0] == pytest.approx(expected, rel=1e-4)
@@ -340,7 +340,7 @@ def test_bright_things_behind_thick_clouds_are_not_cut_off():
 
 def test_relative_colors_count_in_the_brightest_pixel():
     plain = vm.render(SLAB, MEDIUM, CAMERA, precision="double")
-    star = vm.Star((0, 0, 5), 2.0, radius=0.05, relative=True)
+    star = vm.Stars([(0, 0, 5)], 2.0, radii=0.05, relative=True)
     image = vm.render(SLAB, MEDIUM, CAMERA, objects=[star], precision="double")
     assert image.intensity[10, 10, 0] == pytest.approx(2.0 * plain.intensity.max(), rel=1e-14)
 
@@ -350,19 +350,19 @@ def test_units():
     volume = vm.Volume(grid, j=np.ones(grid.shape) * u.Jy / u.pc, a=np.zeros(grid.shape) / u.pc)
     camera = vm.Orthographic(width=2, resolution=10)
     things = [
-        vm.Star((0.0, 0.0, 5.0), 3000.0 * u.mJy, radius=0.5),
-        vm.Star((0, 0, 5000) * u.mpc, 3 * u.Jy, radius=500 * u.mpc),
-        vm.Star(
-            [0 * u.pc, 0 * u.pc, 5 * u.pc],
-            luminosity=3 * np.pi * 0.25 * u.Jy * u.pc**2,
-            radius=0.5 * u.pc,
+        vm.Stars([(0.0, 0.0, 5.0)], 3000.0 * u.mJy, radii=0.5),
+        vm.Stars([(0, 0, 5000) * u.mpc], 3 * u.Jy, radii=500 * u.mpc),
+        vm.Stars(
+            [[0 * u.pc, 0 * u.pc, 5 * u.pc]],
+            luminosities=3 * np.pi * 0.25 * u.Jy * u.pc**2,
+            radii=0.5 * u.pc,
         ),
     ]
     for thing in things:
         image = vm.render(volume, vm.Coefficients("j", "a"), camera, objects=[thing])
         assert image.intensity[5, 5, 0] == pytest.approx(3.0, rel=1e-6)
     with pytest.raises(vm.UnitsError, match="radii is in s"):
-        vm.render(volume, MEDIUM, camera, objects=[vm.Star((0, 0, 0), radius=1 * u.s)])
+        vm.render(volume, MEDIUM, camera, objects=[vm.Stars([(0, 0, 0)], radii=1 * u.s)])
 
 
 def test_stars_of_a_table():
@@ -395,17 +395,17 @@ def test_stars_of_a_table():
 
 def test_objects_describe_themselves_and_pictures_tell_them():
     things = [
-        vm.Star((1, 2, 3) * u.pc, "red", radius=0.1 * u.pc, depth="foreground"),
+        vm.Stars([(1, 2, 3) * u.pc], "red", radii=0.1 * u.pc, depth="foreground"),
         vm.Stars(np.zeros((3, 3)), luminosities=[1, 2, 3], psf=2.0),
         vm.Spheres([[1, 2, 3]], 2.0, limb_darkening=0.5),
         vm.Lines([[[0, 0, 0], [1, 1, 1]], [[0, 0, 0], [1, 2, 3], [4, 5, 6]]], width=2.0 * u.mpc),
-        vm.boxes(width=2),
-        vm.axes(length=1 * u.pc),
+        vm.Boxes(width=2),
+        vm.Axes(length=1 * u.pc),
     ]
     told = [thing.describe() for thing in things]
     assert json.loads(json.dumps(told)) == told
     assert [thing.describe() for thing in build_objects(told)] == told
-    assert "Star(position=" in repr(things[0])
+    assert "Stars(positions=" in repr(things[0])
     many = vm.Stars(np.random.default_rng(7).random((1000, 3)), luminosities=1.0)
     image = vm.render(SLAB, MEDIUM, CAMERA, objects=[many])
     assert image.provenance["objects"] == [
@@ -424,10 +424,10 @@ type = "coefficients"
 emissivity = ["inside", "inside", "inside"]
 extinction = "inside"
 [[object]]
-type = "star"
-position = [0, 0, 3]
-color = "red"
-radius = 0.5
+type = "stars"
+positions = [[0, 0, 3]]
+colors = "red"
+radii = 0.5
 [[object]]
 type = "boxes"
 [camera]
@@ -439,24 +439,24 @@ resolution = 20
     image.save(tmp_path / "image.npz")
     again = vm.Scene.load(tmp_path / "image.npz")
     np.testing.assert_array_equal(again.render().intensity, image.intensity)
-    with pytest.raises(vm.UnknownNameError, match=r"\[\[object\]\] 1.*did you mean 'radius'"):
-        scene.replaced({"object.1.radios": 2})
+    with pytest.raises(vm.UnknownNameError, match=r"\[\[object\]\] 1.*did you mean 'radii'"):
+        scene.replaced({"object.1.radi": 2})
     assert scene.render(objects=[]).intensity.max() < image.intensity.max()
 
 
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: vm.Star((0, 0, 0)), "give a star a radius"),
-        (lambda: vm.Star((0, 0), radius=1), r"position must be finite, of shape \(3,\)"),
-        (lambda: vm.Star((0, 0, np.nan), radius=1), "some that are not finite"),
-        (lambda: vm.Star((0, 0, 0), radius=0), "radii must be positive"),
-        (lambda: vm.Star((0, 0, 0), luminosity=-1), "luminosities must be positive"),
-        (lambda: vm.Star((0, 0, 0), radius=1, psf=2), "a psf is for points"),
-        (lambda: vm.Star((0, 0, 0), luminosity=1, psf=0), "psf must be a positive width"),
-        (lambda: vm.Star((0, 0, 0), radius=1, opacity=2), "opacity must be from 0 to 1"),
-        (lambda: vm.Star((0, 0, 0), np.inf, radius=1), "colors must be finite"),
-        (lambda: vm.Star((0, 0, 0), radius=1, channel=-1), "channel must be a whole number"),
+        (lambda: vm.Stars([(0, 0, 0)]), "give a star a radius"),
+        (lambda: vm.Stars([(0, 0)], radii=1), r"positions must be finite, of shape \(n, 3\)"),
+        (lambda: vm.Stars([(0, 0, np.nan)], radii=1), "some that are not finite"),
+        (lambda: vm.Stars([(0, 0, 0)], radii=0), "radii must be positive"),
+        (lambda: vm.Stars([(0, 0, 0)], luminosities=-1), "luminosities must be positive"),
+        (lambda: vm.Stars([(0, 0, 0)], radii=1, psf=2), "a psf is for points"),
+        (lambda: vm.Stars([(0, 0, 0)], luminosities=1, psf=0), "psf must be a positive width"),
+        (lambda: vm.Stars([(0, 0, 0)], radii=1, opacity=2), "opacity must be from 0 to 1"),
+        (lambda: vm.Stars([(0, 0, 0)], np.inf, radii=1), "colors must be finite"),
+        (lambda: vm.Stars([(0, 0, 0)], radii=1, channel=-1), "channel must be a whole number"),
         (lambda: vm.Stars([[0, 0, 0]] * 4, np.ones((3, 2)), radii=1), "list of 4"),
         (lambda: vm.Spheres([[0, 0, 0]] * 4, [1, 2]), "one for each of 4"),
         (lambda: vm.Lines([[0, 0, 0]]), "two points or more"),
@@ -466,15 +466,15 @@ resolution = 20
         (lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=["star"]), "number 0 is of type str"),
         (lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=3), "objects must be a list"),
         (
-            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.boxes(), bounds=True),
+            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Boxes(), bounds=True),
             "bounds are of the medium alone",
         ),
         (
-            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Star((0, 0, 0), "red", radius=1)),
+            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Stars([(0, 0, 0)], "red", radii=1)),
             "names are red, green and blue",
         ),
         (
-            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Star((0, 0, 0), (1, 2), radius=1)),
+            lambda: vm.render(SLAB, MEDIUM, CAMERA, objects=vm.Stars([(0, 0, 0)], (1, 2), radii=1)),
             "expected a number, or 1",
         ),
     ],
@@ -486,12 +486,12 @@ def test_what_makes_no_sense(make, told):
 
 def test_unknown_colours_name_the_nearest():
     with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
-        vm.Star((0, 0, 0), "oragne", radius=1)
+        vm.Stars([(0, 0, 0)], "oragne", radii=1)
 
 
 def test_unknown_depths_name_the_nearest():
     with pytest.raises(vm.UnknownNameError, match="did you mean 'foreground'"):
-        vm.Star((0, 0, 0), radius=1, depth="forground")
+        vm.Stars([(0, 0, 0)], radii=1, depth="forground")
 
 
 @pytest.mark.parametrize("thing", ["point", "psf", "disc"])
@@ -502,8 +502,8 @@ def test_the_error_counts_how_unsure_the_light_of_a_bright_star_is(thing):
     cloud = vm.Coefficients(["a"], "8 * a**3")
     camera = vm.Orthographic(40, 20, width=2.0, resolution=9)
     options = {"psf": 2.0} if thing == "psf" else {}
-    size = {"radius": 0.2} if thing == "disc" else {"luminosity": 1.0}
-    star = vm.Star((0, 0, -0.7), color=1e6, **size, **options)
+    size = {"radii": 0.2} if thing == "disc" else {"luminosities": 1.0}
+    star = vm.Stars([(0, 0, -0.7)], colors=1e6, **size, **options)
     rough = vm.render(volume, cloud, camera, objects=[star], tolerance=0.3)
     exact = vm.render(
         volume, cloud, camera, objects=[star], tolerance=1e-8, precision="double", cutoff=0

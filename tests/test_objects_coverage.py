@@ -107,7 +107,7 @@ def test_from_inside_a_sphere_there_is_nothing_else():
     _, seen = shown(camera, ball)
     np.testing.assert_array_equal(seen, 3.0)
     behind = vm.Spheres([[-1, 0, 0], [-2, 1, 0]], [0.5, 0.1], 3.0)
-    assert not shown(camera, behind, vm.Star((-1, 0, 0), luminosity=1.0))[1].any()
+    assert not shown(camera, behind, vm.Stars([(-1, 0, 0)], luminosities=1.0))[1].any()
     aside = vm.Spheres([[0.1, 0.6, 0]], 0.55, 3.0)  # partly behind the screen
     _, seen = shown(camera, aside)
     assert 0 < np.count_nonzero(seen) < 64
@@ -116,7 +116,7 @@ def test_from_inside_a_sphere_there_is_nothing_else():
 @pytest.mark.parametrize("radius", [0.005, 0.2])
 def test_limb_darkening_keeps_the_luminosity(radius):
     camera = vm.Orthographic(width=2, resolution=100)
-    star = vm.Star((0.1, 0.05, 0), radius=radius, luminosity=2.0, limb_darkening=0.6)
+    star = vm.Stars([(0.1, 0.05, 0)], radii=radius, luminosities=2.0, limb_darkening=0.6)
     image, seen = shown(camera, star)
     # At the middles of pixels, of which the radius has 10: it is steep at the edge.
     assert seen.sum() * image.pixel_area == pytest.approx(2.0, rel=5e-3)
@@ -211,14 +211,14 @@ def test_boxes_of_patches_and_axes():
     volume = vm.Volume(patches, a=np.zeros(patches.shape))
     camera = vm.Orthographic(0, 0, width=3, resolution=61)
     options = {"scheme": "first-order", "precision": "double"}
-    image = vm.render(volume, DARK, camera, objects=[vm.boxes()], **options)
+    image = vm.render(volume, DARK, camera, objects=[vm.Boxes()], **options)
     seen = image.intensity[..., 0] > 0.6
     places = [round((x + 1.5) / 3 * 61 - 0.5) for x in (-1, -0.5, 0.5, 1)]
     np.testing.assert_array_equal(np.flatnonzero(seen[30]), places)
-    alone = vm.render(volume, DARK, camera, objects=[vm.boxes(levels=0)], **options)
+    alone = vm.render(volume, DARK, camera, objects=[vm.Boxes(levels=0)], **options)
     assert np.flatnonzero(alone.intensity[30, :, 0] > 0.6).tolist() == [places[0], places[3]]
     three = vm.Coefficients(["a", "a", "a"], 0)
-    image = vm.render(volume, three, camera, objects=[vm.axes(width=3)], **options)
+    image = vm.render(volume, three, camera, objects=[vm.Axes(width=3)], **options)
     np.testing.assert_array_equal(image.intensity[places[0], 30], [1, 0, 0])
     np.testing.assert_array_equal(image.intensity[30, places[0]], [0, 1, 0])
 
@@ -227,7 +227,7 @@ def test_what_is_beside_the_picture_is_not_in_it():
     camera = vm.Orthographic(width=2, resolution=10)
     things = [
         vm.Spheres([[3, 0, 0]], 0.5),
-        vm.Star((5, 0, 0), luminosity=1.0, psf=2.0),
+        vm.Stars([(5, 0, 0)], luminosities=1.0, psf=2.0),
         vm.Lines([[-5, 3, 0], [5, 2, 0]]),
         vm.Stars(np.zeros((0, 3)), luminosities=1.0),
     ]

@@ -11,13 +11,9 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.backend import get_backend
 from voluminous.particles import KERNELS
-from voluminous.particles.base import Base
-from voluminous.particles.lengths import smoothing_lengths
-from voluminous.particles.nearest import Nearest
-from voluminous.particles.nodes import nodes_of
-from voluminous.particles.octree import Refinement, octree_around
-from voluminous.particles.overlaps import Overlaps
-from voluminous.particles.weights import KernelWeights
+from voluminous.particles.inputs import smoothing_lengths
+from voluminous.particles.octree import Base, Refinement, octree_around
+from voluminous.particles.smoothed import KernelWeights, Overlaps, nodes_of
 
 BOX = ((0, 1), (0, 1), (0, 1))
 
@@ -409,21 +405,6 @@ def test_the_density_converges_to_a_gaussian(kind):
 
 
 # --- meshes -----------------------------------------------------------------------------------
-
-
-@settings(max_examples=10, deadline=None)
-@given(seed=st.integers(0, 2**16), count=st.integers(1, 80))
-def test_the_nearest_points_are_found(seed, count):
-    rng = np.random.default_rng(seed)
-    points = rng.normal(size=(count, 3)) * rng.choice([0.01, 1.0], (count, 1))
-    low, size = rng.uniform(-2, 2, (3, 40)), np.tile(rng.uniform(0.01, 1, 40), (3, 1))
-    found = Nearest(points).of(low, size)
-    for octant in range(8):
-        bits = np.array([octant >> k & 1 for k in range(3)])[:, None]
-        places = low + size * (0.25 + 0.5 * bits)
-        squares = ((places.T[:, None] - points) ** 2).sum(axis=-1)
-        own = squares[np.arange(40), found[:, octant]]
-        np.testing.assert_allclose(own, squares.min(axis=1), rtol=1e-12)
 
 
 def test_a_mesh_of_cubes_is_that_mesh():

@@ -320,11 +320,11 @@ samples = 2
 
 def test_the_command_tells_what_a_ray_has_not(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    star = '[[object]]\ntype = "star"\nposition = [0, 0, 0]\nluminosity = 1\n'
+    star = '[[object]]\ntype = "stars"\npositions = [[0, 0, 0]]\nluminosities = 1\n'
     (tmp_path / "scene.toml").write_text(SCENE + star)
     assert main(["probe", "scene.toml", "--pixel", "2", "3", "--set", "render.samples=2"]) == 0
     told = capsys.readouterr().out
-    assert "not in it, but in the picture: objects (star)" in told
+    assert "not in it, but in the picture: objects (stars)" in told
     assert "samples = 2" in told
     (tmp_path / "plain.toml").write_text(SCENE)
     assert main(["probe", "plain.toml", "--pixel", "2", "3", "--set", "render.samples=1"]) == 0

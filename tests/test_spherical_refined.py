@@ -51,7 +51,7 @@ CAMERAS = {
 
 def leaves_of(grid):
     """Return the twin's view of a grid."""
-    fine = Frame(grid.type_name, grid.fine_edges, grid.mirror)
+    fine = Frame(grid.kind, grid.fine_edges, grid.mirror)
     even = type(grid).__mro__[2](*grid.fine_edges, **({"mirror": True} if grid.mirror else {}))
     return Leaves(fine, grid.locate(even.cell_centers().T), *grid.boxes())
 
@@ -68,7 +68,7 @@ def vm_camera(camera):
 def pictures(grid, camera, scheme, **options):
     """Return what the twin and the package make of random coefficients."""
     j, a = np.random.default_rng(2).random((2, grid.size))
-    turn = 0.1 if grid.type_name == "spherical" and scheme == "olson-kunasz" else 0.0
+    turn = 0.1 if grid.kind == "spherical" and scheme == "olson-kunasz" else 0.0
     expected = render_refined(leaves_of(grid), j, 0.2 * a, camera, scheme, turn)
     volume = vm.Volume(grid, j=j, a=0.2 * a)
     image = vm.render(

@@ -12,7 +12,7 @@ from contracts.bundle import Bundle, box_limits, on_a_sphere
 from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import get_backend
-from voluminous.derivatives.neighbours import Cells
+from voluminous.derivatives.neighbours import NeighbourDifferences
 from voluminous.rendering.interpolants.corner_values import CornerValues
 
 UNEVEN = ([-1.0, -0.3, 0.1, 0.8], [0.0, 0.5, 0.75, 2.0], [-1.0, -0.8, 1.0])
@@ -144,7 +144,9 @@ def test_slopes_are_the_derivatives_of_expressions(name):
     field = np.random.default_rng(3).random(grid.size)
     values = CornerValues(grid, [field], get_backend("cpu", "double"))
     values.compute()
-    expected, _ = Cells(grid, lambda first, last: field[first:last]).gradient([(0, grid.size)])
+    expected, _ = NeighbourDifferences(grid, lambda first, last: field[first:last]).gradient(
+        [(0, grid.size)]
+    )
     found = np.array(values.slopes[0]) / grid.scale
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.backend import get_backend
 from voluminous.expressions import Expression, NumpyOps
-from voluminous.expressions.monotone import Kind
+from voluminous.expressions.analysis import Monotonicity
 from voluminous.media import Context
 from voluminous.media.stretch import Stretch
 
@@ -23,23 +23,23 @@ RISING = 1.3 * np.arange(8.0).reshape(1, 1, 8) - 1.05
 @pytest.mark.parametrize(
     ("text", "kind"),
     [
-        ("2 * a - b / 3 + 1", Kind.SUM),
-        ("log10(a)", Kind.MONOTONIC),
-        ("10**(a - 2*b) + 3", Kind.MONOTONIC),
-        ("clip(tanh(a), 0, 1)", Kind.MONOTONIC),
-        ("a**3", Kind.MONOTONIC),
-        ("a**0.3", Kind.MONOTONIC),
-        ("2**3 * a", Kind.SUM),
-        ("a**10", Kind.ANY),
-        ("a**-9", Kind.ANY),
-        ("3 + 2**4", Kind.CONSTANT),
-        ("a**2", Kind.ANY),
-        ("a * b", Kind.ANY),
-        ("1 / a", Kind.ANY),
-        ("abs(a)", Kind.ANY),
-        ("max(a, b)", Kind.ANY),
-        ("r - 1", Kind.ANY),
-        ("a if b > 1 else 0", Kind.ANY),
+        ("2 * a - b / 3 + 1", Monotonicity.SUM),
+        ("log10(a)", Monotonicity.MONOTONIC),
+        ("10**(a - 2*b) + 3", Monotonicity.MONOTONIC),
+        ("clip(tanh(a), 0, 1)", Monotonicity.MONOTONIC),
+        ("a**3", Monotonicity.MONOTONIC),
+        ("a**0.3", Monotonicity.MONOTONIC),
+        ("2**3 * a", Monotonicity.SUM),
+        ("a**10", Monotonicity.ANY),
+        ("a**-9", Monotonicity.ANY),
+        ("3 + 2**4", Monotonicity.CONSTANT),
+        ("a**2", Monotonicity.ANY),
+        ("a * b", Monotonicity.ANY),
+        ("1 / a", Monotonicity.ANY),
+        ("abs(a)", Monotonicity.ANY),
+        ("max(a, b)", Monotonicity.ANY),
+        ("r - 1", Monotonicity.ANY),
+        ("a if b > 1 else 0", Monotonicity.ANY),
     ],
 )
 def test_what_is_known_of_expressions(text, kind):

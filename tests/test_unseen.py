@@ -29,7 +29,7 @@ def volume():
     [
         (
             vm.Isosurface("density", 500.0),
-            r"isosurface at 500 lies .* density is from 1 to 216 g / cm3 in this volume.*vm.auto",
+            r"isosurface at 500 lies .* density is from 1 to 216 g / cm3 .*vm.suggest_medium",
         ),
         (vm.Isosurface("density", levels=[300, 400]), r"isosurface at 300, 400 lies"),
         (vm.Gaussian("log10(density)", -4, 0.1, 1, 1, 1), r"gaussian at -4 .* from 0 to 2.33445 "),
@@ -77,7 +77,7 @@ def test_no_warning_where_anything_shows_or_other_things_are_drawn(volume):
         warnings.simplefilter("error")
         vm.render(volume, vm.Isosurface("density", 100.0), CAMERA)
         vm.render(volume, vm.Isosurface("density", 100.0, color=0.0), CAMERA)  # it absorbs
-        stars = vm.Star((0, 0, 0), luminosity=1.0)
+        stars = vm.Stars([(0, 0, 0)], luminosities=1.0)
         vm.render(volume, vm.Isosurface("density", 500.0), CAMERA, objects=[stars])
 
 
@@ -140,7 +140,7 @@ def test_each_part_that_is_nowhere_is_told(grid, lost, told):
         vm.render(volume, lost + SEEN, CAMERA)
     assert len(caught) == 1
     assert caught[0].filename == __file__
-    assert "vm.auto" in message
+    assert "vm.suggest_medium" in message
 
 
 def test_levels_of_one_surface(volume):
@@ -197,7 +197,7 @@ def test_parts_are_told_beside_a_camera_that_looks_away_and_objects(volume):
     (message,) = warnings_of(volume, medium, away)
     assert "no ray of this camera meets it" in message
     assert "its isosurface at 500 lies outside" in message
-    (message,) = warnings_of(volume, medium, objects=[vm.Star((0, 0, 0), luminosity=1.0)])
+    (message,) = warnings_of(volume, medium, objects=[vm.Stars([(0, 0, 0)], luminosities=1.0)])
     assert message.startswith("the picture lacks a part")
 
 

@@ -27,10 +27,10 @@ VALUES = {
     "orthographic": (vm.Orthographic(30, 40, width=2), {"incl": 60}),
     "perspective": (vm.Perspective((3, 0, 0), (0, 0, 0)), {"fov": 20}),
     "stars": (vm.Stars(np.zeros((2, 3)), "white", radii=1.0), {"colors": "red"}),
-    "star": (vm.Star((0, 0, 0), radius=1.0), {"color": "red"}),
+    "star": (vm.Stars([(0, 0, 0)], radii=1.0), {"colors": "red"}),
     "lines": (vm.Lines(np.eye(3)), {"width": 3}),
     "spheres": (vm.Spheres(np.zeros((1, 3)), 1.0), {"radii": 2.0}),
-    "axes": (vm.axes(), {"width": 4.0}),
+    "axes": (vm.Axes(), {"width": 4.0}),
     "box": (vm.regions.Box((0, 0, 0), (1, 1, 1)), {"high": (2, 2, 2)}),
 }
 
@@ -82,7 +82,7 @@ def test_arrays_belong_to_the_value():
 
 def test_what_was_measured_stays_where_it_is_replaced():
     volume = vm.models.prestellar_core(16)
-    shell = vm.calibrate(vm.Gaussian("log10(density)", 3.5, 0.1, 1.0, 0.1), volume)
+    shell = vm.Gaussian("log10(density)", 3.5, 0.1, 1.0, 0.1).calibrated(volume)
     assert isinstance(shell.path_length, float)
     assert shell.replace(color=2.0).path_length == shell.path_length
     assert shell.replace(path_length=1 * u.pc).path_length == 1 * u.pc
@@ -131,9 +131,9 @@ def test_values_are_equal_if_their_arguments_are(name):
 def test_ranges_that_were_measured_stay_where_others_are_replaced():
     volume = vm.models.prestellar_core(16)
     painted = vm.Gaussian("log10(density)", 4, 0.1, vm.ColorBy("density", "viridis"), 0.3)
-    measured = vm.calibrate(painted, volume)
+    measured = painted.calibrated(volume)
     assert "vmin=" in repr(measured)
     other = measured.replace(opacity=1.0)
     assert other.modulation.color == measured.modulation.color
-    colormap = vm.calibrate(vm.Colormap("density", "viridis", opacity=lambda p: p), volume)
+    colormap = vm.Colormap("density", "viridis", opacity=lambda p: p).calibrated(volume)
     assert colormap.replace(path_length=1.0).range.describe() == colormap.range.describe()

@@ -65,7 +65,7 @@ def test_sides_of_the_patient_are_where_they_belong(view, code):
     right, up = SEEN[view]
     for letter, axis in ((right, 0), (up, 1)):
         volume = marked(code, letter)
-        angles = vm.framed(volume, EMISSION, view=view)
+        angles = vm.Orthographic.framing(volume, EMISSION, view=view)
         image = vm.render(volume, EMISSION, angles.replace(resolution=16, width=2.0, shift=(0, 0)))
         moved = middle(image)
         assert moved[axis] > 10 * abs(moved[1 - axis])
@@ -75,7 +75,9 @@ def test_sides_of_the_patient_are_where_they_belong(view, code):
 def test_the_observer_stands_on_the_side_of_the_name(code):
     for view, letter in zip(SEEN, "APLRSI", strict=True):
         volume = marked(code, letter)
-        found = vm.project(volume, "a", vm.framed(volume, EMISSION, view=view), depth=True)[1]
+        found = vm.project(
+            volume, "a", vm.Orthographic.framing(volume, EMISSION, view=view), depth=True
+        )[1]
         depth = found.intensity[..., 0]
         assert np.nanmean(depth) < 0  # in front of the plane through the middle
 
@@ -85,7 +87,7 @@ def test_a_stack_is_seen_as_it_is_leafed_through():
     a = volume.array("a").copy()
     a[:2, :2, :2] = 1.0  # column 0, row 0, the first picture
     volume["a"] = a
-    camera = vm.framed(volume, EMISSION, view="stack", resolution=16)
+    camera = vm.Orthographic.framing(volume, EMISSION, view="stack", resolution=16)
     right, up = middle(vm.render(volume, EMISSION, camera.replace(width=2.0, shift=(0, 0))))
     assert right < 0 < up
     depth = vm.project(volume, "a > 0.5", camera, how="first").intensity
@@ -99,15 +101,15 @@ def test_what_a_volume_tells_decides_the_first_picture():
         ({"orientation": "LPS", "y_down": True}, "anterior"),
     ):
         volume = volume_with(**meta)
-        wanted = vm.framed(volume, EMISSION, view=view).describe()
-        assert vm.framed(volume, EMISSION).describe() == wanted
+        wanted = vm.Orthographic.framing(volume, EMISSION, view=view).describe()
+        assert vm.Orthographic.framing(volume, EMISSION).describe() == wanted
         for image in (vm.render(volume, EMISSION), vm.render(volume, EMISSION, view=view)):
             assert {k: image.camera[k] for k in ("incl", "phi", "posang")} == {
                 k: wanted[k] for k in ("incl", "phi", "posang")
             }
-        assert vm.framed(volume, EMISSION, 20).incl == 20
+        assert vm.Orthographic.framing(volume, EMISSION, 20).incl == 20
     for meta in ({}, {"orientation": "LPX"}, {"orientation": "RPS"}):
-        camera = vm.framed(volume_with(**meta), EMISSION)
+        camera = vm.Orthographic.framing(volume_with(**meta), EMISSION)
         assert (camera.incl, camera.phi, camera.posang) == (60, 30, 0)
 
 
@@ -116,13 +118,13 @@ def test_what_makes_no_sense_is_refused():
     with pytest.raises(vm.InputError, match=r"set volume.meta\['orientation'\] = 'LPS' if x"):
         vm.render(plain, EMISSION, view="left")
     with pytest.raises(vm.InputError, match=r"set volume.meta\['y_down'\] = True"):
-        vm.framed(plain, EMISSION, view="stack")
+        vm.Orthographic.framing(plain, EMISSION, view="stack")
     with pytest.raises(vm.UnknownNameError, match="did you mean 'anterior'"):
         vm.render(patient, EMISSION, view="anterio")
     with pytest.raises(vm.InputError, match="give a camera or view='left', not both"):
         vm.render(patient, EMISSION, vm.Orthographic(), view="left")
     with pytest.raises(vm.InputError, match="give angles or view='left', not both"):
-        vm.framed(patient, EMISSION, 0, view="left")
+        vm.Orthographic.framing(patient, EMISSION, 0, view="left")
     for code in ("LP", "LLS", 3, ["L", "P", "S"], "LPX"):
         with pytest.raises(vm.InputError, match="must be three letters"):
             vm.render(volume_with(orientation=code), EMISSION, view="left")

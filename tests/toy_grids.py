@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from voluminous.backend import dr
+from voluminous.grids.contract import Grid
 
 
 class ShuffledWalk:
@@ -30,11 +31,11 @@ class ShuffledWalk:
         return replace(segment, cell=cell), cursor
 
 
-class ShuffledGrid:
+class ShuffledGrid(Grid):
     """The cells of `original` in another order: cell k is the original's cell `order[k]`."""
 
-    coordinates = ("x", "y", "z")
-    walk_kinds = ("cells",)
+    kind = "shuffled"
+    cells_are_boxes = has_vertices = True
 
     def __init__(self, original, seed=0):
         self.original, self.size = original, original.size
@@ -48,9 +49,6 @@ class ShuffledGrid:
         self.levels = np.zeros(self.size, np.uint8)
         self._walks = {}
 
-    def pack(self, value):
-        return np.asarray(value)
-
     def shuffled(self, field):
         """Return a field of the original on this grid."""
         return np.asarray(field).ravel()[self.order]
@@ -58,14 +56,8 @@ class ShuffledGrid:
     def cell_centers(self, first=0, last=None):
         return self.original.cell_centers()[:, self.order[first:last]]
 
-    native_centers = cell_centers
-
     def cell_sizes(self, first=0, last=None):
         return self.original.cell_sizes()[:, self.order[first:last]]
-
-    def basis(self, first=0, last=None):
-        count = (self.size if last is None else last) - first
-        return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
 
     def locate(self, points):
         found = self.original.locate(points)
@@ -78,7 +70,8 @@ class ShuffledGrid:
             for cell, there in self.original.vertex_cells(vertex, backend)
         ]
 
-    def walk(self, backend, kind="cells"):
+    def walk(self, backend, kind="cells", box=None):
+        self.check_no_box(box)
         key = (backend.device, backend.precision, kind)
         if key not in self._walks:
             walk = self.original.walk(backend, kind)
@@ -86,7 +79,7 @@ class ShuffledGrid:
         return self._walks[key]
 
     def describe(self):
-        return {**self.original.describe(), "type": "shuffled", "shape": [self.size]}
+        return {**self.original.describe(), "shape": [self.size]}
 
     def __repr__(self):
         return f"<ShuffledGrid of {self.size} cells>"

@@ -11,13 +11,14 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .import_hooks import when_imported
 from .llvm import find_llvm_early
 
 __version__ = "0.1.0"
 
 # Public name → module that has it.
 _PUBLIC = {
+    "Axes": "objects",
+    "Boxes": "objects",
     "CartesianGrid": "grids",
     "Coefficients": "media",
     "ColorBy": "media",
@@ -32,35 +33,25 @@ _PUBLIC = {
     "InputError": "errors",
     "Isosurface": "media",
     "Lines": "objects",
-    "Measurement": "measuring",
     "Medium": "media",
     "MemoryNeededError": "errors",
     "MissingPackageError": "errors",
-    "Moments": "measuring",
     "OctreeGrid": "grids",
     "Orthographic": "cameras",
     "PatchGrid": "grids",
     "Perspective": "cameras",
-    "Probe": "measuring",
     "Rectangle": "media",
     "Scene": "scene",
     "Spheres": "objects",
     "SphericalGrid": "grids",
-    "Star": "objects",
     "Stars": "objects",
     "Table": "media",
-    "TauSurface": "measuring",
     "UnitsError": "errors",
     "UnknownNameError": "errors",
     "Volume": "volume",
     "VoluminousError": "errors",
-    "auto": "calibration",
-    "axes": "objects",
-    "boxes": "objects",
-    "calibrate": "calibration",
     "column": "measuring",
     "demo": "cli.demo",
-    "framed": "rendering",
     "from_particles": "particles",
     "from_pyvista": "io.vtk.objects",
     "from_xarray": "io",
@@ -73,17 +64,30 @@ _PUBLIC = {
     "probe": "measuring",
     "project": "measuring",
     "render": "rendering",
+    "suggest_medium": "calibration",
     "tau_surface": "measuring",
 }
 # Names of earlier versions, and what to write in their place.
 _RENAMED = {
+    "Measurement": "vm.measuring.Measurement",
+    "Moments": "vm.measuring.Moments",
+    "Probe": "vm.measuring.Probe",
+    "Star": "vm.Stars([position], color, radii=… or luminosities=…)",
+    "TauSurface": "vm.measuring.TauSurface",
+    "auto": "vm.suggest_medium",
+    "axes": "vm.Axes",
+    "boxes": "vm.Boxes",
+    "calibrate": "medium.calibrated(volume)",
+    "framed": "vm.Orthographic.framing",
     "extreme": "vm.project(..., how='max') or how='min'",
     "Extreme": "vm.project(..., how='max', depth=True), which returns two images",
     "first_hit": "vm.project(..., how='first')",
 }
-_MODULES = ("io", "math", "models", "regions")
+_MODULES = ("io", "math", "measuring", "models", "regions")
 
 __all__ = [
+    "Axes",
+    "Boxes",
     "CartesianGrid",
     "Coefficients",
     "ColorBy",
@@ -98,36 +102,26 @@ __all__ = [
     "InputError",
     "Isosurface",
     "Lines",
-    "Measurement",
     "Medium",
     "MemoryNeededError",
     "MissingPackageError",
-    "Moments",
     "OctreeGrid",
     "Orthographic",
     "PatchGrid",
     "Perspective",
-    "Probe",
     "Rectangle",
     "Scene",
     "Spheres",
     "SphericalGrid",
-    "Star",
     "Stars",
     "Table",
-    "TauSurface",
     "UnitsError",
     "UnknownNameError",
     "Volume",
     "VoluminousError",
     "__version__",
-    "auto",
-    "axes",
-    "boxes",
-    "calibrate",
     "column",
     "demo",
-    "framed",
     "from_particles",
     "from_pyvista",
     "from_xarray",
@@ -135,6 +129,7 @@ __all__ = [
     "io",
     "math",
     "measure",
+    "measuring",
     "models",
     "moments",
     "open",
@@ -144,13 +139,13 @@ __all__ = [
     "project",
     "regions",
     "render",
+    "suggest_medium",
     "tau_surface",
 ]
 
 if TYPE_CHECKING:
-    from . import io, math, models, regions
-    from .calibration import calibrate, presets
-    from .calibration.auto import auto
+    from . import io, math, measuring, models, regions
+    from .calibration import presets, suggest_medium
     from .cameras import Orthographic, Perspective
     from .cli.demo import demo
     from .errors import (
@@ -172,10 +167,6 @@ if TYPE_CHECKING:
     from .io.vtk.objects import from_pyvista
     from .io.yt import from_yt
     from .measuring import (
-        Measurement,
-        Moments,
-        Probe,
-        TauSurface,
         column,
         measure,
         moments,
@@ -193,16 +184,14 @@ if TYPE_CHECKING:
         Rectangle,
         Table,
     )
-    from .objects import Lines, Spheres, Star, Stars, axes, boxes
+    from .objects import Axes, Boxes, Lines, Spheres, Stars
     from .particles import from_particles
-    from .rendering import framed, render
+    from .rendering import render
     from .scene import Scene
     from .volume import Volume
 
 
 find_llvm_early()
-# Gives xarray's arrays ``.voluminous``, whichever of the two packages is imported first.
-when_imported("xarray", lambda: importlib.import_module(".xarray_accessor", __name__).register())
 
 
 def __getattr__(name: str) -> Any:

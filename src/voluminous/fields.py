@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from . import packages
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
 from .units import as_quantity, is_quantity, parse_unit, plain
@@ -112,7 +113,7 @@ def checked_grid(grid: Any) -> Any:
     InputError
         For anything without cells that rays can walk through.
     """
-    if hasattr(grid, "walk") and hasattr(grid, "coordinates"):
+    if isinstance(grid, packages.room("grids.contract").Grid):
         return grid
     advice = "vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), density=array)"
     if isinstance(grid, np.ndarray):

@@ -45,7 +45,7 @@ def metric(system: tuple[str, ...], own: np.ndarray) -> np.ndarray:
 def mirror_images(grid: Any) -> list[np.ndarray]:
     """Return what to multiply points with, shape (3,) each: a mirrored cell is in two places."""
     there = np.array([1.0, 1.0, 1.0])
-    return [there, np.array([1.0, 1.0, -1.0])] if getattr(grid, "mirror", False) else [there]
+    return [there, np.array([1.0, 1.0, -1.0])] if grid.mirror else [there]
 
 
 def turns(grid: Any) -> list[np.ndarray]:
@@ -68,7 +68,7 @@ def many_valued(grid: Any) -> tuple[str, ...]:
     """Return the coordinates of which a cell has many values: all around the axis, or mirrored."""
     count = len(turns(grid))
     found = ("x", "y", "phi", "z", "theta")[: (0, 3, 5)[count]]
-    return (*found, "z") if getattr(grid, "mirror", False) and "z" not in found else found
+    return (*found, "z") if grid.mirror and "z" not in found else found
 
 
 def span(low: float, high: float) -> str:

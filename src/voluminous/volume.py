@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .deferred import Deferred, Fields
-from .derivatives import Derivatives, Sight, component
+from .derivatives import Derivatives, LinesOfSight, component
 from .digest import digest
 from .errors import ImmutableError, InputError, unknown_name
 from .evaluation import Evaluation
@@ -73,7 +73,7 @@ class Volume(Evaluation, OnOtherCells):
         self._units: dict[str, Any] = {}
         self._derivatives = Derivatives()
         # From where it is seen; see `seen_by`.
-        self.sight = Sight(grid)
+        self.sight = LinesOfSight(grid)
         # Cached for pictures (see `rendering.cache`), newest last, with the bytes that it takes.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         if isinstance(named.get("unit"), str):
@@ -326,7 +326,7 @@ class Volume(Evaluation, OnOtherCells):
         Fields, and all that is kept of them, are this volume's own. `render` does it.
         """
         seen = copy.copy(self)
-        seen.sight = Sight(self.grid, camera)
+        seen.sight = LinesOfSight(self.grid, camera)
         return seen
 
     def with_arrays(self, arrays: Mapping[str, np.ndarray]) -> Volume:

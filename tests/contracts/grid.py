@@ -10,7 +10,7 @@ import pytest
 
 from contracts.bundle import box_limits, on_a_sphere
 from voluminous.backend import dr, from_host, get_backend
-from voluminous.grids.contract import Ray, has_gaps
+from voluminous.grids.contract import Ray
 
 
 @dataclass
@@ -36,7 +36,7 @@ def walk_along(grid, backend, ray, visit=None):
     track, cursor = walk.enter(ray)
     dr.eval(track, cursor)
     while dr.any(cursor.inside):
-        if has_gaps(walk):
+        if walk.has_gaps:
             cursor = walk.cross(track, cursor).cursor
             dr.eval(cursor)  # or the kernels of all steps grow, and are compiled one by one
         segment, following = walk.next(track, cursor)

@@ -51,7 +51,7 @@ class SchemeContract:
         found = get_scheme(scheme)
         assert found.name
         assert found.order >= 1
-        assert found.place in ("cell", "vertex")
+        assert found.coefficients_at in ("cell", "vertex")
         assert isinstance(found.linear, bool)
 
     @pytest.mark.parametrize("alpha", [1e-12, 1e-4, 0.3, 5.0, 1e4])

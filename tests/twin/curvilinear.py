@@ -29,7 +29,7 @@ class Frame:
     @classmethod
     def of(cls, grid) -> Frame:
         """Return the frame of a grid of the package."""
-        return cls(grid.type_name, grid.edges, grid.mirror)
+        return cls(grid.kind, grid.edges, grid.mirror)
 
     @property
     def phi_axis(self) -> int:

@@ -19,11 +19,13 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
+from ..backend.types import Float, Mask
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_rounding import positive
-from ..schemes.contract import Solution
-from ..schemes.panels import next_panel
+from ..grids.contract import Segment
+from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import Path, empty_path, most, over
+from ..schemes.post_classified import next_panel
 from .media import PartBounds, total_bounds
 
 Ends = tuple[Any, Any]
@@ -119,16 +121,16 @@ _SHARE = 0.25
 
 
 @dataclass
-class Progress:
+class BracketState:
     """How far a segment is: where, how wide the next panel is, panels tried, what is gathered."""
 
-    begin: Any
-    width: Any
-    tried: Any
+    begin: Float
+    width: Float
+    tried: Float
     path: Path
 
 
-class Bracket:
+class Bracket(Scheme):
     """Bounds of what post-classified tends to.
 
     Parameters
@@ -141,43 +143,40 @@ class Bracket:
 
     name = "bracket"
     order = 2
-    place = "field"
+    coefficients_at = "field"
     linear = False
-    controlled = False
-    reckoned = False
-    coarseness = 0.0
 
     def __init__(self, budget: int, signed: bool) -> None:
         self.budget, self.signed = budget, signed
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, position: Position, source: Any) -> list[Float]:
         """Carry how much of what is emitted may be seen, and where fields are (not known yet)."""
         return [source.backend.Float(1), *source.unknown()]
 
-    def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
-    ) -> list[Any]:
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
+    ) -> list[Float]:
         """Forget where fields were beyond empty space."""
         seen, *before = carried
         return [seen, *(dr.select(moved, math.nan, value) for value in before)]
 
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
         """Go on with the fields as they are there; what is not seen dims nothing."""
         return [carried[0], *onward[1:]]
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
-        """Return the bounds of one segment; see `schemes.contract.Scheme`."""
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
+        """Return the bounds of one segment."""
         seen, *before = carried
         real = source.backend.Float
-        cubics = source.cubics(walk.chord(track, segment), segment.active)
+        cubics = source.along(segment)
         budget = dr.opaque(real, self.budget)
 
-        def going_on(state: Progress) -> Any:
+        def going_on(state: BracketState) -> Float:
             return state.begin < 1.0
 
-        def step(state: Progress) -> tuple[Progress]:
+        def step(state: BracketState) -> tuple[BracketState]:
             courses = source.courses(cubics, segment.length, state.begin, state.width)
             found, gaps = self._bounded(source.parts(courses))
             wrong, dim = (gap * seen for gap in gaps)
@@ -189,7 +188,7 @@ class Bracket:
             good |= (state.width <= _NARROWEST) | (state.begin < 0.0)
             path = dr.select(good, over(state.path, found), state.path)
             return (
-                Progress(*next_panel(good, state.begin, state.width, state.width), tried, path),
+                BracketState(*next_panel(good, state.begin, state.width, state.width), tried, path),
             )
 
         count = source.numbers.emissions
@@ -197,7 +196,7 @@ class Bracket:
         # A jump to where the segment begins is a panel of its own, before it.
         begin = dr.select(source.jumps(cubics, before), real(-1), 0)
         begin = dr.select(segment.active, begin, 1)
-        state = Progress(begin, real(1), real(0), nothing)
+        state = BracketState(begin, real(1), real(0), nothing)
         (state,) = dr.while_loop((state,), going_on, step, label="bracket")
         after = [
             dr.select(segment.active, there, here)
@@ -205,7 +204,7 @@ class Bracket:
         ]
         return state.path, [seen * most(state.path.transparency), *after]
 
-    def _bounded(self, parts: Any) -> tuple[Path, tuple[Any, Any]]:
+    def _bounded(self, parts: Any) -> tuple[Path, tuple[Float, Float]]:
         emission, transparency = solve_parts(parts)
         grey = len(transparency) == 1
         through = [transparency[0 if grey else c] for c in range(len(emission))]

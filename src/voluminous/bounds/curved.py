@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, extremes
-from ..expressions.traced_jet import Derivative, TracedJet
-from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import lowered, raised
 from ..grids.curvilinear.edges import FULL_CIRCLE
 

@@ -12,6 +12,7 @@ from ..backend import dr
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval, extremes
 from ..geometry import CARTESIAN
+from ..grids.contract import Segment
 from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.stretch import control_point, shifted
@@ -97,8 +98,9 @@ class Bracketed:
         opaque = self.backend.opaque
         self.tolerance = (opaque(emission), opaque(transparency))
 
-    def cubics(self, chord: Any, active: Any) -> dict[str, Any]:
+    def along(self, segment: Segment) -> dict[str, Any]:
         """Return every field along a segment."""
+        chord, active = segment.walk.chord(segment.track, segment), segment.active
         found: dict[str, Any] = {
             name: self._enclosed(lattice.corners(chord, active), chord)
             for name, lattice in self.lattices.items()

@@ -44,7 +44,7 @@ def check_bounds(bounds: Any, job: Job) -> int:
             "bounds must be True, False, or the most panels per segment (a whole number from 1), "
             f"got {bounds!r}"
         )
-    if job.scheme.place != "field":
+    if job.scheme.coefficients_at != "field":
         raise InputError(
             "bounds are of fields interpolated between cell centres: take "
             f"scheme='post-classified', got {job.scheme.name!r}"
@@ -85,7 +85,7 @@ def bracket(
     job = replace(job, scheme=scheme, backend=backend, backward=False, cutoff=0.0, done=0)
     brightest = float(np.max(np.abs(intensity)))
     paths = _narrowed(job, source, brightest, float(np.max(np.abs(background))))
-    return _intensities(job, paths, source.neglected, background)
+    return _intensities(job, paths, source, background)
 
 
 def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
@@ -108,17 +108,17 @@ def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
 
 
 def _intensities(
-    job: Job, paths: Paths, neglected: Any, background: np.ndarray
+    job: Job, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of the intensities, moved out by rounding and by what was leapt over."""
-    nx, ny = job.frame.pixels
+    neglected, (nx, ny) = source.neglected, job.frame.pixels
     lower, upper = _ends(paths, job.medium.channels)
     panels = paths.depth[0] * job.samples**2
     with np.errstate(invalid="ignore", over="ignore"):
         lost = (neglected.depth + _ROUNDING * (panels + 1.0)) * upper.size
         lost = lost + neglected.emission[:, None] + _TINY
         ends = [lower.emission - lost, upper.emission + lost]
-    if not job.scheme.signed:
+    if not source.signed:
         ends[0] = np.maximum(ends[0], 0.0)
     low, high = (end.T.reshape(ny, nx, -1) for end in ends)
     dim, clear = (end.transparency.T.reshape(ny, nx, -1) for end in (lower, upper))

@@ -12,11 +12,10 @@ import numpy as np
 
 from ..backend import dr
 from ..expressions import Expression
+from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interpolation import interpolate_traced_ranges
 from ..expressions.traced_interval import TracedInterval, extremes, traced
 from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_jet import Derivative, TracedJet
-from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import larger, lowered, raised, smaller
 from ..media.context import Context, completed
 

@@ -1,7 +1,7 @@
 """Media that fit the data: path lengths measured in a volume, and a first medium for any data."""
 
 from . import presets
-from .auto import auto
-from .open_numbers import calibrate, calibrated
+from .open_numbers import calibrated
+from .suggest import suggest_medium
 
-__all__ = ["auto", "calibrate", "calibrated", "presets"]
+__all__ = ["calibrated", "presets", "suggest_medium"]

@@ -162,7 +162,7 @@ def _per_path_length(medium: Medium) -> Medium:
     if not all(open_ones):
         raise InputError(
             "path_length is 'auto' in one part of this medium and a length in others: give "
-            "vm.calibrate(medium, volume) values"
+            "medium.calibrated(volume) values"
         )
     return with_each(medium, one_path_length)
 

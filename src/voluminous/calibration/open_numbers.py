@@ -40,20 +40,6 @@ def check_volume(function: str, place: str, volume: Any) -> None:
         )
 
 
-def check_medium(function: str, medium: Any) -> None:
-    """Refuse what is no medium.
-
-    Raises
-    ------
-    InputError
-    """
-    if not isinstance(medium, Medium):
-        raise InputError(
-            f"{function} needs a medium (vm.Gaussian, vm.Table, …) first, got "
-            f"{type(medium).__name__}"
-        )
-
-
 def shell_count(n: Any) -> int:
     """Return how many shells there shall be.
 
@@ -224,51 +210,8 @@ def _to_digits(value: float, width: float) -> float:
 
 
 def calibrate(medium: Medium, volume: Volume) -> Medium:
-    """Return a medium with numbers in place of all that was left to be measured in a volume.
-
-    Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this volume,
-    so that one crossing of the shell shows its colour and its opacity; what is not given of the
-    range of a `ColorBy` or `Colormap` such that 99 % of what the medium shows, by volume, is
-    between. Units in expressions are converted. The same volume gives the same numbers, on every
-    machine.
-
-    Parameters
-    ----------
-    medium : Medium
-        Any medium; also a sum.
-    volume : Volume
-        In which thicknesses are measured.
-
-    Returns
-    -------
-    Medium
-        Path lengths are plain numbers in the volume's unit, and so are numbers in expressions such
-        as ``where="velocity_z > 5 km/s"``. What has none of all these is returned as it is.
-
-    Raises
-    ------
-    InputError
-        If the one is no medium or the other no volume, or there is no range of colours.
-    UnknownNameError
-        If a medium looks at a field that does not exist.
-    UnitsError
-        If the unit of an expression cannot be derived.
-
-    Notes
-    -----
-    The rule is that of `thicknesses`: effective width in x over gradient of x, weighted by area. A
-    shell that is nowhere in the volume gets the shortest side of the domain.
-
-    Examples
-    --------
-    >>> import voluminous as vm
-    >>> core = vm.models.prestellar_core(32)
-    >>> shell = vm.Gaussian("log10(density)", 3.5, 0.05, 1.0, 0.1, path_length="auto")
-    >>> f"{vm.calibrate(shell, core).path_length:.2g} cm"
-    '4.2e+16 cm'
-    """
-    check_medium("calibrate", medium)
-    check_volume("calibrate", "second", volume)
+    """Return a medium with numbers measured in a volume; see `Medium.calibrated`."""
+    check_volume("medium.calibrated", "first", volume)
     volume.refresh()  # derivatives of fields that were changed in place
     return calibrated(medium, volume, lambda *exprs: {})
 
@@ -282,7 +225,7 @@ def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, An
     Parameters
     ----------
     medium, volume
-        As for `calibrate`.
+        As for `Medium.calibrated`.
     known : callable
         Returns what is known of expressions in this volume: it is looked up there, and added.
     """

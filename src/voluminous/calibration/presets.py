@@ -14,8 +14,8 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..media import Medium, Sum, Table
-from .auto import main_scalar
 from .open_numbers import check_volume, nothing_to_see
+from .suggest import main_scalar
 
 __all__ = [
     "bone",

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..derivatives import BoxesOfTree, Cells, differences
+from ..derivatives import BoxesOfTree, NeighbourDifferences, differences
 from ..expressions import Expression
-from ..grids import CartesianGrid
 from ..volume import Volume
 
 # Cells of a run: the cells of trees that follow each other are neighbours, so of large ones many
@@ -32,7 +31,7 @@ class ScatteredPiece:
 
     Parameters
     ----------
-    cells : Cells or BoxesOfTree
+    cells : NeighbourDifferences or BoxesOfTree
     volumes : array
         Of all cells.
     runs : sequence of (int, int)
@@ -46,7 +45,7 @@ class ScatteredPiece:
 
     def __init__(
         self,
-        cells: Cells | BoxesOfTree,
+        cells: NeighbourDifferences | BoxesOfTree,
         volumes: np.ndarray,
         runs: Sequence[tuple[int, int]],
     ) -> None:
@@ -161,7 +160,7 @@ def _along(cell: np.ndarray, values: np.ndarray, step: float, first: int) -> tup
     return 0.5 * (before + behind), 0.5 * np.abs(behind - before), length, first + line[:-1][good]
 
 
-# Cells looked at: enough for any median or histogram, and a second of work at most.
+# Cells sampled: enough for any median or histogram, and a second of work at most.
 BUDGET = 1 << 22
 # Cells of a piece: its temporary arrays take some tens of MiB.
 _PIECE = 1 << 19
@@ -291,7 +290,7 @@ def pieces(
         If the expression names a field that does not exist.
     """
     volume.check_names(expr)
-    if not isinstance(volume.grid, CartesianGrid):
+    if not volume.grid.is_rectilinear:
         yield from scattered_pieces(volume, expr, budget)
         return
     for first, stop in _parts(volume.grid.shape, budget):

@@ -12,7 +12,6 @@ import numpy as np
 from ..digest import digest
 from ..errors import InputError
 from ..expressions import Expression
-from ..grids import CartesianGrid
 from ..volume import Volume
 from .samples import BUDGET, Between, Lines, Piece, ScatteredPiece, lines, pieces
 
@@ -207,7 +206,7 @@ def _measure(
         for shell, profile in zip(shells, profiles, strict=True):
             if profile.width > 0:
                 shell.add(piece, profile, longest)
-    if not isinstance(volume.grid, CartesianGrid):  # its pieces are lines already
+    if not volume.grid.is_rectilinear:  # its pieces are lines already
         found = lines(volume, expr)
         for shell, profile in zip(shells, profiles, strict=True):
             if profile.width > 0:
@@ -329,6 +328,6 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
 
 
 def _domain(grid: Any) -> float:
-    if isinstance(grid, CartesianGrid):
+    if grid.is_rectilinear:
         return float(np.prod(np.ptp(grid.bounds, axis=1) / grid.scale))
     return float(np.sum(grid.cell_volumes)) / grid.scale**3

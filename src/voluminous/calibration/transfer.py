@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression
 from ..figures import divided, new_figure
-from ..image.annotate.sheet import pretty_unit
+from ..image.lengths import pretty_unit
 from ..media import Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
 from ..media.profiles import Shaped

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..backend import dr
 from ..errors import InputError, check_name
 from ..grids.contract import Ray
+from ..packages import room
 from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, degrees, radians, unit_of
 from .contract import (
@@ -23,6 +24,10 @@ from .contract import (
     point,
     vector_of,
 )
+
+if TYPE_CHECKING:
+    from ..media import Medium
+    from ..volume import Volume
 
 PROJECTIONS = ("flat", "spherical")
 # Digits that rounding may take from the direction to a target: 43 are left, 1e-13 of it.
@@ -126,6 +131,47 @@ class Perspective(Camera):
         eye = vector_of(position, "position")
         target = eye + _not_lost(direction, eye)
         return cls(position, target if unit is None else target * unit, **options)
+
+    @classmethod
+    def framing(
+        cls,
+        volume: Volume,
+        medium: Medium | None = None,
+        incl: Any = None,
+        phi: Any = None,
+        *,
+        view: str | None = None,
+        fov: Any = None,
+        resolution: Any = 400,
+    ) -> Perspective:
+        """Return a camera that sees all that a medium shows from nearby, and little around it.
+
+        It looks at the middle of the frame of `Orthographic.framing`, from where a cube as wide as
+        that frame fills the picture.
+
+        Parameters
+        ----------
+        volume, medium, incl, phi, view, resolution
+            As for `Orthographic.framing`.
+        fov : float or Quantity, optional
+            As for `Perspective`: 45 degrees by default.
+
+        Returns
+        -------
+        Perspective
+            Its position and target are plain numbers in the volume's unit of length.
+
+        Raises
+        ------
+        InputError, UnknownNameError
+            As for `Orthographic.framing`; and if `fov` is not between 0 and 180 degrees.
+        """
+        angle = degrees(45.0 if fov is None else fov, "fov")
+        _screen(angle, "flat")
+        framing = room("rendering.framing")
+        frame = framing.framed(volume, medium, incl, phi, view=view, resolution=resolution)
+        position, target, up = framing.perspective(frame, volume, angle)
+        return cls(position, target, angle, up=up, resolution=resolution)
 
     def frame(self, grid: Any) -> Frame:
         position = point(self.position, grid.unit, "position")

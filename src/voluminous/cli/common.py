@@ -22,7 +22,7 @@ def add_render_options(parser: argparse.ArgumentParser) -> None:
     """
     parser.add_argument(
         "--scheme",
-        help="post-classified (default), first-order, second-order or olson-kunasz",
+        help="post-classified (default), pre-integrated, first-order, second-order or olson-kunasz",
     )
     parser.add_argument("--precision", help="single (default) or double")
     parser.add_argument("--device", help="auto (default), cpu, cuda or metal")

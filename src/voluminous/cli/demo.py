@@ -169,7 +169,7 @@ def _check_scheme(scheme: str | None, all: bool) -> None:
     """Refuse, before anything is drawn, a scheme that a panel cannot be drawn with."""
     from ..schemes import SCHEMES
 
-    if all and scheme is not None and SCHEMES[scheme].place != "field":
+    if all and scheme is not None and SCHEMES[scheme].coefficients_at != "field":
         raise InputError(
             f"--all shows surfaces without thickness, which {scheme} cannot draw; leave out "
             "--scheme or --all"

@@ -113,7 +113,7 @@ def describe_grid(grid: Any, particles: int | None = None) -> Iterator[str]:
         Around how many particles it was made: cells and levels are not those of a file then.
     """
     told = grid.describe()
-    refined = len(grid.shape) == 1
+    refined = not grid.is_structured and "base" in told
     yield f"grid: {told['type']}, {_times(grid.shape)} cells{_kind(told)}"
     if particles is not None:
         yield f"  made by voluminous around {particles} particles, which have no cells of their own"
@@ -130,7 +130,7 @@ def _kind(told: dict[str, Any]) -> str:
 
 def _extent(grid: Any, unit: str) -> Iterator[str]:
     own = tuple(grid.coordinates)
-    if own != ("x", "y", "z") and hasattr(grid, "edges"):
+    if own != ("x", "y", "z"):
         for name, edges in zip(own, grid.edges, strict=True):
             own_unit = "rad" if is_angle(name) else unit
             yield f"  {name}  {span(edges[0], edges[-1])} {own_unit}".rstrip()
@@ -277,10 +277,10 @@ def next_steps(data: DataFile, looks: list[Look]) -> Iterator[str]:
 
 def _sections(volume: Volume, name: str) -> dict[str, Any]:
     """Return all of a scene but its volume: what `voluminous render` chooses, in short numbers."""
-    from ..calibration import auto
+    from ..calibration import suggest_medium
     from ..cameras.views import view_angles
 
-    medium = auto(volume, name, LEVELS)
+    medium = suggest_medium(volume, name, LEVELS)
     parts = [_told(part, volume) for part in medium.components()]
     more = {"render": {"scheme": "first-order"}} if medium.discrete else {}
     angles = {key: a for key, a in view_angles(volume.meta).items() if a or key != "posang"}

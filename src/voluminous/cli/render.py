@@ -65,8 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Render and save."""
-    from ..image.planes import changed
-
     given = dict(assignment(text, "camera.incl=40") for text in args.set)
     of_data = is_volume(args.scene, args.format, given)
     chosen = args.output or [_default_output(args.scene, of_data)]
@@ -77,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     image, seconds = render_scene(scene, args.scene.name, args.quiet)
     for path in outputs:
         told_scene = {"scene": scene.to_dict(path.resolve().parent)}
-        image = changed(image, provenance={**(image.provenance or {}), **told_scene})
+        image = image.replace(provenance={**(image.provenance or {}), **told_scene})
         scene.save_image(image, path)
         say(args.quiet, f"{path}: {told(image, seconds)}")
     return 0

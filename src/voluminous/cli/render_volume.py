@@ -87,7 +87,7 @@ def scene_of(
     VoluminousError
         If the file cannot be read, or the expression names something that is not there.
     """
-    from ..calibration import auto, presets
+    from ..calibration import presets, suggest_medium
     from ..rendering import framed
     from ..rendering.first_medium import has_channels
     from ..scene import Scene
@@ -102,7 +102,7 @@ def scene_of(
         medium = presets.fluorescence(volume)
     else:
         shown = args.field or first_field(volume)
-        medium = auto(volume, shown, LEVELS if args.levels is None else args.levels)
+        medium = suggest_medium(volume, shown, LEVELS if args.levels is None else args.levels)
     fields = found.keep(volume.given(medium.names))
     camera, view = {**_angles(args, given), "resolution": PIXELS}, getattr(args, "view", None)
     if not _is_other(given):

@@ -1,19 +1,16 @@
 """Fields made of fields: what ``gradmag``, ``grad``, ``los`` … in expressions stand for."""
 
-from .cell_slopes import CellSlopes
-from .differentiated import differences
-from .fields import Derivatives
-from .neighbours import Cells
-from .on_trees import BoxesOfTree
-from .sight import Sight
-from .vectors import component, component_of_cells, is_component
+from .fields import Derivatives, differences
+from .neighbours import NeighbourDifferences
+from .tree_slopes import BoxesOfTree, CellSlopes
+from .vectors import LinesOfSight, component, component_of_cells, is_component
 
 __all__ = [
     "BoxesOfTree",
     "CellSlopes",
-    "Cells",
     "Derivatives",
-    "Sight",
+    "LinesOfSight",
+    "NeighbourDifferences",
     "component",
     "component_of_cells",
     "differences",

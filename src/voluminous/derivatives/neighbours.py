@@ -7,8 +7,8 @@ of its distance: among cells in line that is the slope of the parabola through t
 a Cartesian grid, whatever their widths. It is exact for linear fields everywhere, at jumps of level
 and at the surface of the domain too.
 
-On trees of boxes, straight or bent, kernels do the same (`cell_slopes`), but at jumps of level
-derivatives are those of quadratic functions (`quadratic_fit`).
+On trees of boxes, straight or bent, kernels do the same, but at jumps of level derivatives are
+those of quadratic functions (`tree_slopes`).
 
 The Laplacian is made of parabolas through the cell and, along each axis, the means of what lies
 beyond its two faces, moved onto the axis with the gradient; so it vanishes for linear fields. At
@@ -38,7 +38,7 @@ _STEPS_INWARDS = 3
 _LEAST = 1e-12
 
 
-class Cells:
+class NeighbourDifferences:
     """What is known of all cells of any grid, to compare neighbours.
 
     Parameters
@@ -77,7 +77,7 @@ class Cells:
         Parameters
         ----------
         operation : str
-            See `differences.differentiate`.
+            See `structured.differentiate`.
         """
         if operation == "laplacian":
             return self._laplacian()
@@ -130,7 +130,7 @@ class Face:
 
 
 @dataclass
-class Part:
+class CellRun:
     """Some consecutive cells: middles and widths in their own coordinates, both (3, n)."""
 
     first: int
@@ -175,7 +175,9 @@ def filled_up(
     return bends
 
 
-def _second_derivatives(cells: Cells, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+def _second_derivatives(
+    cells: NeighbourDifferences, first: int, last: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return those along the axes of some cells, and who else may know; see `filled_up`."""
     faces, basis = _faces(cells, first, last), cells.grid.basis(first, last)
     gradient = _gradient(faces, last - first)
@@ -192,7 +194,9 @@ def _second_derivatives(cells: Cells, first: int, last: int) -> tuple[np.ndarray
     return bends, inner
 
 
-def _turning(cells: Cells, axis: int, which: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+def _turning(
+    cells: NeighbourDifferences, axis: int, which: np.ndarray, gradient: np.ndarray
+) -> np.ndarray:
     """Return the second derivative across the only cell along an axis, where all is symmetric.
 
     Along an angle the gradient turns: it is the gradient's part away from the axis (centre), over
@@ -206,16 +210,16 @@ def _turning(cells: Cells, axis: int, which: np.ndarray, gradient: np.ndarray) -
     return np.asarray(np.divide(inward, square, out=np.zeros(len(which)), where=square > 0.0))
 
 
-def _faces(cells: Cells, first: int, last: int) -> list[Face]:
+def _faces(cells: NeighbourDifferences, first: int, last: int) -> list[Face]:
     """Return what lies beyond the faces of cells: below and above, for each axis in turn."""
     grid = cells.grid
     middle = grid.native_centers(first, last)
     width = grid.cell_sizes(first, last) / metric(tuple(grid.coordinates), middle)
-    part = Part(first, last, middle, width)
+    part = CellRun(first, last, middle, width)
     return [_face(cells, part, axis, sense) for axis in range(3) for sense in (-1, 1)]
 
 
-def _face(cells: Cells, part: Part, axis: int, sense: int) -> Face:
+def _face(cells: NeighbourDifferences, part: CellRun, axis: int, sense: int) -> Face:
     """Look through a face: once, or at four places where smaller cells or holes are beyond it."""
     cell = np.arange(part.last - part.first)
     number = _beyond(cells, part, cell, axis, sense, _SIDES[0])
@@ -235,7 +239,12 @@ def _face(cells: Cells, part: Part, axis: int, sense: int) -> Face:
 
 
 def _beyond(
-    cells: Cells, part: Part, which: np.ndarray, axis: int, sense: int, side: tuple[int, int]
+    cells: NeighbourDifferences,
+    part: CellRun,
+    which: np.ndarray,
+    axis: int,
+    sense: int,
+    side: tuple[int, int],
 ) -> np.ndarray:
     offset = np.insert(_ASIDE * np.array(side), axis, _AHEAD * sense)
     own = part.middle[:, which] + part.width[:, which] * offset[:, None]

@@ -9,11 +9,17 @@ names of their own (`derived_field`). Comparisons are true or false; in
 arithmetic true counts 1 and false 0, and in a logical place any number but 0 is true.
 """
 
-from .derived import DerivedField, derived_field, required_names
+from .analysis import Margin
 from .drjit_ops import DrjitOps
-from .expression import Expression, check_names, components
+from .expression import (
+    DerivedField,
+    Expression,
+    check_names,
+    components,
+    derived_field,
+    required_names,
+)
 from .interval_ops import IntervalOps
-from .jumps import Margin
 from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
 from .units import has_units, is_dex, product, resolve, shifted, times, without_unit

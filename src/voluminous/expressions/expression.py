@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import math
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import ExpressionError, unknown_name
 from ..units import as_quantity, is_quantity, parse_unit
-from .jumps import Margin, is_partial, is_smooth, is_stepped, margins, may_peak
-from .monotone import Kind, kind_of
+from .analysis import (
+    Margin,
+    Monotonicity,
+    is_partial,
+    is_smooth,
+    is_stepped,
+    kind_of,
+    margins,
+    may_peak,
+)
+from .language import marked, one_line
 from .ops import Ops
-from .parser import parse
-from .quantities import marked
-from .source import one_line
-from .text import text
-from .tree import Node, Quantity
-from .vectors import Vector
+from .parser import Vector, parse
+from .tree import Comparison, Derivative, Field, Node, NumberWithUnit, Steps, in_steps, nodes, text
 
 
 class Expression:
@@ -136,7 +144,7 @@ class Expression:
         """Whether it may have peaks that are narrower than what its fields do."""
         return may_peak(self.tree)
 
-    def kind(self, curved: Collection[str] = ()) -> Kind:
+    def kind(self, curved: Collection[str] = ()) -> Monotonicity:
         """Return whether it is a sum of fields, grows or falls with one, or neither.
 
         Parameters
@@ -225,7 +233,7 @@ def _source_text(source: Any) -> str:
         return one_line(source)
     source = as_quantity(source)
     if is_quantity(source) and np.ndim(source.value) == 0:
-        return text(Quantity(float(source.value), parse_unit(source.unit)))
+        return text(NumberWithUnit(float(source.value), parse_unit(source.unit)))
     if not isinstance(source, Real):
         raise ExpressionError(
             f"an expression is text such as 'log10(density)' or a number, "
@@ -238,3 +246,100 @@ def _source_text(source: Any) -> str:
     if not math.isfinite(number):
         raise ExpressionError(f"an expression must be a finite number or text, got {number}")
     return repr(number)
+
+
+class DerivedField(NamedTuple):
+    """A field that is computed from others, with more than their values in the same cell.
+
+    Attributes
+    ----------
+    name : str
+        Its name in `Expression.names`.
+    operation : str
+        ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``; ``los``, the component
+        away from the observer; or ``along.x`` and the like, the component of a vector that is given
+        by others.
+    arguments : tuple of Expression
+        What is differentiated; or the three components of a vector.
+    """
+
+    name: str
+    operation: str
+    arguments: tuple[Expression, ...]
+
+
+@functools.lru_cache(maxsize=1024)
+def derived_field(name: str) -> DerivedField | None:
+    """Return what a name such as ``gradmag(a)`` stands for, however it is written; or None."""
+    if "(" not in name:  # most names are identifiers
+        return None
+    try:
+        tree, _ = parse(one_line(name))
+    except ExpressionError:
+        return None
+    if not isinstance(tree, Derivative):
+        return None
+    argument = tree.argument
+    parts = argument.components if isinstance(argument, Vector) else (argument,)
+    return DerivedField(tree.name, tree.operation, tuple(Expression(text(p)) for p in parts))
+
+
+def required_names(expression: Expression) -> tuple[str, ...]:
+    """Return the fields and coordinates that an expression needs, those in derivatives too."""
+    found: dict[str, None] = {}
+    for name in expression.names:
+        derived = derived_field(name)
+        if derived is None:
+            found[name] = None
+            continue
+        for argument in derived.arguments:
+            found |= dict.fromkeys(required_names(argument))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class ComparisonField:
+    """A comparison, and the field that tells whether it holds."""
+
+    name: str
+    condition: Expression
+
+
+def on_one_side(
+    expressions: Iterable[Expression],
+) -> tuple[tuple[Expression, ...], tuple[ComparisonField, ...]]:
+    """Return expressions without comparisons, and what these were, each once."""
+    sides: dict[Node, ComparisonField] = {}
+    found = tuple(_decided(expression, sides) for expression in expressions)
+    return found, tuple(sides.values())
+
+
+def _decided(expression: Expression, sides: dict[Node, ComparisonField]) -> Expression:
+    tree = expression.tree
+    before = tree.steps if isinstance(tree, Steps) else ()
+
+    def side_of(node: Comparison) -> Field:
+        own = in_steps(before, node)
+        if own not in sides:
+            name = f"%side {len(sides)}"
+            condition = Expression.of_tree(own, _fields(own), f"{expression.text}: {name}")
+            sides[own] = ComparisonField(name, condition)
+        return Field(sides[own].name)
+
+    new = _replaced(tree, side_of)
+    return Expression.of_tree(new, _fields(new), f"{expression.text}: on one side")
+
+
+def _fields(tree: Node) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(node.name for node in nodes(tree) if isinstance(node, Field)))
+
+
+def _replaced(node: Any, side_of: Any) -> Any:
+    if isinstance(node, tuple):
+        return tuple(_replaced(part, side_of) for part in node)
+    if isinstance(node, Comparison):
+        return side_of(node)
+    if not isinstance(node, Node) or isinstance(node, Field):
+        return node
+    parts = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}  # type: ignore[arg-type]
+    return type(node)(**{name: _replaced(value, side_of) for name, value in parts.items()})

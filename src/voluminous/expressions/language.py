@@ -1,15 +1,25 @@
-"""The words of the language: constants, functions, operators, and what to say of foreign ones."""
+"""The language of expressions: its words, its text, and numbers with units in it.
+
+Python's grammar has no place for a unit. Therefore ``los(velocity) / (0.2 km/s)`` is rewritten with
+``0.2["km/s"]`` before it is parsed, and the parser makes a `NumberWithUnit` of that.
+"""
 
 from __future__ import annotations
 
 import ast
+import functools
 import math
-from typing import NamedTuple
+import re
+from collections.abc import Collection
+from typing import NamedTuple, NoReturn
+
+from ..errors import ExpressionError, UnitsError
+from ..units import parse_unit
 
 CONSTANTS = {"pi": math.pi, "e": math.e, "true": 1.0, "false": 0.0}
 
 
-class Function(NamedTuple):
+class Signature(NamedTuple):
     """A function of the language: how it is called, and how many arguments it takes."""
 
     signature: str
@@ -18,21 +28,21 @@ class Function(NamedTuple):
 
 
 FUNCTIONS = {
-    "where": Function("where(condition, a, b)", 3, 3),
-    "atan2": Function("atan2(y, x)", 2, 2),
-    "clip": Function("clip(x, lower, upper)", 3, 3),
-    "interp": Function("interp(x, [x1, x2, …], [y1, y2, …])", 3, 3),
-    "min": Function("min(a, b, …)", 2, math.inf),
-    "max": Function("max(a, b, …)", 2, math.inf),
-    "gradmag": Function("gradmag(x)", 1, 1),
-    "laplacian": Function("laplacian(x)", 1, 1),
-    "grad": Function("grad(x)", 1, 1),
-    "vector": Function("vector(a, b, c)", 3, 3),
-    "norm": Function("norm(v)", 1, 1),
-    "dot": Function("dot(v, w)", 2, 2),
-    "los": Function("los(v)", 1, 1),
+    "where": Signature("where(condition, a, b)", 3, 3),
+    "atan2": Signature("atan2(y, x)", 2, 2),
+    "clip": Signature("clip(x, lower, upper)", 3, 3),
+    "interp": Signature("interp(x, [x1, x2, …], [y1, y2, …])", 3, 3),
+    "min": Signature("min(a, b, …)", 2, math.inf),
+    "max": Signature("max(a, b, …)", 2, math.inf),
+    "gradmag": Signature("gradmag(x)", 1, 1),
+    "laplacian": Signature("laplacian(x)", 1, 1),
+    "grad": Signature("grad(x)", 1, 1),
+    "vector": Signature("vector(a, b, c)", 3, 3),
+    "norm": Signature("norm(v)", 1, 1),
+    "dot": Signature("dot(v, w)", 2, 2),
+    "los": Signature("los(v)", 1, 1),
     **{
-        name: Function(f"{name}(x)", 1, 1)
+        name: Signature(f"{name}(x)", 1, 1)
         for name in ("abs", "cos", "exp", "log", "log10", "sin", "sqrt", "tan", "tanh")
     },
 }
@@ -99,3 +109,192 @@ FOREIGN_FUNCTIONS: dict[str, str] = {
 FOREIGN_FUNCTIONS |= {
     f"arc{name[1:]}": FOREIGN_FUNCTIONS[name] for name in ("asin", "acos", "atan")
 }
+
+
+MAX_LENGTH = 10_000
+MAX_DEPTH = 100
+
+_UNWANTED = {
+    "#": "a comment ('#') cannot be part of an expression",
+    "\0": "a null byte cannot be part of an expression",
+}
+# What people used to other languages write, by the character at which Python's parser gives up.
+_HINTS = {
+    "=": "'=' is not an operator of expressions; '==' compares",
+    "&": "'&&' is not an operator of expressions; write 'and'",
+    "|": "'||' is not an operator of expressions; write 'or'",
+    "!": "'!' is not an operator of expressions; write 'not'",
+    "?": "'?' is not an operator of expressions; write where(condition, a, b)",
+}
+# Two names or numbers with nothing between them: `2 a`, `log10 a`, `v - 5 km`.
+_NO_OPERATOR = (
+    "an operator or brackets are missing here: write 2*a and log10(a); a number may be followed by "
+    "a unit that astropy knows, as in 'v / (5 km/s)'"
+)
+
+
+def one_line(text: str) -> str:
+    """Return the text without spaces around it, and with spaces for tabs and line ends."""
+    return text.translate(dict.fromkeys(map(ord, "\t\n\r\f\v"), " ")).strip(" ")
+
+
+def python_tree(text: str) -> ast.expr:
+    """Return Python's syntax tree of the text; nothing is compiled.
+
+    Raises
+    ------
+    ExpressionError
+        If the text is empty, too long, nested too deeply, or not an expression.
+    """
+    _check_text(text)
+    try:
+        return ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        _fail_syntax(text, error)
+    except ValueError as error:  # characters that cannot be encoded
+        raise ExpressionError(f"the expression cannot be read: {error}") from None
+    except (RecursionError, MemoryError):  # how Python's parser reports too deep a nesting
+        fail_too_deep(text, 0)
+
+
+def _check_text(text: str) -> None:
+    if not text:
+        raise ExpressionError("the expression is empty; write a field name or 'log10(density)'")
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(
+            f"the expression has {len(text)} characters, expected at most {MAX_LENGTH}; "
+            "split it into derived fields"
+        )
+    for character, problem in _UNWANTED.items():
+        if character in text:
+            fail(text, text.index(character), problem)
+
+
+def _fail_syntax(text: str, error: SyntaxError) -> NoReturn:
+    # Python counts from 1; 0 stands for the whole text, or its end if that is what is wrong.
+    if error.offset:
+        place = error.offset - 1
+        fail(text, place, _HINTS.get(text[place : place + 1]) or _explained(text, place, error))
+    if error.msg == "invalid syntax":
+        fail(text, len(text), "the expression ends too early")
+    fail(text, 0, error.msg)
+
+
+def _explained(text: str, place: int, error: SyntaxError) -> str:
+    """Return what Python says of an error, or more than that where two operands stand together."""
+    before, here = text[:place].rstrip()[-1:], text[place : place + 1]
+    beside = (before.isalnum() or before == ")") and here.isalnum()
+    # Of 2a Python points to the number.
+    return _NO_OPERATOR if beside or "decimal literal" in error.msg else error.msg
+
+
+def fail_too_deep(text: str, place: int) -> NoReturn:
+    """Raise the error for an expression with too many levels."""
+    problem = f"nested too deeply: over {MAX_DEPTH} levels, each '+' of a long sum being one"
+    fail(text, place, f"{problem}; split it into derived fields")
+
+
+def fail(text: str, place: int, problem: str) -> NoReturn:
+    """Raise the error for a problem at character `place`, with a caret under it.
+
+    Raises
+    ------
+    ExpressionError
+        Always; shows the 100 characters around the place.
+    """
+    # Units stand in brackets and quotes, see `marked`.
+    before, after = (re.sub(r'\["(.*?)"\]', r" \1", part) for part in (text[:place], text[place:]))
+    text, place = before + after, len(before)
+    start, end = max(0, place - 50), place + 50
+    before, after = "…" * (start > 0), "…" * (end < len(text))
+    shown = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[start:end])
+    caret = " " * (len(before) + place - start) + "^"
+    raise ExpressionError(f"{problem}\n    {before}{shown}{after}\n    {caret}")
+
+
+# A whole number literal: not the "10" of 0x10, nor the "2" of a2.
+_NUMBER = re.compile(r"(?<![\w.])(?!0[xXbBoO])(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\d.])")
+_FRACTION = r"\([-+]?\d+(?:[./]\d+)?\)"
+_POWER = rf"(?:[-+]?\d+|{_FRACTION}|\s*(?:\*\*|\^)\s*(?:[-+]?\d+(?:\.\d+)?|{_FRACTION}))?"
+# One factor of a unit: a name that is no function being called, with its power.
+_FACTOR = re.compile(rf"([^\W\d]+)({_POWER})(?![\w(])")
+_FIRST = re.compile(r"\s*(?=[^\W\d])|\s+1\s*/\s*(?=[^\W\d(])")
+_OPENED = re.compile(r"(?:dex)?\(")
+_NEXT = re.compile(r"\s*[*/]\s*|\s+")
+# `a` and `b` are units too (years, bits), but nobody means these by "2a".
+_KEYWORDS = {"and", "or", "not", "if", "else", "in", "is", "lambda", "a", "b", *CONSTANTS}
+
+
+@functools.lru_cache(maxsize=1024)
+def marked(text: str, fields: tuple[str, ...] = ()) -> str:
+    """Return the text with ``0.2["km/s"]`` in place of ``0.2 km/s``.
+
+    Parameters
+    ----------
+    text : str
+        An expression.
+    fields : tuple of str
+        Names that are fields where they follow ``*`` or ``/``, even if they are units too:
+        in ``20 K/T`` T is the temperature if there is such a field, else the tesla.
+    """
+    parts, place = [], 0
+    for number in _NUMBER.finditer(text):
+        if number.start() < place:  # the 1 of "2 1/cm", the 3 of "2 cm-3"
+            continue
+        end = _unit_end(text, number.end(), fields)
+        if end > number.end():
+            unit = text[number.end() : end].strip()
+            parts += [text[place : number.end()], f'["{unit}"]']
+            place = end
+    return "".join([*parts, text[place:]])
+
+
+def _unit_end(text: str, start: int, fields: Collection[str]) -> int:
+    """Return where the longest unit ends that begins after a number; `start` if there is none."""
+    first = _FIRST.match(text, start)
+    if first is None:
+        return start
+    name = _FACTOR.match(text, first.end())
+    if name is not None and name[1] in fields and "/" not in first[0] and _is_unit(name[1]):
+        fail(
+            text,
+            first.end(),
+            f"{name[1]!r} is a field and the name of a unit: write 2*{name[1]} for a product, or "
+            "the unit by another name, such as 'meter' for 'm'",
+        )
+    end = _factors_end(text, first.end(), fields)
+    return start if end is None else end
+
+
+def _factors_end(text: str, place: int, fields: Collection[str]) -> int | None:
+    end = None
+    while True:
+        after = _factor_end(text, place, fields)
+        if after is None:
+            return end
+        end = after
+        between = _NEXT.match(text, end)
+        if between is None:
+            return end
+        place = between.end()
+
+
+def _factor_end(text: str, place: int, excluded: Collection[str]) -> int | None:
+    opened = _OPENED.match(text, place)
+    if opened is not None:
+        inside = _factors_end(text, opened.end(), excluded)
+        closed = None if inside is None else re.compile(rf"\s*\){_POWER}").match(text, inside)
+        return None if closed is None else closed.end()
+    factor = _FACTOR.match(text, place)
+    if factor is None or factor[1] in excluded or not _is_unit(factor[1]):
+        return None
+    return factor.end()
+
+
+def _is_unit(name: str) -> bool:
+    if name in _KEYWORDS:
+        return False
+    try:
+        return parse_unit(name) is not None
+    except UnitsError:
+        return False

@@ -14,9 +14,19 @@ import numpy as np
 
 from .expression import Expression
 from .parser import interpolation, power
-from .steps import in_steps
-from .text import text
-from .tree import Call, Comparison, Constant, Earlier, Field, Literal, Logic, Node, Where
+from .tree import (
+    Call,
+    Comparison,
+    Constant,
+    Earlier,
+    Field,
+    Literal,
+    Logic,
+    Node,
+    Where,
+    in_steps,
+    text,
+)
 
 
 class UnreadableError(TypeError):
@@ -30,13 +40,13 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
     ----------
     node : Node
         A field, a constant, or the number of the step that computes it.
-    recorder : Recorder
+    recorder : StepRecorder
         Who keeps the steps.
     """
 
     __slots__ = ("node", "recorder")
 
-    def __init__(self, node: Node, recorder: Recorder) -> None:
+    def __init__(self, node: Node, recorder: StepRecorder) -> None:
         self.node, self.recorder = node, recorder
 
     def __bool__(self) -> bool:
@@ -55,7 +65,7 @@ class Symbol(np.lib.mixins.NDArrayOperatorsMixin):
         return apply(function.__name__, *given, **named)
 
 
-class Recorder:
+class StepRecorder:
     """The steps of one function, in the order in which it takes them; equal ones are one."""
 
     def __init__(self) -> None:
@@ -115,7 +125,7 @@ def read(
     UnreadableError
         If the function does what no expression can; besides, whatever it raises itself.
     """
-    recorder = Recorder()
+    recorder = StepRecorder()
     names = tuple(dict.fromkeys(name for e in inputs for name in e.names))
     arguments = [recorder.symbol(e.tree) for e in inputs]
     numbers = {

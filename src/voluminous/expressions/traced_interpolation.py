@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr, from_host
-from .interpolation import Place, locate
+from .drjit_ops import TablePosition, locate
 from .traced_interval import TracedInterval, extremes
 from .traced_rounding import float_info, larger, lowered, positive, raised, smaller
 
@@ -70,7 +70,9 @@ def slopes_in_ranges(x: TracedInterval, nodes: np.ndarray, values: np.ndarray) -
     return TracedInterval(lowered(lo), raised(hi), x.nan), first == last
 
 
-def _enclosure(column: np.ndarray, first: Place, last: Place, x: TracedInterval) -> Any:
+def _enclosure(
+    column: np.ndarray, first: TablePosition, last: TablePosition, x: TracedInterval
+) -> Any:
     real = type(x.lo)
     data = from_host(real, column)
     pieces = [place.around(data) for place in (first, last)]

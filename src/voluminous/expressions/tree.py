@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -53,7 +55,7 @@ class Literal(Constant):
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity(Node):
+class NumberWithUnit(Node):
     """A number with a unit, which has no value before the units of the fields are known."""
 
     value: float
@@ -218,3 +220,125 @@ def nodes(tree: Node) -> Iterator[Node]:
         for below in value if isinstance(value, tuple) else (value,):
             if isinstance(below, Node):
                 yield from nodes(below)
+
+
+def in_steps(steps: Sequence[Node], result: Node) -> Node:
+    """Return a result with the steps that it needs, no others: the same for the same formula."""
+    needed: set[int] = set()
+    waiting = [result]
+    while waiting:
+        for number in _earlier(waiting.pop()):
+            if number not in needed:
+                needed.add(number)
+                waiting.append(steps[number])
+    if not needed:
+        return result
+    new = {old: k for k, old in enumerate(sorted(needed))}
+    return Steps(tuple(_renumbered(steps[old], new) for old in new), _renumbered(result, new))
+
+
+def _earlier(node: Node) -> list[int]:
+    return [below.step for below in nodes(node) if isinstance(below, Earlier)]
+
+
+def _renumbered(node: Any, new: dict[int, int]) -> Any:
+    if isinstance(node, tuple):
+        return tuple(_renumbered(part, new) for part in node)
+    if isinstance(node, Earlier):
+        return Earlier(new[node.step])
+    if not isinstance(node, Node) or not _earlier(node):
+        return node
+    parts = {f.name: getattr(node, f.name) for f in dataclasses.fields(node)}  # type: ignore[arg-type]
+    return type(node)(**{name: _renumbered(value, new) for name, value in parts.items()})
+
+
+_PREFIX = {"negative": "-", "positive": "+", "logical_not": "not "}
+_INFIX = {
+    "add": "+",
+    "subtract": "-",
+    "multiply": "*",
+    "divide": "/",
+    "floor_divide": "//",
+    "remainder": "%",
+    "power": "**",
+    "less": "<",
+    "less_equal": "<=",
+    "greater": ">",
+    "greater_equal": ">=",
+    "equal": "==",
+    "not_equal": "!=",
+    "logical_and": "and",
+    "logical_or": "or",
+}
+# What needs no parentheses wherever it stands.
+_CLOSED = (Field, Earlier, Where, Interpolation, NumberWithUnit)
+
+# A number in the name of a unit, as in 1e-20 erg, which the language has no place for.
+_SCALED = re.compile(r"(?:^|\s\(?|dex\()(?!1 /)\d")
+
+
+def text(node: Node) -> str:
+    """Return a text that is parsed into this very tree; steps, which no text has, one by one."""
+    match node:
+        case NumberWithUnit(value, unit) | InUnit(value, unit) if unit is not None:
+            return _quantity(value, unit)
+        case Constant(value):
+            return repr(value).removesuffix(".0")
+        case Field(name):  # a derivative too
+            return name
+        case Earlier():
+            return node.name
+        case Steps(steps, result):
+            named = [f"{Earlier(k).name} = {text(step)}" for k, step in enumerate(steps)]
+            return "; ".join([*named, text(result)])
+        case IntegerPower(base, exponent):
+            return f"{_operand(base)} ** {exponent}"
+        case Comparison(operations, operands):
+            return _chained([_INFIX[operation] for operation in operations], operands)
+        case Interpolation(argument, places, entries):
+            return f"interp({text(argument)}, {_numbers(places)}, {_numbers(entries)})"
+        case Where(condition, chosen, otherwise):
+            return f"where({_listed((condition, chosen, otherwise))})"
+        case Call(operation, arguments) | Logic(operation, arguments):
+            return _operation(operation, arguments)
+    raise TypeError(f"not a number in an expression: {node!r}")
+
+
+def _quantity(value: float, unit: Any) -> str:
+    shown = str(unit)
+    if _SCALED.search(shown):
+        own = getattr(unit, "physical_unit", unit).decompose()
+        dex = hasattr(unit, "physical_unit")
+        value = value + math.log10(own.scale) if dex else value * own.scale
+        shown = str(type(own)(1.0, own.bases, own.powers))
+        shown = f"dex({shown})" if dex and shown else shown
+    return f"({text(Constant(value))} {shown.replace('%', 'percent')}".rstrip() + ")"
+
+
+def _operation(operation: str, arguments: tuple[Node, ...]) -> str:
+    if operation in _PREFIX:
+        return _PREFIX[operation] + _operand(arguments[0])
+    if operation in _INFIX:
+        return _chained([_INFIX[operation]] * (len(arguments) - 1), arguments)
+    return f"{operation}({_listed(arguments)})"
+
+
+def _chained(symbols: list[str], operands: tuple[Node, ...]) -> str:
+    first, *others = (_operand(operand) for operand in operands)
+    return " ".join((first, *chain.from_iterable(zip(symbols, others, strict=True))))
+
+
+def _operand(node: Node) -> str:
+    """Return the text of an operand, in parentheses unless it can do without."""
+    shown = text(node)
+    simple = isinstance(node, Constant) and not shown.startswith("-")
+    function = isinstance(node, Call) and node.operation not in _PREFIX | _INFIX
+    return shown if simple or function or isinstance(node, _CLOSED) else f"({shown})"
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return f"[{', '.join(text(Constant(value)) for value in values)}]"
+
+
+def _listed(nodes: tuple[Node, ...]) -> str:
+    return ", ".join(text(node) for node in nodes)

@@ -26,7 +26,6 @@ from ..errors import UnitsError
 from ..units import parse_unit, unit_name
 from .expression import Expression
 from .ops import NumpyOps
-from .text import text
 from .tree import (
     Call,
     Comparison,
@@ -38,10 +37,11 @@ from .tree import (
     InUnit,
     Logic,
     Node,
-    Quantity,
+    NumberWithUnit,
     Steps,
     Where,
     nodes,
+    text,
 )
 
 _ADVICE = (
@@ -124,7 +124,7 @@ def _counts(unit: Any) -> bool:
 @functools.lru_cache(maxsize=256)
 def has_units(expression: Expression) -> bool:
     """Return whether there are numbers with units in an expression."""
-    return any(isinstance(node, (Quantity, InUnit)) for node in nodes(expression.tree))
+    return any(isinstance(node, (NumberWithUnit, InUnit)) for node in nodes(expression.tree))
 
 
 @functools.lru_cache(maxsize=512)
@@ -175,7 +175,7 @@ class _Walk:
 
     def part(self, node: Node) -> _Part:
         match node:
-            case Quantity(value, unit) | InUnit(value, unit):
+            case NumberWithUnit(value, unit) | InUnit(value, unit):
                 return _Part(InUnit(value, unit), unit)
             case Constant(value):
                 return _Part(node, None, value)

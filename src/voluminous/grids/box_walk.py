@@ -6,10 +6,10 @@ from typing import Any
 
 from ..backend import dr
 from .axes import NEVER
-from .contract import Ray
+from .contract import Ray, Walk
 
 
-class BoxWalk:
+class BoxWalk(Walk):
     """Rays through a box between planes of x, y and z, however it is divided into cells.
 
     Attributes
@@ -19,9 +19,7 @@ class BoxWalk:
         The unit of distances in the volume's unit, and one over it.
     """
 
-    backend: Any
     axes: list[Any]
-    scale: Any
     to_scale: Any
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:

@@ -1,4 +1,6 @@
-"""What a grid promises: the host side (`Grid`) and the walk a kernel traces (`Walk`).
+"""The contract of a grid: the host side (`Grid`) and the walk that a kernel traces (`Walk`).
+
+Both are base classes: what has a default here need not be written for a new grid.
 
 Lengths inside a kernel are in units of ``grid.scale`` (a typical cell width), so that single
 precision never overflows, whatever the unit of the data. Distances along a ray are counted from the
@@ -7,10 +9,21 @@ point where it enters the whole domain: pieces of a volume agree on them.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeVar
 
 import numpy as np
+
+from ..backend.types import Float, Int, Mask
+from ..errors import InputError
+from ..geometry import CARTESIAN
+from ..units import unit_name
+
+if TYPE_CHECKING:
+    from ..backend import Backend
+
+Made = TypeVar("Made")
 
 
 @dataclass
@@ -29,12 +42,12 @@ class Ray:
         A point of the ray before the domain, rounded as in RADMC-3D; for a walk by dead reckoning.
     """
 
-    origin: list[Any]
-    direction: list[Any]
-    first: Any = None
-    last: Any = None
-    active: Any = None
-    start: list[Any] | None = None
+    origin: list[Float]
+    direction: list[Float]
+    first: Float = None
+    last: Float = None
+    active: Mask = None
+    start: list[Float] | None = None
 
 
 @dataclass
@@ -53,25 +66,73 @@ class Segment:
         Lanes that are still inside.
     exit : object
         What the grid needs to find where the segment leaves the cell; for `Walk.exit_corners`.
-    ray : Ray or None
-        The ray it is a part of: its direction, for media and sources. Set by the ray loop.
+    ray, walk, track, backward
+        The ray it is a part of, its walk and track, and whether it runs towards the camera; for
+        schemes, sources and media. Set by the ray loop.
     """
 
-    cell: Any
-    length: Any
-    begin: Any
-    end: Any
-    active: Any
+    cell: Int
+    length: Float
+    begin: Float
+    end: Float
+    active: Mask
     exit: Any
     ray: Ray | None = field(default=None, kw_only=True)
+    walk: Any = field(default=None, kw_only=True)
+    track: Any = field(default=None, kw_only=True)
+    backward: bool = field(default=False, kw_only=True)
 
 
 @dataclass
 class Corners:
     """Vertices around a point and their weights: ``Σ weight[k] f[vertex[k]]`` interpolates f."""
 
-    vertex: list[Any]
-    weight: list[Any]
+    vertex: list[Int]
+    weight: list[Float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of cells of a structured grid, to which a walk is confined.
+
+    Attributes
+    ----------
+    low, high : tuple of three int
+        The first cell along each axis, and the one after the last.
+    """
+
+    low: tuple[int, int, int]
+    high: tuple[int, int, int]
+
+    @property
+    def with_ghosts(self) -> tuple[slice, slice, slice]:
+        """The cells whose values a dual walk needs: one layer more on the low sides."""
+        x, y, z = (slice(max(a - 1, 0), b) for a, b in zip(self.low, self.high, strict=True))
+        return x, y, z
+
+
+class Track(Protocol):
+    """What is constant along a ray.
+
+    Attributes
+    ----------
+    entry : array
+        Distance from the ray's origin to where distances begin to count, in units of the scale.
+    """
+
+    entry: Float
+
+
+class Cursor(Protocol):
+    """Where a ray is: a dataclass of arrays, part of the loop's state.
+
+    Attributes
+    ----------
+    inside : array of Bool
+        Lanes that are in the domain still.
+    """
+
+    inside: Mask
 
 
 class Landing(Protocol):
@@ -79,88 +140,185 @@ class Landing(Protocol):
 
     Attributes
     ----------
-    cursor : object
+    cursor : Cursor
         Where they are.
     moved : array of Bool
         Lanes that have crossed any.
     """
 
     cursor: Any
-    moved: Any
+    moved: Mask
 
-    def holds(self, cursor: Any) -> Any:
+    def holds(self, cursor: Any) -> Mask:
         """Return the lanes that may go on from there: they have not come to more of it."""
 
 
-class Walk(Protocol):
+class Walk:
     """How rays walk through a grid, traced into the kernel.
 
-    A *track* holds what is constant along a ray (``track.entry``: how far from its origin distances
-    begin to count, in units of the scale), a *cursor* (a dataclass of arrays, part of the
-    loop's state) where it is now; ``cursor.inside`` tells the lanes that still have a way to go.
+    Attributes
+    ----------
+    leaps : bool
+        Rays may cross empty blocks in one step (`grids.cartesian.leap`).
+    has_gaps : bool
+        There is space in the domain that belongs to no cell; `cross` leads beyond it.
+    in_cells : bool
+        Segments lie in one cell of the grid each; in a walk through dual cells they do not.
+    approximate : bool
+        Fields along a segment are no polynomials, and `kept_to` says how near to one.
+    scale : array
+        The grid's scale.
     """
 
-    leaps: bool  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
-
-    # Besides, if there is space in the domain that belongs to no cell: `has_gaps`, which is True
-    # then, and `cross(track, cursor)`, which returns the `Landing` beyond it. A cursor in a gap has
-    # no segment.
+    leaps: bool = False
+    has_gaps: bool = False
+    in_cells: bool = True
+    approximate: bool = False
+    scale: Float
+    backend: Backend
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
-        """Return the track and the cursor at the point where each ray enters."""
+        """Return the `Track` and the `Cursor` where each ray enters."""
+        raise NotImplementedError
 
     def next(self, track: Any, cursor: Any) -> tuple[Segment, Any]:
-        """Return the segment through the present cell, and the cursor at its end."""
+        """Return the segment through the present cell, and the cursor at its end.
+
+        A cursor in a gap has no segment.
+        """
+        raise NotImplementedError
+
+    def cross(self, track: Any, cursor: Any) -> Landing:
+        """Return where rays are beyond the gap that they are in."""
+        raise NotImplementedError
 
     def entry_corners(self, track: Any, cursor: Any) -> Corners:
-        """Return the vertices around the point where the cursor is."""
+        """Return the vertices around the cursor; of grids with vertices."""
+        raise NotImplementedError
 
     def exit_corners(self, track: Any, segment: Segment) -> Corners:
-        """Return the vertices around the point where a segment ends."""
+        """Return the vertices around the end of a segment; of grids with vertices."""
+        raise NotImplementedError
+
+    def chord(self, track: Any, segment: Segment) -> Any:
+        """Return where a segment runs through its dual cell; of dual walks."""
+        raise NotImplementedError
+
+    def kept_to(self, tolerance: float) -> Walk:
+        """Return the walk whose polynomials are off by no more than that part of a field."""
+        return self
 
 
-class Grid(Protocol):
-    """What fields, schemes, media and cameras may ask of a grid on the host.
+class Grid:
+    """A grid on the host: the base class of all grids.
 
-    Cells have flat numbers: C order of `shape` where a grid has three axes (the last one is
-    fastest), the order of its leaves where it is refined. All lengths are plain floats in `unit`.
+    A new grid needs what is listed first under Attributes, `cell_centers`, `locate` and `walk`;
+    all else has a default. Cells have flat numbers: C order of `shape` where a grid has three axes
+    (the last one is fastest), the order of its leaves where it is refined. All lengths are plain
+    floats in `unit`.
 
     Attributes
     ----------
     unit : astropy unit or None
         Length unit; None is dimensionless.
+    size : int
+        Number of cells.
     shape : tuple of int
-        The shape of a field: ``(n1, n2, n3)``, or ``(leaves,)`` where the grid is refined.
+        The shape of a field: ``(n1, n2, n3)``, or ``(cells,)``.
     scale : float
         Typical cell width (the smallest useful one): lengths in kernels are in this unit.
+    bounds : array, shape (3, 2)
+        Corners of the Cartesian box around the domain.
+    cell_volumes : array
+        Volumes of the cells, exact, of the grid's shape; a mirrored cell counts twice.
+    levels : array of uint8
+        How often each cell's base cell was refined, of the grid's shape.
+    kind : str
+        The name by which descriptions and native files know the grid.
     coordinates : tuple of three str
         Names of the grid's own coordinates, such as ``("r", "theta", "phi")``, angles in radians.
     edges : tuple of three arrays
-        Walls along the own coordinates; of grids with three axes.
-    mirror : bool
-        What is above the midplane is also below (spherical grids).
+        Walls along the own coordinates; of structured grids, and of base cells.
     walk_kinds : tuple of str
         Which walks it has: always ``"cells"``; see `walk`.
+    cells_are_boxes : bool
+        Each cell lies between two values of each of the grid's own coordinates, and `cell_sizes`
+        and `native_centers` tell which. Other cells have sizes that are estimates.
+    is_rectilinear : bool
+        Structured, with walls that are planes of x, y and z.
+    is_uniform : bool
+        Rectilinear, with cells all alike.
+    is_periodic : bool
+        Azimuth spans a full circle.
+    mirror : bool
+        What is above the midplane is also below (spherical grids).
     has_blocks : bool
         Rays may leap over blocks of its cells (`grids.cartesian.leap`).
+    has_vertices : bool
+        It has `vertex_count` and `vertex_cells`, for schemes with coefficients at vertices.
+    has_traced_centers : bool
+        Kernels can compute `traced_centers`.
+    has_neighbourhood : bool
+        Kernels can find neighbours of cells through `neighbourhood`.
+    can_be_pruned : bool
+        Rays can walk through the cells that show something alone: `pruned`, `walk_through`.
+    base_edges : tuple of three arrays
+        Walls of the base cells of Cartesian trees.
+    places, patches : object or None
+        How the cells of octrees, and of patches, are nested.
     """
 
-    unit: Any
-    shape: tuple[int, ...]
-    scale: float
-    coordinates: tuple[str, ...]
-    edges: tuple[np.ndarray, ...]
-    mirror: bool
-    walk_kinds: tuple[str, ...]
-    has_blocks: bool
+    kind: str = "unnamed"
+    coordinates: tuple[str, str, str] = CARTESIAN
+    walk_kinds: tuple[str, ...] = ("cells",)
+    mirror: bool = False
+    cells_are_boxes: bool = False
+    is_rectilinear: bool = False
+    has_blocks: bool = False
+    has_vertices: bool = False
+    has_traced_centers: bool = False
+    has_neighbourhood: bool = False
+    can_be_pruned: bool = False
+    edges: tuple[np.ndarray, ...] = ()
+    places: Any = None
+    patches: Any = None
+    base_edges: tuple[np.ndarray, ...] = ()
+    unit: Any = None
+
+    if TYPE_CHECKING:  # attributes or properties, as a grid likes
+
+        @property
+        def size(self) -> int: ...
+        @property
+        def shape(self) -> tuple[int, ...]: ...
+        @property
+        def scale(self) -> float: ...
+        @property
+        def bounds(self) -> np.ndarray: ...
+        @property
+        def cell_volumes(self) -> np.ndarray: ...
+        @property
+        def levels(self) -> np.ndarray: ...
+        @property
+        def is_uniform(self) -> bool: ...
+        @property
+        def is_periodic(self) -> bool: ...
+        @property
+        def vertex_count(self) -> int: ...
+    else:
+        is_uniform = is_periodic = False
 
     @property
-    def size(self) -> int:
-        """Number of cells."""
+    def is_structured(self) -> bool:
+        """Whether cells are numbered along three axes."""
+        return len(self.shape) == 3
 
     @property
-    def bounds(self) -> np.ndarray:
-        """Corners of the Cartesian box around the domain, shape (3, 2)."""
+    def cells_across(self) -> float:
+        """About how many cells a ray crosses at most."""
+        if self.is_structured:
+            return float(sum(self.shape))
+        return 3.0 * float(self.size) ** (1 / 3)
 
     def pack(self, value: Any) -> np.ndarray:
         """Return what a user gives as a field, as an array; its shape is checked elsewhere.
@@ -168,18 +326,22 @@ class Grid(Protocol):
         Where fields come in parts (one array per patch) they are put into the order of cells, and
         what finer cells hide is left out.
         """
+        return np.asarray(value)
 
     def unpack(self, flat: np.ndarray) -> Any:
         """Return a field the way `pack` takes it; hidden cells are NaN, or zero for integers."""
+        return np.asarray(flat).reshape(self.shape)
 
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return x, y and z of the centres of the cells from `first` to `last`, shape (3, n).
 
         Of curvilinear cells it is where each own coordinate is in its middle.
         """
+        raise NotImplementedError
 
     def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return the centres in the grid's own coordinates, shape (3, n)."""
+        return self.cell_centers(first, last)
 
     def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return unit vectors along the own coordinates at the centres, shape (3, 3, n).
@@ -187,20 +349,25 @@ class Grid(Protocol):
         ``[k, :, i]`` are the Cartesian components of the direction in which coordinate k of cell i
         increases.
         """
+        count = (self.size if last is None else last) - first
+        return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return the cells' widths along their own coordinates, as lengths, shape (3, n).
 
-        Of curvilinear cells they are measured through the centre: Δr, r Δθ, r sin θ Δφ.
+        Of curvilinear cells they are measured through the centre: Δr, r Δθ, r sin θ Δφ. Where cells
+        are no boxes, they are those of a cube of the same volume.
         """
+        width = np.cbrt(self.cell_volumes.reshape(-1)[first:last])
+        return np.broadcast_to(width, (3, len(width)))
 
-    @property
-    def cell_volumes(self) -> np.ndarray:
-        """Volumes of the cells, exact, of the grid's shape; a mirrored cell counts twice."""
+    def spans(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return where cells begin and end along their own coordinates, shape (3, n) each.
 
-    @property
-    def levels(self) -> np.ndarray:
-        """How often each cell's base cell was refined: uint8 of the grid's shape."""
+        Of cells that are boxes.
+        """
+        center, half = self.cell_centers(first, last), 0.5 * self.cell_sizes(first, last)
+        return center - half, center + half
 
     def locate(self, points: Any) -> np.ndarray:
         """Return the flat number of the cell that each point is in, -1 outside.
@@ -211,12 +378,54 @@ class Grid(Protocol):
             Cartesian coordinates; plain numbers are in the grid's unit. A point on a wall is in one
             of the cells around.
         """
+        raise NotImplementedError
 
-    @property
-    def vertex_count(self) -> int:
-        """Number of vertices, for schemes with coefficients there; needs `vertex_cells`."""
+    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
+        """Return the `Walk` for a backend.
 
-    def vertex_cells(self, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
+        Parameters
+        ----------
+        backend : Backend
+            Device and precision.
+        kind : str
+            ``"cells"``: through the cells; ``"dual"``: through the dual cells between their
+            centres; ``"reckoned"``: through the cells in RADMC-3D's steps.
+        box : Box, optional
+            Confine it to these cells. Geometry and distances are those of the whole domain; cells
+            are numbered within the box, and vertices of the dual walk within `Box.with_ghosts`.
+
+        Raises
+        ------
+        InputError
+            If the grid has no such walk.
+        """
+        raise NotImplementedError
+
+    def check_no_box(self, box: Box | None) -> None:
+        """Refuse a walk confined to a box.
+
+        Raises
+        ------
+        InputError
+            If there is one.
+        """
+        if box is not None:
+            raise InputError(
+                f"rays through a {type(self).__name__} cannot be confined to a box of its cells "
+                "(box=): only CartesianGrid can, with the walks 'cells' and 'dual'"
+            )
+
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
+        """Return fields as dual walks gather them, one for each array.
+
+        Raises
+        ------
+        InputError
+            If the grid has no dual walk.
+        """
+        self.refuse("fields between its cells")
+
+    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Int, Mask]]:
         """Return the eight cells around vertices, each with where it exists (traced).
 
         Coefficients at a vertex are plain means over those that exist; one that is named twice
@@ -224,36 +433,59 @@ class Grid(Protocol):
         n3 + 1)``, and those of layer i of the first axis touch only cells of its layers i - 1
         and i.
         """
+        self.refuse("vertices")
 
-    def walk(self, backend: Any, kind: str = "cells") -> Walk:
-        """Return the walk for a backend.
+    def traced_centers(self, cell: Int, backend: Backend) -> list[Float]:
+        """Return x, y and z of cell centres from flat cell numbers (traced)."""
+        self.refuse("centres that kernels compute")
 
-        It goes through the cells; or through the dual cells between their centres (``"dual"``);
-        or, where the grid can, through the cells with RADMC-3D's rounding (``"reckoned"``).
+    def neighbourhood(self, backend: Backend) -> Any:
+        """Return what finds neighbours of cells in kernels, and how far they are."""
+        self.refuse("neighbours that kernels find")
+
+    def pruned(self, visible: Any) -> Any:
+        """Return the tree with holes for cells of which `visible` is false."""
+        self.refuse("cells that can be left out")
+
+    def walk_through(self, tree: Any, backend: Backend, kind: str = "cells") -> Any:
+        """Return a walk through another tree over the same domain, such as one with holes."""
+        self.refuse("cells that can be left out")
+
+    def refuse(self, lacking: str) -> NoReturn:
+        """Refuse what the grid does not have.
+
+        Raises
+        ------
+        InputError
+            Always; names a scheme that every grid has.
         """
+        raise InputError(f"a {type(self).__name__} has no {lacking}; use scheme='first-order'")
 
     def needs_double(self) -> bool:
         """Return True where single precision cannot tell cells apart."""
+        return False
 
     def describe(self) -> dict[str, Any]:
         """Return what ``voluminous info`` and an image's provenance tell of the grid.
 
         Plain values: type, shape, bounds, unit; ``cells_per_level`` where it is refined.
         """
+        return {
+            "type": self.kind,
+            "shape": list(self.shape),
+            "bounds": self.bounds.tolist(),
+            "unit": unit_name(self.unit),
+        }
 
+    def on_device(self, backend: Backend, what: str, make: Callable[[], Made]) -> Made:
+        """Return what `make` returned the first time for a backend: once made, it is kept."""
+        kept: dict[Any, Any] = self.__dict__.setdefault("_on_devices", {})
+        key = (backend, what)
+        if key not in kept:
+            kept[key] = make()
+        made: Made = kept[key]
+        return made
 
-def cells_across(grid: Any) -> float:
-    """Return about how many cells a ray crosses at most."""
-    if len(grid.shape) == 3:
-        return float(sum(grid.shape))
-    return 3.0 * float(grid.size) ** (1 / 3)
-
-
-def has_blocks(grid: Any) -> bool:
-    """Return whether rays may leap over blocks of a grid's cells."""
-    return bool(getattr(grid, "has_blocks", False))
-
-
-def has_gaps(walk: Any) -> bool:
-    """Return whether there may be space in the domain that belongs to no cell."""
-    return bool(getattr(walk, "has_gaps", False))
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but what devices hold: another process makes its own."""
+        return {name: value for name, value in vars(self).items() if name != "_on_devices"}

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..backend import dr
-from .contract import Landing, Ray, Segment, has_gaps
+from .contract import Landing, Ray, Segment, Walk
 
 
 @dataclass
@@ -54,7 +54,7 @@ class Piece(Segment):
     own: Any
 
 
-class TwoWalks:
+class TwoWalks(Walk):
     """A walk whose segments are those of the first, cut at the walls of the second.
 
     Parameters
@@ -63,11 +63,9 @@ class TwoWalks:
         Through the same domain.
     """
 
-    leaps = False
-
-    def __init__(self, first: Any, second: Any) -> None:
+    def __init__(self, first: Walk, second: Walk) -> None:
         self.first, self.second, self.scale = first, second, first.scale
-        self.has_gaps = has_gaps(first)
+        self.has_gaps = first.has_gaps
 
     def cross(self, track: TwoTracks, cursor: TwoCursors) -> Landing:
         """Return rays where they are in cells of both walks, beyond the gap they were in."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..units import degrees, parse_unit, plain, unit_of
-from .planes import changed, plane_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -42,10 +41,9 @@ def convolve(image: Image, beam: Any) -> Image:
     covariance = _in_pixels(image, beam)
     _check_width(covariance, image)
     kernel = _kernel(covariance)
-    planes = {name: plane_of(image, name) for name in ("transparency", "error", "lower", "upper")}
+    planes = {name: image.plane(name) for name in ("transparency", "error", "lower", "upper")}
     seen = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
-    return changed(
-        image,
+    return image.replace(
         intensity=_smoothed(image.intensity, kernel),
         optical_depth=None,  # no mean of transparencies has the mean depth
         provenance={**how, "beam": _told(beam)},

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..errors import UnitsError
 from ..units import parse_unit
+from .arguments import known_unit
 from .beam import as_beam, beam_area, sky_matrix
-from .planes import changed, known_unit, plane_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -26,7 +26,7 @@ def to_unit(image: Image, unit: Any, beam: Any = None) -> Image:
     factor = float(on_plane.to(target))
     size = (factor * image.pixel_size[0], factor * image.pixel_size[1])
     axes = {"x": factor * image.x, "y": factor * image.y, "pixel_size": size}
-    image = changed(image, unit=str(target), **axes)
+    image = image.replace(unit=str(target), **axes)
     own = known_unit(image.intensity_unit)
     lengths = own is not None and own.is_equivalent(target)  # a map of depths
     return _to_intensity(image, target, unit, beam) if lengths else image
@@ -42,10 +42,10 @@ def _to_intensity(image: Image, target: Any, unit: Any, beam: Any) -> Image:
             "give Image(..., intensity_unit=, unit=), or emissivities with units (vm.Coefficients)"
         )
     factor = _factor(image, own, target, beam)
-    planes = {name: plane_of(image, name) for name in _SCALED}
+    planes = {name: image.plane(name) for name in _SCALED}
     scaled = {name: _scaled(p, factor) for name, p in planes.items() if p is not None}
     intensity = _scaled(image.intensity, factor)
-    return changed(image, intensity=intensity, intensity_unit=target, **scaled)
+    return image.replace(intensity=intensity, intensity_unit=target, **scaled)
 
 
 def _scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:

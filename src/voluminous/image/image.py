@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import immutable
-from . import planes, sky
-from .made import Made
-from .metadata import json_value
+from ..packages import room
+from . import arguments
+from .arguments import json_value
 
 if TYPE_CHECKING:
+    from astropy.io.fits import PrimaryHDU
     from matplotlib.axes import Axes
 
 Array = NDArray[np.floating[Any]]
 
 
-class Image(Made):
+class Image:
     """A picture: intensity per pixel and channel, with coordinates, units and provenance.
 
     Parameters
@@ -100,10 +101,10 @@ class Image(Made):
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
     ) -> None:
-        values, intensity_unit = planes.intensity(intensity, intensity_unit)
+        values, intensity_unit = arguments.intensity(intensity, intensity_unit)
         ny, nx, _ = shape = values.shape
-        name = planes.length_unit(unit, x, y)
-        x, y = planes.axis(x, nx, name, "x"), planes.axis(y, ny, name, "y")
+        name = arguments.length_unit(unit, x, y)
+        x, y = arguments.axis(x, nx, name, "x"), arguments.axis(y, ny, name, "y")
         pending = optical_depth if callable(optical_depth) else None
         beside = {
             "transparency": transparency,
@@ -115,13 +116,13 @@ class Image(Made):
         vars(self).update(
             intensity=_read_only(values),
             intensity_unit=intensity_unit,
-            _planes={name: planes.plane(p, shape, name) for name, p in beside.items()},
+            _planes={name: arguments.plane(p, shape, name) for name, p in beside.items()},
             _pending=pending,
             unit=name,
             x=_read_only(x),
             y=_read_only(y),
-            pixel_size=planes.pixel_size(x, y, pixel_size, name),
-            wcs=sky.as_wcs(wcs, shape),
+            pixel_size=arguments.pixel_size(x, y, pixel_size, name),
+            wcs=arguments.as_wcs(wcs, shape),
             camera=json_value(camera, "camera"),
             provenance=json_value(provenance, "provenance"),
         )
@@ -145,16 +146,16 @@ class Image(Made):
     @property
     def transparency(self) -> Array | None:
         """Part of the light from behind that comes through, (ny, nx, channel); None if unknown."""
-        return planes.spread(self._planes["transparency"], self.shape)
+        return arguments.spread(self._planes["transparency"], self.shape)
 
     @property
     def optical_depth(self) -> Array | None:
         """Optical depth along each ray, (ny, nx, channel); None if unknown."""
         if self._pending is not None:
-            depth = planes.plane(self._pending(), self.shape, "optical_depth")
+            depth = arguments.plane(self._pending(), self.shape, "optical_depth")
             self._planes["optical_depth"] = depth
             vars(self)["_pending"] = None
-        return planes.spread(self._planes["optical_depth"], self.shape)
+        return arguments.spread(self._planes["optical_depth"], self.shape)
 
     @property
     def waits_for_depth(self) -> bool:
@@ -170,17 +171,17 @@ class Image(Made):
     @property
     def lower(self) -> Array | None:
         """What the intensity is at least, (ny, nx, channel); None if not asked for."""
-        return planes.spread(self._planes["lower"], self.shape)
+        return arguments.spread(self._planes["lower"], self.shape)
 
     @property
     def upper(self) -> Array | None:
         """What the intensity is at most, (ny, nx, channel); None if not asked for."""
-        return planes.spread(self._planes["upper"], self.shape)
+        return arguments.spread(self._planes["upper"], self.shape)
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
         """Outer edges of the picture (left, right, bottom, top), as matplotlib's imshow takes."""
-        return planes.extent(self.x, self.y, self.pixel_size)
+        return arguments.extent(self.x, self.y, self.pixel_size)
 
     @property
     def pixel_area(self) -> float:
@@ -193,9 +194,7 @@ class Image(Made):
 
         Given to other frames (`to_rgb`, `save`, `plot`, …), it shows equal intensities alike.
         """
-        from .tone import exposure_of
-
-        return exposure_of(self.intensity)
+        return room("image.tone").exposure_of(self.intensity)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the picture: display values of `to_rgb`, (ny, nx, 3), with its top row first.
@@ -278,8 +277,7 @@ class Image(Made):
         of both signs, such as a map of velocities, is shown from blue over white (zero) to red, if
         no option says how.
         """
-        from .tone import display, is_projection, plain_options, with_colormap
-
+        tone = room("image.tone")
         options: dict[str, Any] = {
             "exposure": exposure,
             "stretch": stretch,
@@ -293,10 +291,12 @@ class Image(Made):
             "background": background,
             "softening": softening,
         }
-        shown = with_colormap(
-            self.intensity, plain_options(options, self.intensity_unit), is_projection(self)
+        shown = tone.with_colormap(
+            self.intensity,
+            tone.plain_options(options, self.intensity_unit),
+            tone.is_projection(self),
         )
-        return display(self.intensity, self.transparency, **shown)
+        return tone.display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the image to a file, whose suffix tells the format.
@@ -324,9 +324,8 @@ class Image(Made):
             If the directory does not exist.
         """
         from ..files import as_path
-        from .formats import save
 
-        save(self, as_path(path), **options)
+        room("image.formats").save(self, as_path(path), **options)
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
@@ -343,9 +342,8 @@ class Image(Made):
             If it is damaged, or is not what its suffix says.
         """
         from ..files import as_path
-        from .formats import load
 
-        return load(as_path(path), cls)
+        return room("image.formats").load(as_path(path), cls)
 
     def plot(
         self,
@@ -379,15 +377,181 @@ class Image(Made):
         -------
         matplotlib Axes
         """
-        from .plot import plot
-
         shown = self if unit is None else self.to(unit)
-        return plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
+        return room("image.plot").plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
+
+    def to_hdu(
+        self, *, distance: Any = None, position: Any = None, position_angle: Any = 0.0
+    ) -> PrimaryHDU:
+        """Return the intensities as an astropy HDU with units, world coordinates and the camera.
+
+        Parameters
+        ----------
+        distance, position, position_angle : optional
+            As in `on_sky`: celestial coordinates. Without them those that the image has, or its
+            plane's, linear and in its unit (always there, as WCS "A" beside celestial ones).
+
+        Returns
+        -------
+        astropy.io.fits.PrimaryHDU
+            Of (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")`` writes
+            it, and all else that is known.
+        """
+        return room("image.hdu").to_hdu(self, distance, position, position_angle)
+
+    def on_sky(self, *, distance: Any = None, position: Any, position_angle: Any = 0.0) -> Image:
+        """Return the image with celestial world coordinates: what is where on the sky.
+
+        Parameters
+        ----------
+        distance : Quantity, str or float
+            Of the object, e.g. ``140 * u.pc``; plain numbers are in the image's unit. Not for
+            perspective cameras, whose pictures are measured in angles.
+        position : SkyCoord, (ra, dec) or str
+            Of the plane's origin, where x = y = 0; plain numbers are degrees (ICRS).
+        position_angle : float or Quantity
+            Angle of the picture's y axis from north towards east; plain numbers are degrees.
+
+        Raises
+        ------
+        InputError, UnitsError
+            If one is missing, or does not fit the image's unit.
+
+        Notes
+        -----
+        East is on the left where north is up. A plane at a distance is a gnomonic projection (TAN)
+        exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
+        """
+        return room("image.sky").on_sky(self, distance, position, position_angle)
+
+    def convolve(self, beam: Any) -> Image:
+        """Return the image as seen with a telescope's beam, an elliptical Gaussian.
+
+        Parameters
+        ----------
+        beam : float, Quantity, tuple or radio_beam.Beam
+            Full width at half maximum; or (major, minor), or (major, minor, position angle).
+            Lengths in the image's plane, or angles if it is on the sky; plain numbers are in its
+            unit. The angle runs from north to east (from up to the left).
+
+        Returns
+        -------
+        Image
+            Of the same unit, with sums kept but for what is spread over the edges. The optical
+            depth is left out: a mean over a beam has none. Missing pixels (NaN) are filled from
+            around them, as far as the beam reaches.
+
+        Raises
+        ------
+        InputError
+            For maps whose numbers do not add up, such as depths.
+        UnitsError
+            If the beam's unit is not the plane's.
+        """
+        return room("image.beam").convolve(self, beam)
+
+    def to(self, unit: Any, *, beam: Any = None) -> Image:
+        """Return the image in another unit: of its plane (`unit`), or of its intensities.
+
+        Parameters
+        ----------
+        unit : str or unit
+            A length (or an angle, if the plane has angles) converts `x`, `y` and `pixel_size`; any
+            other, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``, intensities, errors and
+            bounds. Maps whose values are lengths too (depths) have both converted.
+        beam : optional
+            As in `convolve`, for units per beam. Default: the one the image was convolved with.
+
+        Returns
+        -------
+        Image
+            In double precision if numbers of the new unit are beyond single precision.
+
+        Raises
+        ------
+        UnitsError
+            If the image has no such unit, it cannot be converted, or a solid angle is not known.
+        """
+        return room("image.conversion").to_unit(self, unit, beam)
+
+    def annotate(self, **options: Any) -> Any:
+        """Return the picture with a scale bar, axes, colour bars …, its own pixels unchanged.
+
+        Annotations that the image knows nothing for are left out. What stands in the picture takes
+        the ink that can be read there; letters grow with the picture.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Draw into these, with lines and letters of matplotlib's sizes, and return them.
+        unit : str or unit, optional
+            Show the image so, as `to` converts it. Default: units that suit its size; with `ticks`
+            the scale bar has the unit of the axes.
+        scale_bar : bool, Quantity, str or float
+            A bar of 1, 2 or 5 · 10ⁿ of a unit that suits its length; or of this length, such as
+            ``"100 au"``. Perspective pictures wider than 0.2 radians have no one scale, and get
+            none by themselves.
+        triad : bool
+            The x, y and z axes of the volume as the camera sees them, at the lower right.
+        compass : bool
+            North and east at the upper right, of an image with celestial coordinates (`on_sky`).
+        ticks : bool
+            Axes with ticks around the picture. Default: False.
+        color_bar : bool
+            Beside the picture: the intensities of a picture that shows one channel; or the colours
+            of the medium, each as bright as can be.
+        title : str
+            Above the picture, no wider than it.
+        time : bool, str, float or Quantity
+            Time stamp at the upper left. True: what ``volume.meta`` tells as ``"time"`` (in
+            ``"time_unit"``) and ``"redshift"``.
+        volume : Volume, optional
+            For the time, and the histogram of its cells beside each colour bar (logarithmic).
+        medium : Medium, optional
+            Default: what the image's provenance tells of it.
+        paper : color or "none"
+            Colour of the margins; "none" is transparent. Default: `background`, else black; nothing
+            for `transparent`.
+        font_size : float
+            Height of letters in pixels. Default: 2.6 % of the picture's side.
+        transparent : bool
+            As in `save`: alpha from the transparency.
+        **options
+            All of `to_rgb`.
+
+        Returns
+        -------
+        Annotated or matplotlib Axes
+            With `save` (PNG; PDF and SVG with sharp text), ``rgba`` and ``figure``.
+
+        Raises
+        ------
+        UnknownNameError
+            For an unknown option; names the nearest.
+        """
+        return room("image.annotate").annotate(self, **options)
+
+    def replace(self, **changes: Any) -> Image:
+        """Return an image with other values of some arguments of `Image`; the rest stays.
+
+        Arrays are shared. One beside the intensity that is given as None is left out.
+        """
+        names = ("intensity", "x", "y", "unit", "intensity_unit", "pixel_size", "wcs")
+        kept = {name: getattr(self, name) for name in (*names, "camera", "provenance")}
+        beside = [name for name in arguments.PLANES if name not in changes]
+        if self.waits_for_depth and "optical_depth" in beside:  # it takes a picture to compute
+            beside.remove("optical_depth")
+            kept["optical_depth"] = lambda: self.plane("optical_depth")
+        kept |= {name: self.plane(name) for name in beside}
+        return type(self)(**{**kept, **changes})
+
+    def plane(self, name: str) -> Array | None:
+        """Return an array beside the intensity, with one channel if all are the same."""
+        values = getattr(self, name)
+        return None if values is None else arguments.gathered(values)
 
     def _repr_png_(self) -> bytes:
-        from .formats.png import encode
-
-        return encode(self)
+        return room("image.formats.png").encode(self)
 
     def __repr__(self) -> str:
         ny, nx, count = self.shape

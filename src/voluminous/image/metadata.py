@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..errors import FileFormatError, InputError
-from .sky import text_of
+from ..errors import FileFormatError
+from .arguments import text_of
 
 if TYPE_CHECKING:
     from .image import Image
@@ -16,31 +14,6 @@ if TYPE_CHECKING:
 # The name of the entry in a file's header; also the key that marks the text as ours.
 KEY = "voluminous"
 VERSION = 1
-
-
-def json_value(value: Any, what: str) -> Any:
-    """Return `value` as it will be after saving and loading: dicts, lists, strings and numbers.
-
-    Raises
-    ------
-    InputError
-        If there is something in it that JSON cannot hold.
-    """
-    if value is None:
-        return None
-    try:
-        return json.loads(json.dumps(value, default=_plain_number))
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{what} must be made of dicts, lists, strings, numbers, booleans and None, "
-            f"so that it can be saved: {error}"
-        ) from error
-
-
-def _plain_number(value: Any) -> Any:
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    raise TypeError(f"{value!r} is a {type(value).__name__}")
 
 
 def dumps(image: Image, *, coordinates: bool = True) -> str:

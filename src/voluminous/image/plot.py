@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..colormaps import get_colormap
 from ..figures import add_color_bar, new_figure
-from . import tone
+from .lengths import round_length
 from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .tone import (
     OPTIONS,
     check_options,
-    curve,
     display,
-    finite,
     is_projection,
+    one_channel,
     plain_options,
-    white_level,
+    shows_one_channel,
     with_colormap,
 )
-from .tone import scale as norm_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -107,7 +100,7 @@ def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
 def intensity_label(image: Image) -> str:
     """Return the label of a colour bar: maps of measurements say what they are."""
     name = str((image.provenance or {}).get("map", "intensity"))
-    from .annotate.sheet import pretty_unit
+    from .lengths import pretty_unit
 
     return _label(name, pretty_unit(image.intensity_unit))
 
@@ -139,58 +132,8 @@ def add_bars(
         bar.ax.set_facecolor(options.get("background") or "black")
 
 
-def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
-    """Return True if display options show one channel, in grey or through a colormap."""
-    if options.get("mix") is not None or options.get("background") is not None:
-        return False
-    if options.get("colormap") is not None:
-        return True
-    shown = tone.chosen(options.get("channels"), image.channels)
-    return len(shown) == 1
-
-
-def one_channel(image: Image, **options: Any) -> dict[str, Any]:
-    """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
-    options = with_colormap(
-        image.intensity, plain_options(options, image.intensity_unit), is_projection(image)
-    )
-    index = tone.single(options.get("channels"), image.channels, "a colormap")
-    values = image.intensity[..., index]
-    bend = curve(options.get("stretch", "linear"), options.get("softening"))
-    limits = [options.get(name) for name in ("exposure", "vmin", "vmax")]
-    colormap = options.get("colormap")
-    if colormap is None:
-        limits = _grey_limits(values, *limits)
-    norm = norm_of(values, bend, options.get("norm"), *limits)
-    return {
-        "X": values,
-        "norm": norm,
-        "cmap": get_colormap("gray" if colormap is None else colormap),
-    }
-
-
-def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> list[Any]:
-    """Return limits as `to_rgb` has them without a colormap: from 0 to white."""
-    black = 0.0 if vmin is None else finite(vmin, "vmin")
-    return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]
-
-
 def _label(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
-
-
-def round_length(longest: float) -> float:
-    """Return the greatest 1, 2 or 5 times a power of ten that is not above `longest`.
-
-    Examples
-    --------
-    >>> round_length(0.0625)
-    0.05
-    """
-    power = math.floor(math.log10(longest))
-    # Powers of ten below one are made by division, which rounds to the number people write.
-    steps = [f * 10**power if power >= 0 else f / 10**-power for f in (1, 2, 5)]
-    return float(max((s for s in steps if s <= longest), default=steps[0]))
 
 
 def _add_scale_bar(axes: Axes, image: Image, extent: Extent) -> None:

@@ -11,8 +11,16 @@ from ..errors import InputError
 from ..figures import new_figure
 from .annotate.scales import scales_of
 from .image import Image
-from .plot import add_bars, new_axes, one_channel, shows_one_channel
-from .tone import OPTIONS, automatic_exposure, check_options, mixed_channels, plain_options
+from .plot import add_bars, new_axes
+from .tone import (
+    OPTIONS,
+    automatic_exposure,
+    check_options,
+    mixed_channels,
+    one_channel,
+    plain_options,
+    shows_one_channel,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

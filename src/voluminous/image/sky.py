@@ -11,7 +11,6 @@ import numpy as np
 
 from ..errors import InputError, UnitsError
 from ..units import as_quantity, degrees, is_quantity, parse_unit
-from .planes import changed
 
 if TYPE_CHECKING:
     from .image import Image
@@ -51,41 +50,6 @@ def of_pixels(wcs: Any, matrix: Any, origin: Any, shape: Any) -> Any:
     return new
 
 
-def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
-    """Return the WCS of an image: an astropy WCS of two axes, or one as the text of a header.
-
-    Parameters
-    ----------
-    value : astropy.wcs.WCS, str or None
-        Of pixels, the centre of the lower left one being 0, 0.
-    shape : tuple of int
-        Rows and columns of the image.
-
-    Raises
-    ------
-    InputError
-        If it is something else, or has other axes.
-    """
-    if value is None:
-        return None
-    wcs = _from_text(value) if isinstance(value, str) else value
-    if getattr(wcs, "pixel_n_dim", None) != 2 or not hasattr(wcs, "to_header"):
-        raise InputError(f"wcs must be an astropy.wcs.WCS of two axes, got {value!r}")
-    if wcs.pixel_shape is None:
-        wcs.pixel_shape = (shape[1], shape[0])
-    if tuple(wcs.pixel_shape) != (shape[1], shape[0]):
-        raise InputError(
-            f"wcs is for {wcs.pixel_shape[0]} x {wcs.pixel_shape[1]} pixels, the image has "
-            f"{shape[1]} x {shape[0]}"
-        )
-    return wcs
-
-
-def text_of(wcs: Any) -> str:
-    """Return a WCS as the text of a FITS header."""
-    return str(wcs.to_header_string(relax=True))
-
-
 def tables_of(wcs: Any) -> dict[tuple[str, str], np.ndarray]:
     """Return the coordinates in a WCS's tables (``-TAB``), by the names of table and column."""
     texts = {(axis, m): text for axis, m, text in wcs.wcs.get_ps()}
@@ -103,15 +67,6 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
         column = fits.Column(title, f"{n}D", dim=f"(1,{n})", array=np.reshape(values, (1, n, 1)))
         made.append(fits.BinTableHDU.from_columns([column], name=name))
     return made
-
-
-def _from_text(text: str) -> Any:
-    from astropy.io.fits import Header
-    from astropy.wcs import WCS
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return WCS(Header.fromstring(text), relax=True)
 
 
 def wcs_of_header(header: Any) -> Any:
@@ -244,7 +199,7 @@ def on_sky(image: Image, distance: Any, position: Any, position_angle: Any) -> I
     wcs.wcs.pc = [[c, -s * ratio], [s / ratio, c]]
     wcs.pixel_shape = (image.shape[1], image.shape[0])
     wcs.wcs.set()
-    return changed(image, wcs=wcs)
+    return image.replace(wcs=wcs)
 
 
 def _plane(image: Image, distance: Any) -> tuple[float, str]:

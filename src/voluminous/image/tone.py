@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..colormaps import get_color, get_colormap, opaque_color, without_alpha
 from ..errors import InputError, unknown_name
 from ..units import as_quantity, is_quantity, plain
+from .image import Image
 
 if TYPE_CHECKING:
     from matplotlib.colors import Normalize
@@ -576,3 +577,54 @@ def _as_they_are(options: dict[str, Any]) -> dict[str, Any]:
             "give exposure=1"
         )
     return {"exposure": 1.0, "gamut": "clip"}
+
+
+def display_values(image: Image, transparent: bool, display: dict[str, Any]) -> NDArray[Any]:
+    """Return what is shown, from 0 to 1, shape (ny, nx, 3), or 4 with alpha."""
+    shown = image.to_rgb(**display)
+    return _with_alpha(shown, image.transparency) if transparent else shown
+
+
+def _with_alpha(rgb: NDArray[np.float32], transparency: NDArray[Any] | None) -> NDArray[Any]:
+    """Return straight (not premultiplied) RGBA that looks like `rgb` in front of black."""
+    if transparency is None:
+        raise InputError("transparent=True needs an image whose transparency is known")
+    through = np.clip(np.nan_to_num(transparency.mean(axis=-1, keepdims=True)), 0, 1)
+    alpha = np.maximum(1 - through, rgb.max(axis=-1, keepdims=True))
+    return np.concatenate([rgb / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
+
+
+def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
+    """Return True if display options show one channel, in grey or through a colormap."""
+    if options.get("mix") is not None or options.get("background") is not None:
+        return False
+    if options.get("colormap") is not None:
+        return True
+    shown = chosen(options.get("channels"), image.channels)
+    return len(shown) == 1
+
+
+def one_channel(image: Image, **options: Any) -> dict[str, Any]:
+    """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
+    options = with_colormap(
+        image.intensity, plain_options(options, image.intensity_unit), is_projection(image)
+    )
+    index = single(options.get("channels"), image.channels, "a colormap")
+    values = image.intensity[..., index]
+    bend = curve(options.get("stretch", "linear"), options.get("softening"))
+    limits = [options.get(name) for name in ("exposure", "vmin", "vmax")]
+    colormap = options.get("colormap")
+    if colormap is None:
+        limits = _grey_limits(values, *limits)
+    norm = scale(values, bend, options.get("norm"), *limits)
+    return {
+        "X": values,
+        "norm": norm,
+        "cmap": get_colormap("gray" if colormap is None else colormap),
+    }
+
+
+def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> list[Any]:
+    """Return limits as `to_rgb` has them without a colormap: from 0 to white."""
+    black = 0.0 if vmin is None else finite(vmin, "vmin")
+    return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]

@@ -19,11 +19,10 @@ def cartesian(volume: Volume) -> CartesianGrid:
     InputError
         If it is of another kind.
     """
-    from ..grids import CartesianGrid
-
-    if not isinstance(volume.grid, CartesianGrid):
+    if not volume.grid.is_rectilinear:
         raise InputError(
             f"this format holds Cartesian grids only, got {type(volume.grid).__name__}; save it as "
             ".h5, or resample it first (volume.resample, voluminous convert --resample)"
         )
-    return volume.grid
+    grid: CartesianGrid = volume.grid
+    return grid

@@ -20,7 +20,7 @@ Y_DOWN = {"y_down": True}
 
 
 def channel(label: Any = "", color: Any = None, window: Any = None) -> Channel:
-    """Return the entry of a channel; leaves out what makes no sense."""
+    """Return the entry of a channel, by three numbers from 0 to 255 and two ends; checks them."""
     entry: Channel = {"label": str(label).strip()} if label and str(label).strip() else {}
     if color is not None and len(color) == 3:
         entry["color"] = [round(min(max(int(c), 0), 255) / 255, 4) for c in color]
@@ -43,30 +43,12 @@ def channel_fields(channels: Sequence[Mapping[str, Any]], numbered: Sequence[str
 
 
 def channel_meta(entries: Iterable[tuple[str, Mapping[str, Any]]]) -> dict[str, Any]:
-    """Return what `meta` shall hold of fields and their channels; nothing if nothing is given."""
-    entries = [(name, dict(entry)) for name, entry in entries]
-    return {"channels": dict(entries)} if any(entry for _, entry in entries) else {}
+    """Return the `meta` of fields and their channels; nothing if the file gives nothing."""
+    found = {name: dict(entry) for name, entry in entries}
+    return {"channels": found} if any(found.values()) else {}
 
 
 def of_samples(count: int) -> list[Channel]:
     """Return the entries of the samples of a pixel: of three or four, red, green and blue first."""
     primaries = [channel(color=[255 * (k == n) for k in range(3)]) for n in range(3)]
     return [*primaries, *[{}] * (count - 3)] if count > 2 else [{}] * count
-
-
-def omero_channels(attributes: Mapping[str, Any]) -> tuple[Channel, ...]:
-    """Return the channels of OME-Zarr's ``omero``, which gives colours as RRGGBB."""
-    omero = attributes.get("omero")
-    listed = omero.get("channels") if isinstance(omero, Mapping) else None
-    entries = listed if isinstance(listed, list) else []
-    return tuple(_omero(entry if isinstance(entry, Mapping) else {}) for entry in entries)
-
-
-def _omero(entry: Mapping[str, Any]) -> Channel:
-    window = entry.get("window")
-    try:
-        code = bytes.fromhex(str(entry.get("color", "")).lstrip("#"))
-        ends = [window["start"], window["end"]] if isinstance(window, Mapping) else None
-        return channel(entry.get("label"), code if len(code) == 3 else None, ends)
-    except (KeyError, TypeError, ValueError):  # a name is worth more than a wrong colour
-        return channel(entry.get("label"))

@@ -13,7 +13,7 @@ from ..expressions import Expression
 from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
-from ..regrid.samples import points_along
+from ..regrid.resample import points_along
 from ..rendering.cache import Statistics
 from .quantity import Quantity
 
@@ -226,8 +226,5 @@ def _reach(grid: Any, first: int, last: int) -> np.ndarray:
 
 
 def _native_boxes(grid: Any, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
-    if tuple(grid.coordinates) == CARTESIAN:
-        size = np.asarray(grid.cell_sizes(first, last))
-        return np.asarray(grid.cell_centers(first, last)) - 0.5 * size, size
     low, high = grid.spans(first, last)
     return low, high - low

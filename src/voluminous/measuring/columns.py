@@ -17,15 +17,14 @@ from ..image import Image
 from ..media import Coefficients
 from ..progress import Progress, reported_range, with_progress
 from ..rendering import image_wcs, render
-from ..schemes.cellwise import Cellwise
-from ..schemes.contract import Solution
+from ..schemes.base import Scheme, Solution
 from ..units import unit_name
 from .cells import check_finite, with_known
 from .exact_projection import Screen, onto_pixels
 from .quantity import Quantity, check_volume, column_unit, converted
 
 
-class Thin(Cellwise):
+class Thin(Scheme):
     """Nothing is absorbed: b = j s. Quantities may be negative.
 
     Exact, up to rounding, for what is constant in cells. A third faster than first order with an
@@ -35,11 +34,8 @@ class Thin(Cellwise):
     name = "column"
     complete = True
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
-        """Return what a segment adds; see `schemes.contract.Scheme`."""
-        found, none = source.at(segment.cell, segment.active)
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Solution, list[Any]]:
+        found, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
         return Solution(
             [q * segment.length for q in found], [one for _ in none], [zero for _ in none]
@@ -171,7 +167,7 @@ def check_exact(grid: Any, camera: Any) -> None:
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "
             f"{type(camera).__name__}; use method='rays' with samples"
         )
-    if tuple(grid.coordinates) != ("x", "y", "z"):
+    if not grid.cells_are_boxes or tuple(grid.coordinates) != ("x", "y", "z"):
         raise InputError(
             f"method='exact' needs cells that are boxes, got a {type(grid).__name__}; use "
             "method='rays' with samples"

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..backend import dr
 from ..errors import InputError, check_name
-from ..image.planes import changed
 from ..media import Coefficients
 from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.rays.drawing import Drawing
 from ..rendering.rays.march import State
+from ..schemes.base import Scheme
 from ..schemes.path import Path
 from .cells import condition as converted_condition
 from .cells import with_known
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..image import Image
 
 
-class Scanner:
+class Scanner(Scheme):
     """A scheme that gathers nothing: what it carries is what it has found.
 
     Attributes
@@ -34,11 +34,6 @@ class Scanner:
         How many of the numbers that it carries are to be known in the end: those that come first.
     """
 
-    order = 1
-    linear = True
-    controlled = False
-    reckoned = False
-    coarseness = 0.0
     complete = True
     recorded = 1
 
@@ -46,13 +41,7 @@ class Scanner:
         """Return `recorded`, where it depends on what is integrated."""
         return self.recorded
 
-    def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
-    ) -> list[Any]:
-        """Go on as before: nothing is found in empty space."""
-        return carried
-
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Any], onward: list[Any]) -> list[Any]:
         """Go on as before: nothing is found in cells without values."""
         return carried
 
@@ -65,7 +54,8 @@ class Scan(Drawing):
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        return self.job.scheme.count(self.source.numbers), 0, 0
+        scanner: Any = self.job.scheme
+        return scanner.count(self.source.numbers), 0, 0
 
     def nothing(self) -> Path:
         return NOTHING
@@ -187,7 +177,7 @@ def project(
         total = column(
             volume, quantity, camera, weight=1 if how == "mean" else None, unit=unit, **options
         )
-        return changed(total, provenance={**(total.provenance or {}), "how": how})
+        return total.replace(provenance={**(total.provenance or {}), "how": how})
     if how == "first":
         return _first(volume, quantity, camera, unit, options)
     what = Quantity.of(volume.seen_by(camera), quantity)
@@ -219,24 +209,21 @@ class _Largest(Scanner):
     """Carry the largest value, times a sign, and where it is."""
 
     name = "extreme"
-    place = "cell"
     recorded = 2
     everywhere = True
 
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, position: Any, source: Any) -> list[Any]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Any, list[Any]]:
-        (value,), _ = source.at(segment.cell, segment.active)
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
+        (value,), _ = source.at(segment)
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
         larger &= segment.active & (segment.length > 0.0)
-        here = distance(track, 0.5 * (segment.begin + segment.end))
+        here = distance(segment.track, 0.5 * (segment.begin + segment.end))
         return NOTHING, [dr.select(larger, value, best), dr.select(larger, here, place)]
 
 
@@ -244,14 +231,11 @@ class _First(Scanner):
     """Carry where rays enter the first cell with a number that is not zero."""
 
     name = "first hit"
-    place = "cell"
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, position: Any, source: Any) -> list[Any]:
         return [source.backend.Float(np.nan)]
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Any, list[Any]]:
-        (value,), _ = source.at(segment.cell, segment.active)
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
+        (value,), _ = source.at(segment)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
-        return NOTHING, [dr.select(hit, distance(track, segment.begin), carried[0])]
+        return NOTHING, [dr.select(hit, distance(segment.track, segment.begin), carried[0])]

@@ -13,13 +13,12 @@ from ..errors import InputError
 from ..progress import Progress, with_progress
 from ..rendering.options import refuse_unusable
 from ..schemes import get_scheme
-from ..schemes.contract import carried_beyond
 from .columns import depth_map, lines_of_sight
 from .projections import NOTHING, Scanner, distance, scan
 
 if TYPE_CHECKING:
     from ..image import Image
-    from ..schemes.contract import Scheme
+    from ..schemes.base import Scheme
 
 
 @dataclass(frozen=True)
@@ -106,46 +105,40 @@ class Surface(Scanner):
     def __init__(self, scheme: Scheme, tau: float) -> None:
         self.scheme, self.tau = scheme, tau
         self.name = f"{scheme.name} surface"
-        self.place = scheme.place
+        self.coefficients_at = scheme.coefficients_at
 
     def count(self, numbers: Any) -> int:
         return 2 * int(numbers.extinctions)
 
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, position: Any, source: Any) -> list[Any]:
         """Carry nothing yet."""
         self.recorded, Float = self.count(source.numbers), source.backend.Float
         self.limit = source.backend.opaque(self.tau)
         places = [Float(np.nan) for _ in range(self.recorded // 2)]
         depths = [Float(0) for _ in places]
-        return [*places, *depths, *self.scheme.start(source, walk, track, cursor)]
+        return [*places, *depths, *self.scheme.start(position, source)]
 
-    def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
-    ) -> list[Any]:
+    def after_skip(self, position: Any, source: Any, carried: list[Any], moved: Any) -> list[Any]:
         own = self.recorded
-        inner = self.scheme.leapt(source, walk, track, cursor, carried[own:], moved)
+        inner = self.scheme.after_skip(position, source, carried[own:], moved)
         return [*carried[:own], *inner]
 
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Any], onward: list[Any]) -> list[Any]:
         own = self.recorded
-        return [*carried[:own], *carried_beyond(self.scheme, carried[own:], onward[own:])]
+        return [*carried[:own], *self.scheme.after_hidden(carried[own:], onward[own:])]
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Any, list[Any]]:
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
         """Solve one segment, and see if the depth is reached in it."""
         count = self.recorded // 2
         places, depths, inner = carried[:count], carried[count : 2 * count], carried[2 * count :]
-        found, inner = self.scheme.solve(source, walk, track, segment, inner, backward)
+        found, inner = self.scheme.solve(segment, source, inner)
         after = [d + more for d, more in zip(depths, found.depth, strict=True)]
         parts = zip(places, depths, after, found.depth, strict=True)
-        reached = [self._reached(track, segment, *part) for part in parts]
+        reached = [self._reached(segment, *part) for part in parts]
         return NOTHING, [*reached, *after, *inner]
 
-    def _reached(
-        self, track: Any, segment: Any, place: Any, before: Any, after: Any, more: Any
-    ) -> Any:
+    def _reached(self, segment: Any, place: Any, before: Any, after: Any, more: Any) -> Any:
         hit = dr.isnan(place) & (after >= self.limit) & segment.active
         part = (self.limit - before) / dr.select(hit, more, 1.0)
         here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)
-        return dr.select(hit, distance(track, here), place)
+        return dr.select(hit, distance(segment.track, here), place)

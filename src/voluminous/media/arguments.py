@@ -158,7 +158,7 @@ def length_in(path_length: Any, unit: Any) -> float:
     if isinstance(path_length, str):
         raise InputError(
             "path_length is still 'auto', which only a volume makes a number: use the medium that "
-            "vm.calibrate(medium, volume) returns (vm.render does that by itself)"
+            "medium.calibrated(volume) returns (vm.render does that by itself)"
         )
     return float(plain(path_length, unit, "path_length"))
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from ..backend import dr
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
+from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
-from ..expressions.sides import Side, on_one_side
 from ..expressions.traced_rounding import larger
 from ..units import parse_unit, unit_name
 from .context import Context
@@ -173,7 +173,7 @@ class Coefficients(Medium):
         return tuple(map(Feature, (*self.emissivity, *self.extinction)))
 
     @property
-    def _sides(self) -> tuple[Side, ...]:
+    def _sides(self) -> tuple[ComparisonField, ...]:
         return _on_one_side((*self.emissivity, *self.extinction))[1]
 
     def discontinuities(self, context: Context) -> list[Level]:
@@ -285,7 +285,7 @@ def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
 @functools.lru_cache(maxsize=64)
 def _on_one_side(
     expressions: tuple[Expression, ...],
-) -> tuple[tuple[Expression, ...], tuple[Side, ...]]:
+) -> tuple[tuple[Expression, ...], tuple[ComparisonField, ...]]:
     """Return expressions on one side of what they compare, and that, unless it is too much.
 
     Not kept with a medium: what has no text cannot be pickled.

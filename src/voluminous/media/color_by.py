@@ -197,7 +197,7 @@ class OpenRange:
         if self._scale is None:
             raise InputError(
                 "the range of these colours is measured in a volume: give vmin and vmax, or take "
-                "vm.calibrate(medium, volume)"
+                "medium.calibrated(volume)"
             )
         return self._scale
 
@@ -239,7 +239,7 @@ class ColorBy(Value):
     vmin, vmax : float or Quantity, optional
         Range of `expr`; beyond it the colours of the ends go on. Where it has no value (NaN),
         nothing is emitted. What is not given is measured when a volume is drawn, as in
-        `calibrate`: so that 99 % of what the medium shows is between.
+        `Medium.calibrated`: so that 99 % of what the medium shows is between.
     norm : str or matplotlib.colors.Normalize, optional
         How `expr` maps to the position: ``"linear"``, ``"log"``, ``"symlog"`` … or an object.
     brightness : float

@@ -18,6 +18,7 @@ from ..value import Value
 from .context import Context, no_unit
 
 if TYPE_CHECKING:
+    from ..volume import Volume
     from .edges import Level
     from .ranges import Bounds
     from .sampled import Sampled
@@ -105,7 +106,7 @@ class Medium(Value):
         ``"first-order"``.
     path_length : float, Quantity or "auto", optional
         The length that its colours and opacities refer to, if there is one; ``"auto"`` until
-        `voluminous.calibrate` measures it, for media with a `profile`.
+        `Medium.calibrated` measures it, for media with a `profile`.
     sensitivity : float
         Factor on the error of fields where structures have no width, or jump: their places, and
         values looked up there, follow from the fields' slopes.
@@ -420,6 +421,51 @@ class Medium(Value):
         """
         return room("calibration.at_values").evaluate(self, values)
 
+    def calibrated(self, volume: Volume) -> Medium:
+        """Return this medium with numbers in place of all that is measured in a volume.
+
+        Each ``path_length="auto"`` becomes the median thickness of the medium's shell in this
+        volume, so that one crossing of the shell shows its colour and its opacity. Open ends of
+        the range of a `ColorBy` or `Colormap` are set so that the range holds 99 % of what the
+        medium shows, by volume. Units in expressions are converted. The same volume gives the
+        same numbers on every machine.
+
+        Parameters
+        ----------
+        volume : Volume
+            In which thicknesses are measured.
+
+        Returns
+        -------
+        Medium
+            Path lengths are plain numbers in the volume's unit, and so are numbers in expressions
+            such as ``where="velocity_z > 5 km/s"``. The medium itself if nothing was open.
+
+        Raises
+        ------
+        InputError
+            If `volume` is no volume, or there is no range of colours.
+        UnknownNameError
+            If the medium uses a field that does not exist.
+        UnitsError
+            If the unit of an expression cannot be derived.
+
+        Notes
+        -----
+        Thickness is the effective width in x over the gradient of x, as a median weighted by
+        area. A shell that is nowhere in the volume gets the shortest side of the domain.
+
+        Examples
+        --------
+        >>> import voluminous as vm
+        >>> core = vm.models.prestellar_core(32)
+        >>> shell = vm.Gaussian("log10(density)", 3.5, 0.05, 1.0, 0.1, path_length="auto")
+        >>> f"{shell.calibrated(core).path_length:.2g} cm"
+        '4.2e+16 cm'
+        """
+        found: Medium = room("calibration.open_numbers").calibrate(self, volume)
+        return found
+
     def plot(self, volume: Any = None, ax: Any = None) -> Any:
         """Draw j and α over the values that the medium looks at, and how many cells have these.
 
@@ -429,7 +475,7 @@ class Medium(Value):
         Parameters
         ----------
         volume : Volume, optional
-            What is ``"auto"`` or open is measured in it, as in `calibrate`. Without it there is no
+            What is ``"auto"`` or open is measured in it, as in `calibrated`. Without it there is no
             histogram, and what one path length shows is drawn.
         ax : matplotlib Axes or sequence of them, optional
             Where to draw; one is divided if there are several panels. Default: a new figure, shown

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import horner, precision_of, unit_interval
+from ..expressions.taylor import TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_jet import TracedJet
-from ..expressions.traced_jet_ops import TracedJetOps
 from .context import completed
 from .stretch import may_turn
 

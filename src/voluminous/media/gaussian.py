@@ -111,7 +111,7 @@ class Gaussian(SampledShaped):
     path_length : float, Quantity or "auto", default "auto"
         Length to which `color` and `opacity` refer; plain numbers are in the volume's unit.
         ``"auto"`` is the median thickness of the shell in the volume that is rendered: one crossing
-        shows the colour. `voluminous.calibrate` gives the number.
+        shows the colour. `Medium.calibrated` gives the number.
     where : str, optional
         Expression of the fields that multiplies emission and extinction: a comparison, or a number,
         limited to 0 … 1. Where it has no value (NaN) it is 0.

@@ -22,8 +22,8 @@ from ..backend import dr
 from ..backend.functions import precision_of, unit_interval
 from ..errors import InputError, check_name
 from ..expressions import Expression
+from ..expressions.analysis import Monotonicity
 from ..expressions.interval import Interval
-from ..expressions.monotone import Kind
 from ..units import plain
 from .arguments import (
     depth_of,
@@ -463,7 +463,7 @@ class Isosurface(Medium):
         own = self.numbers(context)
         near = context.narrow(0.5 * own.width)
         names = ("r", *context.coordinates)
-        more = _OF_FUNCTIONS if self.expr.kind(names) > Kind.SUM else 1.0
+        more = _OF_FUNCTIONS if self.expr.kind(names) > Monotonicity.SUM else 1.0
         return [
             more
             * bend(

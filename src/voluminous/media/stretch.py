@@ -17,12 +17,11 @@ from typing import Any
 from ..backend import dr
 from ..backend.functions import horner
 from ..expressions import Expression, Margin
-from ..expressions.monotone import Kind
+from ..expressions.analysis import Monotonicity
+from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval
 from ..expressions.traced_interval import extremes as without_nan
 from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_jet import Derivative, TracedJet
-from ..expressions.traced_jet_ops import TracedJetOps
 from ..expressions.traced_rounding import larger, smaller
 from .context import Context, completed
 
@@ -56,7 +55,7 @@ class Turning:
 
 def may_turn(expr: Expression | Margin, context: Context) -> bool:
     """Return whether control points of the fields do not enclose an expression."""
-    return _kind(expr, context) == Kind.ANY
+    return _kind(expr, context) == Monotonicity.ANY
 
 
 def enclosed(stretch: Stretch, expr: Expression | Margin) -> Turning:
@@ -68,10 +67,10 @@ def enclosed(stretch: Stretch, expr: Expression | Margin) -> Turning:
 
 def is_cubic(expr: Expression | Margin, context: Context) -> bool:
     """Return whether an expression is a cubic along a stretch, as fields are."""
-    return _kind(expr, context) <= Kind.SUM
+    return _kind(expr, context) <= Monotonicity.SUM
 
 
-def _kind(expr: Expression | Margin, context: Context) -> Kind:
+def _kind(expr: Expression | Margin, context: Context) -> Monotonicity:
     return expr.kind(("r", *context.coordinates))
 
 
@@ -79,7 +78,7 @@ def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
     controls = stretch.controls(expr)
     low, high = without_nan(controls)
     apart = stretch.length * 0.0
-    if _kind(expr, stretch.context) == Kind.MONOTONIC:
+    if _kind(expr, stretch.context) == Monotonicity.MONOTONIC:
         partly = _partly([dr.isnan(b) for b in controls])
         low, high = dr.select(partly, -dr.inf, low), dr.select(partly, dr.inf, high)
         apart = dr.select(partly, dr.inf, apart if stretch.rough else _lopsided(stretch, expr))

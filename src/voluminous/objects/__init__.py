@@ -3,21 +3,20 @@
 from functools import partial
 from typing import Any
 
-from .boxes import boxes
+from .boxes import Boxes
 from .contract import SceneObject
-from .lines import Lines, axes
+from .lines import Axes, Lines
 from .spheres import Spheres
-from .stars import Star, Stars
+from .stars import Stars
 
 #: What ``type`` in a scene file's ``[[object]]`` may be.
 OBJECTS: dict[str, Any] = {
-    "star": Star,
     "stars": Stars,
     "spheres": Spheres,
     "lines": Lines,
     # In a scene file there is but one volume.
-    "boxes": partial(boxes, None),
-    "axes": partial(axes, None),
+    "boxes": partial(Boxes, None),
+    "axes": partial(Axes, None),
 }
 
-__all__ = ["OBJECTS", "Lines", "SceneObject", "Spheres", "Star", "Stars", "axes", "boxes"]
+__all__ = ["OBJECTS", "Axes", "Boxes", "Lines", "SceneObject", "Spheres", "Stars"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +14,7 @@ from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, position
 from ..grids.boxes import expanded
 from .contract import Layers, SceneObject, View
 from .lines import Lines
-from .values import joined, options_of
+from .values import joined
 
 # Leaves looked at at once.
 _CHUNK = 1 << 20
@@ -58,20 +57,20 @@ class Lattice:
 
 def level_count(grid: Any) -> int:
     """Return how many levels a grid has; level 0 is the domain."""
-    if hasattr(grid, "patches"):
+    if grid.patches is not None:
         return int(grid.patches.level.max()) + 1
-    return int(grid.places.deepest) + 1 if hasattr(grid, "places") else 1
+    return 1 if grid.places is None else int(grid.places.deepest) + 1
 
 
 def lattice_of(grid: Any, level: int) -> Lattice:
     """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
-    if hasattr(grid, "patches"):
+    if grid.patches is not None:
         return _of_patches(grid, level)
     if level == 0:
         curved = grid.coordinates in (SPHERICAL, CYLINDRICAL)
         return replace(_bent(grid, _ends(grid), _ONE), boxes=None) if curved else _of_bounds(grid)
     nodes, size = _nodes(grid, level - 1)
-    if hasattr(grid, "base_edges"):
+    if grid.base_edges:
         corners = (nodes * size, (nodes + 1) * size)
         return Lattice(grid.position, nodes, size, corners)
     walls = [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)]
@@ -373,56 +372,7 @@ def _polylines(edges: Edges, lattice: Lattice) -> list[np.ndarray]:
 
 
 class Boxes(SceneObject):
-    """The outline of a grid and of its levels; see `boxes`."""
-
-    def __init__(self, grid: Any, levels: Any, merged: bool | None, **style: Any) -> None:
-        super().__init__(**{key: style[key] for key in ("depth", "channel", "relative")})
-        self.grid, self.levels, self.merged, self.style = grid, _checked(levels), merged, style
-        self.colors, self.width, self.opacity = (style[k] for k in ("colors", "width", "opacity"))
-        self._found: tuple[Any, Any, np.ndarray] | None = None
-        if merged not in (None, True, False):
-            raise InputError(f"merged must be true or false, got {merged!r}")
-        Lines(np.zeros((1, 2, 3)), **{**style, "colors": _first(self.colors)})
-
-    def layers(self, view: View) -> Layers | None:
-        grid = view.grid if self.grid is None else self.grid
-        if self._found is None or self._found[0] is not grid:  # found once for many pictures
-            self._found = (grid, *self._lines(grid))
-        _, lines, level = self._found
-        unit = 1.0 if grid.unit is None else grid.unit
-        places = [line * unit for line in lines] if isinstance(lines, list) else lines * unit
-        return Lines(places, **{**self.style, "colors": _of_levels(self.colors, level)}).layers(
-            view
-        )
-
-    def _lines(self, grid: Any) -> tuple[Any, np.ndarray]:
-        """Return polylines, and which of the levels that are drawn each belongs to."""
-        merged = not hasattr(grid, "patches") if self.merged is None else self.merged
-        levels = _chosen(self.levels, level_count(grid))
-        parts = [outline(grid, level, merged) for level in levels]
-        which = [np.full(sum(map(len, part)), k) for k, part in enumerate(parts)]
-        groups = [group for part in parts for group in part]
-        straight = all(group.shape[1] == 2 for group in groups)
-        lines = np.concatenate(groups) if straight else [line for g in groups for line in g]
-        return lines, np.concatenate(which)
-
-    def describe(self, most: float = math.inf) -> dict[str, Any]:
-        return {"type": "boxes", **options_of(boxes, self, most)}
-
-
-def boxes(
-    volume: Any = None,
-    colors: Any = 1.0,
-    *,
-    levels: Any = None,
-    merged: bool | None = None,
-    width: Any = 1.0,
-    opacity: float = 1.0,
-    depth: str = "true",
-    channel: int | None = None,
-    relative: bool = True,
-) -> Boxes:
-    """Return the outlines of a grid as lines: of the domain, of patches, of what is refined.
+    """The outlines of a grid as lines: of the domain, of patches, of what is refined.
 
     Of a Cartesian grid it is a box; of spherical and cylindrical ones the arcs and circles where
     they end, and where all around there is no end, four meridians and the equator.
@@ -435,7 +385,7 @@ def boxes(
         As for `Lines`; a list has one for each level that is drawn, or more.
     levels : int or sequence of int, optional
         Which levels to draw: 0 is the domain (and the coarsest patches), k what is refined k
-        times or more. Those that a grid has not are left out. Default: all of them.
+        times or more. Levels that a grid does not have are left out. Default: all of them.
     merged : bool, optional
         Draw the edges of all that is refined to a level as one body; else of each patch of a
         `PatchGrid`, or of each cell that is split. Default: each patch, but trees as one body.
@@ -450,14 +400,54 @@ def boxes(
         If levels are no whole numbers from 0, or `volume` is none; when they are drawn, if a grid
         has none of them, or if there are fewer colours.
     """
-    if volume is not None and not hasattr(volume, "grid"):
-        raise InputError(
-            f"boxes: expected a vm.Volume, or colors=…, got {type(volume).__name__} first"
-        )
-    grid = None if volume is None else volume.grid
-    style: dict[str, Any] = {"colors": joined(colors), "width": width, "opacity": opacity}
-    style |= {"depth": depth, "channel": channel, "relative": relative}
-    return Boxes(grid, levels, merged, **style)
+
+    def __init__(
+        self,
+        volume: Any = None,
+        colors: Any = 1.0,
+        *,
+        levels: Any = None,
+        merged: bool | None = None,
+        width: Any = 1.0,
+        opacity: float = 1.0,
+        depth: str = "true",
+        channel: int | None = None,
+        relative: bool = True,
+    ) -> None:
+        placed: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
+        super().__init__(**placed)
+        if volume is not None and not hasattr(volume, "grid"):
+            raise InputError(
+                f"Boxes: expected a vm.Volume, or colors=…, got {type(volume).__name__} first"
+            )
+        self.grid = None if volume is None else volume.grid
+        self.colors, self.levels, self.merged = joined(colors), _checked(levels), merged
+        self.width, self.opacity = width, opacity
+        self._style = {"width": width, "opacity": opacity, **placed}
+        self._outlines: tuple[Any, Any, np.ndarray] | None = None
+        if merged not in (None, True, False):
+            raise InputError(f"merged must be true or false, got {merged!r}")
+        Lines(np.zeros((1, 2, 3)), _first(self.colors), **self._style)
+
+    def layers(self, view: View) -> Layers | None:
+        grid = view.grid if self.grid is None else self.grid
+        if self._outlines is None or self._outlines[0] is not grid:  # once for many pictures
+            self._outlines = (grid, *self._lines(grid))
+        _, lines, level = self._outlines
+        unit = 1.0 if grid.unit is None else grid.unit
+        places = [line * unit for line in lines] if isinstance(lines, list) else lines * unit
+        return Lines(places, _of_levels(self.colors, level), **self._style).layers(view)
+
+    def _lines(self, grid: Any) -> tuple[Any, np.ndarray]:
+        """Return polylines, and which of the levels that are drawn each belongs to."""
+        merged = grid.patches is None if self.merged is None else self.merged
+        levels = _chosen(self.levels, level_count(grid))
+        parts = [outline(grid, level, merged) for level in levels]
+        which = [np.full(sum(map(len, part)), k) for k, part in enumerate(parts)]
+        groups = [group for part in parts for group in part]
+        straight = all(group.shape[1] == 2 for group in groups)
+        lines = np.concatenate(groups) if straight else [line for g in groups for line in g]
+        return lines, np.concatenate(which)
 
 
 def _checked(levels: Any) -> Any:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..units import as_given, is_quantity, plain, unit_of
 from .contract import Layers, SceneObject, View, window_pixels
-from .values import check_colors, intensities, merged, options_of
+from .values import check_colors, intensities, merged
 
 # How far the image of a piece may bend, in pixels.
 _BEND = 0.05
@@ -377,48 +376,7 @@ _NEARER = 1e-6
 
 
 class Axes(SceneObject):
-    """Lines along x, y and z; see `axes`."""
-
-    def __init__(
-        self, grid: Any, origin: Any, length: Any, colors: Any, width: Any, **options: Any
-    ) -> None:
-        super().__init__(**options)
-        self.grid, self.colors, self.width = grid, colors, width
-        self.origin, self.length = merged(origin), merged(length)
-        self.style = {"width": width, **options}
-
-    def layers(self, view: View) -> Layers | None:
-        grid = view.grid if self.grid is None else self.grid
-        start, ends = grid.bounds[:, 0], grid.bounds[:, 1]
-        if self.origin is not None:
-            start = np.asarray(view.length(self.origin, "origin"))
-        lengths = ends - start if self.length is None else view.length(self.length, "length")
-        lines = [np.stack([start, start + way]) for way in np.broadcast_to(lengths, 3) * np.eye(3)]
-        colors = self.colors
-        if colors is None:
-            colored = view.channels == 3 and self.channel is None
-            colors = ("red", "lime", "blue") if colored else 1.0
-        found = Lines(lines, colors, **self.style).layers(view)
-        if found is not None:  # edges of boxes in the same place are behind
-            found.depth -= _NEARER * float(np.linalg.norm(ends - grid.bounds[:, 0]))
-        return found
-
-    def describe(self, most: float = math.inf) -> dict[str, Any]:
-        return {"type": "axes", **options_of(axes, self, most)}
-
-
-def axes(
-    volume: Any = None,
-    colors: Any = None,
-    *,
-    origin: Any = None,
-    length: Any = None,
-    width: Any = 2.0,
-    depth: str = "true",
-    channel: int | None = None,
-    relative: bool = True,
-) -> Axes:
-    """Return lines along x, y and z.
+    """Lines along x, y and z.
 
     Parameters
     ----------
@@ -436,6 +394,38 @@ def axes(
     relative : bool
         Colours count in units of the picture's brightest pixel.
     """
-    grid = None if volume is None else volume.grid
-    options: dict[str, Any] = {"depth": depth, "channel": channel, "relative": relative}
-    return Axes(grid, origin, length, colors, width, **options)
+
+    def __init__(
+        self,
+        volume: Any = None,
+        colors: Any = None,
+        *,
+        origin: Any = None,
+        length: Any = None,
+        width: Any = 2.0,
+        depth: str = "true",
+        channel: int | None = None,
+        relative: bool = True,
+    ) -> None:
+        super().__init__(depth=depth, channel=channel, relative=relative)
+        self.grid = None if volume is None else volume.grid
+        self.colors, self.width = colors, width
+        self.origin, self.length = merged(origin), merged(length)
+
+    def layers(self, view: View) -> Layers | None:
+        grid = view.grid if self.grid is None else self.grid
+        start, ends = grid.bounds[:, 0], grid.bounds[:, 1]
+        if self.origin is not None:
+            start = np.asarray(view.length(self.origin, "origin"))
+        lengths = ends - start if self.length is None else view.length(self.length, "length")
+        lines = [np.stack([start, start + way]) for way in np.broadcast_to(lengths, 3) * np.eye(3)]
+        colors = self.colors
+        if colors is None:
+            colored = view.channels == 3 and self.channel is None
+            colors = ("red", "lime", "blue") if colored else 1.0
+        options: dict[str, Any] = {"depth": self.depth, "channel": self.channel}
+        options |= {"relative": self.relative, "width": self.width}
+        found = Lines(lines, colors, **options).layers(view)
+        if found is not None:  # edges of boxes in the same place are behind
+            found.depth -= _NEARER * float(np.linalg.norm(ends - grid.bounds[:, 0]))
+        return found

@@ -12,7 +12,7 @@ from ..units import is_quantity, plain, unit_of
 from .balls import nearby
 from .contract import REACH, Layers, Points, View
 from .spheres import Spheres
-from .values import column, intensities, is_column, merged, positions_of
+from .values import column, intensities, is_column, merged
 
 # Full width at half maximum of a Gaussian of unit width.
 _FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))
@@ -163,48 +163,6 @@ class Stars(Spheres):
         # The mean over a disc of 1 - u (1 - μ) is 1 - u/3.
         area = np.pi * radius**2 * (1.0 - self.darkening / 3.0)
         return self._luminosity(view) / area[:, None]
-
-
-class Star(Stars):
-    """A star with a radius, or a point with a luminosity.
-
-    Parameters
-    ----------
-    position : three floats or Quantity
-    color, radius, luminosity, …
-        As for `Stars`: one of each.
-    """
-
-    def __init__(
-        self,
-        position: Any,
-        color: Any = 1.0,
-        *,
-        radius: Any = None,
-        luminosity: Any = None,
-        psf: Any = None,
-        opacity: float = 1.0,
-        limb_darkening: float = 0.0,
-        depth: str = "true",
-        channel: int | None = None,
-        relative: bool = False,
-    ) -> None:
-        self.position = positions_of(position, "position", (3,))
-        self.color, self.radius, self.luminosity = color, merged(radius), merged(luminosity)
-        unit = unit_of(self.position)
-        place = np.asarray(plain(self.position, unit, "position"))[None]
-        super().__init__(
-            place if unit is None else place * unit,
-            color,
-            radii=radius,
-            luminosities=luminosity,
-            psf=psf,
-            opacity=opacity,
-            limb_darkening=limb_darkening,
-            depth=depth,
-            channel=channel,
-            relative=relative,
-        )
 
 
 def _widths(psf: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Particles that stand for the cells of a Voronoi mesh: each place belongs to the nearest one."""
+"""Particles that represent the cells of a Voronoi mesh: each place belongs to the nearest one."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 from ..grids import OctreeGrid
 from ..progress import reported_range
-from .base import Base
-from .deposit import Deposit
-from .images import with_images
-from .nearest import Nearest
+from .deposit import Deposit, with_images
+from .octree import Base
 
-# Cells of the grid that are worked on at once.
+# Directions to the middles of the eight octants of a cell.
+_OCTANTS = 2.0 * (np.arange(8) >> np.arange(3)[:, None, None] & 1) - 1.0
+# Cells of the grid computed at once.
 _CHUNK = 1 << 18
 
 
@@ -44,14 +44,19 @@ class CellsDeposit(Deposit):
         volume: np.ndarray,
         reach: np.ndarray,
     ) -> None:
+        from scipy.spatial import cKDTree
+
         super().__init__(grid, mass)
         near, owner = with_images(base, points, reach)
-        search, inside = Nearest(near), base.inside(points)
+        tree, inside = cKDTree(near), base.inside(points)
         self.octants = grid.cell_volumes / 8
         self.owners = np.empty((grid.size, 8), np.uint32)
         for part in _parts(grid.size):
             low, high = grid.corners(part.start, part.stop)
-            self.owners[part] = owner[search.of(low, high - low)]
+            center, step = low + 0.5 * (high - low), 0.25 * (high - low)
+            middles = center[..., None] + step[..., None] * _OCTANTS
+            nearest = tree.query(middles.reshape(3, -1).T, workers=-1)[1]
+            self.owners[part] = owner[nearest].reshape(-1, 8)
         self.volume = self._volumes(len(mass))
         if not base.periodic and not inside.all():
             cut = ~inside

@@ -11,12 +11,10 @@ from ..errors import InputError
 from ..expressions import Expression
 from ..progress import Progress, with_progress
 from ..units import plain, shown
-from .around import divided
-from .cut import Slice, make_slice
-from .plane import cells_on, make_plane
 from .resample import resampled
+from .slices import Slice, cells_on, make_plane, make_slice
 from .table import cell_columns, table
-from .unfolded import unfolded
+from .unfold import divided, unfolded
 
 
 class OnOtherCells:

@@ -6,13 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import get_colormap
-from ..notebook import page, picture, png, table
-from .plane import cells_on, make_plane
+from ..notebook import page, picture, table
+from .slices import THUMBNAIL_PIXELS, cells_on, make_plane, values_png
 
-_PIXELS, _GAP, _MOST_FIELDS = 96, 4, 40
-# Positive numbers that are no whole ones, and wider, are shown by logarithms, but the faintest.
-_WIDE, _FAINT = 100.0, 2.0
+_MOST_FIELDS = 40
 # Of fields with more values than that, so many are looked at.
 _ALL, _VALUES = 1 << 22, 1 << 17
 _FIRST = ("density", "gas_density", "rho", "dens")
@@ -57,31 +54,10 @@ def slices_png(volume: Any, name: str) -> bytes:
     values = volume.array(name).reshape(-1)
     slices = []
     for axis in "xyz":
-        plane = make_plane(volume.grid, axis, None, None, None, None, _PIXELS)
+        plane = make_plane(volume.grid, axis, None, None, None, None, THUMBNAIL_PIXELS)
         try:
             cells = cells_on(volume.grid, plane)
         except ValueError:  # a gap of the grid is there
             cells = np.full(plane.pixels[::-1], -1)
         slices.append(np.where(cells >= 0, values[cells].astype(np.float64), np.nan))
     return values_png(slices)
-
-
-def values_png(slices: list[np.ndarray]) -> bytes:
-    """Return pictures of values beside each other; logarithmic if they are wide."""
-    every = np.concatenate([own[np.isfinite(own)] for own in slices])
-    low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 1.0)
-    if low >= 0.0 and np.any(every % 1):
-        least = float(np.percentile(every[every > 0.0], _FAINT))
-        if high > _WIDE * least:
-            slices = [np.log10(np.maximum(own, least)) for own in slices]
-            low, high = np.log10(least), np.log10(high)
-    colormap = get_colormap("viridis").with_extremes(bad=(0.9, 0.9, 0.9))
-    height = max(len(own) for own in slices)
-    columns: list[np.ndarray] = []
-    for own in slices:
-        scaled = np.ma.masked_invalid((own - low) / ((high - low) or 1.0))
-        above = np.ones((height - len(own), own.shape[1], 4))
-        columns += [np.concatenate([colormap(scaled), above]), np.ones((height, _GAP, 4))]
-    page = np.concatenate(columns[:-1], axis=1)
-    zoom = max(1, 2 * _PIXELS // height)
-    return png(np.repeat(np.repeat(page, zoom, axis=0), zoom, axis=1))

@@ -55,21 +55,22 @@ def render(
     volume : Volume
         Grid and fields.
     medium : Medium, optional
-        From field values to emissivity and extinction. By default `voluminous.auto` finds one.
+        From field values to emissivity and extinction. By default `suggest_medium` finds one.
     camera : Orthographic or Perspective, optional
         Which rays. By default all is seen, from obliquely above (a patient from the front, a stack
-        of pictures as they are); without a medium, what the one that is found shows (`framed`).
+        of pictures as they are); without a medium, what that one shows
+        (`Orthographic.framing`).
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
         In place of a camera: what the medium shows, from a side of a patient, or as a stack of
-        pictures is leafed through; see `framed`.
-    scheme : {"post-classified", "second-order", "first-order", "olson-kunasz"}
-        How one segment is solved; see the page on schemes. By default the first, but
-        ``"first-order"`` for what `voluminous.auto` makes of labels: between two there are no
-        others.
+        pictures is leafed through; see `Orthographic.framing`.
+    scheme : {"post-classified", "pre-integrated", "second-order", "first-order", "olson-kunasz"}
+        How one segment is solved; see the page on schemes. By default the first; label fields
+        (media from `suggest_medium`) default to ``"first-order"``, because labels must not be
+        interpolated.
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
-        `Image.error` tells what was reached. None: do not look, which takes a half to a
-        sixth of the time.
+        `Image.error` holds what was reached. None disables error control, which is the scheme
+        ``"pre-integrated"``: 2 to 6 times faster.
     background : float, sequence of float, array (ny, nx[, channel]) or Image
         Intensity behind everything.
     precision : {"single", "double"}
@@ -96,7 +97,7 @@ def render(
         so many as given, on a segment of a ray.
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
-        `Star`, `Stars`, `Spheres`, `Lines`, `boxes`, `axes`.
+        `Stars`, `Spheres`, `Lines`, `Boxes`, `Axes`.
     progress : bool or callable, optional
         True shows a bar, False none; by default one appears on a terminal and in a notebook when
         it takes longer than two seconds. A function is called as ``progress(done, total)`` now and

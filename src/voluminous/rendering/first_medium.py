@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..calibration import auto, presets
+from ..calibration import presets, suggest_medium
 from ..media.contract import Medium
 from ..volume import Volume
 from .cache import Cache
 
 
 def first_medium(volume: Volume) -> Medium:
-    """Return `voluminous.auto` of a volume, as found for the picture before, or its channels.
+    """Return `suggest_medium` of a volume, as found for the picture before, or its channels.
 
     The former takes a second for a million cells of patches, the picture itself a tenth.
     """
@@ -19,7 +19,7 @@ def first_medium(volume: Volume) -> Medium:
         return presets.fluorescence(volume)
     found = Cache(volume).get(_key(volume))
     if found is None:
-        found = auto(volume)
+        found = suggest_medium(volume)
         Cache(volume).put(_key(volume), found)  # fields may have been read only now
     medium: Medium = found
     return medium

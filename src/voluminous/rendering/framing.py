@@ -33,48 +33,7 @@ def framed(
     view: str | None = None,
     resolution: Any = 400,
 ) -> Orthographic:
-    """Return a camera that sees all that a medium shows, and little around it.
-
-    A coarse picture tells where that is: pixels of more than 2 % of its brightest, but for 0.2 % of
-    their light along each axis. They fill 0.85 of the frame. Where they fill 0.7 of a square frame
-    around the whole volume, all of that is seen.
-
-    Parameters
-    ----------
-    volume : Volume
-        Grid and fields.
-    medium : Medium, optional
-        What is to be seen of them. Without one the frame is around the whole volume: for
-        projections and columns.
-    incl, phi, resolution
-        As for `Orthographic`; for angles that are not given see `view`.
-    view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
-        In place of angles. A patient from the front, the back, his left, his right, above and
-        below, upright (from above and below with the front at the top), as
-        ``volume.meta["orientation"]`` tells; pictures above each other as ImageJ shows them, where
-        there is ``volume.meta["y_down"]``. By default ``"anterior"`` or ``"stack"`` where the
-        volume tells so, else obliquely from above.
-
-    Returns
-    -------
-    Orthographic
-        Its ``width`` and ``shift`` are plain numbers in the volume's unit of length.
-
-    Raises
-    ------
-    InputError, UnknownNameError
-        As `render`; and if the volume does not tell how it lies, or angles are given besides.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import voluminous as vm
-    >>> density = np.zeros((16, 16, 16))
-    >>> density[4:6, 8:10, 8:10] = 1
-    >>> volume = vm.Volume(vm.CartesianGrid.uniform(16, (0, 16)), density=density)
-    >>> vm.framed(volume, vm.Coefficients("density", "density"), 90, 0).width < 6
-    True
-    """
+    """Return a camera around what a medium shows; see `Orthographic.framing`."""
     camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
     if medium is None:
         return camera
@@ -94,10 +53,23 @@ def framed(
     )
 
 
+def perspective(framing: Orthographic, volume: Volume, fov: float) -> tuple[Any, Any, np.ndarray]:
+    """Return position and target of an observer that sees a frame under an angle (degrees), and up.
+
+    A cube as wide as the frame fills the picture with its front.
+    """
+    frame = framing.frame(volume.grid)
+    center, right, up, into = frame.vectors[:4]
+    target = center + frame.shift[0] * right + frame.shift[1] * up
+    width = max(frame.width)
+    away = 0.5 * width * (1.0 + 1.0 / np.tan(0.5 * np.deg2rad(fov)))
+    return (target - away * into).tolist(), target.tolist(), up
+
+
 def first_camera(
     volume: Any, incl: Any = None, phi: Any = None, *, view: str | None = None
 ) -> Orthographic:
-    """Return a camera that sees all of a volume from given angles, or in a view; see `framed`."""
+    """Return a camera that sees all of a volume from given angles, or in a view."""
     given = {name: v for name, v in (("incl", incl), ("phi", phi)) if v is not None}
     if view is not None and given:
         raise InputError(f"give angles or view={view!r}, not both")

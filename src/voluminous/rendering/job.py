@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
-from ..grids.contract import cells_across, has_blocks
-from ..schemes.contract import scheme_key
+from ..schemes.base import Scheme
 from ..volume import Volume
 from .cache import Cache
 from .coefficients.digits import beyond_single_sums
 from .coefficients.emission_unit import channels_last, in_units_of
-from .options import DEFAULT_ERROR, walk_kinds
+from .options import DEFAULT_ERROR
 from .rays.adaptive import refine
 from .rays.control import add_floor, controlled, in_kernel_unit, total_error
 from .rays.drawing import Drawing
@@ -85,7 +84,7 @@ class Job:
     medium: Any
     camera: Any
     frame: Any
-    scheme: Any
+    scheme: Scheme
     backend: Any
     backward: bool
     cutoff: float | None
@@ -110,15 +109,15 @@ class Job:
         they matter where there are bits to spare.
         """
         grid = self.volume.grid
-        if not self.scheme.reckoned or "reckoned" not in walk_kinds(grid):
+        if not self.scheme.radmc3d_steps or "reckoned" not in grid.walk_kinds:
             return False
         double = self.backend.precision == "double"
-        return not has_blocks(grid) or bool(double and self.camera.parallel)
+        return not grid.has_blocks or bool(double and self.camera.parallel)
 
     @property
     def walk_kind(self) -> str:
         """Which walk through the grid the scheme needs."""
-        if self.scheme.place == "field":
+        if self.scheme.coefficients_at == "field":
             return "dual"
         return "reckoned" if self.reckoned else "cells"
 
@@ -136,7 +135,7 @@ class Job:
     def steps(self) -> float:
         """About how many cells the rays will cross in all."""
         nx, ny = self.frame.pixels
-        return float(nx * ny) * self.samples**2 * cells_across(self.volume.grid)
+        return float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
 
     def run(self, brightest_background: float) -> Planes:
         """Render all pixels.
@@ -175,7 +174,7 @@ class Job:
         """Return where what is traced is kept: with the volume, if all that steers it is known."""
         if self.backend.device != "cpu" or self.backend.derivatives:
             return None
-        parts = self.medium.key(), self.camera.key(), scheme_key(self.scheme)
+        parts = self.medium.key(), self.camera.key(), self.scheme.key()
         if None in parts or not self.cache.statistics.is_hashed(self.medium.names):
             return Kernels()
         source, ending = drawing.source, drawing.ending

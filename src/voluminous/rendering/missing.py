@@ -130,7 +130,7 @@ def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     out = array.copy()
     flat = out.reshape(-1)
     flat[missing] = flat[~missing].mean(dtype=np.float64)
-    for cells, values in (_boxes if len(grid.shape) == 3 else _located)(grid, array, missing):
+    for cells, values in (_boxes if grid.is_structured else _located)(grid, array, missing):
         flat[cells] = values
     return out
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..colormaps import get_color, without_alpha
 from ..errors import InputError, check_name, unknown_name
-from ..geometry import CARTESIAN, many_valued
+from ..geometry import many_valued
 from ..memory import check_memory
 from ..units import as_quantity, is_quantity
 
@@ -173,8 +173,7 @@ def check_parallel(samples: Any, camera: Any) -> None:
 
 def is_recursive(samples: Any, grid: Any) -> bool:
     """Return True where pixels are divided as their rays ask for, each by itself."""
-    uniform = len(grid.shape) == 3 and tuple(grid.coordinates) == CARTESIAN
-    return isinstance(samples, str) and samples == "flux-conserving" and not uniform
+    return isinstance(samples, str) and samples == "flux-conserving" and not grid.is_rectilinear
 
 
 def check_walk(scheme: Any, grid: Any) -> None:
@@ -185,8 +184,8 @@ def check_walk(scheme: Any, grid: Any) -> None:
     InputError
         Names a scheme that every grid has.
     """
-    missing = scheme.place == "field" and "dual" not in walk_kinds(grid)
-    missing |= scheme.place == "vertex" and not hasattr(grid, "vertex_count")
+    missing = scheme.coefficients_at == "field" and "dual" not in grid.walk_kinds
+    missing |= scheme.coefficients_at == "vertex" and not grid.has_vertices
     if missing:
         raise InputError(
             f"scheme {scheme.name!r} cannot be used on a {type(grid).__name__}; "
@@ -206,19 +205,14 @@ def check_coordinates(scheme: Any, grid: Any, names: Iterable[str]) -> None:
     """
     several = many_valued(grid)
     for name in names:
-        if scheme.place != "field" and name in several:
-            mirrored = getattr(grid, "mirror", False)
+        if scheme.coefficients_at != "field" and name in several:
+            mirrored = grid.mirror
             many = "volume.unfolded()" if mirrored and name == "z" else "volume.unfolded(phi=64)"
             raise InputError(
                 f"{name!r} differs within a cell of this grid, which scheme {scheme.name!r} takes "
                 "as a whole: use scheme='post-classified', which knows where on its way a ray is, "
                 f"or {many}, in which every cell is in one place"
             )
-
-
-def walk_kinds(grid: Any) -> tuple[str, ...]:
-    """Return the kinds of walk through a grid."""
-    return getattr(grid, "walk_kinds", ("cells",))
 
 
 def background_array(background: Any, pixels: tuple[int, int], channels: int) -> np.ndarray:

@@ -61,7 +61,7 @@ def prepare(
     volume.refresh()  # derivatives of fields that were changed in place
     cache = Cache(volume)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))
-    if solver.place == "field":
+    if solver.coefficients_at == "field":
         medium = with_each(medium, on_rays)
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
@@ -70,8 +70,12 @@ def prepare(
     check_fields(volume, medium)
     check_coordinates(solver, volume.grid, medium.names)
     _check_units(volume, medium)
-    completed = complete(cache, medium.names, solver.place == "field")
-    if solver.place == "field" and precision == "single" and _needs_double(completed, medium):
+    completed = complete(cache, medium.names, solver.coefficients_at == "field")
+    if (
+        solver.coefficients_at == "field"
+        and precision == "single"
+        and _needs_double(completed, medium)
+    ):
         precision = "double"
     job = Job(
         volume=completed.volume,

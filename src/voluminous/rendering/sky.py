@@ -8,7 +8,6 @@ import numpy as np
 
 from ..cameras import Orthographic
 from ..geometry import is_uniform
-from ..grids import CartesianGrid
 from ..image.sky import of_pixels
 from ..units import parse_unit
 from ..volume import Volume
@@ -24,7 +23,7 @@ def image_wcs(volume: Volume, camera: Any, frame: Any) -> Any:
     position and what the third axis of the cube measures. Other planes mix both.
     """
     grid, wcs = volume.grid, volume.wcs
-    if not isinstance(camera, Orthographic) or not isinstance(grid, CartesianGrid):
+    if not isinstance(camera, Orthographic) or not grid.is_rectilinear:
         return None
     if wcs is None or tuple(wcs.pixel_shape or ()) != grid.shape:
         return None

@@ -50,7 +50,7 @@ def warn_of_unseen(job: Job, planes: Planes, others: bool) -> None:
     if not (nothing or missed) or (others and (nothing or everything)):
         return
     if not nothing or everything:
-        told += ". Choose values in that range; vm.auto(volume, ...) finds some"
+        told += ". Choose values in that range; vm.suggest_medium(volume, ...) finds some"
     else:
         told = "; ".join(filter(None, [_NOT_MET, told]))
     lacks = "shows only the faintest edge" if everything else "lacks a part"

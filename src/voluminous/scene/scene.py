@@ -147,7 +147,6 @@ class Scene:
             Its provenance holds the scene, with absolute paths: ``Scene.load`` of the saved image
             gives it back, wherever it is saved.
         """
-        from ..image.planes import changed
         from ..rendering import render
 
         objects = overrides.pop("objects", self.objects)
@@ -162,7 +161,7 @@ class Scene:
         told["render"] = _held({**self._settings["render"], **overrides})
         there = self.directory.absolute()
         told = with_paths(told, lambda path: str(there / os.path.expanduser(path)))
-        return changed(image, provenance={**(image.provenance or {}), "scene": told})
+        return image.replace(provenance={**(image.provenance or {}), "scene": told})
 
     def _background(self, path: str) -> Image:
         from ..image import Image

@@ -36,9 +36,9 @@ _CAMERA: dict[str, Kind] = {
     "projection": kinds.TEXT,
 }
 _OBJECT: dict[str, Kind] = {
-    **dict.fromkeys(("color", "colors"), kinds.COLORS),
-    **dict.fromkeys(("position", "positions", "points", "origin", "length"), kinds.QUANTITIES),
-    **dict.fromkeys(("radius", "radii", "luminosity", "luminosities"), kinds.QUANTITIES),
+    **dict.fromkeys(("colors",), kinds.COLORS),
+    **dict.fromkeys(("positions", "points", "origin", "length"), kinds.QUANTITIES),
+    **dict.fromkeys(("radii", "luminosities"), kinds.QUANTITIES),
     **dict.fromkeys(("width", "psf"), kinds.QUANTITIES),
     **dict.fromkeys(("opacity", "limb_darkening"), kinds.NUMBERS),
     "channel": kinds.WHOLE,

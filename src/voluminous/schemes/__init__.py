@@ -1,32 +1,36 @@
-"""How ONE segment is solved: one file per scheme, one contract (`schemes.contract`)."""
+"""How one segment is solved: one file per scheme, one contract (`schemes.base`)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from ..errors import check_name
+from .base import Scheme
 from .first_order import FirstOrder
 from .olson_kunasz import OlsonKunasz
-from .one_panel import OnePanel
 from .post_classified import PostClassified
+from .pre_integrated import PreIntegrated
 from .second_order import SecondOrder
 
-SCHEMES = {scheme.name: scheme for scheme in (PostClassified, SecondOrder, FirstOrder, OlsonKunasz)}
+SCHEMES: dict[str, type[Scheme]] = {
+    scheme.name: scheme
+    for scheme in (PostClassified, PreIntegrated, SecondOrder, FirstOrder, OlsonKunasz)
+}
 
 
-def get_scheme(name: Any, *, controlled: bool = True) -> Any:
-    """Return the scheme with this name; a scheme object is returned as it is.
+def get_scheme(name: Any, *, controlled: bool = True) -> Scheme:
+    """Return the scheme of a name; a `Scheme` is returned as it is.
 
-    If errors need not be controlled, the cheaper form of a scheme that can.
+    Without error control ``"post-classified"`` is ``"pre-integrated"``.
 
     Raises
     ------
     UnknownNameError
         If there is no such scheme.
     """
-    if hasattr(name, "solve"):
+    if isinstance(name, Scheme):
         return name
     check_name("scheme", name, SCHEMES)
-    if name == OnePanel.name and not controlled:
-        return OnePanel()
+    if name == PostClassified.name and not controlled:
+        name = PreIntegrated.name
     return SCHEMES[name]()

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from ..backend.functions import attenuation
-from .cellwise import Cellwise
-from .contract import Solution
+from ..backend.types import Float
+from ..grids.contract import Segment
+from .base import Scheme, Solution
 
 
-class FirstOrder(Cellwise):
+class FirstOrder(Scheme):
     """Solve a homogeneous segment: θ = e^{-α s}, b = j (1 - e^{-α s}) / α.
 
     The formal solution of the transfer equation with constant coefficients (e.g. Rybicki &
@@ -20,10 +21,9 @@ class FirstOrder(Cellwise):
     name = "first-order"
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Solution, list[Any]]:
-        """Return the solution of one segment; see `schemes.contract.Scheme`."""
-        j, alpha = source.at(segment.cell, segment.active)
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
+        j, alpha = source.at(segment)
         depth = [a * segment.length for a in alpha]
         solved = [attenuation(tau) for tau in depth]
         visible = [mean * segment.length for _, mean in solved]

@@ -14,14 +14,13 @@ the order asked for does not matter then, and no ray stops early.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from ..backend import dr
 from ..backend.functions import attenuation, horner, precision_of
-from .contract import Solution
-from .linear import End, Linear
+from ..backend.types import Float
+from .base import Coefficients, Solution, VertexScheme
 
 # Below the first depth RADMC-3D takes the trapezoid's weights, below the second its emission.
 _SERIES_BELOW = 1e-6
@@ -30,7 +29,7 @@ _THIN_BELOW = float(np.float32(1e-9))
 _SERIES_ENDS = 0.35
 
 
-class OlsonKunasz(Linear):
+class OlsonKunasz(VertexScheme):
     """Solve a segment as RADMC-3D's ``secondorder`` does.
 
     With ``precision="double"`` and a camera at infinity `cutoff` has no effect: rays go from behind
@@ -39,10 +38,9 @@ class OlsonKunasz(Linear):
 
     name = "olson-kunasz"
     linear = False
-    controlled = False
-    reckoned = True
+    radmc3d_steps = True
 
-    def between(self, front: End, back: End, length: Any) -> Solution:
+    def between(self, front: Coefficients, back: Coefficients, length: Float) -> Solution:
         (j_front, a_front), (j_back, a_back) = front, back
         depth = [0.5 * (f + b) * length for f, b in zip(a_front, a_back, strict=True)]
         weights = [_weights(tau) for tau in depth]
@@ -53,12 +51,12 @@ class OlsonKunasz(Linear):
         return Solution(emission, [theta for theta, _, _ in weights], depth)
 
 
-def _weights(tau: Any) -> tuple[Any, Any, Any]:
+def _weights(tau: Float) -> tuple[Float, Float, Float]:
     """Return the transparency and the weights of the back and the front source function."""
     return _stable_weights(tau) if precision_of(type(tau)) == "single" else _radmc_weights(tau)
 
 
-def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
+def _stable_weights(tau: Float) -> tuple[Float, Float, Float]:
     """Return them without subtractions of nearly equal numbers.
 
     In single precision RADMC-3D's arithmetic would lose all digits at τ = 1e-4.
@@ -69,7 +67,7 @@ def _stable_weights(tau: Any) -> tuple[Any, Any, Any]:
     return theta, dr.fma(tau, mean, -front), front
 
 
-def _radmc_weights(tau: Any) -> tuple[Any, Any, Any]:
+def _radmc_weights(tau: Float) -> tuple[Float, Float, Float]:
     thin = tau <= _SERIES_BELOW
     e, back, front = _subtracted_weights(tau, thin)
     half = 0.5 * tau
@@ -80,7 +78,7 @@ def _radmc_weights(tau: Any) -> tuple[Any, Any, Any]:
     )
 
 
-def _subtracted_weights(tau: Any, thin: Any) -> tuple[Any, Any, Any]:
+def _subtracted_weights(tau: Float, thin: Float) -> tuple[Float, Float, Float]:
     """Return e^-τ and the weights as RADMC-3D gets them: differences of nearly equal numbers."""
     e = _correctly_rounded_exp(tau)
     e0 = 1.0 - e
@@ -88,7 +86,7 @@ def _subtracted_weights(tau: Any, thin: Any) -> tuple[Any, Any, Any]:
     return e, e0 - front, front
 
 
-def _correctly_rounded_exp(tau: Any) -> Any:
+def _correctly_rounded_exp(tau: Float) -> Float:
     """Return exp(-tau), correctly rounded for small depths in 99.9 % of cases.
 
     RADMC-3D subtracts this from 1 and then from τ: near τ = 1e-6 one flipped last bit becomes 2e-9
@@ -101,8 +99,14 @@ def _correctly_rounded_exp(tau: Any) -> Any:
 
 
 def _emission(
-    j_front: Any, j_back: Any, a_front: Any, a_back: Any, s: Any, tau: Any, weights: Any
-) -> Any:
+    j_front: Float,
+    j_back: Float,
+    a_front: Float,
+    a_back: Float,
+    s: Float,
+    tau: Float,
+    weights: Float,
+) -> Float:
     single = precision_of(type(tau)) == "single"
     tiny = float(np.finfo(np.float32).tiny) if single else 1e-99
     _, w_back, w_front = weights

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
-from typing import Any
 
 from ..backend import dr
 from ..backend.functions import any_attenuation
+from ..backend.types import Float
 
 
 @dataclass
@@ -24,13 +24,13 @@ class Path:
         Nothing, or three: how far b may be off, how far θ may be off, and the brightness of b.
     """
 
-    emission: list[Any]
-    transparency: list[Any]
-    depth: list[Any]
-    error: list[Any] = field(default_factory=list)
+    emission: list[Float]
+    transparency: list[Float]
+    depth: list[Float]
+    error: list[Float] = field(default_factory=list)
 
 
-def empty_path(real: Any, channels: int, extinctions: int, errors: int = 0) -> Path:
+def empty_path(real: Float, channels: int, extinctions: int, errors: int = 0) -> Path:
     """Return the identity of composition: nothing emitted, everything transmitted."""
     return Path(
         [real(0) for _ in range(channels)],
@@ -40,7 +40,7 @@ def empty_path(real: Any, channels: int, extinctions: int, errors: int = 0) -> P
     )
 
 
-def layer(emission: list[Any], depth: list[Any]) -> Path:
+def layer(emission: list[Float], depth: list[Float]) -> Path:
     """Return a layer without width: what it emits if it is thin, and its optical depth."""
     found = [any_attenuation(tau) for tau in depth]
     grey = len(found) == 1
@@ -63,7 +63,7 @@ def over(front: Path, back: Path) -> Path:
     return Path(emission, transparency, depth, _error_over(front, back))
 
 
-def _error_over(front: Path, back: Path) -> list[Any]:
+def _error_over(front: Path, back: Path) -> list[Float]:
     """Return the errors of ``front over back``, as if all of them had the same sign.
 
     δb = δb₁ + θ₁ δb₂ + δθ₁ b₂ and δθ = δθ₁ θ₂ + θ₁ δθ₂, with the brightness for b and the largest
@@ -80,6 +80,6 @@ def _error_over(front: Path, back: Path) -> list[Any]:
     ]
 
 
-def most(values: list[Any]) -> Any:
+def most(values: list[Float]) -> Float:
     """Return the largest of some arrays."""
     return functools.reduce(lambda a, b: dr.select(a > b, a, b), values)

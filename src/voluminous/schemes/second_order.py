@@ -17,14 +17,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from ..backend import dr
 from ..backend.functions import horner, precision_of
-from .contract import Solution
-from .linear import End, Linear
+from ..backend.types import Float
+from .base import Coefficients, Solution, VertexScheme
 
 # (order of the series, optical depth up to which it suffices): what is left out of θ is
 # τ^(n+1)/(n+1)!, 5e-9 and 1e-18.
@@ -36,15 +35,12 @@ _THIN = {"single": (4, 0.3), "double": (8, 0.4)}
 _THICK = {"single": (18, 20.0), "double": (32, 40.0)}
 
 
-class SecondOrder(Linear):
+class SecondOrder(VertexScheme):
     """Solve a segment whose emissivity and extinction are linear in distance."""
 
     name = "second-order"
-    linear = True
-    controlled = False
-    reckoned = False
 
-    def between(self, front: End, back: End, length: Any) -> Solution:
+    def between(self, front: Coefficients, back: Coefficients, length: Float) -> Solution:
         (j_front, alpha_front), (j_back, alpha_back) = front, back
         a_front, a_back = ([a * length for a in alpha] for alpha in (alpha_front, alpha_back))
         depth = [0.5 * (f + b) for f, b in zip(a_front, a_back, strict=True)]
@@ -57,8 +53,8 @@ class SecondOrder(Linear):
 
 
 def visibility(
-    a_front: list[Any], a_back: list[Any], depth: list[Any]
-) -> tuple[list[tuple[Any, Any]], list[Any]]:
+    a_front: list[Float], a_back: list[Float], depth: list[Float]
+) -> tuple[list[tuple[Float, Float]], list[Float]]:
     """Return (W_f, W_b), how much of each end's emission is seen, and θ, for each extinction.
 
     Parameters
@@ -70,7 +66,7 @@ def visibility(
     """
     precision = precision_of(type(depth[0]))
     deepest = functools.reduce(lambda a, b: dr.select(a > b, a, b), depth)
-    flat: list[Any] = dr.if_stmt(
+    flat: list[Float] = dr.if_stmt(
         args=(a_front, a_back, depth, deepest),
         cond=deepest <= _FAINT[precision][1],
         true_fn=_faint,
@@ -80,7 +76,9 @@ def visibility(
     return [(flat[3 * k], flat[3 * k + 1]) for k in range(n)], [flat[3 * k + 2] for k in range(n)]
 
 
-def _faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
+def _faint(
+    a_front: list[Float], a_back: list[Float], depth: list[Float], deepest: Float
+) -> list[Float]:
     order, _ = _FAINT[precision_of(type(deepest))]
     exponential = [(-1.0) ** k / math.factorial(k) for k in range(order + 1)]
     flat = []
@@ -111,7 +109,9 @@ def _series(order: int) -> tuple[list[list[float]], list[list[float]]]:
     return rows(1.0 - nodes), rows(nodes)
 
 
-def _not_faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest: Any) -> list[Any]:
+def _not_faint(
+    a_front: list[Float], a_back: list[Float], depth: list[Float], deepest: Float
+) -> list[Float]:
     precision = precision_of(type(deepest))
     nodes, limit = _THIN[precision]
     return dr.if_stmt(
@@ -123,13 +123,13 @@ def _not_faint(a_front: list[Any], a_back: list[Any], depth: list[Any], deepest:
 
 
 def _weights(
-    a_front: list[Any],
-    a_back: list[Any],
-    depth: list[Any],
+    a_front: list[Float],
+    a_back: list[Float],
+    depth: list[Float],
     *,
     count: int,
-    exp: Callable[[Any], Any],
-) -> list[Any]:
+    exp: Callable[[Float], Float],
+) -> list[Float]:
     nodes, weights = gauss_legendre(count)
     flat = []
     for af, ab, tau in zip(a_front, a_back, depth, strict=True):
@@ -142,14 +142,14 @@ def _weights(
     return flat
 
 
-def _thick(a_front: list[Any], a_back: list[Any], depth: list[Any]) -> list[Any]:
+def _thick(a_front: list[Float], a_back: list[Float], depth: list[Float]) -> list[Float]:
     """Integrate over the visible part, in a loop: this is the rare case, and code is not free."""
     real = type(a_front[0])
     count, deepest = _THICK[precision_of(real)]
     nodes, weights = (real(values) for values in gauss_legendre(count))
     reach = [_visible_fraction(f, b, deepest) for f, b in zip(a_front, a_back, strict=True)]
 
-    def body(k: Any, flat: list[Any]) -> tuple[Any, list[Any]]:
+    def body(k: Float, flat: list[Float]) -> tuple[Float, list[Float]]:
         node, weight = dr.gather(real, nodes, k), dr.gather(real, weights, k)
         added = []
         for i, (af, ab) in enumerate(zip(a_front, a_back, strict=True)):
@@ -160,15 +160,15 @@ def _thick(a_front: list[Any], a_back: list[Any], depth: list[Any]) -> list[Any]
 
     zeros = [real(0) for _ in range(2 * len(a_front))]
 
-    def more(k: Any, flat: list[Any]) -> Any:
+    def more(k: Float, flat: list[Float]) -> Float:
         return k < count
 
-    index: Any = dr.uint32_array_t(real)
+    index: Float = dr.uint32_array_t(real)
     _, sums = dr.while_loop((index(0), zeros), more, body)
     return [v for k, tau in enumerate(depth) for v in (*sums[2 * k : 2 * k + 2], dr.exp(-tau))]
 
 
-def _visible_fraction(a_front: Any, a_back: Any, deepest: float) -> Any:
+def _visible_fraction(a_front: Float, a_back: Float, deepest: float) -> Float:
     """Return the x in [0, 1] up to which τ(x) stays below `deepest` (root without cancellation)."""
     discriminant = dr.fma(a_front, a_front, 2.0 * deepest * (a_back - a_front))
     root = a_front + dr.sqrt(dr.maximum(discriminant, 0.0))

@@ -13,7 +13,6 @@ from ..points import plain_points
 class CartesianCells:
     """What `grids.contract.Grid` asks of cells, for a grid of planes ``edges`` along three axes."""
 
-    coordinates = ("x", "y", "z")
     edges: tuple[np.ndarray, ...]
     unit: Any
 
@@ -33,29 +32,14 @@ class CartesianCells:
         """Cell centres per axis."""
         return tuple(0.5 * (e[1:] + e[:-1]) for e in self.edges)
 
-    def pack(self, value: Any) -> np.ndarray:
-        """Return a field as an array."""
-        return np.asarray(value)
-
-    def unpack(self, flat: np.ndarray) -> np.ndarray:
-        """Return a field of flat cells as an array of the grid's shape."""
-        return np.asarray(flat).reshape(self.shape)
-
     def cell_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return x, y and z of the centres of consecutive cells, shape (3, n)."""
         return spread(self.centers, first, self.size if last is None else last)
-
-    native_centers = cell_centers
 
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return the widths of consecutive cells, shape (3, n)."""
         widths = tuple(np.diff(e) for e in self.edges)
         return spread(widths, first, self.size if last is None else last)
-
-    def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return unit vectors along x, y and z, shape (3, 3, n)."""
-        count = (self.size if last is None else last) - first
-        return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
 
     @property
     def cell_volumes(self) -> np.ndarray:

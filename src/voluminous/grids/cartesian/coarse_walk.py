@@ -95,7 +95,7 @@ class CoarseWalk(DualWalk):
     """Rays through the dual of a uniform `CartesianGrid`, in steps of one or more cells."""
 
     def __init__(self, edges: Any, scale: float, backend: Any) -> None:
-        super().__init__(edges, scale, backend, multiple=1 << WIDEST)
+        super().__init__(edges, scale, backend, 1 << WIDEST)
         counts = [len(e) for e in edges]  # of dual cells, without those that were added
         self.own_cells = self._strides(counts)
         self.own_corners = self._strides([n + 1 for n in counts])

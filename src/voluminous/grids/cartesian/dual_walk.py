@@ -14,7 +14,7 @@ import numpy as np
 
 from ...backend import dr
 from ..axes import Side
-from ..contract import Ray, Segment
+from ..contract import Box, Ray, Segment
 from ..straight_chord import StraightChord
 from .walk import CartesianWalk, Cursor, Track
 
@@ -68,9 +68,33 @@ def dual_edges(edges: np.ndarray, multiple: int = 1) -> np.ndarray:
 class DualWalk(CartesianWalk):
     """Rays through the dual of a `CartesianGrid`."""
 
-    def __init__(self, edges: Any, scale: float, backend: Any, multiple: int = 1) -> None:
-        super().__init__([dual_edges(e, multiple) for e in edges], scale, backend)
+    in_cells = False
+
+    def __init__(
+        self,
+        edges: Any,
+        scale: float,
+        backend: Any,
+        multiple: int = 1,
+        *,
+        box: Box | None = None,
+    ) -> None:
+        self.cells = [len(e) - 1 for e in edges]
+        super().__init__([dual_edges(e, multiple) for e in edges], scale, backend, box=box)
         self.faces = [(backend.wide(e[0]), backend.wide(e[-1])) for e in edges]
+
+    def _ends(self, box: Box) -> list[tuple[Any, Any, Any]]:
+        # Dual cell i lies between the centres of cells i - 1 and i, the last one beyond them all.
+        return [
+            tuple(
+                dr.opaque(self.backend.Int, k)
+                for k in (low, high if high == n else high - 1, max(low - 1, 0))
+            )
+            for low, high, n in zip(box.low, box.high, self.cells, strict=True)
+        ]
+
+    def _held(self, box: Box) -> list[int]:
+        return [part.stop - part.start + 1 for part in box.with_ghosts]
 
     def enter(self, ray: Ray) -> tuple[Track, Cursor]:
         first, last = self._between_faces(ray)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from numbers import Real
 from typing import Any
 
@@ -11,8 +12,9 @@ import numpy as np
 from ...errors import InputError
 from ...geometry import is_uniform, span
 from ...memory import check_memory
+from ...packages import room
 from ...units import is_quantity, plain, space_unit, unit_name, unit_of
-from ..devices import OnDevices
+from ..contract import Box, Grid
 from ..extent import check_extent
 from .cells import CartesianCells
 
@@ -21,7 +23,7 @@ AXES = "xyz"
 _POINTS_PER_CELL = 256
 
 
-class CartesianGrid(OnDevices, CartesianCells):
+class CartesianGrid(CartesianCells, Grid):
     """Cells between planes of constant x, y and z.
 
     Parameters
@@ -54,8 +56,9 @@ class CartesianGrid(OnDevices, CartesianCells):
     (2, 1, 2)
     """
 
+    kind = "cartesian"
     walk_kinds = ("cells", "reckoned", "dual", "coarse")
-    has_blocks = True
+    has_blocks = cells_are_boxes = is_rectilinear = has_vertices = has_traced_centers = True
 
     def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
         self.unit = _common_unit((x, y, z), unit)
@@ -127,8 +130,8 @@ class CartesianGrid(OnDevices, CartesianCells):
         """Width in x of the first cell: what flux conservation compares a pixel with."""
         return float(self.edges[0][1] - self.edges[0][0])
 
-    def walk(self, backend: Any, kind: str = "cells") -> Any:
-        """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
+    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+        """Return the walk of rays through this grid, for a backend.
 
         Parameters
         ----------
@@ -137,6 +140,14 @@ class CartesianGrid(OnDevices, CartesianCells):
         kind : {"cells", "reckoned", "dual", "coarse"}
             Through the cells; through the cells, rounding as RADMC-3D does; through the dual
             cells, whose corners are the centres of the cells; or through cubes of those.
+        box : Box, optional
+            Confine a walk through ``"cells"`` or ``"dual"`` to these cells; of dual cells, to those
+            with their upper corners there, and the ones beyond the domain's last centres.
+
+        Raises
+        ------
+        InputError
+            If other walks are to be confined, or the box is not within the grid.
         """
         from .coarse_walk import CoarseWalk
         from .dual_walk import DualWalk
@@ -149,15 +160,31 @@ class CartesianGrid(OnDevices, CartesianCells):
             "dual": DualWalk,
             "coarse": CoarseWalk,
         }
+        if box is not None:
+            self._check_box(box, kind)
+            confined = DualWalk if kind == "dual" else CartesianWalk
+            return confined(self.edges, self.scale, backend, box=box)
         return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
+
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
+        lattices: list[Any] = room("rendering.interpolants.lattice").cartesian_lattices(
+            arrays, backend
+        )
+        return lattices
+
+    def _check_box(self, box: Box, kind: str) -> None:
+        if kind not in ("cells", "dual"):
+            self.check_no_box(box)
+        limits = zip(box.low, box.high, self.shape, strict=True)
+        if not all(0 <= low < high <= n for low, high, n in limits):
+            raise InputError(
+                f"a box needs 0 <= low < high <= {self.shape}, got {box.low} and {box.high}"
+            )
 
     def describe(self) -> dict[str, Any]:
         """Return type, shape, bounds and unit as plain values."""
         return {
-            "type": "cartesian",
-            "shape": list(self.shape),
-            "bounds": self.bounds.tolist(),
-            "unit": unit_name(self.unit),
+            **super().describe(),
             "uniform": self.is_uniform,
         }
 

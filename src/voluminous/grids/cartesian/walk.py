@@ -6,13 +6,13 @@ never accumulates and no ray leaks. The lengths of a ray's segments add up to it
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...backend import dr
-from ..axes import AxisTrack, Side, make_axis
+from ..axes import NEVER, AxisTrack, Side, make_axis
 from ..box_walk import BoxWalk
-from ..contract import Corners, Segment
+from ..contract import Box, Corners, Segment
 from ..wall_corners import bilinear, pick, trilinear
 
 # Cells along each axis of the blocks that rays leap over (`grids.cartesian.leap`).
@@ -24,7 +24,8 @@ class Track:
     """What is constant along a ray: its axes, the strides with their signs, and where it leaves.
 
     `bounded` tells (while tracing) that rays may end inside a cell; `entry` is how far from the
-    ray's origin it enters the domain.
+    ray's origin it enters the domain. A walk confined to a box has `last`: the mirrored indices of
+    the last cells in it.
     """
 
     axes: list[AxisTrack]
@@ -33,6 +34,7 @@ class Track:
     leave: Any
     bounded: bool
     entry: Any
+    last: list[Any] | None = field(default=None, kw_only=True)
 
 
 @dataclass
@@ -57,28 +59,50 @@ class Exit:
 
 
 class CartesianWalk(BoxWalk):
-    """Rays through a `CartesianGrid`; see `grids.contract.Walk`."""
+    """Rays through a `CartesianGrid`; see `grids.contract.Walk`.
+
+    Parameters
+    ----------
+    edges : three arrays
+    box : Box, optional
+        Cells to which the walk is confined. Crossings are computed as without it, from the edges of
+        the whole grid: what boxes contribute to a ray adds up to the same bits.
+    """
 
     leaps = True  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
 
-    def __init__(self, edges: Any, scale: float, backend: Any) -> None:
+    def __init__(self, edges: Any, scale: float, backend: Any, *, box: Box | None = None) -> None:
         self.backend = backend
         self.axes = [make_axis(e, scale, backend) for e in edges]
         self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
         self.counts = [len(e) - 1 for e in edges]
-        self.cell_strides = self._strides(self.counts)
-        self.vertex_strides = self._strides([n + 1 for n in self.counts])
+        self.box = None if box is None else self._ends(box)
+        self.leaps = type(self).leaps and box is None
+        held = self.counts if box is None else self._held(box)
+        self.cell_strides = self._strides(held)
+        self.vertex_strides = self._strides([n + 1 for n in held])
         # What the last block lacks.
         self.lacking = [dr.opaque(backend.Float, -n % BLOCK) for n in self.counts]
 
     def _strides(self, counts: Any) -> list[Any]:
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
 
+    def _ends(self, box: Box) -> list[tuple[Any, Any, Any]]:
+        """Return the first and the last cell of a box along each axis, and the first one held."""
+        return [
+            tuple(dr.opaque(self.backend.Int, n) for n in (low, high - 1, low))
+            for low, high in zip(box.low, box.high, strict=True)
+        ]
+
+    def _held(self, box: Box) -> list[int]:
+        """Return how many cells there are to number along each axis of a box."""
+        return [high - low for low, high in zip(box.low, box.high, strict=True)]
+
     def _start(
         self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
     ) -> tuple[Track, Any]:
-        Float, Int = self.backend.Float, self.backend.Int
-        tracks, index, cell, vertex = [], [], Int(0), Int(0)
+        Float = self.backend.Float
+        tracks, index = [], []
         cell_stride, vertex_stride = [], []
         here = (arrive + begin) * self.scale
         for a, (axis, side) in enumerate(zip(self.axes, sides, strict=True)):
@@ -92,9 +116,6 @@ class CartesianWalk(BoxWalk):
             # it would meet it far behind, and be as much too long.
             passed = axis.crossing(track, Float(mirrored)) < Float(begin)
             mirrored = dr.select(passed, dr.minimum(mirrored + 1, axis.last_cell), mirrored)
-            own = dr.select(side.down, axis.last_cell - mirrored, mirrored)
-            cell += own * self.cell_strides[a]
-            vertex += dr.select(side.down, own + 1, own) * self.vertex_strides[a]
             cell_stride.append(_signed(self.cell_strides[a], side.down))
             vertex_stride.append(_signed(self.vertex_strides[a], side.down))
             tracks.append(track)
@@ -105,7 +126,67 @@ class CartesianWalk(BoxWalk):
             leave = dr.minimum(leave, bound)
         whole = Track(tracks, cell_stride, vertex_stride, leave, bound is not None, arrive)
         t = Float(begin)
-        return whole, Cursor(index, cell, vertex, t, inside & (t < leave))
+        if self.box is not None:
+            index, t, there = self._into_box(self.box, whole, index, t)
+            inside &= there
+        return whole, replace(self.at(whole, index, t), inside=inside & (t < leave))
+
+    def _into_box(
+        self, box: list[tuple[Any, Any, Any]], track: Track, index: list[Any], t: Any
+    ) -> tuple[list[Any], Any, Any]:
+        """Return where rays are first in a cell of the box, and which rays come to one.
+
+        They are there once they have crossed the last of the walls before it. Walls of the other
+        axes that they cross at the same distance come before or after it in the order of `nearest`.
+        """
+        Float, never = self.backend.Float, -NEVER
+        down = [stride < 0 for stride in track.cell_stride]
+        ends = [
+            [dr.select(d, axis.last_cell - b, a), dr.select(d, axis.last_cell - a, b)]
+            for d, axis, (a, b, _) in zip(down, self.axes, box, strict=True)
+        ]
+        first = [Float(low) for low, _ in ends]
+        track.last = [Float(high) for _, high in ends]
+        before = [i < low for i, low in zip(index, first, strict=True)]
+        walls = [dr.select(b, low - 1.0, i) for b, low, i in zip(before, first, index, strict=True)]
+        crossed = [
+            dr.select(b, c, never)
+            for b, c in zip(before, self._crossings(track.axes, walls), strict=True)
+        ]
+        # The last wall of all; of equal ones the last axis: `nearest` crosses the first one first.
+        at_z = (crossed[2] >= crossed[0]) & (crossed[2] >= crossed[1])
+        at_y = ~at_z & (crossed[1] >= crossed[0])
+        by = [~(at_z | at_y), at_y, at_z]
+        enters = before[0] | before[1] | before[2]
+        here = dr.select(enters, pick(by, crossed), t)
+        found, there = [], dr.full(self.backend.Bool, True)
+        for a, axis in enumerate(self.axes):
+            # Whether a wall of this axis at the very distance of the entry is crossed before it.
+            earlier = self.backend.Bool(False)
+            for later in range(a + 1, 3):
+                earlier |= by[later]
+            i = self._advanced(axis, track.axes[a], index[a], here, earlier)
+            i = dr.select(by[a], first[a], i)
+            found.append(dr.select(enters, i, index[a]))
+            there &= (found[a] >= first[a]) & (found[a] <= track.last[a])
+        return found, here, there
+
+    def _advanced(self, axis: Any, track: AxisTrack, start: Any, t: Any, equal: Any) -> Any:
+        """Return the mirrored cell at a distance: all walls before it are crossed.
+
+        Those at the very distance are where `equal` is true. The place at the distance is right but
+        for rounding: by one cell at most.
+        """
+        last = self.backend.Float(axis.last_cell)
+
+        def passed(i: Any) -> Any:
+            wall = axis.crossing(track, i)
+            return (wall < t) | ((wall == t) & equal)
+
+        i = dr.clip(axis.cell_at(track, t) - 1.0, start, last)
+        for _ in range(2):
+            i = dr.select(passed(i) & (i < last), i + 1.0, i)
+        return dr.select(track.pace == 0.0, start, i)
 
     def _crossings(self, tracks: list[AxisTrack], index: list[Any]) -> list[Any]:
         return [
@@ -127,7 +208,11 @@ class CartesianWalk(BoxWalk):
         segment = Segment(cell, length, cursor.t, end, cursor.inside, leaving)
         onward = cursor.cell + pick(through, track.cell_stride)
         # `leave` is a crossing itself, computed alike: a ray never steps beyond the last cell.
-        return segment, Cursor(index, onward, vertex, end, end < track.leave)
+        inside = end < track.leave
+        if track.last is not None:
+            for i, last in zip(index, track.last, strict=True):
+                inside &= i <= last
+        return segment, Cursor(index, onward, vertex, end, inside)
 
     def at(self, track: Any, index: list[Any], t: Any) -> Any:
         """Return the cursor in the cell with mirrored indices, at a distance."""
@@ -137,6 +222,8 @@ class CartesianWalk(BoxWalk):
             down = track.cell_stride[a] < 0
             mirrored = Int(i)
             own = dr.select(down, axis.last_cell - mirrored, mirrored)
+            if self.box is not None:
+                own = own - self.box[a][2]
             cell += own * self.cell_strides[a]
             vertex += dr.select(down, own + 1, own) * self.vertex_strides[a]
         return Cursor(list(index), cell, vertex, t, t < track.leave)

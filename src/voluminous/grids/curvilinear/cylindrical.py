@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...geometry import CYLINDRICAL
 from ..extent import check_extent
 from ..points import plain_points
 from .edges import (
@@ -67,8 +68,8 @@ class CylindricalGrid(CurvilinearGrid):
     (2, 2, 2)
     """
 
-    coordinates = ("R", "phi", "z")
-    type_name = "cylindrical"
+    coordinates = CYLINDRICAL
+    kind = "cylindrical"
     walk_kinds: tuple[str, ...] = ("cells", "dual")  # RADMC-3D has no cylindrical grids
 
     def __init__(self, R: Any, phi: Any, z: Any, *, refined: Any = None, unit: Any = None) -> None:

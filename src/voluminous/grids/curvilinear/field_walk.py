@@ -26,7 +26,7 @@ from .steps import SteppedWalk
 class DualGrid:
     """What the walk through a dual grid is made of."""
 
-    type_name: str
+    kind: str
     edges: tuple[np.ndarray, ...]
     mirror: bool
     scale: float
@@ -38,7 +38,7 @@ class DualGrid:
             dual_edges(e, periodic)
             for e, periodic in zip(grid.edges, periodic_axes(grid), strict=True)
         )
-        return cls(grid.type_name, edges, grid.mirror, grid.scale)
+        return cls(grid.kind, edges, grid.mirror, grid.scale)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -144,6 +144,8 @@ class CurvilinearChord:
 
 class CurvilinearFieldWalk(Smoothed, SteppedWalk):
     """Rays through a dual grid that know where in its cells they are."""
+
+    in_cells = False
 
     def __init__(self, *args: Any, axes: list[int], smooth: Smooth, length: float) -> None:
         super().__init__(*args)

@@ -8,6 +8,7 @@ from typing import Any
 
 from ...backend import dr
 from ..axes import NEVER
+from ..contract import Walk
 from .order import either, later, lesser, nearest
 
 # Counts beyond a wall, and the distance of that wall.
@@ -28,7 +29,7 @@ class Landing:
         return ~self.walk.in_gap(self.track, cursor.count)
 
 
-class GapCrossing:
+class GapCrossing(Walk):
     """What a walk does in a cavity, in open cones at the poles, in an empty wedge.
 
     A ray leaves a gap through that wall of its family which is next. Where it is then among the

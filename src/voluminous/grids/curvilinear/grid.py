@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
 from ...geometry import span
+from ...packages import room
 from ...units import unit_name
-from ..devices import OnDevices
+from ..contract import Box, Grid
 from .edges import FULL_CIRCLE, is_closed
 from .vertices import cells_around
 
@@ -18,7 +20,7 @@ from .vertices import cells_around
 _POINTS_PER_CELL = 256
 
 
-class CurvilinearGrid(OnDevices):
+class CurvilinearGrid(Grid):
     """Cells between surfaces of constant coordinates; see `SphericalGrid`, `CylindricalGrid`.
 
     Attributes
@@ -32,10 +34,8 @@ class CurvilinearGrid(OnDevices):
     """
 
     coordinates: tuple[str, str, str]
-    type_name: str
     walk_kinds: tuple[str, ...] = ("cells", "reckoned", "dual")
-    mirror = False
-    has_blocks = False
+    cells_are_boxes = has_vertices = True
     edges: tuple[np.ndarray, np.ndarray, np.ndarray]
     unit: Any
 
@@ -89,14 +89,6 @@ class CurvilinearGrid(OnDevices):
     def resolution(self) -> float:
         """Return the smallest width of a cell compared with the numbers it is computed from."""
         raise NotImplementedError
-
-    def pack(self, value: Any) -> np.ndarray:
-        """Return the values of a field as an array."""
-        return np.asarray(value)
-
-    def unpack(self, flat: Any) -> np.ndarray:
-        """Return the values of consecutive cells as a field."""
-        return np.asarray(flat).reshape(self.shape)
 
     def native_centers(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return the grid's own coordinates of the middles of consecutive cells, shape (3, n)."""
@@ -165,7 +157,13 @@ class CurvilinearGrid(OnDevices):
         """Return the cells around vertices, and whether they exist; see `cells_around`."""
         return cells_around(self, lane, backend)
 
-    def walk(self, backend: Any, kind: str = "cells") -> Any:
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
+        module = room("rendering.interpolants.lattice")
+        make = module.curvilinear_lattices if self.is_structured else module.tree_lattices
+        lattices: list[Any] = make(self, arrays, backend)
+        return lattices
+
+    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
 
         Parameters
@@ -183,9 +181,10 @@ class CurvilinearGrid(OnDevices):
         """
         from .walks import make_walk
 
+        self.check_no_box(box)
         if kind not in self.walk_kinds:
             raise InputError(
-                f"a {self.type_name} grid has no walk of the kind {kind!r}, only "
+                f"a {self.kind} grid has no walk of the kind {kind!r}, only "
                 f"{', '.join(map(repr, self.walk_kinds))}; use scheme='first-order'"
             )
         return self.on_device(backend, kind, lambda: make_walk(self, backend, kind))
@@ -193,10 +192,7 @@ class CurvilinearGrid(OnDevices):
     def describe(self) -> dict[str, Any]:
         """Return type, shape, bounds, edges' ends and unit as plain values."""
         return {
-            "type": self.type_name,
-            "shape": list(self.shape),
-            "bounds": self.bounds.tolist(),
-            "unit": unit_name(self.unit),
+            **super().describe(),
             "extent": {
                 name: [float(e[0]), float(e[-1])]
                 for name, e in zip(self.coordinates, self.edges, strict=True)

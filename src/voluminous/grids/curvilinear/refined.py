@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ..contract import Box
 from ..trees.octree_leaves import checked_flags
 from ..trees.octree_order import levels_from_flags
 from ..trees.octree_places import Places
@@ -44,6 +45,7 @@ class RefinedCells(CurvilinearGrid):
     """
 
     walk_kinds: tuple[str, ...] = ("cells", "dual")
+    has_neighbourhood = True
     fine_edges: tuple[np.ndarray, ...]
 
     @classmethod
@@ -159,7 +161,7 @@ class RefinedCells(CurvilinearGrid):
         """Return what finds neighbours of leaves in kernels, and how far they are."""
         return StraightSurroundings(self, backend.with_precision("double"))
 
-    def walk(self, backend: Any, kind: str = "cells") -> Any:
+    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once).
 
         Parameters
@@ -173,8 +175,8 @@ class RefinedCells(CurvilinearGrid):
         from .refined_dual import RefinedFieldWalk
 
         if kind != "dual":
-            return super().walk(backend, kind)
-        cells = super().walk(backend)
+            return super().walk(backend, kind, box)
+        cells = super().walk(backend, box=box)
         return self.on_device(backend, kind, lambda: RefinedFieldWalk(self, cells, backend))
 
     def describe(self) -> dict[str, Any]:

@@ -48,6 +48,8 @@ class Smoothed:
         segment, there = walk.next(track, cursor)
         return replace(segment, active=segment.active & (segment.length > 0.0)), there
 
+    approximate = True
+
     def kept_to(self, error: float) -> Any:
         """Return the same walk where fields may be off by less than a part of their range."""
         kept = copy.copy(self)
@@ -79,7 +81,7 @@ class Smooth:
     def of(cls, grid: Any, backend: Any) -> Smooth:
         """Return what a grid needs."""
         farthest = [float(np.abs(grid.edges[k]).max()) / grid.scale for k in (0, 2)]
-        centre = bool(grid.type_name == "spherical")
+        centre = bool(grid.kind == "spherical")
         return cls(centre, farthest[0] if centre else max(farthest), backend)
 
     def kept_to(self, error: float) -> Smooth:

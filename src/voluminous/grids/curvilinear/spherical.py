@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...geometry import SPHERICAL
 from ..extent import check_extent
 from ..points import plain_points
 from .edges import (
@@ -76,8 +77,8 @@ class SphericalGrid(CurvilinearGrid):
     <SphericalGrid 10x6x1 cells, r: 1 … 100, theta: 0 … 3.14159, phi: 0 … 6.28319>
     """
 
-    coordinates = ("r", "theta", "phi")
-    type_name = "spherical"
+    coordinates = SPHERICAL
+    kind = "spherical"
 
     def __init__(
         self,

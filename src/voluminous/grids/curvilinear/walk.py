@@ -99,7 +99,6 @@ class CurvilinearWalk(GapCrossing):
         Returns a ray's `Approach` from origin and direction, in units of the scale.
     """
 
-    leaps = False
     stops_inside = False  # segments may end inside a cell
 
     def __init__(

@@ -26,7 +26,7 @@ def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
     if kind == "dual":
         grid = DualGrid.of(grid)
     families = {"spherical": _spherical, "cylindrical": _cylindrical}
-    made, approach = families[grid.type_name](grid, backend)
+    made, approach = families[grid.kind](grid, backend)
     counts = grid.shape
     axes = [a for a, family in enumerate(made) if _divides(family)]
     of_fields = {"axes": axes, "smooth": Smooth.of(grid, backend), "length": grid.scale}
@@ -44,8 +44,8 @@ def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
 def _refined_walk(grid: Any, backend: Any, kind: str) -> RefinedWalk:
     """Return the walk through a grid that is refined: among the walls of the evenly refined one."""
     families = {"spherical": _spherical, "cylindrical": _cylindrical}
-    fine = DualGrid(grid.type_name, grid.fine_edges, grid.mirror, grid.scale)
-    made, approach = families[grid.type_name](fine, backend)
+    fine = DualGrid(grid.kind, grid.fine_edges, grid.mirror, grid.scale)
+    made, approach = families[grid.kind](fine, backend)
     axes = [a for a, family in enumerate(made) if _divides(family)]
     return RefinedWalk(
         [made[a] for a in axes],

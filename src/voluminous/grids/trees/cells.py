@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ...geometry import is_uniform, span
+from ...packages import room
 from ...units import unit_name
-from ..devices import OnDevices
+from ..contract import Box, Grid
 from ..points import plain_points
 from .tree import Tree
 from .vertex_numbers import VertexNumbers
@@ -21,7 +23,7 @@ _POINTS_PER_CELL = 256
 _CHUNK = 1 << 20
 
 
-class TreeCells(OnDevices):
+class TreeCells(Grid):
     """What `grids.contract.Grid` asks of a grid of boxes between planes of x, y and z.
 
     A subclass has the attributes below, and tells where its cells are by `boxes` and `tree`.
@@ -42,11 +44,8 @@ class TreeCells(OnDevices):
     extent: np.ndarray
     levels: np.ndarray
     unit: Any
-    kind: str
-    coordinates = ("x", "y", "z")
     walk_kinds: tuple[str, ...] = ("cells", "dual")
-    mirror = False
-    has_blocks = False
+    cells_are_boxes = has_vertices = has_neighbourhood = True
 
     @functools.cached_property
     def tree(self) -> Tree:
@@ -114,12 +113,7 @@ class TreeCells(OnDevices):
         """Return True where single precision cannot tell the cells of an axis apart."""
         return bool(self.resolution < np.finfo(np.float32).eps * _POINTS_PER_CELL)
 
-    def pack(self, value: Any) -> np.ndarray:
-        """Return a field as an array."""
-        return np.asarray(value)
-
     def unpack(self, flat: np.ndarray) -> Any:
-        """Return a field as it is: one value per cell."""
         return np.asarray(flat)
 
     def corners(self, first: int = 0, last: int | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -141,8 +135,6 @@ class TreeCells(OnDevices):
         low, high = self.corners(first, last)
         return 0.5 * (low + high)
 
-    native_centers = cell_centers
-
     def cell_sizes(self, first: int = 0, last: int | None = None) -> np.ndarray:
         """Return the widths of consecutive cells, shape (3, n)."""
         low, size = self.boxes(first, self.size if last is None else last)
@@ -154,11 +146,6 @@ class TreeCells(OnDevices):
         for axis, (edges, parts) in enumerate(zip(self.base_edges, self.divisions, strict=True)):
             widths[axis] = np.diff(edges)[low[axis] // parts] * (size[axis] / parts)
         return widths
-
-    def basis(self, first: int = 0, last: int | None = None) -> np.ndarray:
-        """Return unit vectors along x, y and z, shape (3, 3, n)."""
-        count = (self.size if last is None else last) - first
-        return np.broadcast_to(np.eye(3)[..., None], (3, 3, count))
 
     @property
     def level_sizes(self) -> np.ndarray:
@@ -230,8 +217,14 @@ class TreeCells(OnDevices):
         """Return what finds neighbours of cells in kernels, and how far they are: the same."""
         return self.surroundings(backend)
 
-    def walk(self, backend: Any, kind: str = "cells") -> Any:
-        """Return the walk of rays through this grid, for a backend (made once)."""
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
+        lattices: list[Any] = room("rendering.interpolants.lattice").tree_lattices(
+            self, arrays, backend
+        )
+        return lattices
+
+    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+        self.check_no_box(box)
         return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
 
     def walk_through(self, tree: Tree, backend: Any, kind: str = "cells") -> Any:
@@ -245,13 +238,10 @@ class TreeCells(OnDevices):
     def describe(self) -> dict[str, Any]:
         """Return type, cells per level, bounds and unit as plain values."""
         return {
-            "type": self.kind,
-            "shape": list(self.shape),
+            **super().describe(),
             "base": [len(e) - 1 for e in self.base_edges],
             "levels": len(self.cells_per_level),
             "cells_per_level": list(self.cells_per_level),
-            "bounds": self.bounds.tolist(),
-            "unit": unit_name(self.unit),
         }
 
     def __repr__(self) -> str:

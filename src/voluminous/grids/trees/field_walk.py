@@ -14,6 +14,7 @@ from ...backend import dr
 from ..contract import Ray, Segment
 from ..straight_chord import StraightChord
 from .corners import fractions
+from .tree import Tree
 from .walk import TreeCursor, TreeTrack, TreeWalk
 
 
@@ -56,10 +57,9 @@ class TreeFieldWalk(TreeWalk):
     is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
     """
 
-    @property
-    def has_gaps(self) -> bool:
-        """Whether there are holes in the tree."""
-        return self.holes
+    def __init__(self, grid: Any, tree: Tree, backend: Any) -> None:
+        super().__init__(grid, tree, backend)
+        self.has_gaps = self.holes
 
     def cross(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
         """Return rays where they are in a cell, beyond the holes they were in, or out."""

@@ -78,6 +78,7 @@ class OctreeGrid(TreeCells):
     """
 
     kind = "octree"
+    can_be_pruned = True
 
     def __init__(self, x: Any, y: Any, z: Any, refined: Any = None, *, unit: Any = None) -> None:
         base = CartesianGrid(x, y, z, unit=unit)

@@ -112,7 +112,7 @@ def _check_kinds(wanted: Wanted) -> None:
 
 
 def _pixels(image: Image, transparent: bool, shown: dict[str, Any]) -> NDArray[np.uint8]:
-    from ..formats.png import display_values
+    from ..tone import display_values
 
     values = np.rint(display_values(image, transparent, shown) * np.float32(255)).astype(np.uint8)
     if values.shape[-1] == 4:

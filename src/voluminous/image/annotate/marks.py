@@ -11,11 +11,12 @@ import numpy as np
 from ...errors import InputError, VoluminousError
 from ...rotation import angles_towards, image_axes, position_angle
 from ...units import as_quantity, is_quantity, parse_unit, plain
+from ..arguments import known_unit
 from ..beam import sky_matrix
-from ..planes import known_unit
+from ..lengths import bar_length, number_text, readable, with_unit
 from ..sky import is_linear, label_axes, plain_axes
 from ..tone import finite
-from .sheet import LINE, bar_length, number_text, readable, with_unit
+from .sheet import LINE
 
 if TYPE_CHECKING:
     from ..image import Image

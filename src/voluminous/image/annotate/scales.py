@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ...errors import UnknownNameError
 from ...expressions import Expression
 from ...units import parse_unit
-from ..plot import one_channel, shows_one_channel
-from ..tone import display
-from .sheet import LINE, pretty_unit
+from ..lengths import pretty_unit
+from ..tone import display, one_channel, shows_one_channel
+from .sheet import LINE
 
 if TYPE_CHECKING:
     from ..image import Image

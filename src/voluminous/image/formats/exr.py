@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from .. import metadata
-from ..planes import gathered, narrowed
+from ..arguments import gathered, narrowed
 from .contract import Format
 
 if TYPE_CHECKING:

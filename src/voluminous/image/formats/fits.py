@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from .. import hdu, metadata
+from ..arguments import PLANES
 from ..hdu import TEXT as _TEXT
 from ..hdu import channels_first, to_hdu
-from ..planes import PLANES, plane_of
 from ..sky import wcs_of_header
 from .contract import Format
 
@@ -41,7 +41,7 @@ def write(image: Image, path: Path, **sky: Any) -> None:
 
     hdus = [to_hdu(image, **sky)]
     for name in PLANES:
-        found = plane_of(image, name)
+        found = image.plane(name)
         if found is not None:
             hdus.append(fits.ImageHDU(channels_first(found), name=name.upper()))
     # A header has room for an even spacing only; these hold the coordinates bit for bit.

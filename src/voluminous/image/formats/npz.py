@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import FileFormatError
 from .. import metadata
-from ..planes import PLANES, gathered
+from ..arguments import PLANES, gathered
 from .contract import Format
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError, InputError
 from .. import metadata, tone
+from ..tone import display_values
 from .contract import Format
 
 if TYPE_CHECKING:
-    from ..annotate import Annotated
     from ..image import Image
 
 
@@ -68,26 +68,11 @@ def encode(
     return encode_pixels(pixels, {"Software": metadata.KEY, metadata.KEY: metadata.dumps(image)})
 
 
-def annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Annotated:
+def annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Any:
     """Return what ``annotate=`` of `Image.save` asks for, with other options of the format."""
     if annotate is not True and not isinstance(annotate, dict):
         raise InputError(f"annotate must be True or a dict of options, got {annotate!r}")
     return image.annotate(**options, **({} if annotate is True else annotate))
-
-
-def display_values(image: Image, transparent: bool, display: dict[str, Any]) -> NDArray[Any]:
-    """Return what is shown, from 0 to 1, shape (ny, nx, 3), or 4 with alpha."""
-    shown = image.to_rgb(**display)
-    return _with_alpha(shown, image.transparency) if transparent else shown
-
-
-def _with_alpha(rgb: NDArray[np.float32], transparency: NDArray[Any] | None) -> NDArray[Any]:
-    """Return straight (not premultiplied) RGBA that looks like `rgb` in front of black."""
-    if transparency is None:
-        raise InputError("transparent=True needs an image whose transparency is known")
-    through = np.clip(np.nan_to_num(transparency.mean(axis=-1, keepdims=True)), 0, 1)
-    alpha = np.maximum(1 - through, rgb.max(axis=-1, keepdims=True))
-    return np.concatenate([rgb / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
 
 
 def write(image: Image, path: Path, **options: Any) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from .. import metadata
-from ..planes import narrowed
+from ..arguments import narrowed
 from .contract import Format
 
 if TYPE_CHECKING:

@@ -1,9 +1,8 @@
-"""Where the cells are: from options, from arrays in the file, or cells of unit length."""
+"""Arrays in a file, and where their cells are: by options, arrays in the file, or unit cells."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,175 +16,24 @@ from ..edges import edges_of_centers, is_even
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
 
-
 _AS_IT_IS = (slice(None),) * 3
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
-
-
-def axis_order(axes: Any) -> tuple[int, ...]:
-    """Return the transposition that brings arrays to the order x, y, z."""
-    if not isinstance(axes, str) or sorted(axes) != sorted(AXES):
-        raise InputError(f"axes must be x, y and z in the arrays' order, e.g. 'zyx', got {axes!r}")
-    return tuple(axes.index(axis) for axis in AXES)
-
-
-def named_order(dims: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the transposition for axes with names; they are x, y, z if these do not tell."""
-    axes = "".join(axis_of(dim, {}) for dim in dims)
-    return axis_order(axes if sorted(axes) == sorted(AXES) else AXES)
-
-
-def make_grid(
-    entries: Mapping[str, Entry],
-    place: str,
-    shape: tuple[int, ...],
-    order: tuple[int, ...],
-    options: Mapping[str, Any],
-) -> tuple[CartesianGrid, tuple[slice, ...]]:
-    """Return the grid of a file of named arrays, and what turns arrays where coordinates fall."""
-    from ...grids import CartesianGrid
-
-    unit = options.get("unit") or text_in(entries.get("unit"))
-    given = [kind for kind in _KINDS if any(options.get(name) is not None for name in kind)]
-    if len(given) > 1:
-        raise InputError("give the edges x, y and z, or bounds, or spacing, not several of them")
-    if given and given[0] == _KINDS[0]:
-        edges, turns = _rising(_given_edges(entries, shape, options))
-        return CartesianGrid(*edges, unit=unit), turns
-    if given:
-        return equal_cells(shape, options, unit), _AS_IT_IS
-    lines = _lines(entries, place, order)
-    if lines:
-        edges = [_edges(entries, p, a, n) for p, a, n in zip(lines, AXES, shape, strict=True)]
-        edges, turns = _rising(edges)
-        with _explained(lines):
-            return CartesianGrid(*edges, unit=unit), turns
-    told = "bounds" in entries and entries["bounds"].shape in ((2,), (3, 2))
-    bounds = _loaded(entries["bounds"]) if told else [(0, n) for n in shape]
-    return CartesianGrid.uniform(shape, bounds, unit=unit), _AS_IT_IS
-
-
-def _rising(edges: list[Any]) -> tuple[list[Any], tuple[slice, ...]]:
-    down = [bool(len(line) > 1 and line[0] > line[-1]) for line in edges]
-    turns = tuple(slice(None, None, -1 if d else None) for d in down)
-    return [line[turn] for line, turn in zip(edges, turns, strict=True)], turns
-
-
-def _lines(entries: Mapping[str, Entry], place: str, order: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the places of the coordinates along x, y and z; nothing if not all are there."""
-    scales = entries[place].scales
-    groups = place.split("/")[:-1]
-    above = ["/".join(groups[:n]) for n in range(len(groups), -1, -1)]
-    found = [tuple(f"{group}/{a}".strip("/") for a in AXES) for group in above]
-    candidates = [tuple(scales[k] for k in order), *found] if scales else found
-    return next((c for c in candidates if all(_is_line(entries.get(p)) for p in c)), ())
-
-
-@contextmanager
-def _explained(lines: tuple[str, ...]) -> Iterator[None]:
-    try:
-        yield
-    except InputError as error:
-        raise type(error)(
-            f"the coordinates {', '.join(lines)} in the file make no grid of cells: {error}. Give "
-            "bounds=… or spacing=… in their place"
-        ) from error
-
-
-def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -> CartesianGrid:
-    """Return the grid of the option `bounds` or `spacing`."""
-    from ...grids import CartesianGrid
-
-    bounds = options.get("bounds")
-    bounds = _spaced(shape, options["spacing"]) if bounds is None else bounds
-    return CartesianGrid.uniform(shape, bounds, unit=unit)
-
-
-def _given_edges(
-    entries: Mapping[str, Entry], shape: tuple[int, ...], options: Mapping[str, Any]
-) -> list[Any]:
-    missing = [axis for axis in AXES if options.get(axis) is None]
-    if missing:
-        raise InputError(f"edges are needed along all three axes; {', '.join(missing)} missing")
-    return [_edges(entries, options[axis], axis, n) for axis, n in zip(AXES, shape, strict=True)]
-
-
-def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> Any:
-    """Return the edges that `source`, a place in the file or an array, stands for."""
-    if isinstance(source, str):
-        place = source.strip("/")
-        if place not in entries:
-            raise unknown_name("array", source, entries)
-        edges = _loaded(entries[place])
-    else:
-        edges = source
-    edges = as_quantity(edges)
-    values = edges.value if is_quantity(edges) else edges
-    found = np.shape(values)
-    if found == (cells,) and cells > 1 and is_even(np.asarray(values, np.float64)):
-        between = edges_of_centers(values)
-        return between * edges.unit if is_quantity(edges) else between
-    if found != (cells + 1,):
-        told = (
-            f"the {axis} edges {source!r} have" if isinstance(source, str) else f"{axis} edges have"
-        )
-        hint = (
-            "; these seem to be centres, and not equally spaced: give edges, or "
-            "bounds=((x0, x1), (y0, y1), (z0, z1)) for equal cells"
-            if found == (cells,)
-            else ""
-        )
-        raise FileFormatError(
-            f"{told} shape {found}, expected {cells + 1} edges around {cells} cells{hint}"
-        )
-    return edges
-
-
-def _is_line(entry: Entry | None) -> bool:
-    return entry is not None and entry.numeric and len(entry.shape) == 1
-
-
-def _loaded(entry: Entry) -> Any:
-    unit = parse_unit(entry.unit)
-    return entry.load() if unit is None else entry.load() * unit
-
-
-def _spaced(shape: tuple[int, ...], spacing: Any) -> Any:
-    """Return the bounds of cells of a width (one, or one per axis) that start at 0."""
-    unit = unit_of(spacing)
-    widths = np.asarray(plain(spacing, unit, "spacing"))
-    if widths.shape not in ((), (3,)) or not np.all(widths > 0):
-        raise InputError(f"spacing must be a positive number, or one per axis, got {spacing!r}")
-    ends = np.broadcast_to(widths, 3) * np.asarray(shape)
-    bounds = np.stack([np.zeros(3), ends], axis=1)
-    return bounds if unit is None else bounds * unit
-
-
-def text_in(entry: Entry | None) -> str | None:
-    """Return the text in an array that is one text."""
-    if entry is None or entry.shape != () or entry.dtype.kind not in "US":
-        return None
-    value = entry.load()[()]
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
-
-
 # More are no components of a vector, but a fourth dimension.
-_MOST = 4
-_WHERE = {"first": 0, "last": 3}
+_MOST_COMPONENTS = 4
+_ENDS = {"first": 0, "last": 3}
 
 
 @dataclass(frozen=True)
 class Entry:
-    """An array in a file."""
+    """An array in a file; all but its values is known without reading it."""
 
-    shape: tuple[int, ...]  # known without reading it
-    dtype: np.dtype[Any]  # known without reading it
-    unit: str  # known without reading it
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    unit: str
     load: Callable[..., np.ndarray]  # returns the values, or the part with an index
-    mapped: bool = False  # true if values stay in the file until they are used
-    # per axis the place of its coordinate and its name, empty where there is none; or nothing
+    mapped: bool = False  # True if values stay in the file until they are used
+    # Per axis the place of its coordinate and its name, empty where there is none; or nothing.
     scales: tuple[str, ...] = ()
-    # per axis the place of its coordinate and its name, empty where there is none; or nothing
     dims: tuple[str, ...] = ()
     part_of: str = ""  # place of the array that this is a component of; empty if it is whole
 
@@ -193,6 +41,11 @@ class Entry:
     def numeric(self) -> bool:
         """True for real numbers."""
         return self.dtype.kind in "fiub"
+
+    @property
+    def is_field(self) -> bool:
+        """True for what can be a field as it is."""
+        return len(self.shape) == 3 and self.numeric
 
     def component(self, place: str, axis: int, number: int) -> Entry:
         """Return one entry along an axis; the place is that of the whole array."""
@@ -208,10 +61,27 @@ class Entry:
             part_of=place,
         )
 
+    def quantity(self) -> Any:
+        """Return the values with their unit."""
+        unit = parse_unit(self.unit)
+        return self.load() if unit is None else self.load() * unit
+
+    def text(self) -> str | None:
+        """Return the text in an array that is one text."""
+        if self.shape != () or self.dtype.kind not in "US":
+            return None
+        value = self.load()[()]
+        return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
 
 def with_components(entries: Mapping[str, Entry], where: Any) -> dict[str, Entry]:
-    """Return all arrays, those of vectors (of four axes) as one for each component."""
-    if where is not None and where not in _WHERE:
+    """Return all arrays, those of vectors (of four axes) as one for each component.
+
+    `where` ("first" or "last") is the axis that counts components; None: the only one of the two
+    that has three, or else 2 to 4 entries. The components of ``velocity`` are ``velocity_x``,
+    ``velocity_y`` and ``velocity_z`` if there are three, else ``velocity_0`` …
+    """
+    if where is not None and where not in _ENDS:
         raise InputError(f"components must be 'first' or 'last', got {where!r}")
     found: dict[str, Entry] = {}
     for place, entry in entries.items():
@@ -220,8 +90,7 @@ def with_components(entries: Mapping[str, Entry], where: Any) -> dict[str, Entry
             found[place] = entry
             continue
         count = entry.shape[axis]
-        endings = "xyz" if count == len("xyz") else map(str, range(count))
-        for number, ending in enumerate(endings):
+        for number, ending in enumerate(AXES if count == 3 else map(str, range(count))):
             found.setdefault(f"{place}_{ending}", entry.component(place, axis, number))
     return found
 
@@ -230,9 +99,131 @@ def _component_axis(entry: Entry, where: str | None) -> int | None:
     if len(entry.shape) != 4 or not entry.numeric:
         return None
     if where is not None:
-        return _WHERE[where]
+        return _ENDS[where]
     # An axis that is called x, y, z or t counts no components.
-    ends = [a for a in _WHERE.values() if not (entry.dims and axis_of(entry.dims[a], {}))]
+    ends = [a for a in _ENDS.values() if not (entry.dims and axis_of(entry.dims[a], {}))]
     three = [axis for axis in ends if entry.shape[axis] == 3]
-    few = [axis for axis in ends if 2 <= entry.shape[axis] <= _MOST]
+    few = [axis for axis in ends if 2 <= entry.shape[axis] <= _MOST_COMPONENTS]
     return next((found[0] for found in (three, few) if len(found) == 1), None)
+
+
+def axis_order(axes: Any) -> tuple[int, ...]:
+    """Return the transposition that brings arrays to the order x, y, z."""
+    if not isinstance(axes, str) or sorted(axes) != sorted(AXES):
+        raise InputError(f"axes must be x, y and z in the arrays' order, e.g. 'zyx', got {axes!r}")
+    return tuple(axes.index(axis) for axis in AXES)
+
+
+def named_order(dims: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the transposition for axes with names; they are x, y, z if these do not tell.
+
+    Examples
+    --------
+    >>> named_order(("lev", "lat", "lon")), named_order(())
+    ((2, 1, 0), (0, 1, 2))
+    """
+    axes = "".join(axis_of(dim, {}) for dim in dims)
+    return axis_order(axes if sorted(axes) == sorted(AXES) else AXES)
+
+
+def make_grid(
+    entries: Mapping[str, Entry],
+    place: str,
+    shape: tuple[int, ...],
+    order: tuple[int, ...],
+    options: Mapping[str, Any],
+) -> tuple[CartesianGrid, tuple[slice, ...]]:
+    """Return the grid of a file of named arrays, and what turns arrays where coordinates fall.
+
+    Options (edges, bounds or spacing, and the unit) go before the file. There the coordinates of
+    the axes of the field at `place`, or ``x, y, z`` beside it or above, are edges, or equally
+    spaced centres; else ``bounds``.
+    """
+    from ...grids import CartesianGrid
+
+    unit = options.get("unit") or (entries["unit"].text() if "unit" in entries else None)
+    given = [kind for kind in _KINDS if any(options.get(name) is not None for name in kind)]
+    if len(given) > 1:
+        raise InputError("give the edges x, y and z, or bounds, or spacing, not several of them")
+    if given and given[0] != _KINDS[0]:
+        return equal_cells(shape, options, unit), _AS_IT_IS
+    lines: tuple[Any, ...] = tuple(options.get(axis) for axis in AXES)
+    missing = [axis for axis, line in zip(AXES, lines, strict=True) if line is None]
+    if given and missing:
+        raise InputError(f"edges are needed along all three axes; {', '.join(missing)} missing")
+    lines = lines if given else _lines(entries, place, order)
+    if not lines:
+        bounds = entries.get("bounds")
+        ends = [(0, n) for n in shape]
+        if bounds is not None and bounds.shape in ((2,), (3, 2)):
+            ends = bounds.quantity()
+        return CartesianGrid.uniform(shape, ends, unit=unit), _AS_IT_IS
+    edges = [_edges(entries, p, a, n) for p, a, n in zip(lines, AXES, shape, strict=True)]
+    down = [bool(len(line) > 1 and line[0] > line[-1]) for line in edges]
+    turns = tuple(slice(None, None, -1 if d else None) for d in down)
+    edges = [line[turn] for line, turn in zip(edges, turns, strict=True)]
+    try:
+        return CartesianGrid(*edges, unit=unit), turns
+    except InputError as error:
+        if given:
+            raise
+        raise type(error)(
+            f"the coordinates {', '.join(lines)} in the file make no grid of cells: {error}. Give "
+            "bounds=… or spacing=… in their place"
+        ) from error
+
+
+def _lines(entries: Mapping[str, Entry], place: str, order: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the places of the coordinates along x, y and z; nothing if not all are there."""
+
+    def is_line(entry: Entry | None) -> bool:
+        return entry is not None and entry.numeric and len(entry.shape) == 1
+
+    scales = entries[place].scales
+    groups = place.split("/")[:-1]
+    above = ["/".join(groups[:n]) for n in range(len(groups), -1, -1)]
+    found = [tuple(f"{group}/{a}".strip("/") for a in AXES) for group in above]
+    candidates = [tuple(scales[k] for k in order), *found] if scales else found
+    return next((c for c in candidates if all(is_line(entries.get(p)) for p in c)), ())
+
+
+def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -> CartesianGrid:
+    """Return the grid of the option `bounds`, or `spacing` of cells that start at 0."""
+    from ...grids import CartesianGrid
+
+    if options.get("bounds") is not None:
+        return CartesianGrid.uniform(shape, options["bounds"], unit=unit)
+    spacing = options["spacing"]
+    own = unit_of(spacing)
+    widths = np.asarray(plain(spacing, own, "spacing"))
+    if widths.shape not in ((), (3,)) or not np.all(widths > 0):
+        raise InputError(f"spacing must be a positive number, or one per axis, got {spacing!r}")
+    ends = np.broadcast_to(widths, 3) * np.asarray(shape)
+    bounds = np.stack([np.zeros(3), ends], axis=1)
+    return CartesianGrid.uniform(shape, bounds if own is None else bounds * own, unit=unit)
+
+
+def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> Any:
+    """Return the edges that `source`, a place in the file or an array, stands for."""
+    edges, what = source, f"{axis} edges have"
+    if isinstance(source, str):
+        if source.strip("/") not in entries:
+            raise unknown_name("array", source, entries)
+        edges, what = entries[source.strip("/")].quantity(), f"the {axis} edges {source!r} have"
+    edges = as_quantity(edges)
+    values = edges.value if is_quantity(edges) else edges
+    found = np.shape(values)
+    if found == (cells,) and cells > 1 and is_even(np.asarray(values, np.float64)):
+        between = edges_of_centers(values)
+        return between * edges.unit if is_quantity(edges) else between
+    if found != (cells + 1,):
+        hint = (
+            "; these seem to be centres, and not equally spaced: give edges, or "
+            "bounds=((x0, x1), (y0, y1), (z0, z1)) for equal cells"
+            if found == (cells,)
+            else ""
+        )
+        raise FileFormatError(
+            f"{what} shape {found}, expected {cells + 1} edges around {cells} cells{hint}"
+        )
+    return edges

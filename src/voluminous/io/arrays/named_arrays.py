@@ -1,4 +1,4 @@
-"""Files that are a set of named arrays (NPZ, NPY, HDF5): which are fields, which the grid."""
+"""Base of the readers of named arrays (NPZ, NPY, HDF5, Zarr): which are fields, which the grid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class NamedArraysReader(Reader):
-    """What readers of named arrays share; a format has to provide `entries`."""
+    """A format has to provide `entries`."""
 
     options = {  # noqa: RUF012 - as in Reader
         "x": "place of the cell edges along x in the file, or the edges themselves",
@@ -44,91 +44,79 @@ class NamedArraysReader(Reader):
         """
         raise NotImplementedError
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(
+        self,
+        path: Path,
+        fields: Any = None,
+        *,
+        axes: Any = None,
+        components: Any = None,
+        **options: Any,
+    ) -> Volume:
         from ...volume import Volume
 
-        axes, components = options.pop("axes", None), options.pop("components", None)
         own = self._own(options)
         with self.entries(path, **own) as found:
             entries = with_components(found, components)
             chosen = _chosen(entries, fields)
-            orders = {name: _order(name, entries[place], axes) for name, place in chosen.items()}
-            shape = _common_shape({n: entries[place] for n, place in chosen.items()}, orders)
-            place, order = next(iter(chosen.values())), next(iter(orders.values()))
-            grid, turns = make_grid(entries, place, shape, order, options)
+            for name, place in chosen.items():
+                _check_field(name, entries[place])
+            orders = {
+                name: named_order(entries[place].dims) if axes is None else axis_order(axes)
+                for name, place in chosen.items()
+            }
+            shapes = {tuple(entries[p].shape[k] for k in orders[n]) for n, p in chosen.items()}
+            if len(shapes) > 1:
+                listed = ", ".join(f"{name} {entries[p].shape}" for name, p in chosen.items())
+                raise InputError(
+                    f"fields must have one shape, got {listed}; choose some of one shape with "
+                    "fields=[…]"
+                )
+            first = next(iter(chosen))
+            grid, turns = make_grid(entries, chosen[first], shapes.pop(), orders[first], options)
             volume = Volume(grid)
             for name, place in chosen.items():
                 entry = entries[place]
-                asked = (path, place, entry.part_of or place, orders[name], turns, components, own)
-                load = functools.partial(self._load, *asked)
+                whole = entry.part_of or place
+                turned = (orders[name], turns)
+                load = functools.partial(self._load, path, place, whole, turned, components, own)
                 volume[name] = Deferred(load, entry.dtype, entry.unit, entry.mapped)
         return volume
 
     def _load(
-        self,
-        path: Path,
-        place: str,
-        whole: str,
-        order: tuple[int, ...],
-        turns: tuple[slice, ...],
-        components: Any,
-        own: dict[str, Any],
+        self, path: Path, place: str, whole: str, turned: Any, components: Any, own: Any
     ) -> np.ndarray:
         """Return the values of a field, which may be a component of a whole array."""
+        order, turns = turned
         with self.entries(path, whole, **own) as entries:
             return with_components(entries, components)[place].load().transpose(order)[turns]
 
-    def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
+    def info(self, path: Path, *, components: Any = None, **options: Any) -> tuple[FieldInfo, ...]:
         with self.entries(path, **self._own(options)) as found:
-            entries = with_components(found, options.get("components"))
-            places = [p for p, entry in entries.items() if _is_field(entry)]
             return tuple(
-                FieldInfo(
-                    field_name(place),
-                    place,
-                    entries[place].shape,
-                    str(entries[place].dtype),
-                    entries[place].unit,
-                )
-                for place in places
+                FieldInfo(field_name(place), place, entry.shape, str(entry.dtype), entry.unit)
+                for place, entry in with_components(found, components).items()
+                if entry.is_field
             )
 
     def _own(self, options: dict[str, Any]) -> dict[str, Any]:
+        """Take the options of the format itself."""
         own = [name for name in options if name not in NamedArraysReader.options]
         return {name: options.pop(name) for name in own}
-
-
-def _is_field(entry: Entry) -> bool:
-    return len(entry.shape) == 3 and entry.numeric
 
 
 def _chosen(entries: Mapping[str, Entry], fields: Any) -> dict[str, str]:
     if fields is not None:
         return chosen_fields({place: field_name(place) for place in entries}, fields, "array")
-    places = {p: field_name(p) for p, entry in entries.items() if _is_field(entry)}
+    places = {place: field_name(place) for place, entry in entries.items() if entry.is_field}
     if not places:
+        listed = [f"{place} {e.shape} {e.dtype}" for place, e in list(entries.items())[:8]]
+        more = ", …" if len(entries) > len(listed) else ""
         raise FileFormatError(
-            f"expected a three-dimensional array of numbers; the file holds {_listed(entries)}"
+            "expected a three-dimensional array of numbers; the file holds "
+            f"{', '.join(listed) or 'nothing'}{more}"
         )
     return chosen_fields(places, None)
-
-
-def _order(name: str, entry: Entry, axes: Any) -> tuple[int, ...]:
-    """Return what brings a field's axes to x, y, z: what the user says, or the file's names do."""
-    _check_field(name, entry)
-    return named_order(entry.dims) if axes is None else axis_order(axes)
-
-
-def _common_shape(
-    chosen: Mapping[str, Entry], orders: Mapping[str, tuple[int, ...]]
-) -> tuple[int, ...]:
-    shapes = {tuple(entry.shape[k] for k in orders[name]) for name, entry in chosen.items()}
-    if len(shapes) > 1:
-        listed = ", ".join(f"{name} {entry.shape}" for name, entry in chosen.items())
-        raise InputError(
-            f"fields must have one shape, got {listed}; choose some of one shape with fields=[…]"
-        )
-    return shapes.pop()
 
 
 def _check_field(name: str, entry: Entry) -> None:
@@ -150,9 +138,3 @@ def _check_field(name: str, entry: Entry) -> None:
         )
     if min(entry.shape) < 1:
         raise FileFormatError(f"{name!r} has shape {entry.shape}, expected at least one cell")
-
-
-def _listed(entries: Mapping[str, Entry]) -> str:
-    shown = [f"{place} {entry.shape} {entry.dtype}" for place, entry in list(entries.items())[:8]]
-    more = ", …" if len(entries) > len(shown) else ""
-    return ", ".join(shown) + more if shown else "nothing"

@@ -1,4 +1,4 @@
-"""NPZ: fields by their names, with edges ``x, y, z`` or ``bounds``, ``unit``, ``<field>_unit``."""
+"""NumPy's files: NPZ, fields by their names with their grid, and NPY, one array that is mapped."""
 
 from __future__ import annotations
 
@@ -15,32 +15,71 @@ import numpy as np
 from ...errors import FileFormatError
 from ...units import unit_name
 from ..archives import ZIP, zip_names
+from ..cartesian import cartesian
 from ..names import field_name
 from ..payload import read_exactly
-from .layout import AXES, Entry, text_in
+from .layout import AXES, Entry
 from .named_arrays import NamedArraysReader
 
 if TYPE_CHECKING:
     from ...volume import Volume
 
-
-MAGIC = b"\x93NUMPY"
-
-
-def header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return shape, Fortran order and type of the array at the beginning of a file."""
-    version = np.lib.format.read_magic(file)
-    if version == (1, 0):
-        return np.lib.format.read_array_header_1_0(file)
-    if version == (2, 0):
-        return np.lib.format.read_array_header_2_0(file)
-    raise FileFormatError(f"expected NumPy's array format 1.0 or 2.0, got {version}")
-
-
-_ENDING = ".npy"
-_UNIT = "_unit"
+_MAGIC = b"\x93NUMPY"
+_ENDING, _UNIT = ".npy", "_unit"
 # What pictures saved as NPZ have in them.
 _IMAGE = {"intensity.npy", "metadata.npy"}
+
+
+def _header(
+    file: IO[bytes], size: int | None, what: str, *, exact: bool = False
+) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Return shape, Fortran order and type of an array; checks the bytes there are of it."""
+    version = np.lib.format.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise FileFormatError(f"expected NumPy's array format 1.0 or 2.0, got {version}")
+    first = version == (1, 0)
+    formats = np.lib.format
+    read = formats.read_array_header_1_0 if first else formats.read_array_header_2_0
+    shape, fortran, dtype = read(file)
+    expected = math.prod(shape) * dtype.itemsize
+    found = expected if size is None else size - file.tell()
+    # Objects are refused later, by name.
+    if not dtype.hasobject and (found < expected or (exact and found > expected)):
+        raise FileFormatError(
+            f"{what} holds {found} bytes, but shape {shape} of {dtype} takes {expected}: it is cut "
+            "short or damaged"
+        )
+    return shape, fortran, dtype
+
+
+class NPYReader(NamedArraysReader):
+    """One field; its name is the file's, or the option `name`."""
+
+    name = "npy"
+    description = "a NumPy array (.npy)"
+    suffixes = (".npy",)
+    options = {  # noqa: RUF012 - as in Reader
+        **NamedArraysReader.options,
+        "name": "name of the field; by default that of the file without suffix",
+    }
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        return head.startswith(_MAGIC)
+
+    @contextmanager
+    def entries(
+        self, path: Path, only: str | None = None, **options: Any
+    ) -> Iterator[dict[str, Entry]]:
+        with open(path, "rb") as file:
+            shape, fortran, dtype = _header(file, path.stat().st_size, "the file")
+
+        def load(index: Any = ...) -> np.ndarray:
+            values: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)[index]
+            return values
+
+        # A volume copies what lies in another order, or in foreign bytes.
+        mapped = not fortran and dtype.isnative
+        yield {options.get("name") or field_name(path.stem): Entry(shape, dtype, "", load, mapped)}
 
 
 class NPZReader(NamedArraysReader):
@@ -70,19 +109,17 @@ class NPZReader(NamedArraysReader):
                 raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
             names = names if only is None else [only + _ENDING]
             found = {n.removesuffix(_ENDING): _entry(archive, n) for n in names}
+            units = {name: found.get(name + _UNIT) for name in found}
             yield {
-                name: replace(entry, unit=text_in(found.get(name + _UNIT)) or "")
-                for name, entry in found.items()
+                name: replace(entry, unit=(unit and unit.text()) or "")
+                for (name, entry), unit in zip(found.items(), units.values(), strict=True)
             }
 
     def write(self, volume: Volume, path: Path) -> None:
-        from ..cartesian import cartesian
-
         grid = cartesian(volume)
         arrays: dict[str, Any] = dict(zip(AXES, grid.edges, strict=True))
         arrays["unit"] = unit_name(grid.unit)
-        for name in volume.fields:
-            arrays[name] = volume.array(name)
+        arrays |= {name: volume.array(name) for name in volume.fields}
         arrays |= {name + _UNIT: unit for name, unit in volume.units.items() if unit}
         with zipfile.ZipFile(path, "w") as archive:
             for name, values in arrays.items():
@@ -92,12 +129,12 @@ class NPZReader(NamedArraysReader):
 
 def _entry(archive: zipfile.ZipFile, member: str) -> Entry:
     with archive.open(member) as file:
-        shape, fortran, dtype = header(file)
-        _check_length(member, archive.getinfo(member).file_size - file.tell(), shape, dtype)
+        size = archive.getinfo(member).file_size
+        shape, fortran, dtype = _header(file, size, member, exact=True)
 
     def load(index: Any = ...) -> np.ndarray:
         with archive.open(member) as file:
-            header(file)
+            _header(file, None, member)
             if 0 in shape:
                 return np.empty(shape, dtype)
             values = read_exactly(file, shape[::-1] if fortran else shape, dtype, member)
@@ -105,54 +142,3 @@ def _entry(archive: zipfile.ZipFile, member: str) -> Entry:
             return (values.transpose() if fortran else values)[index]
 
     return Entry(shape, dtype, "", load)
-
-
-def _check_length(member: str, found: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """Check that a member unpacks to what its head announces, before memory is taken."""
-    expected = math.prod(shape) * dtype.itemsize
-    if not dtype.hasobject and found != expected:
-        raise FileFormatError(
-            f"{member} holds {found} bytes, but shape {shape} of {dtype} takes {expected}"
-        )
-
-
-class NPYReader(NamedArraysReader):
-    """One field; its name is the file's, or the option `name`."""
-
-    name = "npy"
-    description = "a NumPy array (.npy)"
-    suffixes = (".npy",)
-    options = {  # noqa: RUF012 - as in Reader
-        **NamedArraysReader.options,
-        "name": "name of the field; by default that of the file without suffix",
-    }
-
-    def matches(self, path: Path, head: bytes) -> bool:
-        return head.startswith(MAGIC)
-
-    @contextmanager
-    def entries(
-        self, path: Path, only: str | None = None, **options: Any
-    ) -> Iterator[dict[str, Entry]]:
-        with open(path, "rb") as file:
-            shape, fortran, dtype = header(file)
-            _npy_check_length(path, file.tell(), shape, dtype)
-
-        def load(index: Any = ...) -> np.ndarray:
-            values: np.ndarray = np.load(path, mmap_mode="r", allow_pickle=False)[index]
-            return values
-
-        # A volume copies what lies in another order, or in foreign bytes.
-        mapped = not fortran and dtype.isnative
-        yield {options.get("name") or field_name(path.stem): Entry(shape, dtype, "", load, mapped)}
-
-
-def _npy_check_length(path: Path, start: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    if dtype.hasobject:  # refused later, by name
-        return
-    expected = start + dtype.itemsize * int(np.prod(shape, dtype=object))
-    found = path.stat().st_size
-    if found < expected:
-        raise FileFormatError(
-            f"the file is cut short: {found} bytes, but shape {shape} of {dtype} takes {expected}"
-        )

@@ -48,19 +48,16 @@ def plain_grid(grid: Any) -> PlainGrid:
     InputError
         If it is of a kind that is not known here.
     """
-    from ...grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
-
-    writers: dict[type, Callable[[Any], PlainGrid]] = {
-        CartesianGrid: lambda g: PlainGrid("cartesian", _C_ORDER, _edges("xyz", g.edges)),
-        OctreeGrid: _octree,
-        PatchGrid: _patches,
-        SphericalGrid: lambda g: _curvilinear("spherical", g, mirror=g.mirror),
-        CylindricalGrid: lambda g: _curvilinear("cylindrical", g),
+    writers: dict[str, Callable[[Any], PlainGrid]] = {
+        "cartesian": lambda g: PlainGrid("cartesian", _C_ORDER, _edges("xyz", g.edges)),
+        "octree": _octree,
+        "patches": _patches,
+        "spherical": lambda g: _curvilinear("spherical", g, mirror=g.mirror),
+        "cylindrical": lambda g: _curvilinear("cylindrical", g),
     }
-    fitting = [plain for kind, plain in writers.items() if isinstance(grid, kind)]
-    if not fitting:
+    if grid.kind not in writers:
         raise InputError(f"a native file holds the grids of voluminous, got {type(grid).__name__}")
-    found = fitting[0](grid)
+    found = writers[grid.kind](grid)
     found.attributes |= {"unit": exact_name(grid.unit), "cells": grid.size}
     return found
 
@@ -76,7 +73,7 @@ def _octree(grid: Any) -> PlainGrid:
 
 def _curvilinear(kind: str, grid: Any, **attributes: Any) -> PlainGrid:
     arrays = _edges(grid.coordinates, grid.edges)
-    if len(grid.shape) == 3:
+    if grid.is_structured:
         return PlainGrid(kind, _C_ORDER, arrays, attributes)
     arrays["levels"], attributes["split"] = grid.levels, list(grid.places.axes)
     return PlainGrid(kind, _DEPTH_FIRST, arrays, attributes)

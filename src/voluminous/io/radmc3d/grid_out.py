@@ -35,15 +35,13 @@ class GridOut:
 
 def grid_out(grid: Any, coordinates: Any = None) -> GridOut:
     """Return what files say of a grid; `coordinates` is its RADMC-3D number, if known."""
-    from ...grids import CartesianGrid, OctreeGrid, PatchGrid, SphericalGrid
-
-    kinds: dict[type, Callable[[Any, int], GridOut]] = {
-        CartesianGrid: _regular,
-        OctreeGrid: _octree,
-        PatchGrid: _patches,
-        SphericalGrid: _spherical,
+    kinds: dict[str, Callable[[Any, int], GridOut]] = {
+        "cartesian": _regular,
+        "octree": _octree,
+        "patches": _patches,
+        "spherical": _spherical,
     }
-    make = next((make for kind, make in kinds.items() if isinstance(grid, kind)), None)
+    make = kinds.get(grid.kind)
     if make is None:
         raise InputError(
             f"RADMC-3D has Cartesian and spherical grids, got {type(grid).__name__}; resample it "
@@ -111,7 +109,7 @@ def _spherical(grid: Any, number: int) -> GridOut:
     round_theta = len(theta) == 2 and np.ptp(theta) == np.pi and round_phi
     active = (True, not round_theta, not round_phi)
     walls = (in_cm(r, grid.unit), theta, phi)
-    if not hasattr(grid, "places"):
+    if grid.places is None:
         return GridOut(GridFile(REGULAR, number, active, walls), _fortran)
     if grid.places.axes != tuple(np.flatnonzero(active).tolist()):
         raise InputError("RADMC-3D cannot leave out theta where it has phi; give theta two cells")

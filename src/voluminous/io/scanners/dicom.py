@@ -13,57 +13,20 @@ from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit
 from ..guard import by_library, reading
 from ..payload import inside
-from .dicom_file import is_dicom, is_mosaic, quiet, read_head, read_parts, starts_dicom, take_apart
-from .dicom_slices import Frame, frames_of, read_values, stacked, value_type
-from .voxels import VoxelReader, Voxels
+from .dicom_file import is_dicom, is_mosaic, quiet, read_header, starts_dicom, take_apart
+from .dicom_slices import DicomSlice, read_values, slices_of, stacked, value_type
+from .voxels import VoxelReader, Voxels, times_meta
 
-_CLASS = "1.2.840.10008.1.3.10"
-_MOST_FILES = 100_000
-
-
-def is_directory(head: Any) -> bool:
-    """Return True for the head of a table of contents."""
-    return str(head.file_meta.get("MediaStorageSOPClassUID", "")) == _CLASS
-
-
-def images_named(path: Path) -> list[Path]:
-    """Return the files of images that a table of contents names."""
-    records = read_parts(path, "DirectoryRecordSequence").get("DirectoryRecordSequence") or ()
-    found = [_file(path.parent, name) for name in _names(records)]
-    if not 0 < len(found) <= _MOST_FILES:
-        raise FileFormatError(
-            f"it is a table of contents of {len(found)} images, expected 1 to {_MOST_FILES}"
-        )
-    return found
-
-
-def _names(records: Any) -> Iterator[str]:
-    for record in records:
-        name = record.get("ReferencedFileID")
-        if name and str(record.get("DirectoryRecordType", "")) == "IMAGE":
-            yield name if isinstance(name, str) else "/".join(map(str, name))
-
-
-def _file(directory: Path, name: str) -> Path:
-    """Return a file's path; discs say in capitals what systems may show in small letters."""
-    try:
-        return inside(directory, name)
-    except FileFormatError:
-        raise
-    except InputError:
-        if not (directory / name.lower()).is_file():
-            raise
-    return inside(directory, name.lower())
-
-
-# So many files of a directory are looked at: other directories are left alone quickly.
+# So many files of a directory are tried: other directories are left alone quickly.
 _FEW = 16
 _ENDINGS = (".dcm", ".dicom", ".ima")
-_UNITS = {"BQML": "Bq / ml", "GY": "Gy"}
 # What all slices of a volume must agree in.
 _COMMON = ("Rows", "Columns", "BitsAllocated", "BitsStored", "PixelRepresentation")
+# The class of a DICOMDIR: the table of contents of a disc or an export, which names files below.
+_CONTENTS = "1.2.840.10008.1.3.10"
+_MOST_FILES = 100_000
 
-_Heads = list[tuple[Path, Any]]
+_Headers = list[tuple[Path, Any]]
 
 
 class DICOMReader(VoxelReader):
@@ -90,46 +53,61 @@ class DICOMReader(VoxelReader):
 
     @by_library("pydicom")  # elements are converted when they are first asked for
     def voxels(self, path: Path, *, series: Any = None, time: int = 0) -> Voxels:
-        head, frames = _frames(path, series)
-        slices, placement, times = stacked(frames, time)
-        if head.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
+        header, found = _slices(path, series)
+        slices, placement, times = stacked(found, time)
+        if header.get("AnatomicalOrientationType") == "QUADRUPED":  # not a human's axes
             placement = replace(placement, space="")
-        shape = (int(head.Columns), int(head.Rows), len(slices))
-        dtype = value_type(head, slices)
+        shape = (int(header.Columns), int(header.Rows), len(slices))
+        dtype = value_type(header, slices)
+        meta = {
+            "modality": header.get("Modality"),
+            "series": header.get("SeriesDescription"),
+            "rescale_type": header.get("RescaleType"),
+        }
         return Voxels(
             shape=shape,
             dtype=dtype,
             placement=placement,
             load=lambda _: read_values(slices, shape, dtype),
-            name=str(head.get("Modality") or "dicom").lower(),
-            unit=_unit(str(head.get("Units") or head.get("DoseUnits")).upper()),
-            meta=_meta(head) | ({} if times == 1 else {"times": times, "time_step": time % times}),
+            name=str(header.get("Modality") or "dicom").lower(),
+            unit=_unit(str(header.get("Units") or header.get("DoseUnits")).upper()),
+            meta={name: str(value) for name, value in meta.items() if value}
+            | times_meta(times, time % times),
         )
 
 
 def _unit(name: str) -> str:
     """Return the unit of values by DICOM's name for it; astropy knows the gray since version 7."""
-    unit = _UNITS.get(name, "")
-    if unit == "Gy":
+    if name == "GY":
         try:
-            parse_unit(unit)
+            return str(parse_unit("Gy"))
         except UnitsError:
             return "J / kg"
-    return unit
+    return {"BQML": "Bq / ml"}.get(name, "")
 
 
 @quiet()
-def _frames(path: Path, series: Any) -> tuple[Any, list[Frame]]:
-    heads = _chosen(path, series)
-    for file, head in heads:
+def _slices(path: Path, series: Any) -> tuple[Any, list[DicomSlice]]:
+    """Return the first header of a series, once all agree, and the slices."""
+    headers = _chosen(path, series)
+    for file, header in headers:
         with reading(file, "a DICOM file"):
-            take_apart(file, head)
-    common = _common_head(heads)
-    frames: list[Frame] = []
-    for file, head in heads:
+            take_apart(file, header)
+    first_file, first = headers[0]
+    for file, header in headers:
+        for keyword in _COMMON:
+            if header.get(keyword) != first.get(keyword):
+                raise FileFormatError(
+                    f"{file.name} has {keyword} {header.get(keyword)}, but {first_file.name} has "
+                    f"{first.get(keyword)}: they make no volume"
+                )
+    if first.get("SamplesPerPixel", 1) != 1:
+        raise FileFormatError("expected one value per pixel, but its pictures are coloured")
+    found: list[DicomSlice] = []
+    for file, header in headers:
         with reading(file, "a DICOM file"):
-            frames += frames_of(file, head)
-    return common, frames
+            found += slices_of(file, header)
+    return first, found
 
 
 def _files(directory: Path) -> Iterator[Path]:
@@ -139,97 +117,91 @@ def _files(directory: Path) -> Iterator[Path]:
                 yield Path(entry.path)
 
 
-def _chosen(path: Path, series: Any) -> _Heads:
-    """Return the files and heads of one series."""
-    head = None if path.is_dir() else read_head(path)
-    if head is None or is_directory(head):
-        groups = _by_series(path, path) if head is None else _of_contents(path)
+def _chosen(path: Path, series: Any) -> _Headers:
+    """Return the files and headers of one series."""
+    header = None if path.is_dir() else read_header(path)
+    if header is None or _is_contents(header):
+        groups = _by_series(path, path) if header is None else _by_contents(path)
         return groups[_named(groups, series)]
     if series is not None:
         raise InputError("a file tells its series; give series for a directory only")
-    if not _is_image(head):
+    if not _is_image(header):
         raise FileFormatError("expected a DICOM image, but there are no rows and columns of pixels")
-    if is_mosaic(head) or int(head.get("NumberOfFrames") or 1) > 1:
-        return [(path, head)]
-    return _by_series(path.parent, path)[_uid(head)]
+    if is_mosaic(header) or int(header.get("NumberOfFrames") or 1) > 1:
+        return [(path, header)]
+    return _by_series(path.parent, path)[_uid(header)]
 
 
-def _by_series(directory: Path, asked: Path) -> dict[str, _Heads]:
+def _by_series(directory: Path, asked: Path) -> dict[str, _Headers]:
     """Return all images of a directory by their series, files in the order of their names."""
-    groups: dict[str, _Heads] = {}
+    groups: dict[str, _Headers] = {}
     contents = None
     for file in sorted(_files(directory)):
         if is_dicom(file):
-            head = read_head(file)
-            contents = file if is_directory(head) else contents
-            if _is_image(head):
-                groups.setdefault(_uid(head), []).append((file, head))
+            header = read_header(file)
+            contents = file if _is_contents(header) else contents
+            if _is_image(header):
+                groups.setdefault(_uid(header), []).append((file, header))
         elif file == asked or file.suffix.lower() in _ENDINGS:
             raise FileFormatError(f"{file.name} is named like a DICOM file, but is none")
     if not groups and contents is not None:
-        return _of_contents(contents)
+        return _by_contents(contents)
     if not groups:
         raise FileFormatError(f"there is no DICOM image in {directory}")
     return groups
 
 
-def _of_contents(path: Path) -> dict[str, _Heads]:
-    groups: dict[str, _Heads] = {}
-    for file in images_named(path):
-        head = read_head(file)
-        if _is_image(head):
-            groups.setdefault(_uid(head), []).append((file, head))
+def _by_contents(path: Path) -> dict[str, _Headers]:
+    """Return the images that a DICOMDIR names, by their series."""
+    records = read_header(path, "DirectoryRecordSequence").get("DirectoryRecordSequence") or ()
+    names = [
+        name if isinstance(name, str) else "/".join(map(str, name))
+        for record in records
+        if str(record.get("DirectoryRecordType", "")) == "IMAGE"
+        and (name := record.get("ReferencedFileID"))
+    ]
+    if not 0 < len(names) <= _MOST_FILES:
+        raise FileFormatError(
+            f"it is a table of contents of {len(names)} images, expected 1 to {_MOST_FILES}"
+        )
+    groups: dict[str, _Headers] = {}
+    for name in names:
+        # Discs say in capitals what systems may show in small letters.
+        small = not (path.parent / name).exists() and (path.parent / name.lower()).is_file()
+        file = inside(path.parent, name.lower() if small else name)
+        header = read_header(file)
+        if _is_image(header):
+            groups.setdefault(_uid(header), []).append((file, header))
     if not groups:
         raise FileFormatError("it is a table of contents of files that hold no images")
     return groups
 
 
-def _named(groups: dict[str, _Heads], series: Any) -> str:
-    names = {uid: _dicom_names(uid, heads[0][1]) for uid, heads in groups.items()}
+def _named(groups: dict[str, _Headers], series: Any) -> str:
+    """Return the UID of the series that is asked for by its UID, number or description."""
+    names = {}
+    for uid, headers in groups.items():
+        number, text = (headers[0][1].get(f"Series{key}") for key in ("Number", "Description"))
+        names[uid] = (uid, "" if number is None else str(number), str(text or ""))
     found = [uid for uid in groups if series is None or str(series) in names[uid]]
     if len(found) == 1:
         return found[0]
     listed = "\n".join(
-        f"  series={names[uid][1]!r}: {names[uid][2]!r}, {heads[0][1].get('Modality')}, "
-        f"{len(heads)} files, {uid}"
-        for uid, heads in groups.items()
+        f"  series={names[uid][1]!r}: {names[uid][2]!r}, {headers[0][1].get('Modality')}, "
+        f"{len(headers)} files, {uid}"
+        for uid, headers in groups.items()
     )
     asked = "several series" if series is None else f"{len(found)} series {series!r}"
     raise InputError(f"there are {asked}; choose one by its number, text or UID:\n{listed}")
 
 
-def _dicom_names(uid: str, head: Any) -> tuple[str, str, str]:
-    number, text = head.get("SeriesNumber"), head.get("SeriesDescription")
-    return uid, "" if number is None else str(number), str(text or "")
+def _is_contents(header: Any) -> bool:
+    return str(header.file_meta.get("MediaStorageSOPClassUID", "")) == _CONTENTS
 
 
-def _common_head(heads: _Heads) -> Any:
-    """Return the first head, once all agree."""
-    file, first = heads[0]
-    for other, head in heads:
-        for keyword in _COMMON:
-            if head.get(keyword) != first.get(keyword):
-                raise FileFormatError(
-                    f"{other.name} has {keyword} {head.get(keyword)}, but {file.name} has "
-                    f"{first.get(keyword)}: they make no volume"
-                )
-    if first.get("SamplesPerPixel", 1) != 1:
-        raise FileFormatError("expected one value per pixel, but its pictures are coloured")
-    return first
+def _is_image(header: Any) -> bool:
+    return all(header.get(keyword) for keyword in ("Rows", "Columns", "BitsAllocated"))
 
 
-def _is_image(head: Any) -> bool:
-    return all(head.get(keyword) for keyword in ("Rows", "Columns", "BitsAllocated"))
-
-
-def _uid(head: Any) -> str:
-    return str(head.get("SeriesInstanceUID") or "")
-
-
-def _meta(head: Any) -> dict[str, Any]:
-    told = {
-        "modality": head.get("Modality"),
-        "series": head.get("SeriesDescription"),
-        "rescale_type": head.get("RescaleType"),
-    }
-    return {name: str(value) for name, value in told.items() if value}
+def _uid(header: Any) -> str:
+    return str(header.get("SeriesInstanceUID") or "")

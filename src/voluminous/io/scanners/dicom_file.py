@@ -1,4 +1,8 @@
-"""DICOM files, opened by pydicom: only the elements in use; Siemens mosaics taken apart."""
+"""DICOM files, opened by pydicom: only the elements in use; Siemens mosaics taken apart.
+
+Sources on mosaics: nibabel's notes on the mosaic and on the CSA header; the header's position is
+that of the whole picture, about whose centre all slices lie.
+"""
 
 from __future__ import annotations
 
@@ -18,108 +22,32 @@ from ...errors import FileFormatError
 from ...packages import require
 from ..guard import by_library, reading
 
-# Where the private header can be, and what announces it.
-CSA_TAGS = (0x00290010, 0x00290011, 0x00291010, 0x00291110)
-_CREATOR, _ELEMENT, _OTHER = "SIEMENS CSA HEADER", 0x10, "VFRAME"
-
-
-def is_mosaic(head: Any) -> bool:
-    """Return True for the head of a mosaic."""
-    return bool({"MOSAIC", _OTHER} & set(head.get("ImageType") or ()))
-
-
-def describe_slices(head: Any, private: Any) -> None:
-    """Change the head of a mosaic to that of a file with a frame per slice."""
-    if _OTHER in head.ImageType:
-        raise FileFormatError(
-            "mosaics of United Imaging (VFRAME) are not read; convert them with 'dcm2niix'"
-        )
-    csareader = require("nibabel.nicom.csareader", "medical", "reading Siemens mosaics")
-    try:
-        csa = csareader.read(private.private_block(0x0029, _CREATOR)[_ELEMENT].value)
-        count = int(csareader.get_n_mosaic(csa))
-        normal = np.array(csareader.get_slice_normal(csa), float)
-        first, axes, spacing = (
-            np.array(head[name].value, float)
-            for name in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
-        )
-    except (KeyError, TypeError) as error:
-        raise FileFormatError(
-            "it is a Siemens mosaic without the private header (0029,1010) that says how many "
-            "slices it has, or without a position; convert the original file with 'dcm2niix'"
-        ) from error
-    side = math.ceil(math.sqrt(count)) if count > 0 else 0
-    if not side or head.Rows % side or head.Columns % side:
-        raise FileFormatError(f"{head.Columns} x {head.Rows} pixels are no mosaic of {count}")
-    along, down = axes.reshape(2, 3)
-    moved = (head.Columns - head.Columns // side) / 2 * spacing[1] * along
-    moved += (head.Rows - head.Rows // side) / 2 * spacing[0] * down
-    step = float(head.get("SpacingBetweenSlices") or head.get("SliceThickness") or 1.0)
-    step *= 1.0 if np.cross(along, down) @ normal > 0 else -1.0
-    head.Rows, head.Columns, head.NumberOfFrames = head.Rows // side, head.Columns // side, count
-    head.ImagePositionPatient = (first + moved).tolist()
-    head.GridFrameOffsetVector = (step * np.arange(count)).tolist()
-
-
-def tiles(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return the tiles of a picture, (slices, *shape): row by row."""
-    rows, columns = shape
-    across, down = picture.shape[-1] // columns, picture.shape[-2] // rows
-    parts = picture.reshape(down, rows, across, columns)
-    return parts.swapaxes(1, 2).reshape(-1, rows, columns)
-
-
-PREAMBLE, MAGIC = 128, b"DICM"
-# Bytes that tell whether a file without a preamble is DICOM; the groups that come first; kinds of
-# values (VR) whose length takes four bytes.
-_START, _FIRST_GROUPS, _LONG = (
-    1024,
-    (2, 8),
-    (b"OB", b"OW", b"OF", b"SQ", b"UN", b"UT", b"UC", b"UR"),
-)
-# All that is looked at: parsing the rest of a head takes most of the time.
+_PREAMBLE, _MAGIC, _START = 128, b"DICM", 1024
+# Groups that come first, and kinds of values (VR) whose length takes four bytes.
+_FIRST_GROUPS = (2, 8)
+_LONG = (b"OB", b"OW", b"OF", b"SQ", b"UN", b"UT", b"UC", b"UR")
+# All that is in use: parsing the rest of a header takes most of the time.
 _KEYWORDS = (
-    "AnatomicalOrientationType",
-    "BitsAllocated",
-    "BitsStored",
-    "Columns",
-    "DoseGridScaling",
-    "DoseUnits",
-    "FrameIncrementPointer",
-    "GridFrameOffsetVector",
-    "HighBit",
-    "ImageType",
-    "ImageOrientationPatient",
-    "ImagePositionPatient",
-    "InstanceNumber",
-    "Modality",
-    "NumberOfFrames",
-    "PerFrameFunctionalGroupsSequence",
-    "PhotometricInterpretation",
-    "PixelRepresentation",
-    "PixelSpacing",
-    "RescaleIntercept",
-    "RescaleSlope",
-    "RescaleType",
-    "Rows",
-    "SamplesPerPixel",
-    "SeriesDescription",
-    "SeriesInstanceUID",
-    "SeriesNumber",
-    "SharedFunctionalGroupsSequence",
-    "SliceThickness",
-    "SpacingBetweenSlices",
-    "Units",
+    *("AnatomicalOrientationType", "BitsAllocated", "BitsStored", "Columns", "DoseGridScaling"),
+    *("DoseUnits", "FrameIncrementPointer", "GridFrameOffsetVector", "HighBit", "ImageType"),
+    *("ImageOrientationPatient", "ImagePositionPatient", "InstanceNumber", "Modality"),
+    *("NumberOfFrames", "PerFrameFunctionalGroupsSequence", "PhotometricInterpretation"),
+    *("PixelRepresentation", "PixelSpacing", "RescaleIntercept", "RescaleSlope", "RescaleType"),
+    *("Rows", "SamplesPerPixel", "SeriesDescription", "SeriesInstanceUID", "SeriesNumber"),
+    *("SharedFunctionalGroupsSequence", "SliceThickness", "SpacingBetweenSlices", "Units"),
 )
 _PIXELS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData", "PlanarConfiguration")
 # Native pixels, which need no decoder: implicit and explicit, little and big endian.
 _NATIVE = ("1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2")
 _DEFLATED = "1.2.840.10008.1.2.1.99"
+# Where the private header of a mosaic can be, and what announces it.
+_CSA_TAGS = (0x00290010, 0x00290011, 0x00291010, 0x00291110)
+_CREATOR, _ELEMENT, _OTHER_MOSAIC = "SIEMENS CSA HEADER", 0x10, "VFRAME"
 
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Keep pydicom from telling what is unusual in a head: what matters is checked by others."""
+    """Silence what pydicom says of unusual headers: what matters is checked by others."""
     logger = logging.getLogger("pydicom")
     before, logger.disabled = logger.disabled, True
     try:
@@ -144,7 +72,7 @@ def starts_dicom(head: bytes) -> bool:
 
     Without, there have to be two elements of low groups in their order.
     """
-    return head[PREAMBLE:].startswith(MAGIC) or any(_is_bare(head, order) for order in "<>")
+    return head[_PREAMBLE:].startswith(_MAGIC) or any(_is_bare(head, order) for order in "<>")
 
 
 def _is_bare(head: bytes, order: str) -> bool:
@@ -162,17 +90,9 @@ def _is_bare(head: bytes, order: str) -> bool:
     return found > 1
 
 
-def read_head(path: Path) -> Any:
-    """Return the head of a file as a pydicom data set."""
-    return _read(path, _KEYWORDS, stop_before_pixels=True)
-
-
-def take_apart(path: Path, head: Any) -> None:
-    """Make the head of a Siemens mosaic, and of nothing else, one of a file with many frames."""
-    if is_mosaic(head):
-        private = _read(path, CSA_TAGS, stop_before_pixels=True)
-        with by_library("nibabel"):
-            describe_slices(head, private)
+def read_header(path: Path, *keywords: str | int) -> Any:
+    """Return the header of a file as a pydicom data set; or those elements of it."""
+    return _read(path, keywords or _KEYWORDS, stop_before_pixels=True)
 
 
 def read_whole(path: Path) -> Any:
@@ -180,51 +100,86 @@ def read_whole(path: Path) -> Any:
     return _read(path, (*_KEYWORDS, *_PIXELS), stop_before_pixels=False)
 
 
-def read_parts(path: Path, *keywords: str) -> Any:
-    """Return those elements of a file, which are otherwise passed over."""
-    return _read(path, keywords, stop_before_pixels=True)
-
-
-def is_native(head: Any) -> bool:
+def is_native(header: Any) -> bool:
     """Return True if the pixels lie in the file as they are."""
-    return str(head.file_meta.get("TransferSyntaxUID", _NATIVE[0])) in _NATIVE
+    return str(header.file_meta.get("TransferSyntaxUID", _NATIVE[0])) in _NATIVE
 
 
-def check_size(path: Path, head: Any, frames: int) -> None:
+def check_size(path: Path, header: Any, frames: int) -> None:
     """Check that a file is long enough for its frames."""
-    # Of packed frames it is known that each has a head.
-    bits = head.Rows * head.Columns * head.BitsAllocated if is_native(head) else 64
+    # Packed frames have a header each.
+    bits = header.Rows * header.Columns * header.BitsAllocated if is_native(header) else 64
     found, least = path.stat().st_size, frames * bits // 8
     if found < least:
         raise FileFormatError(
-            f"{path.name} is cut short: {found} bytes, but {frames} frames of {head.Columns} x "
-            f"{head.Rows} pixels of {head.BitsAllocated} bits take {least} at least"
+            f"{path.name} is cut short: {found} bytes, but {frames} frames of {header.Columns} x "
+            f"{header.Rows} pixels of {header.BitsAllocated} bits take {least} at least"
         )
 
 
 def _read(path: Path, keywords: tuple[str | int, ...], **options: Any) -> Any:
     pydicom = require("pydicom", "medical", "reading DICOM")
-    with reading(path, "a DICOM file"), by_library("pydicom"), _bounded(path) as file:
-        bare = not file[PREAMBLE:].startswith(MAGIC) and starts_dicom(file[:_START])
-        head = pydicom.dcmread(file, specific_tags=list(keywords), force=bare, **options)
-        if "TransferSyntaxUID" not in head.file_meta:
-            head.file_meta.TransferSyntaxUID = _NATIVE[_encoding(head)]
-        if str(head.file_meta.get("TransferSyntaxUID", "")) == _DEFLATED:
-            raise FileFormatError("deflated DICOM is not read; convert it with 'dcmconv +te'")
-    return head
-
-
-def _encoding(head: Any) -> int:
-    """Return which of the native encodings a head without group 2 is in, as pydicom has seen."""
-    implicit, little = head.original_encoding
-    return 0 if implicit else 1 if little else 2
-
-
-@contextlib.contextmanager
-def _bounded(path: Path) -> Iterator[Any]:
-    """Open a file so that lengths it claims take no memory beyond what there is."""
-    with open(path, "rb") as file:
+    with reading(path, "a DICOM file"), by_library("pydicom"), open(path, "rb") as opened:
         if not path.stat().st_size:
             raise FileFormatError("the file is empty")
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
-            yield mapped
+        # Of a file that is mapped, lengths it claims take no memory beyond what there is.
+        with mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as file:
+            bare = not file[_PREAMBLE:].startswith(_MAGIC) and starts_dicom(file[:_START])
+            header = pydicom.dcmread(file, specific_tags=list(keywords), force=bare, **options)
+        if "TransferSyntaxUID" not in header.file_meta:  # no group 2: as pydicom has seen
+            implicit, little = header.original_encoding
+            header.file_meta.TransferSyntaxUID = _NATIVE[0 if implicit else 1 if little else 2]
+        if str(header.file_meta.get("TransferSyntaxUID", "")) == _DEFLATED:
+            raise FileFormatError("deflated DICOM is not read; convert it with 'dcmconv +te'")
+    return header
+
+
+def is_mosaic(header: Any) -> bool:
+    """Return True for the header of a mosaic: all slices of a volume as tiles of one picture."""
+    return bool({"MOSAIC", _OTHER_MOSAIC} & set(header.get("ImageType") or ()))
+
+
+def take_apart(path: Path, header: Any) -> None:
+    """Make the header of a Siemens mosaic, and of nothing else, one of a frame per slice."""
+    if not is_mosaic(header):
+        return
+    if _OTHER_MOSAIC in header.ImageType:
+        raise FileFormatError(
+            "mosaics of United Imaging (VFRAME) are not read; convert them with 'dcm2niix'"
+        )
+    private = read_header(path, *_CSA_TAGS)
+    csareader = require("nibabel.nicom.csareader", "medical", "reading Siemens mosaics")
+    try:
+        with by_library("nibabel"):
+            csa = csareader.read(private.private_block(0x0029, _CREATOR)[_ELEMENT].value)
+            count = int(csareader.get_n_mosaic(csa))
+            normal = np.array(csareader.get_slice_normal(csa), float)
+        first, axes, spacing = (
+            np.array(header[name].value, float)
+            for name in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
+        )
+    except (FileFormatError, KeyError, TypeError) as error:
+        raise FileFormatError(
+            "it is a Siemens mosaic without the private header (0029,1010) that says how many "
+            "slices it has, or without a position; convert the original file with 'dcm2niix'"
+        ) from error
+    side = math.ceil(math.sqrt(count)) if count > 0 else 0
+    if not side or header.Rows % side or header.Columns % side:
+        raise FileFormatError(f"{header.Columns} x {header.Rows} pixels are no mosaic of {count}")
+    rows, columns = header.Rows // side, header.Columns // side
+    along, down = axes.reshape(2, 3)
+    moved = (header.Columns - columns) / 2 * spacing[1] * along
+    moved += (header.Rows - rows) / 2 * spacing[0] * down
+    step = float(header.get("SpacingBetweenSlices") or header.get("SliceThickness") or 1.0)
+    step *= 1.0 if np.cross(along, down) @ normal > 0 else -1.0
+    header.Rows, header.Columns, header.NumberOfFrames = rows, columns, count
+    header.ImagePositionPatient = (first + moved).tolist()
+    header.GridFrameOffsetVector = (step * np.arange(count)).tolist()
+
+
+def tiles(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the tiles of a picture, (slices, *shape): row by row."""
+    rows, columns = shape
+    across, down = picture.shape[-1] // columns, picture.shape[-2] // rows
+    parts = picture.reshape(down, rows, across, columns)
+    return parts.swapaxes(1, 2).reshape(-1, rows, columns)

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import functools
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ..channels import Channel, channel
 from ..guard import by_library
-from ..hdf5 import data_set, is_hdf5, opened, read
+from ..hdf5 import data_set, holds, opened, read
 from ..payload import checked_shape
 from .placement import LPS, Placement, length_unit
 from .stored import real_numbers
 from .voxels import VECTOR, VoxelReader, Voxels, component_names, time_step, times_meta
 
-_IMAGE = "DataSetInfo/Image"
+if TYPE_CHECKING:
+    import h5py
+
+_INFO, _LEVEL = "DataSetInfo/Image", "DataSet/ResolutionLevel"
+_ITK = "ITKImage/0"
 
 
 class ImarisReader(VoxelReader):
@@ -33,24 +37,17 @@ class ImarisReader(VoxelReader):
     }
 
     def matches(self, path: Path, head: bytes) -> bool:
-        if not is_hdf5(head):
-            return False
-        try:
-            with opened(path) as file:
-                return _IMAGE in file and "DataSet/ResolutionLevel 0" in file
-        except Exception:  # damaged: whoever reads it says so
-            return False
+        return holds(path, head, lambda file: _INFO in file and f"{_LEVEL} 0" in file)
 
     def voxels(self, path: Path, *, time: int = 0, level: int = 0) -> Voxels:
         with by_library("h5py"), opened(path) as file:
-            levels, info = file["DataSet"], file[_IMAGE]
-            if f"ResolutionLevel {level}" not in levels:
-                raise InputError(f"level must be from 0 to {len(levels) - 1}, got {level!r}")
-            times = len(levels[f"ResolutionLevel {level}"])
+            info, count = file[_INFO], len(file["DataSet"])
+            if f"{_LEVEL} {level}" not in file:
+                raise InputError(f"level must be from 0 to {count - 1}, got {level!r}")
+            times = len(file[f"{_LEVEL} {level}"])
             step = time_step(time, times)
-            place = f"DataSet/ResolutionLevel {level}/TimePoint {step}"
-            count = len(file[place])
-            groups = [file[f"{place}/Channel {k}"] for k in range(count)]
+            place = f"{_LEVEL} {level}/TimePoint {step}"
+            groups = [file[f"{place}/Channel {k}"] for k in range(len(file[place]))]
             # Blocks at the end are filled up: the data sets can be larger than the image.
             sizes = {tuple(_number(g, f"ImageSize{a}") for a in "XYZ") for g in groups}
             types = {data_set(path, group, "Data").dtype for group in groups}
@@ -66,34 +63,34 @@ class ImarisReader(VoxelReader):
             )
             widths = (high - low) / shape
             unit = length_unit(_text(info, "Unit") or "um")
-            channels = [_channel(file.get(f"DataSetInfo/Channel {k}")) for k in range(count)]
+            channels = [_channel(file.get(f"DataSetInfo/Channel {k}")) for k in range(len(groups))]
         return Voxels(
             shape=shape,
             dtype=types.pop().newbyteorder("="),
             placement=Placement(low + widths / 2, np.diag(widths), unit),
-            load=functools.partial(_load, path, place, shape),
-            components=component_names(count),
+            load=functools.partial(_load_channel, path, place, shape),
+            components=component_names(len(groups)),
             channels=channels,
             meta=times_meta(times, step),
         )
 
 
-def _load(path: Path, place: str, shape: tuple[int, ...], number: int) -> np.ndarray:
+def _load_channel(path: Path, place: str, shape: tuple[int, ...], number: int) -> np.ndarray:
     with opened(path) as file:
         values = read(data_set(path, file[f"{place}/Channel {number}"], "Data"))
     return values.transpose()[tuple(slice(n) for n in shape)]
 
 
-def _text(group: Any, name: str) -> str:
+def _text(group: h5py.Group, name: str) -> str:
     value = group.attrs.get(name)
     return "" if value is None else b"".join(np.ravel(value)).decode("utf-8", "replace").strip()
 
 
-def _number(group: Any, name: str) -> float:
+def _number(group: h5py.Group, name: str) -> float:
     return real_numbers(_text(group, name), f"{name} of {group.name}", 1)[0]
 
 
-def _channel(group: Any) -> Channel:
+def _channel(group: h5py.Group | None) -> Channel:
     if group is None:
         return {}
     color, window = _text(group, "Color"), _text(group, "ColorRange")
@@ -104,38 +101,35 @@ def _channel(group: Any) -> Channel:
     )
 
 
-_ITK_IMAGE = "ITKImage/0"
-
-
 class ITKReader(VoxelReader):
-    """An image of three dimensions, with one value or several per voxel."""
+    """An image of three dimensions, with one value or several per voxel, by ITK or SimpleITK."""
 
     name = "itk"
     description = "an image of ITK in an HDF5 file"
     suffixes = (".hdf5", ".h5")
 
     def matches(self, path: Path, head: bytes) -> bool:
-        if not is_hdf5(head):
-            return False
-        try:
-            with opened(path) as file:
-                return f"{_ITK_IMAGE}/VoxelData" in file
-        except Exception:  # damaged: whoever reads it says so
-            return False
+        return holds(path, head, lambda file: f"{_ITK}/VoxelData" in file)
 
     def voxels(self, path: Path) -> Voxels:
+        def numbers(name: str) -> np.ndarray:
+            item = data_set(path, group, name)
+            if item.size > 16:
+                raise FileFormatError(
+                    f"expected a few numbers in {name}, got the shape {item.shape}"
+                )
+            return np.asarray(item[()])
+
         with opened(path) as file:
-            group = file[_ITK_IMAGE]
+            group: Any = file[_ITK]
             item = data_set(path, group, "VoxelData")
-            shape = tuple(int(n) for n in _numbers(path, group, "Dimension"))
+            shape = tuple(int(n) for n in numbers("Dimension"))
             if len(shape) != 3 or item.shape[:3] != shape[::-1] or item.ndim > 4:
                 raise FileFormatError(
                     f"expected an image of three dimensions, got Dimension {shape} and values of "
                     f"shape {item.shape}"
                 )
-            origin, spacing, rows = (
-                _numbers(path, group, name) for name in ("Origin", "Spacing", "Directions")
-            )
+            origin, spacing, rows = map(numbers, ("Origin", "Spacing", "Directions"))
             if (len(origin), len(spacing), rows.shape) != (3, 3, (3, 3)):
                 raise FileFormatError("expected Origin, Spacing and Directions in three dimensions")
             count = item.shape[3] if item.ndim == 4 else 1
@@ -144,19 +138,12 @@ class ITKReader(VoxelReader):
                 shape=shape,
                 dtype=item.dtype.newbyteorder("="),
                 placement=Placement(origin, rows * spacing[:, None], "mm", LPS),
-                load=functools.partial(_itk_load, path),
+                load=functools.partial(_load_component, path),
                 components=component_names(count, vector),
             )
 
 
-def _itk_load(path: Path, component: int) -> np.ndarray:
+def _load_component(path: Path, component: int) -> np.ndarray:
     with opened(path) as file:
-        values = read(data_set(path, file[_ITK_IMAGE], "VoxelData"))
+        values = read(data_set(path, file[_ITK], "VoxelData"))
     return (values[..., component] if values.ndim == 4 else values).transpose()
-
-
-def _numbers(path: Path, group: Any, name: str) -> np.ndarray:
-    item = data_set(path, group, name)
-    if item.size > 16:
-        raise FileFormatError(f"expected a few numbers in {name}, got the shape {item.shape}")
-    return np.asarray(item[()])

@@ -14,7 +14,7 @@ from ...packages import require
 from ..guard import by_library
 from ..payload import checked_shape
 from .placement import Placement
-from .stored import Stored
+from .stored import StoredNumbers
 from .voxels import VoxelReader, Voxels, time_step, times_meta
 
 _MAP = slice(208, 211)
@@ -66,7 +66,9 @@ class MRCReader(VoxelReader):
         shape = (*columns[:2], columns[2] // times)
         dtype = _dtype(mrcfile, head)
         count = math.prod(shape)
-        stored = Stored((path,), dtype, count * times, skipped=_HEAD + int(head.nsymbt)).check()
+        stored = StoredNumbers(
+            (path,), dtype, count * times, skipped=_HEAD + int(head.nsymbt)
+        ).check()
         step = time_step(time, times)
         final = np.dtype(np.float32) if dtype.kind == "f" else dtype.newbyteorder("=")
         return Voxels(

@@ -1,4 +1,4 @@
-"""Where voxels are: from an origin and three steps to a grid along x, y and z.
+"""Where voxels are: from an origin and three steps to a grid along x, y and z, and back.
 
 Medical formats place an array of voxels by the centre of the first one and a step per axis of the
 array, in patient coordinates. The grid's are **LPS**, as in DICOM and ITK: x to the patient's left,
@@ -8,7 +8,7 @@ about z: x and y change sign.
 Steps along coordinate axes, in any order and sense, only mean that the array has to be transposed
 and flipped. Oblique ones would need resampling, which blurs: the voxels keep their own axes, each
 called after the coordinate it is nearest to, about the volume's true centre; how they are turned
-is told besides (`Arrangement.direction`).
+is in `Arrangement.direction`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from ...grids import CartesianGrid
     from ...volume import Volume
 
-
 LPS = "LPS"
 # What the file's coordinates are multiplied with to become LPS; "" is no patient's space.
 SIGNS = {LPS: (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "LAS": (1.0, -1.0, 1.0), "": (1.0,) * 3}
@@ -39,6 +38,7 @@ SIGNS = {LPS: (1.0, 1.0, 1.0), "RAS": (-1.0, -1.0, 1.0), "LAS": (1.0, -1.0, 1.0)
 _TOLERANCE = 0.01
 # Cosine between axes above which a warning is due: half a degree.
 _SHEARED = 0.01
+_INCH = "25.4 mm"
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,10 @@ class Placement:
 
     origin: Any  # centre of the first voxel
     steps: Any  # ``steps[b]`` leads from a voxel to the next along axis b of the array
-    unit: str = ""  # of lengths; empty for none
-    space: str = ""  # A key of `SIGNS`: which way the coordinates run in a patient
-    # distances of the slices along axis 2 from the first, where they are not equally far apart;
-    # ``steps[2]`` is then their mean
+    unit: str = ""
+    space: str = ""  # a key of `SIGNS`: which way the coordinates run in a patient
+    # Distances of the slices along axis 2 from the first, where they are not equally far apart;
+    # ``steps[2]`` is then their mean.
     stations: Any = None
 
 
@@ -58,11 +58,11 @@ class Placement:
 class Arrangement:
     """How an array of voxels is brought to a grid."""
 
-    grid: CartesianGrid  # in LPS where the file tells
+    grid: CartesianGrid
     order: tuple[int, ...]  # the axes of the array that become x, y and z
     backward: tuple[bool, ...]  # which of x, y and z run against the array
-    # column a is the true unit vector along the grid's axis a, if that is another: a point p of
-    # the grid, whose centre is c, truly is at c + direction @ (p - c)
+    # Column a is the true unit vector along the grid's axis a, if that is another: a point p of
+    # the grid, whose centre is c, truly is at c + direction @ (p - c).
     direction: np.ndarray | None
 
     def put(self, values: np.ndarray) -> np.ndarray:
@@ -78,20 +78,38 @@ def arranged(shape: tuple[int, ...], placement: Placement) -> Arrangement:
     signs = np.array(SIGNS[placement.space])
     origin = np.asarray(placement.origin, float) * signs
     steps = np.asarray(placement.steps, float) * signs
-    widths = _lengths(origin, steps)
+    widths = np.linalg.norm(steps, axis=1)
+    sound = np.all(np.isfinite(origin)) and np.all(np.isfinite(widths)) and np.all(widths > 0)
+    if not sound or abs(np.linalg.det(steps / widths[:, None])) < _SHEARED:
+        raise FileFormatError(
+            f"expected steps between voxels that span space, got {steps.tolist()} from the "
+            f"origin {origin.tolist()}"
+        )
     units = steps / widths[:, None]
-    order = _nearest_axes(units)
+
+    def nearness(order: tuple[int, ...]) -> float:
+        # Rounding must not decide between axes that are equally near.
+        return round(float(sum(abs(units[source, a]) for a, source in enumerate(order))), 6)
+
+    order = max(itertools.permutations(range(3)), key=nearness)
     backward = tuple(bool(units[order[axis], axis] < 0) for axis in range(3))
     direction = np.where(backward, -1.0, 1.0) * units[list(order)].T
-    counts = np.array(shape)[list(order)]
-    oblique = _is_oblique(direction, counts * widths[list(order)], widths[list(order)])
-    if oblique:
-        _warn_of_shear(direction)
+    extents = np.array(shape)[list(order)] * widths[list(order)]
+    # Column a: how far the end of axis a is off.
+    off = np.abs(direction - np.eye(3)) * extents
+    oblique = bool(np.any(off > _TOLERANCE * widths[list(order)][:, None]))
+    if oblique and np.max(np.abs(direction.T @ direction - np.eye(3))) > _SHEARED:
+        warnings.warn(
+            "the voxels' axes are not at right angles (a tilted gantry?); they are drawn as if "
+            "they were. Resample the data if shapes matter",
+            stacklevel=2,
+        )
     middle = origin + (np.array(shape) - 1) / 2 @ steps
     edges = []
     for axis, (source, back) in enumerate(zip(order, backward, strict=True)):
-        spread = placement.stations if source == 2 else None
-        ticks = _edges(shape[source], widths[source], spread)
+        ticks = widths[source] * (np.arange(shape[source] + 1) - 0.5)
+        if source == 2 and placement.stations is not None:
+            ticks = edges_of_centers(placement.stations)
         ticks = -ticks[::-1] if back else ticks
         # Where it can be, the first voxel is exactly where the file says.
         start = middle[axis] - (ticks[0] + ticks[-1]) / 2 if oblique else origin[axis]
@@ -100,56 +118,35 @@ def arranged(shape: tuple[int, ...], placement: Placement) -> Arrangement:
     return Arrangement(grid, order, backward, direction if oblique else None)
 
 
-def _lengths(origin: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    widths = np.linalg.norm(steps, axis=1)
-    sound = np.all(np.isfinite(origin)) and np.all(np.isfinite(widths)) and np.all(widths > 0)
-    if not sound or abs(np.linalg.det(steps / widths[:, None])) < _SHEARED:
-        raise FileFormatError(
-            f"expected steps between voxels that span space, got {steps.tolist()} from the "
-            f"origin {origin.tolist()}"
-        )
-    return widths
+def length_unit(text: str) -> str:
+    """Return astropy's name of a unit of length or angle; the empty string for anything else.
+
+    Examples
+    --------
+    >>> length_unit("micron"), length_unit('"mm"'), length_unit("pixel"), length_unit("inch")
+    ('micron', 'mm', '', '25.4 mm')
+    """
+    # ImageJ writes the micro sign as it does in Java's source.
+    word = text.strip().strip('"').replace("\\u00B5", "u").replace("µ", "u").replace("μ", "u")
+    name = known_unit(_INCH if word.lower() in ("in", "inch") else word)
+    unit = parse_unit(name)
+    return name if unit is not None and unit.physical_type in ("length", "angle") else ""
 
 
-def _nearest_axes(units: np.ndarray) -> tuple[int, ...]:
-    def nearness(order: tuple[int, ...]) -> float:
-        return float(sum(abs(units[source, axis]) for axis, source in enumerate(order)))
-
-    # Rounding must not decide between axes that are equally near.
-    return max(itertools.permutations(range(3)), key=lambda order: round(nearness(order), 6))
-
-
-def _is_oblique(direction: np.ndarray, extents: np.ndarray, widths: np.ndarray) -> bool:
-    off = np.abs(direction - np.eye(3)) * extents  # column a: how far the end of axis a is off
-    return bool(np.any(off > _TOLERANCE * widths[:, None]))
-
-
-def _warn_of_shear(direction: np.ndarray) -> None:
-    cosines = direction.T @ direction - np.eye(3)
-    if np.max(np.abs(cosines)) > _SHEARED:
-        warnings.warn(
-            "the voxels' axes are not at right angles (a tilted gantry?); they are drawn as if "
-            "they were. Resample the data if shapes matter",
-            stacklevel=2,
-        )
-
-
-def _edges(count: int, width: float, stations: Any) -> np.ndarray:
-    if stations is None:
-        return width * (np.arange(count + 1) - 0.5)
-    return edges_of_centers(stations)
+def conversion(unit: str, to: str) -> float:
+    """Return the factor between two of these units; one where either is not known."""
+    if not unit or not to or unit == to:
+        return 1.0
+    return float(parse_unit(unit).to(parse_unit(to)))
 
 
 @dataclass(frozen=True)
-class Lattice:
-    """Where the voxels of a file are, axes x, y, z: centre of the first, widths, unit vectors.
+class VoxelLattice:
+    """Where the voxels of a volume are, axes x, y, z."""
 
-    Row a of `units` is the direction of axis a.
-    """
-
-    origin: np.ndarray
+    origin: np.ndarray  # centre of the first
     widths: np.ndarray
-    units: np.ndarray
+    units: np.ndarray  # row a is the direction of axis a
 
     @property
     def steps(self) -> np.ndarray:
@@ -157,38 +154,27 @@ class Lattice:
         return self.units * self.widths[:, None]
 
 
-def single_field(volume: Volume, kind: str) -> str:
-    """Return the name of the volume's only field."""
-    if len(volume.fields) != 1:
-        listed = ", ".join(volume.fields) or "none"
-        raise InputError(
-            f"{kind} holds one field, the volume has {listed}; choose one when it is opened: "
-            "vm.open(path, 'name')"
-        )
-    return volume.fields[0]
+def lattice(volume: Volume, unit: str = "") -> VoxelLattice:
+    """Return where the cells of a uniform Cartesian volume are, turned as they truly are.
 
-
-def lattice(volume: Volume, unit: str = "") -> Lattice:
-    """Return where the cells of a uniform Cartesian volume are, turned as they truly are."""
+    In a unit if one is given and the volume's lengths have one.
+    """
     grid = cartesian(volume)
     if not grid.is_uniform:
         raise InputError(
             "this format holds cells of equal width only; resample the volume first: "
             "volume.resample(…)"
         )
-    bounds = grid.bounds * _factor(grid.unit, unit)
+    factor = 1.0
+    if unit and grid.unit is not None:
+        factor = float(plain(1.0 * grid.unit, parse_unit(unit), "the cell edges"))
+    bounds = grid.bounds * factor
     widths = np.ptp(bounds, axis=1) / grid.shape
     direction, middle = direction_of(volume), bounds.mean(axis=1)
     first = bounds[:, 0] + widths / 2
     if "direction" in volume.meta:  # else the numbers stay as they are, to the last digit
         first = middle + direction @ (first - middle)
-    return Lattice(first, widths, direction.T)
-
-
-def _factor(own: Any, unit: str) -> float:
-    if not unit or own is None:
-        return 1.0
-    return float(plain(1.0 * own, parse_unit(unit), "the cell edges"))
+    return VoxelLattice(first, widths, direction.T)
 
 
 def direction_of(volume: Volume) -> np.ndarray:
@@ -202,29 +188,19 @@ def direction_of(volume: Volume) -> np.ndarray:
     return direction
 
 
+def single_field(volume: Volume, kind: str) -> str:
+    """Return the name of the volume's only field."""
+    if len(volume.fields) != 1:
+        listed = ", ".join(volume.fields) or "none"
+        raise InputError(
+            f"{kind} holds one field, the volume has {listed}; choose one when it is opened: "
+            "vm.open(path, 'name')"
+        )
+    return volume.fields[0]
+
+
 def slabs(values: np.ndarray) -> Iterator[bytes]:
     """Give the numbers of a field, little-endian, x fastest, a slice at a time."""
     stored = values.dtype.newbyteorder("<")
     for k in range(values.shape[2]):
         yield values[:, :, k].astype(stored, copy=False).tobytes(order="F")
-
-
-_INCH = "25.4 mm"
-# What the cells of a grid may be measured in.
-_EXTENTS = ("length", "angle")
-
-
-def length_unit(text: str) -> str:
-    """Return astropy's name of a unit of length or angle; the empty string for anything else."""
-    # ImageJ writes the micro sign as it does in Java's source.
-    word = text.strip().strip('"').replace("\\u00B5", "u").replace("µ", "u").replace("μ", "u")
-    name = known_unit(_INCH if word.lower() in ("in", "inch") else word)
-    unit = parse_unit(name)
-    return name if unit is not None and unit.physical_type in _EXTENTS else ""
-
-
-def conversion(unit: str, to: str) -> float:
-    """Return the factor between two of these units; one where either is not known."""
-    if not unit or not to or unit == to:
-        return 1.0
-    return float(parse_unit(unit).to(parse_unit(to)))

@@ -20,7 +20,7 @@ from ...errors import FileFormatError, InputError, UnitsError, VoluminousError, 
 from ...memory import available_memory
 from ...units import parse_unit
 from ..arrays.layout import AXES, equal_cells
-from ..channels import Y_DOWN, Channel, channel_fields, channel_meta, omero_channels
+from ..channels import Y_DOWN, Channel, channel, channel_fields, channel_meta
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields, field_name
 from ..unit_texts import known_unit
@@ -172,7 +172,24 @@ def _parsed(attributes: Mapping[str, Any], place: str) -> Multiscale:
     if not levels or len(set(axes)) < len(axes) or not {*AXES} <= set(axes):
         raise FileFormatError(f"expected an image with axes z, y and x, got {', '.join(axes)}")
     unit, ratios = _common_unit({a: units[axes.index(a)] for a in AXES})
-    return Multiscale(axes, unit, ratios, levels, omero_channels(attributes))
+    return Multiscale(axes, unit, ratios, levels, _channels(attributes))
+
+
+def _channels(attributes: Mapping[str, Any]) -> tuple[Channel, ...]:
+    """Return the channels in ``omero``, which gives colours as RRGGBB."""
+    omero = attributes.get("omero")
+    listed = omero.get("channels") if isinstance(omero, Mapping) else None
+    found: list[Channel] = []
+    for entry in listed if isinstance(listed, list) else []:
+        given = entry if isinstance(entry, Mapping) else {}
+        try:
+            code = bytes.fromhex(str(given.get("color", "")).lstrip("#"))
+            window = given.get("window")
+            ends = [window["start"], window["end"]] if isinstance(window, Mapping) else None
+            found.append(channel(given.get("label"), code, ends))
+        except (KeyError, TypeError, ValueError):  # a name is worth more than a wrong colour
+            found.append(channel(given.get("label")))
+    return tuple(found)
 
 
 def _common_unit(units: Mapping[str, str]) -> tuple[str, dict[str, float]]:

@@ -84,7 +84,7 @@ def probe(
     job, seen = ProbeJob(**vars(told), watched=flat), volume.seen_by(camera)
     more = wanted(seen, also)
     behind = background_array(background, job.frame.pixels, job.medium.channels)
-    names = job.medium.names if job.scheme.place == "field" else ()
+    names = job.medium.names if job.scheme.coefficients_at == "field" else ()
     found = follow(job, (flat, *place.offset), names, float(np.max(np.abs(behind))))
     full = np.broadcast_to(behind, (*job.frame.pixels[::-1], job.medium.channels))
     return assembled(job, seen, place, found, more, full[iy, ix])

@@ -12,15 +12,13 @@ import numpy as np
 from ...backend import dr
 from ...errors import InputError
 from ...expressions import Expression, NumpyOps
-from ...grids.contract import cells_across
 from ...grids.two_walks import cell_of
 from ...media.ranges import RangeContext
 from ...rendering.coefficients.emission_unit import before
 from ...rendering.job import Job
 from ...rendering.rays.drawing import Drawing
 from ...rendering.rays.paths import Paths
-from ...schemes.contract import carried_beyond
-from ...schemes.linear import looked_up
+from ...schemes.base import Position, Scheme, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
 from ..quantity import Quantity
@@ -66,21 +64,20 @@ class Tape:
         }
 
 
-class Recorder:
+class Recorder(Scheme):
     """A scheme that does what another one does, and writes it to a tape.
 
     It carries the number of segments so far, the coefficients where the last one ended (of schemes
     with coefficients at vertices), and what the other scheme carries.
     """
 
-    def __init__(self, scheme: Any, tape: Tape, names: tuple[str, ...]) -> None:
+    def __init__(self, scheme: Scheme, tape: Tape, names: tuple[str, ...]) -> None:
         self.scheme, self.tape, self.names = scheme, tape, names
+        self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
+        self.controlled = scheme.controlled
         self.own = 1
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.scheme, name)
-
-    def start(self, source: Any, walk: Any, track: Any, cursor: Any) -> list[Any]:
+    def start(self, position: Position, source: Any) -> list[Any]:
         """Carry a count of zero."""
         numbers = source.numbers
         columns = {"begin": 1, "end": 1, "cell": 1, "j": numbers.emissions}
@@ -88,35 +85,34 @@ class Recorder:
         columns["emission"] = numbers.emissions
         self.tape.prepare(columns | {f"field {name}": 1 for name in self.names})
         carried = [source.backend.UInt(0)]
-        if self.scheme.place == "vertex":
-            carried += source.interpolate(walk.entry_corners(track, cursor), cursor.inside)
+        if self.coefficients_at == "vertex":
+            corners = position.walk.entry_corners(position.track, position.cursor)
+            carried += source.interpolate(corners, position.cursor.inside)
         self.own = len(carried)
-        return [*carried, *self.scheme.start(source, walk, track, cursor)]
+        return [*carried, *self.scheme.start(position, source)]
 
-    def leapt(
-        self, source: Any, walk: Any, track: Any, cursor: Any, carried: list[Any], moved: Any
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Any], moved: Any
     ) -> list[Any]:
         """Let the scheme know."""
         (row, *before), inner = carried[: self.own], carried[self.own :]
         if before:
-            before = looked_up(source, walk, track, cursor, before, moved)
-        inner = self.scheme.leapt(source, walk, track, cursor, inner, moved)
+            before = interpolated_at(position, source, before, moved)
+        inner = self.scheme.after_skip(position, source, inner, moved)
         return [row, *before, *inner]
 
-    def passed(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Any], onward: list[Any]) -> list[Any]:
         """Go on, and let the scheme know: what is not seen is written down, too."""
-        inner = carried_beyond(self.scheme, carried[self.own :], onward[self.own :])
+        inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
         return [*onward[: self.own], *inner]
 
-    def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Any, list[Any]]:
+    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
         """Return the segment's solution, and what to carry on."""
         row, *before = carried[: self.own]
         inner = carried[self.own :]
-        found, inner = self.scheme.solve(source, walk, track, segment, inner, backward)
-        (j, alpha), fields, after = self._seen(source, walk, track, segment, before)
-        begin, end = (_distance(source, walk, track, t) for t in (segment.begin, segment.end))
+        found, inner = self.scheme.solve(segment, source, inner)
+        (j, alpha), fields, after = self._seen(source, segment, before)
+        begin, end = (_distance(source, segment, t) for t in (segment.begin, segment.end))
         cell = cell_of(segment)  # wide steps are through many
         values = {"begin": [begin], "end": [end], "cell": [row if cell is None else cell]}
         values |= {"j": j, "alpha": alpha, "tau": found.depth}
@@ -127,18 +123,17 @@ class Recorder:
         return found, [row + dr.select(told, source.backend.UInt(1), 0), *after, *inner]
 
     def _seen(
-        self, source: Any, walk: Any, track: Any, segment: Any, before: list[Any]
+        self, source: Any, segment: Any, before: list[Any]
     ) -> tuple[Any, dict[str, Any], list[Any]]:
         """Return mean coefficients, fields in the middle, and coefficients at the end."""
-        if self.scheme.place == "cell":
-            return source.at(segment.cell, segment.active), {}, []
-        if self.scheme.place == "vertex":
-            corners = walk.exit_corners(track, segment)
+        if self.coefficients_at == "cell":
+            return source.at(segment), {}, []
+        if self.coefficients_at == "vertex":
+            corners = segment.walk.exit_corners(segment.track, segment)
             after = list(source.interpolate(corners, segment.active))
             mean = [0.5 * (a + b) for a, b in zip(before, after, strict=True)]
             return source.numbers.split(mean), {}, after
-        chord = walk.chord(track, segment)
-        cubics = source.cubics(chord, source.corners(chord, segment.active))
+        cubics = source.along(segment).polynomials()
         stretch = (source.stretch if self.scheme.controlled else source.straight)(
             cubics, segment.length
         )
@@ -150,10 +145,10 @@ class Recorder:
         return means, stretch.fields(0.5), []
 
 
-def _distance(source: Any, walk: Any, track: Any, t: Any) -> Any:
+def _distance(source: Any, segment: Any, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in the volume's unit."""
     Wide = source.backend.Wide
-    return (Wide(track.entry) + Wide(t)) * Wide(walk.scale)
+    return (Wide(segment.track.entry) + Wide(t)) * Wide(segment.walk.scale)
 
 
 # Room for so many times the cells that a straight line through the middle crosses.
@@ -268,7 +263,7 @@ def follow(
         The brightest background.
     """
     drawing = _Recording(job, job.source(brightest), brightest)
-    room = _ROOM * int(cells_across(job.volume.grid)) + 64
+    room = _ROOM * int(job.volume.grid.cells_across) + 64
     return drawing.follow(place, names, room)
 
 
@@ -491,7 +486,7 @@ def _ending(found: Followed, background: np.ndarray) -> dict[str, np.ndarray]:
 
 def _cells(job: ProbeJob, position: np.ndarray, rows: dict[str, np.ndarray]) -> np.ndarray:
     """Return the grid's own cells: schemes on interpolated fields walk between their centres."""
-    if job.scheme.place == "field" and job.hidden is None:
+    if job.scheme.coefficients_at == "field" and job.hidden is None:
         return np.asarray(job.volume.grid.locate(position), dtype=np.int64)
     return rows["cell"][:, 0].astype(np.int64)
 
@@ -503,7 +498,7 @@ def _hidden(job: ProbeJob, cell: np.ndarray) -> np.ndarray:
 
 
 def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
-    if len(grid.shape) != 3:
+    if not grid.is_structured:
         return None
     index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
     return np.where(cell[:, None] >= 0, index, -1)
@@ -521,7 +516,7 @@ def _values(
     recorded = {n[6:]: v[:, 0] for n, v in rows.items() if n.startswith("field ")}
 
     def values(expr: Any) -> np.ndarray:
-        if job.scheme.place != "field":
+        if job.scheme.coefficients_at != "field":
             return in_cells(volume, expr, cell)
         return np.where(hidden, np.nan, on_the_ray(expr, recorded))
 

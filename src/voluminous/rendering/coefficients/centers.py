@@ -32,7 +32,7 @@ class Centers:
         self.grid, self.backend = volume.grid, backend
         self.names = [n for n in names if n in volume.coordinates and n not in volume]
         cartesian = all(name in COORDINATES for name in self.names)
-        self.traced = cartesian and hasattr(self.grid, "traced_centers")
+        self.traced = cartesian and self.grid.has_traced_centers
         self._whole: dict[str, Any] = {}
 
     def part(self, first: int, count: int) -> dict[str, Any]:

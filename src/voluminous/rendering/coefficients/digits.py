@@ -8,8 +8,8 @@ import numpy as np
 
 from ...errors import UnitsError
 from ...expressions import Expression, NumpyOps
-from ...expressions.jumps import Margin
-from ...expressions.sides import on_one_side
+from ...expressions.analysis import Margin
+from ...expressions.expression import on_one_side
 from ...fields import coordinates
 from ...media.contract import Feature
 from ...units import is_quantity, plain

@@ -90,6 +90,9 @@ class Direct:
         """Return what an earlier table of the same medium was made with."""
         return earlier
 
+    def inputs(self) -> Any:
+        return ()
+
     def split(self, values: list[Any]) -> tuple[list[Any], list[Any]]:
         """Return j and α from the values (traced in the loop)."""
         return values[: self.emissions], values[self.emissions :]

@@ -9,7 +9,9 @@ import numpy as np
 
 from ...backend import dr
 from ...backend.functions import flush_subnormal
+from ...grids.contract import Segment
 from ...memory import check_memory
+from ...schemes.base import Coefficients
 from .classify import Classifier, device_array
 
 
@@ -33,8 +35,11 @@ class OnRay:
         classifier.centers.whole()  # made before rays are traced
         self.largest = self.bounds = self.numbers.in_units(classifier.largest())
 
-    def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
-        """Return j and α of a cell."""
+    def inputs(self) -> Any:
+        return self.fields, self.classifier.centers.whole(), self.numbers.inputs()
+
+    def at(self, segment: Segment) -> Coefficients:
+        cell, active = segment.cell, segment.active
         Wide = self.backend.Wide
         values = {
             name: Wide(dr.gather(type(data), data, cell, active))

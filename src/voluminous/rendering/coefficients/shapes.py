@@ -89,6 +89,9 @@ class Shapes:
         """Return these: colours and opacities are not in the table, they may have been turned."""
         return self
 
+    def inputs(self) -> Any:
+        return self.opacity, self.peak
+
     def split(self, values: list[Any]) -> tuple[list[Any], list[Any]]:
         """Return j and α from the values (traced in the loop)."""
         alpha = self.opacity[0] * values[0]

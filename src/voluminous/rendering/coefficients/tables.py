@@ -15,8 +15,10 @@ from typing import Any
 
 from ...backend import dr
 from ...backend.functions import flush_subnormal
+from ...backend.types import Float, Mask
 from ...errors import InputError
-from ...grids.contract import Corners
+from ...grids.contract import Corners, Segment
+from ...schemes.base import Coefficients
 
 # Dr.Jit arrays, and the offsets of packets in them, are 32-bit.
 LARGEST = 2**32 - 1
@@ -68,12 +70,13 @@ class Table:
             values += [got] if width == 1 else list(got)
         return values
 
-    def at(self, cell: Any, active: Any) -> tuple[list[Any], list[Any]]:
-        """Return j and α of a cell."""
-        return self.numbers.split(self.gather(cell, active))
+    def at(self, segment: Segment) -> Coefficients:
+        return self.numbers.split(self.gather(segment.cell, segment.active))
 
-    def interpolate(self, corners: Corners, active: Any) -> list[Any]:
-        """Return all numbers interpolated between vertices."""
+    def inputs(self) -> Any:
+        return self.packets, self.numbers.inputs()
+
+    def interpolate(self, corners: Corners, active: Mask) -> list[Float]:
         total: list[Any] = []
         for vertex, weight in zip(corners.vertex, corners.weight, strict=True):
             values = self.gather(vertex, active)
@@ -128,7 +131,7 @@ def _vertex_pieces(grid: Any) -> Iterator[tuple[tuple[int, int], tuple[int, int]
 
     Layers of the first axis touch two layers of cells; the leaves of a tree are anywhere.
     """
-    if len(grid.shape) != 3:
+    if not grid.is_structured:
         for first in range(0, grid.vertex_count, SLAB):
             yield (first, min(first + SLAB, grid.vertex_count)), (0, grid.size)
         return

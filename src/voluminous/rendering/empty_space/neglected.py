@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ...expressions.interval import Interval
-from ...grids.contract import has_blocks
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
 from ..coefficients.classify import Classifier
@@ -41,7 +40,7 @@ def empty_blocks(
         How wide brackets may be, as a fraction of the brightest pixel.
     """
     volume, grid = classifier.volume, classifier.grid
-    if not has_blocks(grid):
+    if not grid.has_blocks:
         return None, Neglected(np.zeros(classifier.medium.channels), 0.0)
     shape = DUAL.shape(grid.shape)
     context = RangeContext(volume.unit, volume.expression_unit, _NOTHING)

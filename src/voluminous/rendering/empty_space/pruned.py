@@ -29,7 +29,7 @@ def can_be_pruned(classifier: Classifier) -> bool:
     """Return whether leaves can be left out, and their fields' ranges tell which."""
     names = classifier.medium.names
     fields = all(name in classifier.volume for name in names)
-    return hasattr(classifier.grid, "pruned") and fields
+    return bool(classifier.grid.can_be_pruned) and fields
 
 
 def tabled(table: Any, faint: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Fields at the corners of the cells of a tree, so that they are continuous between them.
 
 The value at a vertex is the mean of what the cells in the eight octants around it say: each its own
-value, moved along its gradient (`cell_slopes`). That is exact for linear fields, whatever the sizes
+value, moved along its gradient (`tree_slopes`). That is exact for linear fields, whatever the sizes
 of the cells, and of second order at jumps of level, where plain means are of first. Where all eight
 are alike they are moved half the way only: then the mean is off by the fourth order in the cells'
 size, and plain means by the second. It is kept between the values of the cells around; at the

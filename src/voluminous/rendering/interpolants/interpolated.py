@@ -3,20 +3,43 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Float
 from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
-from ...grids.trilinear import trilinear
+from ...grids.contract import Segment
 from ...media.context import Context
 from ...media.edges import Level
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
 from ...schemes.path import Path, layer
 from ..coefficients.classify import Classifier
 from .lattice import Corners
+
+
+@dataclass
+class FieldsAlong:
+    """All fields along a segment, from their values at the corners of its dual cell."""
+
+    source: Interpolated
+    chord: Chord
+    corners: dict[str, Corners]
+
+    def at_begin(self) -> dict[str, Float]:
+        """Return every field at the beginning of the segment."""
+        return self.source.values(self.chord, self.corners, 0.0)
+
+    def at_end(self) -> dict[str, Float]:
+        """Return every field at the end of the segment."""
+        return self.source.values(self.chord, self.corners, 1.0)
+
+    def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
+        """Return every field as a polynomial of s from 0 to 1; see `Interpolated.cubics`."""
+        return self.source.cubics(self.chord, self.corners, rough=rough)
 
 
 class Interpolated:
@@ -76,14 +99,22 @@ class Interpolated:
         allowed = (min(share * error, most) for error in (emission, transparency))
         self.tolerance = (*map(o, allowed), o(share))
 
-    def corners(self, chord: Chord, active: Any) -> dict[str, Corners]:
-        """Return the values of every field around the dual cell of a segment."""
-        return {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+    def inputs(self) -> Any:
+        return self.lattices, self.units, self.context.limits, self.tolerance, self.numbers.inputs()
+
+    def along(self, segment: Segment) -> FieldsAlong:
+        """Return the fields around the dual cell of a segment."""
+        chord = segment.walk.chord(segment.track, segment)
+        active = segment.active
+        corners = {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+        return FieldsAlong(self, chord, corners)
 
     def values(self, chord: Chord, corners: dict[str, Corners], s: float) -> dict[str, Any]:
         """Return every field at the beginning (0) or the end (1) of a segment."""
-        place = chord.end if s else chord.start
-        found = {name: self._value(name, trilinear(c, place)) for name, c in corners.items()}
+        found = {
+            name: self._value(name, self.lattices[name].at(chord, c, s))
+            for name, c in corners.items()
+        }
         for a in self.coordinates:
             here = chord.position[a] + chord.step[a] if s else chord.position[a]
             found["xyz"[a]] = self.context.real(here)
@@ -96,8 +127,9 @@ class Interpolated:
 
         Where it is none, it is one to fourth order, or to third if that is enough (`rough`).
         """
-        along = getattr(chord, "parabola", chord.cubic) if rough else chord.cubic
-        found = {name: along(values) for name, values in corners.items()}
+        found = {
+            name: self.lattices[name].along(chord, c, rough=rough) for name, c in corners.items()
+        }
         for a in self.coordinates:
             found["xyz"[a]] = [chord.position[a], chord.step[a]]
         return found

@@ -16,8 +16,8 @@ import numpy as np
 from ...backend import dr
 from ...errors import InputError
 from ...grids.cartesian.dual_walk import Chord
-from ...grids.contract import has_blocks
 from ...grids.curvilinear.field_walk import dual_values
+from ...grids.trilinear import trilinear
 from ...memory import check_memory, fits
 from ..coefficients.classify import device_array
 from ..coefficients.emission_unit import unit_near
@@ -35,8 +35,32 @@ _FIELDS = 4
 Corners = list[list[list[Any]]]
 
 
+class Lattice:
+    """A field as rays gather it: what a grid's `lattice` returns for each array.
+
+    Attributes
+    ----------
+    unit : float
+        What its values are divided by.
+    """
+
+    unit: float
+
+    def corners(self, chord: Any, active: Any) -> Corners:
+        """Return the values around the dual cell of a segment."""
+        raise NotImplementedError
+
+    def at(self, chord: Any, corners: Corners, s: float) -> Any:
+        """Return the field at the beginning (0) or the end (1) of a segment."""
+        return trilinear(corners, chord.end if s else chord.start)
+
+    def along(self, chord: Any, corners: Corners, *, rough: bool = False) -> list[Any]:
+        """Return the field along a segment, as a polynomial of s from 0 to 1."""
+        return list(chord.parabola(corners) if rough else chord.cubic(corners))
+
+
 @dataclass
-class Quads:
+class Quads(Lattice):
     """Values of faces of constant x: f[i, j, k], f[i, j, k+1], f[i, j+1, k], f[i, j+1, k+1]."""
 
     data: Any
@@ -50,7 +74,7 @@ class Quads:
 
 
 @dataclass
-class Nodes:
+class Nodes(Lattice):
     """Every value once."""
 
     data: Any
@@ -70,7 +94,7 @@ class Nodes:
 
 
 @dataclass
-class Octets:
+class Octets(Lattice):
     """The eight values of every cell of a tree side by side (`corner_values`)."""
 
     data: Any
@@ -203,21 +227,32 @@ def make_octets(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[O
     return made
 
 
-def make_lattices(
-    grid: Any, arrays: Sequence[np.ndarray], backend: Any
-) -> list[Quads | Nodes | Octets]:
-    """Return fields as rays gather them, each in the layout that pays."""
-    if len(grid.shape) == 1:
-        _check_size(8 * grid.size, backend)
-        return [*make_octets(grid, arrays, backend)]
-    return [_make_lattice(grid, array, backend) for array in arrays]
+def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[Octets]:
+    """Return the `Grid.lattice` of trees: values at the corners of their cells."""
+    _check_size(8 * grid.size, backend)
+    return make_octets(grid, arrays, backend)
 
 
-def _make_lattice(grid: Any, array: np.ndarray, backend: Any) -> Quads | Nodes:
-    unit = field_unit(array, backend)
+def curvilinear_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[Nodes]:
+    """Return the `Grid.lattice` of curvilinear grids."""
+    return [
+        make_nodes(dual_values(array, grid), backend, _checked_unit(array, backend))
+        for array in arrays
+    ]
+
+
+def cartesian_lattices(arrays: Sequence[np.ndarray], backend: Any) -> list[Quads | Nodes]:
+    """Return the `Grid.lattice` of Cartesian grids, each in the layout that pays."""
+    return [_cartesian_lattice(array, backend) for array in arrays]
+
+
+def _checked_unit(array: np.ndarray, backend: Any) -> float:
     _check_size(int(np.prod([n + 2 for n in array.shape], dtype=object)), backend)
-    if not has_blocks(grid):
-        return make_nodes(dual_values(array, grid), backend, unit)
+    return field_unit(array, backend)
+
+
+def _cartesian_lattice(array: np.ndarray, backend: Any) -> Quads | Nodes:
+    unit = _checked_unit(array, backend)
     size = quads_size(array.shape) * backend.dtype.itemsize
     small = size <= _LARGEST_QUADS and fits(4 * size)
     if small:

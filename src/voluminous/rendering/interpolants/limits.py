@@ -62,7 +62,7 @@ def difference_limits(classifier: Classifier, fraction: float) -> tuple[Limit, .
     else.
     """
     medium, grid = classifier.medium, classifier.grid
-    if medium.looks_inside or fraction <= 0 or not getattr(grid, "is_uniform", False):
+    if medium.looks_inside or fraction <= 0 or not grid.is_uniform:
         return None
     scalars = medium.scalars()
     used = {name for expr in scalars for name in expr.names}

@@ -10,11 +10,11 @@ import numpy as np
 
 from ...backend import dr, from_host
 from ...grids.cartesian.coarse_walk import CoarseChord, padded_count
-from .lattice import Corners, Nodes, Quads, faces
+from .lattice import Corners, Lattice, Nodes, Quads, faces
 
 
 @dataclass
-class Pyramid:
+class Pyramid(Lattice):
     """Quads of every 2nd, 4th and 8th centre, one after the other, and all centres.
 
     Attributes
@@ -33,10 +33,9 @@ class Pyramid:
     levels: list[tuple[Any, ...]]
     packet: Any
 
-    @property
-    def unit(self) -> float:
-        """The number that values are divided by."""
-        return self.fine.unit
+    def __post_init__(self) -> None:
+        """Take the unit of the finest values."""
+        self.unit = self.fine.unit
 
     def corners(self, chord: CoarseChord, active: Any) -> Corners:
         """Return the eight values around a cube of dual cells."""

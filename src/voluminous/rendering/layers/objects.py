@@ -35,12 +35,12 @@ def check_objects(objects: Any, bounds: Any) -> list[SceneObject]:
     """
     listed = [objects] if isinstance(objects, SceneObject) else objects
     if not isinstance(listed, Sequence) or isinstance(listed, str):
-        raise InputError(f"objects must be a list of vm.Star, vm.Lines, …, got {objects!r}")
+        raise InputError(f"objects must be a list of vm.Stars, vm.Lines, …, got {objects!r}")
     for number, one in enumerate(listed):
         if not isinstance(one, SceneObject):
             raise InputError(
-                f"objects must be vm.Star, vm.Stars, vm.Spheres, vm.Lines, vm.boxes(…), "
-                f"vm.axes(…), …; number {number} is of type {type(one).__name__}"
+                f"objects must be vm.Stars, vm.Spheres, vm.Lines, vm.Boxes, vm.Axes, "
+                f"…; number {number} is of type {type(one).__name__}"
             )
     if len(listed) and bounds is not False:
         raise InputError("guaranteed bounds are of the medium alone: leave out objects, or bounds")

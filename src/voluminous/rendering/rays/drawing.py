@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import dr
-from ...grids.contract import Ray, cells_across
+from ...grids.contract import Ray
 from ...schemes.path import Path, empty_path
 from .found import Batch, Found, Numbers
 from .hidden import Hiding, through_cells
@@ -53,7 +53,7 @@ class Drawing:
         if job.hidden is not None:
             self.walk = through_cells(self.walk, grid, job.backend)
             self.scheme = Hiding(job.scheme, job.hidden.on(job.backend))
-        per_lane = _share_of_steps(source.blocks) * cells_across(grid)
+        per_lane = _share_of_steps(source.blocks) * grid.cells_across
         self.batch = max(1, int(_STEPS_PER_BATCH / per_lane) // BLOCK**2) * BLOCK**2
         self.ending = self._ending(brightest_background)
         self.vectors = job.frame.traced_vectors(job.backend)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ...geometry import CARTESIAN, CYLINDRICAL, SPHERICAL
+from ...geometry import CYLINDRICAL, SPHERICAL
 from .drawing import Drawing
 from .narrowest import Narrowest, NarrowestOfTree
 from .narrowest_round import NarrowestOfCylinder, NarrowestOfSphere
@@ -147,7 +147,7 @@ def _narrowest(job: Job) -> Narrowest:
         return NarrowestOfSphere(grid, job.backend, job.backward)
     if kind == CYLINDRICAL:
         return NarrowestOfCylinder(grid, job.backend)
-    if kind == CARTESIAN and hasattr(grid, "base_edges"):
+    if grid.base_edges:
         return NarrowestOfTree(grid, job.backend)
     raise InputError(
         f"samples='flux-conserving' is not known on a {type(grid).__name__}; use samples='adaptive'"

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Float, Int, Mask
+from ...grids.contract import Segment
 from ...grids.two_walks import TwoWalks, cell_of
-from ...schemes.contract import carried_beyond
+from ...schemes.base import Position, Scheme, Solution
 from ...schemes.path import empty_path
 
 
@@ -33,28 +35,33 @@ class Hidden:
 
 def through_cells(walk: Any, grid: Any, backend: Any) -> Any:
     """Return a walk whose segments lie in one cell of the grid each."""
-    own = len(grid.shape) != 3 or not hasattr(walk, "chord")
-    return walk if own else TwoWalks(walk, grid.walk(backend))
+    return walk if walk.in_cells else TwoWalks(walk, grid.walk(backend))
 
 
-class Hiding:
+class Hiding(Scheme):
     """A scheme that leaves out segments in hidden cells; otherwise it is another."""
 
-    def __init__(self, scheme: Any, bits: Any) -> None:
+    def __init__(self, scheme: Scheme, bits: Int) -> None:
         self.scheme, self.bits = scheme, bits
+        self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
+        self.controlled = scheme.controlled
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.scheme, name)
+    def start(self, position: Position, source: Any) -> list[Float]:
+        return self.scheme.start(position, source)
+
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
+    ) -> list[Float]:
+        return self.scheme.after_skip(position, source, carried, moved)
 
     def solve(
-        self, source: Any, walk: Any, track: Any, segment: Any, carried: list[Any], backward: bool
-    ) -> tuple[Any, list[Any]]:
-        """Return the segment's solution, and what to carry on."""
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
         cell = cell_of(segment)
         word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
         hidden = (word >> (cell & 31)) & 1 == 1
-        found, onward = self.scheme.solve(source, walk, track, segment, carried, backward)
+        found, onward = self.scheme.solve(segment, source, carried)
         parts = (found.emission, found.transparency, found.error)
         nothing = empty_path(type(segment.length), *(len(part) for part in parts))
-        beyond = carried_beyond(self.scheme, carried, onward)
+        beyond = self.scheme.after_hidden(carried, onward)
         return dr.select(hidden, nothing, found), dr.select(hidden, beyond, onward)

@@ -8,7 +8,8 @@ from typing import Any
 from ...backend import dr
 from ...backend.types import Mask
 from ...grids.cartesian.leap import Way, leap
-from ...grids.contract import Landing, Ray, has_gaps
+from ...grids.contract import Landing, Ray
+from ...schemes.base import Position, Scheme, Source
 from ...schemes.path import Path, most, over
 
 
@@ -68,8 +69,8 @@ class State:
 
 def march(
     walk: Any,
-    source: Any,
-    scheme: Any,
+    source: Source,
+    scheme: Scheme,
     ray: Ray,
     before: RayState,
     cutoff: Cutoff | None,
@@ -94,7 +95,7 @@ def march(
     """
     track, cursor = walk.enter(ray)
     never = cursor.inside & False
-    carried = scheme.start(source, walk, track, cursor)
+    carried = scheme.start(Position(walk, track, cursor), source)
     if before.carried is not None:
         carried = dr.select(before.begun, before.carried, carried)
     state = State(cursor, carried, before.path, never if before.over is None else before.over)
@@ -104,8 +105,9 @@ def march(
 
     def step(state: State) -> tuple[State]:
         segment, cursor = walk.next(track, state.cursor)
-        segment.ray = ray
-        solution, carried = scheme.solve(source, walk, track, segment, state.carried, backward)
+        segment.ray, segment.walk, segment.track = ray, walk, track
+        segment.backward = backward
+        solution, carried = scheme.solve(segment, source, state.carried)
         front, back = (solution, state.path) if backward else (state.path, solution)
         # The path BEFORE this segment is tested: the next look-up then need not wait for this
         # segment's exponential (first order: 32 instead of 43 ms; one segment more is harmless).
@@ -122,7 +124,8 @@ def march(
             found = leap(way, state.cursor)
         else:
             found = walk.cross(track, state.cursor)
-        carried = scheme.leapt(source, walk, track, found.cursor, state.carried, found.moved)
+        here = Position(walk, track, found.cursor)
+        carried = scheme.after_skip(here, source, state.carried, found.moved)
 
         def within(state: State) -> Any:
             return going_on(state) & found.holds(state.cursor)
@@ -136,7 +139,7 @@ def march(
         (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} cells")
         return (left,)
 
-    body = visit if leaps or has_gaps(walk) else step
+    body = visit if leaps or walk.has_gaps else step
     (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
     return state
 

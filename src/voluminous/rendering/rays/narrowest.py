@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ...grids.contract import Ray, has_gaps
+from ...grids.contract import Ray
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Narrowest:
 
         def step(state: State) -> tuple[State]:
             here = state.cursor
-            if has_gaps(self.walk):
+            if self.walk.has_gaps:
                 here = self.walk.cross(track, here).cursor
             segment, cursor = self.walk.next(track, here)
             width = self.width(here, segment, sight)

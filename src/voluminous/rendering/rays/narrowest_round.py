@@ -60,7 +60,7 @@ class NarrowestOfSphere(Narrowest):
         r = grid.edges[0] / grid.scale
         self.inner, self.outer = backend.wide(r[0]), backend.wide(r[-1])
         # Cells that differ in φ only are alike, of grids that are not refined.
-        self.alike = dr.opaque(backend.UInt, grid.shape[2] if len(grid.shape) == 3 else 1)
+        self.alike = dr.opaque(backend.UInt, grid.shape[2] if grid.is_structured else 1)
         low, high = _profile(grid)
         across = np.minimum(np.minimum(low[1] + high[1], 2 * np.pi - low[1] - high[1]) / 2, 1.0)
         polar = high[1] - low[1]
@@ -126,7 +126,7 @@ class NarrowestOfCylinder(Narrowest):
 
 def _profile(grid: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return where cells begin and end along r and θ, (2, n): one of all that are alike."""
-    if len(grid.shape) == 1:
+    if not grid.is_structured:
         low, high = grid.spans()
         return low[:2], high[:2]
     walls = grid.edges[:2]

@@ -44,6 +44,6 @@ def get_source(
     """
     numbers = plan_numbers(medium, scheme, backend)
     classifier = Classifier(volume, medium, numbers, backend, cache.statistics)
-    if scheme.place == "field":
+    if scheme.coefficients_at == "field":
         return interpolated_fields(classifier, cache, scheme, tolerance, faintest, whole)
     return tabulated(classifier, cache, scheme, steps, report, whole)

@@ -81,7 +81,7 @@ def _lost_by_places(backend: Any, contrast: float) -> float:
 def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
     """Where fields along a segment are no polynomials, have them near enough to one."""
     walk = source.walk or source.classifier.grid.walk(source.backend, source.walk_kind)
-    if hasattr(walk, "kept_to"):
+    if walk.approximate:
         source.walk = walk.kept_to(tolerance / contrast)
         source.lost += _LOST_BY_CUBICS * tolerance
 

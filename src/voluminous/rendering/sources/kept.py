@@ -6,7 +6,6 @@ import functools
 from typing import Any
 
 from ...expressions.interval import Interval
-from ...grids.contract import has_blocks
 from ..cache import Cache
 from ..coefficients.classify import Classifier
 from ..empty_space.blocks import (
@@ -17,7 +16,6 @@ from ..empty_space.blocks import (
     worthwhile_blocks,
 )
 from ..interpolants.coarse import wide_steps
-from ..interpolants.lattice import make_lattices
 from ..interpolants.limits import difference_limits
 from ..interpolants.pyramid import make_pyramid
 
@@ -30,7 +28,7 @@ def get_lattices(classifier: Classifier, cache: Cache, blocks: Any = None) -> di
     keys = {n: ("lattice", n, backend, cache.statistics.digest(n)) for n in names}
     found = {name: cache.get(key) for name, key in keys.items()}
     lacking = [name for name in names if found[name] is None]
-    made = make_lattices(volume.grid, [volume.array(name) for name in lacking], backend)
+    made = volume.grid.lattice([volume.array(name) for name in lacking], backend)
     for name, lattice in zip(lacking, made, strict=True):
         found[name] = cache.put(keys[name], lattice)
     if not steps:
@@ -47,7 +45,7 @@ def get_blocks(
 ) -> Any:
     """Return the blocks that rays may leap over, or None; kept with the volume."""
     medium, backend = classifier.medium, classifier.backend
-    if not has_blocks(classifier.grid):
+    if not classifier.grid.has_blocks:
         return None
     limits = difference_limits(classifier, coarseness)
 
@@ -79,7 +77,7 @@ def get_ranges(classifier: Classifier, cache: Cache, window: Window) -> dict[str
     Where there are no blocks, of the whole volume.
     """
     names = classifier.medium.names
-    if not has_blocks(classifier.grid):
+    if not classifier.grid.has_blocks:
         return {name: classifier.statistics.range_of(name) for name in names}
     return {name: _ranges(classifier.volume, cache, name, window) for name in names}
 

@@ -34,12 +34,13 @@ def tabulated(
     """Return a table, made or kept; or the medium on the ray, where a table is not worth it."""
     volume, backend, numbers = classifier.volume, classifier.backend, classifier.numbers
     needed = table_bytes(classifier, scheme, backend)
-    crowded = scheme.place == "cell" and _crowded(numbers, needed, volume.grid.size / steps)
+    crowded = scheme.coefficients_at == "cell" and _crowded(
+        numbers, needed, volume.grid.size / steps
+    )
     if crowded and not volume.tables:  # not even hashed: that takes a while for 1024³
         return _on_ray(classifier, backend)
-    complete = getattr(scheme, "complete", False)  # it leaves nothing out, however faint
-    everywhere = getattr(scheme, "everywhere", False)  # nor where there is nothing
-    faint = 0.0 if complete else _FAINT[backend.precision]
+    everywhere = scheme.everywhere
+    faint = 0.0 if scheme.complete else _FAINT[backend.precision]
     key = _key(classifier, scheme, cache, (faint, everywhere))
     found = None if key is None else cache.get(key)
     if found is not None:
@@ -48,7 +49,7 @@ def tabulated(
         return _on_ray(classifier, backend)
     check_memory(needed + SLABS, f"the table of scheme {scheme.name!r}", _ADVICE)
     numbers.normalise(classifier.largest())
-    make = cell_table if scheme.place == "cell" else vertex_table
+    make = cell_table if scheme.coefficients_at == "cell" else vertex_table
     table = make(classifier, backend, report)
     if not everywhere:
         table.blocks = get_blocks(classifier, cache, faint, CELLS)
@@ -57,7 +58,7 @@ def tabulated(
 
 
 def _pruned(table: Table, grid: Any, scheme: Any, faint: float) -> Any:
-    if scheme.place != "cell" or not hasattr(grid, "pruned"):
+    if scheme.coefficients_at != "cell" or not grid.can_be_pruned:
         return None
     return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
 
@@ -84,7 +85,7 @@ def _on_ray(classifier: Classifier, backend: Any) -> OnRay:
 def table_bytes(classifier: Classifier, scheme: Any, backend: Any) -> int:
     """Return the memory of a scheme's table."""
     grid = classifier.grid
-    places = grid.vertex_count if scheme.place == "vertex" else grid.size
+    places = grid.vertex_count if scheme.coefficients_at == "vertex" else grid.size
     return places * classifier.numbers.count * backend.dtype.itemsize
 
 
@@ -94,4 +95,4 @@ def _key(classifier: Classifier, scheme: Any, cache: Cache, left_out: tuple[Any,
         return None
     backend = classifier.backend
     names = classifier.medium.names
-    return (own, scheme.place, left_out, backend, cache.statistics.digests(names))
+    return (own, scheme.coefficients_at, left_out, backend, cache.statistics.digests(names))

@@ -1,18 +1,16 @@
-"""Coordinates of pixel centres on the image plane, the size of a pixel and the outer edges."""
+"""What an image is made of, checked: arrays, coordinates and their units, world coordinates."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import json
+import warnings
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnitsError
 from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
-
-if TYPE_CHECKING:
-    from .image import Image
-
 
 Array = NDArray[np.floating[Any]]
 
@@ -190,27 +188,70 @@ def extent(x: Axis, y: Axis, size: tuple[float, float]) -> tuple[float, float, f
     )
 
 
-def changed(image: Image, **changes: Any) -> Image:
-    """Return an image with other values of some arguments of `Image`; the rest stays.
+def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
+    """Return the WCS of an image: an astropy WCS of two axes, or one as the text of a header.
 
     Parameters
     ----------
-    image : Image
-        It stays as it is, and shares its arrays.
-    **changes
-        Arguments of `Image`; planes that are given as None are left out.
+    value : astropy.wcs.WCS, str or None
+        Of pixels, the centre of the lower left one being 0, 0.
+    shape : tuple of int
+        Rows and columns of the image.
+
+    Raises
+    ------
+    InputError
+        If it is something else, or has other axes.
     """
-    names = ("intensity", "x", "y", "unit", "intensity_unit", "pixel_size", "wcs")
-    known = {name: getattr(image, name) for name in (*names, "camera", "provenance")}
-    beside = [name for name in PLANES if name not in changes]
-    if image.waits_for_depth and "optical_depth" in beside:  # it takes a picture to compute
-        beside.remove("optical_depth")
-        known["optical_depth"] = lambda: plane_of(image, "optical_depth")
-    known |= {name: plane_of(image, name) for name in beside}
-    return type(image)(**{**known, **changes})
+    if value is None:
+        return None
+    wcs = _from_text(value) if isinstance(value, str) else value
+    if getattr(wcs, "pixel_n_dim", None) != 2 or not hasattr(wcs, "to_header"):
+        raise InputError(f"wcs must be an astropy.wcs.WCS of two axes, got {value!r}")
+    if wcs.pixel_shape is None:
+        wcs.pixel_shape = (shape[1], shape[0])
+    if tuple(wcs.pixel_shape) != (shape[1], shape[0]):
+        raise InputError(
+            f"wcs is for {wcs.pixel_shape[0]} x {wcs.pixel_shape[1]} pixels, the image has "
+            f"{shape[1]} x {shape[0]}"
+        )
+    return wcs
 
 
-def plane_of(image: Image, name: str) -> Any:
-    """Return one of the planes beside the intensity, without channels that are all the same."""
-    found = getattr(image, name)
-    return None if found is None else gathered(found)
+def text_of(wcs: Any) -> str:
+    """Return a WCS as the text of a FITS header."""
+    return str(wcs.to_header_string(relax=True))
+
+
+def _from_text(text: str) -> Any:
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return WCS(Header.fromstring(text), relax=True)
+
+
+def json_value(value: Any, what: str) -> Any:
+    """Return `value` as it will be after saving and loading: dicts, lists, strings and numbers.
+
+    Raises
+    ------
+    InputError
+        If there is something in it that JSON cannot hold.
+    """
+    if value is None:
+        return None
+    try:
+        return json.loads(json.dumps(value, default=_plain_number))
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{what} must be made of dicts, lists, strings, numbers, booleans and None, "
+            f"so that it can be saved: {error}"
+        ) from error
+
+
+def _plain_number(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise TypeError(f"{value!r} is a {type(value).__name__}")

@@ -262,7 +262,7 @@ _TWICE = 2.0
 _GOLDEN = 0.5 * (5**0.5 - 1)
 
 
-def auto(
+def suggest_medium(
     volume: Volume,
     expr: Any = None,
     n: int = 4,
@@ -315,10 +315,10 @@ def auto(
     --------
     >>> import voluminous as vm
     >>> core = vm.models.prestellar_core(32)
-    >>> [shell.expr.text for shell in vm.auto(core, n=2).components()]
+    >>> [shell.expr.text for shell in vm.suggest_medium(core, n=2).components()]
     ['log10(density)', 'log10(density)']
     """
-    check_volume("auto", "first", volume)
+    check_volume("suggest_medium", "first", volume)
     volume.refresh()  # derivatives of fields that were changed in place
     count, depth = shell_count(n), positive_opacity(opacity)
     scalar = main_scalar(volume) if expr is None else _expression(expr)

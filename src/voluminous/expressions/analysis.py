@@ -1,15 +1,19 @@
-"""Where expressions jump, which is where two sides of a comparison are equal; or not at all."""
+"""Properties of expressions along a ray: where they jump, are smooth, or monotonic.
+
+An expression jumps where two sides of a comparison are equal. Along a piece of ray fields are
+polynomials with Bézier control points. Sums of them have the sums of these, and stay between them
+(Farin 2002, section 5.1); so does a monotonic function of a sum.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from itertools import pairwise
 from typing import Any
 
-from .monotone import Kind, kind_of
 from .ops import Ops
-from .steps import in_steps
 from .tree import (
     Call,
     Comparison,
@@ -22,8 +26,93 @@ from .tree import (
     Node,
     Steps,
     Where,
+    in_steps,
     nodes,
 )
+
+
+class Monotonicity(IntEnum):
+    """What is known of an expression: each includes those before it."""
+
+    CONSTANT = 0
+    SUM = 1
+    MONOTONIC = 2
+    ANY = 3
+
+
+_SUMS = ("add", "subtract", "negative", "positive")
+_MONOTONIC = ("log10", "log", "exp", "sqrt", "tanh")
+_LIMITS = ("min", "max", "clip")
+
+
+def kind_of(
+    node: Node, curved: Collection[str] = (), steps: Sequence[Monotonicity] = ()
+) -> Monotonicity:
+    """Return what is known of an expression.
+
+    Parameters
+    ----------
+    node : Node
+        The tree.
+    curved : collection of str
+        Names that are no polynomials along rays, such as the radius.
+    steps : sequence of Monotonicity
+        What is known of the steps before it.
+    """
+    match node:
+        case Constant():
+            return Monotonicity.CONSTANT
+        case Field(name):
+            return Monotonicity.ANY if name in curved else Monotonicity.SUM
+        case Earlier(step):
+            return steps[step]
+        case Steps(own, result):
+            kinds: list[Monotonicity] = []
+            for one in own:
+                kinds.append(kind_of(one, curved, kinds))
+            return kind_of(result, curved, kinds)
+        case IntegerPower(base, exponent):
+            return _whole_power(kind_of(base, curved, steps), exponent)
+        case Call("power", (base, Constant(exponent))) if exponent.is_integer():
+            return _whole_power(kind_of(base, curved, steps), exponent)
+        case Interpolation(argument, _, entries):
+            return _table(kind_of(argument, curved, steps), entries)
+        case Call(operation, arguments):
+            return _call(operation, [kind_of(a, curved, steps) for a in arguments])
+    return Monotonicity.ANY
+
+
+def _call(operation: str, kinds: list[Monotonicity]) -> Monotonicity:
+    most, varying = max(kinds), sum(k != Monotonicity.CONSTANT for k in kinds)
+    if most == Monotonicity.CONSTANT or (operation in _SUMS and most == Monotonicity.SUM):
+        return most
+    if varying > 1 or most == Monotonicity.ANY:
+        return Monotonicity.ANY
+    if operation == "multiply" or (operation == "divide" and kinds[1] == Monotonicity.CONSTANT):
+        return most
+    # A power has no value for negative numbers, unless its exponent is whole.
+    if operation in (*_SUMS, *_MONOTONIC, *_LIMITS, "power"):
+        return Monotonicity.MONOTONIC
+    return Monotonicity.ANY
+
+
+def _table(argument: Monotonicity, entries: tuple[float, ...]) -> Monotonicity:
+    if argument in (Monotonicity.CONSTANT, Monotonicity.ANY):
+        return argument
+    one_way = list(entries) in (sorted(entries), sorted(entries, reverse=True))
+    return Monotonicity.MONOTONIC if one_way else Monotonicity.ANY
+
+
+def _whole_power(base: Monotonicity, exponent: float) -> Monotonicity:
+    """Return what is known of a whole power: odd ones grow with the base, if they have no pole."""
+    if base == Monotonicity.CONSTANT:
+        return base
+    return (
+        max(base, Monotonicity.MONOTONIC)
+        if exponent > 0 and exponent % 2 == 1
+        else Monotonicity.ANY
+    )
+
 
 _ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "positive")
 _PEAKED = frozenset(
@@ -55,7 +144,7 @@ class Margin:
         """Whether one of the sides may be undefined, infinite or either of two values."""
         return is_partial(self.left) or is_partial(self.right)
 
-    def kind(self, curved: Collection[str] = ()) -> Kind:
+    def kind(self, curved: Collection[str] = ()) -> Monotonicity:
         """Return what is known of the difference; see `Expression.kind`."""
         return kind_of(Call("subtract", (self.left, self.right)), curved)
 

@@ -1,14 +1,15 @@
-"""``array.voluminous``: pictures and volumes of what xarray holds."""
+"""``import voluminous.xarray`` gives xarray's arrays and data sets ``.voluminous``."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import xarray
+
 if TYPE_CHECKING:
     from .image import Image
     from .volume import Volume
 
-NAME = "voluminous"
 # Options of `to_volume` that `render` takes too; all others are those of `voluminous.render`.
 _PLACES = ("fields", "dims", "isel", "sel", "bounds", "spacing", "aspect", "unit")
 
@@ -31,33 +32,30 @@ class Accessor:
         Parameters
         ----------
         medium : Medium or str, optional
-            By default `voluminous.auto` finds one, for the field or expression if that is given.
+            By default `voluminous.suggest_medium` finds one, for the field or
+            expression if that is given.
         camera : camera, optional
             By default all is seen, from obliquely above.
         **options
             ``fields, dims, isel, sel, bounds, spacing, aspect, unit`` as in
             `voluminous.from_xarray`; all others as in `voluminous.render`.
         """
-        from .calibration import auto
+        from .calibration import suggest_medium
         from .rendering import render
 
         places = {name: options.pop(name) for name in _PLACES if name in options}
         volume = self.to_volume(**places)
         if isinstance(medium, str):
-            medium = auto(volume, medium)
+            medium = suggest_medium(volume, medium)
         return render(volume, medium, camera, **options)
 
     def __repr__(self) -> str:
         return "<voluminous: .to_volume(…), .render(…)>"
 
 
-def register() -> None:
-    """Give xarray's arrays and data sets the accessor, unless they have it."""
-    import xarray
-
-    for kind, attach in (
-        (xarray.DataArray, xarray.register_dataarray_accessor),
-        (xarray.Dataset, xarray.register_dataset_accessor),
-    ):
-        if not hasattr(kind, NAME):
-            attach(NAME)(Accessor)
+for _kind, _attach in (
+    (xarray.DataArray, xarray.register_dataarray_accessor),
+    (xarray.Dataset, xarray.register_dataset_accessor),
+):
+    if not hasattr(_kind, "voluminous"):
+        _attach("voluminous")(Accessor)

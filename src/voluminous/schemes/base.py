@@ -1,0 +1,179 @@
+"""The contract of a scheme: how one segment of a ray is solved.
+
+The transfer equation over a segment gives an emission b and a transparency θ per channel. A scheme
+says what it needs of the volume beforehand, what it carries along a ray from one segment to the
+next, and how both give (b, θ).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from ..backend import Backend, dr
+from ..backend.types import Float, Mask
+from ..grids.contract import Corners, Segment
+from .path import Path
+
+# A solved segment is a piece of path like any other.
+Solution = Path
+# j per emission and α per extinction.
+Coefficients = tuple[list[Float], list[Float]]
+
+
+class Source(Protocol):
+    """Where a scheme gets its coefficients from."""
+
+    numbers: Any  # the numbers that are integrated: `sources.channel_layout`
+    backend: Backend
+    blocks: Any  # of empty space, or None
+
+    def at(self, segment: Segment) -> Coefficients:
+        """Return j and α of a segment's cell."""
+
+    def interpolate(self, corners: Corners, active: Mask) -> list[Float]:
+        """Return all numbers, interpolated between vertices."""
+
+    def along(self, segment: Segment) -> Any:
+        """Return the fields along a segment."""
+
+    def inputs(self) -> Any:
+        """Return all arrays that a kernel reads: a list, dictionary or dataclass of them."""
+
+
+@dataclass
+class Position:
+    """Where rays are in a walk: `track` is constant along a ray, `cursor` moves."""
+
+    walk: Any
+    track: Any
+    cursor: Any
+
+
+class Scheme:
+    """How a segment is solved; the base class of all schemes.
+
+    Attributes
+    ----------
+    name : str
+    order : int
+        Order of convergence in the cell size.
+    coefficients_at : {"cell", "vertex", "field"}
+        Where coefficients are tabulated; ``"field"``: fields are interpolated instead.
+    linear : bool
+        The emission is linear in the emissivity, whatever the extinction.
+    controlled : bool
+        It keeps to a tolerance and estimates its error (`Path.error`).
+    coarseness : float
+        For ``"field"``: scalars may be off by this fraction of a structure's width.
+    radmc3d_steps : bool
+        Positions are rounded, and segments divided, as in RADMC-3D.
+    complete : bool
+        Nothing is left out because it is faint.
+    everywhere : bool
+        Empty cells are visited, too.
+    """
+
+    name: str
+    order: int = 1
+    coefficients_at: str = "cell"
+    linear: bool = True
+    controlled: bool = False
+    coarseness: float = 0.0
+    radmc3d_steps: bool = False
+    complete: bool = False
+    everywhere: bool = False
+
+    def start(self, position: Position, source: Any) -> list[Float]:
+        """Return what is carried along rays, where they enter."""
+        return []
+
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
+    ) -> list[Float]:
+        """Return what rays carry, some of which (`moved`) crossed empty space to a position."""
+        return carried
+
+    def solve(
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
+        """Return the solution of a segment, and what to carry on.
+
+        Parameters
+        ----------
+        segment : Segment
+            ``segment.length`` is in units of the grid's scale, as are coefficients. Where
+            ``segment.backward`` its end is nearer to the camera than its beginning.
+        source : Source
+            The coefficients.
+        carried : list of arrays
+            As returned for the segment before, or by `start`.
+        """
+        raise NotImplementedError
+
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
+        """Return what to carry on from a segment whose solution is left out.
+
+        Parameters
+        ----------
+        carried, onward : list of arrays
+            Carried to the segment, and carried on had it been seen.
+        """
+        return onward
+
+    def key(self) -> Hashable:
+        """Return what identifies the scheme: equal keys share traced kernels.
+
+        None, for never, where a class is not of this package: its state may change unseen.
+        """
+        own = type(self).__module__.rpartition(".")[0] == __package__
+        return (type(self).__name__, *sorted(vars(self).items())) if own else None
+
+
+def interpolated_at(
+    position: Position, source: Any, values: list[Float], moved: Mask
+) -> list[Float]:
+    """Return the coefficients at a position: interpolated anew for rays that have moved."""
+
+    def anew(values: list[Float]) -> list[Float]:
+        corners = position.walk.entry_corners(position.track, position.cursor)
+        return list(source.interpolate(corners, moved & position.cursor.inside))
+
+    def same(values: list[Float]) -> list[Float]:
+        return values
+
+    return list(dr.if_stmt((values,), moved, anew, same))
+
+
+class VertexScheme(Scheme):
+    """Coefficients are averaged to vertices, and bilinear on the walls that a ray crosses.
+
+    The values at one wall are carried along: each wall is interpolated once.
+    """
+
+    order = 2
+    coefficients_at = "vertex"
+
+    def start(self, position: Position, source: Any) -> list[Float]:
+        cursor = position.cursor
+        corners = position.walk.entry_corners(position.track, cursor)
+        return list(source.interpolate(corners, cursor.inside))
+
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
+    ) -> list[Float]:
+        return interpolated_at(position, source, carried, moved)
+
+    def solve(
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
+        corners = segment.walk.exit_corners(segment.track, segment)
+        reached = list(source.interpolate(corners, segment.active))
+        front, back = (reached, carried) if segment.backward else (carried, reached)
+        split = source.numbers.split
+        return self.between(split(front), split(back), segment.length), reached
+
+    def between(self, front: Coefficients, back: Coefficients, length: Float) -> Solution:
+        """Return the solution of a segment from the coefficients at its two ends."""
+        raise NotImplementedError

@@ -1,0 +1,117 @@
+"""Pre-integrated: every segment is one panel, without error control.
+
+Only the value of each scalar where the ray leaves a cell is computed: the medium's integrals
+between that and the value where it entered are known in closed form (Engel, Kraus & Ertl 2001,
+*High-quality pre-integrated volume rendering*). Where the scalars are nearly linear over cubes of
+2, 4 or 8 cells, those are one segment. That takes a half to a sixth of the time of
+``"post-classified"``, but gives no error: it is of second order in the cell size, and does not see
+structures between the ends of a segment.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import TYPE_CHECKING, Any
+
+from ..backend import dr
+from ..backend.types import Float, Mask
+from ..grids.contract import Segment
+from .base import Position, Scheme, Solution
+from .path import Path, empty_path, layer
+
+if TYPE_CHECKING:
+    from ..expressions import Expression
+    from ..media.stretch import Panel, Straight
+
+# The core of the note: 1.9e-3 of the maximum rms, and 0.9 of the steps that 0.1 takes (1.6e-3).
+_COARSENESS = 0.2
+
+
+class PreIntegrated(Scheme):
+    """Classify interpolated fields, one panel per segment.
+
+    Parameters
+    ----------
+    coarseness : float
+        Segments may be wider than a cell where the medium's scalars are linear but for this
+        fraction of the width of its structures, and more where little of those shows.
+    """
+
+    name = "pre-integrated"
+    order = 2
+    coefficients_at = "field"
+
+    def __init__(self, coarseness: float = _COARSENESS) -> None:
+        self.coarseness = coarseness
+
+    def start(self, position: Position, source: Any) -> list[Float]:
+        """Carry the scalars where the ray is: not computed yet (NaN)."""
+        return [source.context.real(math.nan) for _ in source.scalars]
+
+    def after_skip(
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
+    ) -> list[Float]:
+        return [dr.select(moved, math.nan, x) for x in carried]
+
+    def solve(
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
+        fields = source.along(segment)
+        stretch = _straight(source, fields, segment.length)
+        last = fields.at_end()
+        for expr, before in zip(source.scalars, carried, strict=True):
+            first = dr.if_stmt(
+                args=(before,),
+                cond=dr.isnan(before),
+                true_fn=functools.partial(_at_begin, source, expr, fields),
+                false_fn=_same,
+            )
+            stretch.set_scalar(expr, 0.0, first)
+            stretch.set_scalar(expr, 1.0, source.context.evaluate(expr, last))
+        ends = [[stretch.scalar(expr, s) for s in (0.0, 1.0)] for expr in source.scalars]
+        visible, _ = source.visible(stretch)
+        path = dr.if_stmt(
+            args=(ends, segment.length),
+            cond=visible & segment.active,
+            true_fn=functools.partial(_visible, source, fields),
+            false_fn=functools.partial(_invisible, source),
+        )
+        return path, [
+            dr.select(segment.active, value, before)
+            for (_, value), before in zip(ends, carried, strict=True)
+        ]
+
+
+def _straight(source: Any, fields: Any, length: Float) -> Straight:
+    """Return a segment with linear scalars, and with its fields if the medium needs them."""
+    inside = fields.polynomials(rough=True) if source.looks_inside else {}
+    straight: Straight = source.straight(inside, length)
+    return straight
+
+
+def _at_begin(source: Any, expr: Expression, fields: Any, before: Float) -> Float:
+    return source.context.evaluate(expr, fields.at_begin())
+
+
+def _same(before: Float) -> Float:
+    return before
+
+
+def _invisible(source: Any, ends: Any, length: Float) -> Path:
+    return empty_path(type(length), source.numbers.emissions, source.numbers.extinctions)
+
+
+def _visible(source: Any, fields: Any, ends: list[list[Float]], length: Float) -> Path:
+    stretch = _straight(source, fields, length)
+    for expr, values in zip(source.scalars, ends, strict=True):
+        for s, value in zip((0.0, 1.0), values, strict=True):
+            stretch.set_scalar(expr, s, value)
+    return solve_panel(source, stretch.panel(0.0, 1.0))
+
+
+def solve_panel(source: Any, panel: Panel) -> Path:
+    """Return a panel solved with its mean coefficients."""
+    j, alpha = source.means(panel)
+    length = panel.length
+    return layer([jc * length for jc in j], [a * length for a in alpha])
