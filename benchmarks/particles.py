@@ -43,9 +43,9 @@ def particles(kind: str, count: int) -> tuple[np.ndarray, np.ndarray]:
 def run(kind: str, count: int) -> None:
     """Place particles and print cells, seconds passed, processor seconds and memory."""
     points, spacing = particles(kind, count)
-    vm.from_particles(points[:100], 1.0, **options_of(kind, points[:100], spacing[:100]))
+    vm.Volume.from_particles(points[:100], 1.0, **options_of(kind, points[:100], spacing[:100]))
     passed, busy = time.perf_counter(), time.process_time()
-    volume = vm.from_particles(
+    volume = vm.Volume.from_particles(
         points, 1.0, fields={"velocity": points}, **options_of(kind, points, spacing)
     )
     passed, busy = time.perf_counter() - passed, time.process_time() - busy

@@ -348,11 +348,11 @@ def test_what_makes_no_sense():
         vm.project(VOLUME, "a > 0", DOWN, "first", progress=3)
     with pytest.raises(vm.InputError, match="tau must be a positive number"):
         vm.tau_surface(VOLUME, vm.Coefficients(0, "a"), DOWN, 0)
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'max'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'max'"):
         vm.project(VOLUME, "a", DOWN, "maxx")
     with pytest.raises(vm.InputError, match="n, the highest moment"):
         vm.moments(VOLUME, "rho", DOWN, "v", 5)
-    with pytest.raises(vm.UnknownNameError, match="unknown field 'w'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown field 'w'"):
         vm.moments(VOLUME, "rho", DOWN, "w")
 
 

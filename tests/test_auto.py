@@ -283,8 +283,8 @@ def test_an_expression_may_be_given():
 @pytest.mark.parametrize(
     ("options", "error", "told"),
     [
-        ({"expr": "densty"}, vm.UnknownNameError, "density"),
-        ({"cmap": "turbot"}, vm.UnknownNameError, "turbo"),
+        ({"expr": "densty"}, vm.errors.UnknownNameError, "density"),
+        ({"cmap": "turbot"}, vm.errors.UnknownNameError, "turbo"),
         ({"n": 0}, vm.InputError, "positive whole number"),
         ({"n": 2.5}, vm.InputError, "positive whole number"),
         ({"n": np.nan}, vm.InputError, "positive whole number"),
@@ -338,7 +338,7 @@ def test_a_picture_of_real_data_shows_something(name):
 def data(tmp_path, monkeypatch):
     """A data file in the working directory."""
     monkeypatch.chdir(tmp_path)
-    vm.io.save(cube(lambda r: np.exp(-5 * r), 12, velocity_x=np.ones((12,) * 3)), "ball.npz")
+    cube(lambda r: np.exp(-5 * r), 12, velocity_x=np.ones((12,) * 3)).save("ball.npz")
     return tmp_path
 
 

@@ -15,7 +15,7 @@ SHELL = vm.Gaussian("a", 0.5, 0.1, 1, 0.3, 1)
 
 
 def test_a_picture_that_does_not_fit_says_what_it_needs():
-    with pytest.raises(vm.MemoryNeededError, match=r"40000 x 40000 pixels needs \d+ bytes"):
+    with pytest.raises(vm.errors.MemoryNeededError, match=r"40000 x 40000 pixels needs \d+ bytes"):
         vm.render(vm.Volume(GRID, a=VALUES), SHELL, vm.Orthographic(resolution=40000))
 
 

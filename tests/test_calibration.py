@@ -258,7 +258,7 @@ def test_what_is_no_volume_is_refused():
 
 
 def test_an_unknown_field_is_named():
-    with pytest.raises(vm.UnknownNameError, match="'b'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="'b'"):
         vm.Gaussian("b", 40, 1, 1, 1, "auto").calibrated(ramp())
 
 

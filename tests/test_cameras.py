@@ -225,7 +225,7 @@ def test_cameras_that_cannot_be(make, told):
 
 
 def test_unknown_projection_names_the_nearest():
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'spherical'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'spherical'"):
         vm.Perspective((0, 0, 1), (0, 0, 0), projection="sphericl")
 
 

@@ -146,7 +146,7 @@ def test_options_and_set_change_the_scene(scene, capsys):
 
 
 def test_an_image_is_a_scene(scene, tmp_path):
-    vm.io.save(vm.models.sphere(8), tmp_path / "ball.h5")
+    vm.models.sphere(8).save(tmp_path / "ball.h5")
     (tmp_path / "out").mkdir()
     from_file = ["--set", 'volume={path = "ball.h5"}', "-q"]
     assert run("render", scene, "-o", "out/a.png", *from_file) == 0
@@ -160,7 +160,7 @@ def test_an_image_is_a_scene(scene, tmp_path):
 
 
 def test_paths_on_the_command_line_are_those_of_the_shell(scene, tmp_path, monkeypatch):
-    vm.io.save(vm.models.sphere(8), tmp_path / "ball.npz")
+    vm.models.sphere(8).save(tmp_path / "ball.npz")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     text = SCENE.replace('model = "sphere"\nresolution = 8', 'path = "nowhere.npz"')
@@ -198,7 +198,7 @@ def test_mistakes_are_told_before_work_and_write_nothing(
 
 
 def test_traceback_is_there_for_those_who_ask(scene):
-    with pytest.raises(vm.UnknownNameError):
+    with pytest.raises(vm.errors.UnknownNameError):
         run("render", scene, "--scheme", "first", "--traceback")
 
 
@@ -390,7 +390,7 @@ def test_info_of_a_volume_gives_a_scene_that_renders(tmp_path, monkeypatch, caps
     if name == "density.npy":
         np.save(name, volume.array("density"))
     else:
-        vm.io.save(volume, name)
+        volume.save(name)
     assert run("info", name) == 0
     out = capsys.readouterr().out
     assert "8 x 8 x 8 cells, uniform" in out

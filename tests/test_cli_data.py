@@ -40,7 +40,7 @@ def snapshot():
     volume["temperature"] = rng.lognormal(5, 2, (4, 5, 6)) * u.K
     volume["rho"] = rng.lognormal(0, 3, (4, 5, 6)).astype(np.float32) * u.g / u.cm**3
     volume.meta.update(time=1.5, redshift=0.25, note="first\nsecond")
-    vm.io.save(volume, "snapshot.h5")
+    volume.save("snapshot.h5")
     return volume
 
 
@@ -108,13 +108,13 @@ def test_constant_fields_come_last():
 def test_only_the_field_that_is_shown_is_read(snapshot, monkeypatch):
     from voluminous.io.native import reader
 
-    seen, values = [], reader.field_values
+    seen, values = [], reader._field_values
 
-    def counted(path, group, name):
+    def counted(path, name):
         seen.append(name)
-        return values(path, group, name)
+        return values(path, name)
 
-    monkeypatch.setattr(reader, "field_values", counted)
+    monkeypatch.setattr(reader, "_field_values", counted)
     assert run("render", "snapshot.h5", *FAST) == 0
     assert seen == ["rho"]
 
@@ -184,7 +184,7 @@ def test_fields_that_do_not_fit_together(capsys):
 def test_a_directory_gives_its_name(snapshot, capsys):
     grid = vm.CartesianGrid.uniform(4, (-1e13, 1e13), unit="cm")
     values = np.random.default_rng(0).lognormal(size=grid.shape)
-    vm.io.save(vm.Volume(grid, density=values * u.g / u.cm**3), "disc.model", format="radmc3d")
+    vm.Volume(grid, density=values * u.g / u.cm**3).save("disc.model", format="radmc3d")
     out = told(capsys, "render", "disc.model/", *FAST)
     assert "disc.png: 8 x 8 pixels" in out
     assert vm.Scene.load("disc.png").to_dict()["volume"]["path"] == "disc.model"
@@ -228,7 +228,7 @@ def test_views_by_name(snapshot, capsys):
         capsys, "render", "snapshot.h5", "--view", "left"
     )
     snapshot.meta["orientation"] = "LPS"
-    vm.io.save(snapshot, "patient.h5")
+    snapshot.save("patient.h5")
     assert "seen from incl 90, phi 0" in told(capsys, "render", "patient.h5", *FAST)
     assert "seen from incl 180, phi 0" in told(
         capsys, "render", "patient.h5", *FAST, "--view", "inferior"
@@ -287,7 +287,7 @@ def test_info_tells_all_there_is(snapshot, capsys):
     wcs.wcs.cunit = ["deg", "deg", "m/s"]
     wcs.wcs.set()
     snapshot.wcs = wcs
-    vm.io.save(snapshot, "snapshot.h5")
+    snapshot.save("snapshot.h5")
     out = told(capsys, "info", "snapshot.h5")
     assert "snapshot.h5: a volume saved by voluminous (HDF5), " in out
     for line in ("time: 1.5", "redshift: 0.25", "note: first …"):
@@ -300,7 +300,7 @@ def test_info_tells_all_there_is(snapshot, capsys):
 
 def test_info_tells_numbers_beside_their_unit(snapshot, capsys):
     snapshot.meta["time_unit"] = "Myr"
-    vm.io.save(snapshot, "snapshot.h5")
+    snapshot.save("snapshot.h5")
     out = told(capsys, "info", "snapshot.h5")
     assert "\ntime: 1.5 Myr\n" in out
     assert "time_unit" not in out
@@ -308,7 +308,7 @@ def test_info_tells_numbers_beside_their_unit(snapshot, capsys):
 
 def test_info_tells_that_cells_under_finer_ones_are_left_out(capsys):
     grid = vm.PatchGrid([[0, 0, 0]] * 2, [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
-    vm.io.save(vm.Volume(grid, a=[np.zeros((4, 4, 4)), np.ones((2, 2, 2))]), "patches.h5")
+    vm.Volume(grid, a=[np.zeros((4, 4, 4)), np.ones((2, 2, 2))]).save("patches.h5")
     out = told(capsys, "info", "patches.h5")
     assert "\ngrid: patches, 71 cells" in out
     assert "\n  1 more cells, under finer ones, are left out" in out
@@ -316,7 +316,7 @@ def test_info_tells_that_cells_under_finer_ones_are_left_out(capsys):
 
 def test_info_tells_that_the_octree_of_particles_is_not_in_the_file(capsys):
     points = np.random.default_rng(1).normal(size=(50, 3))
-    vm.io.save(vm.from_particles(points, 1.0), "particles.h5")
+    vm.Volume.from_particles(points, 1.0).save("particles.h5")
     out = told(capsys, "info", "particles.h5")
     assert "\n  made by voluminous around 50 particles, which have no cells" in out
     assert "\nparticles: " not in out
@@ -347,7 +347,7 @@ def test_what_info_says_to_type_works(snapshot, capsys):
 def test_lengths_in_the_scene_of_info_have_few_characters(capsys):
     ball = vm.Volume(vm.CartesianGrid.uniform(8, (-5e15, 5e15), unit="cm"))
     ball["density"] = "1 / (1 + r / 1e15)"
-    vm.io.save(ball, "ball.h5")
+    ball.save("ball.h5")
     lengths = re.findall('path_length = "(.*) cm"', told(capsys, "info", "ball.h5"))
     assert lengths
     assert max(map(len, lengths)) <= len("1.234e+15")
@@ -355,7 +355,7 @@ def test_lengths_in_the_scene_of_info_have_few_characters(capsys):
 
 def test_info_shows_the_scene_that_would_be_drawn(snapshot, capsys):
     snapshot.meta["time_unit"] = ""
-    vm.io.save(snapshot, "snapshot.h5")
+    snapshot.save("snapshot.h5")
     out = told(capsys, "info", "snapshot.h5")
     assert "time_unit" not in out
     Path("scene.toml").write_text(out[out.index("[volume]") :])
@@ -415,7 +415,7 @@ def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
 
 
 def test_info_tells_of_a_field_that_is_damaged(snapshot, capsys):
-    vm.io.save(snapshot, "snapshot.h5", compress=True)
+    snapshot.save("snapshot.h5", compress=True)
     with h5py.File("snapshot.h5", "r+") as file:
         file["fields/temperature"].id.write_direct_chunk((0, 0, 0), b"no gzip at all")
     out = told(capsys, "info", "snapshot.h5")
@@ -532,7 +532,7 @@ def test_convert_resamples(snapshot, capsys):
     tree = vm.OctreeGrid(x, x, x, [1] + 15 * [0], unit="kpc")
     volume = vm.Volume(tree, density=np.arange(15.0) * u.K)
     volume.meta["time"] = 2.0
-    vm.io.save(volume, "tree.h5")
+    volume.save("tree.h5")
     assert "holds Cartesian grids only" in refused(capsys, "convert", "tree.h5", "tree.npz")
     assert run("convert", "tree.h5", "tree.npz", "--resample", "4x4x4") == 0
     again = vm.open("tree.npz")
@@ -672,7 +672,7 @@ def test_scenes_take_relative_directories(tmp_path, monkeypatch):
     grid = vm.CartesianGrid.uniform(2, (-1e13, 1e13), unit="cm")
     (tmp_path / "models").mkdir()
     volume = vm.Volume(grid, density=np.arange(8.0).reshape(2, 2, 2) * u.g / u.cm**3)
-    vm.io.save(volume, "models/disc", format="radmc3d")
+    volume.save("models/disc", format="radmc3d")
     Path("models/scene.toml").write_text(
         '[volume]\npath = "disc"\nunit = "au"\n\n[[medium]]\ntype = "coefficients"\n'
         'emissivity = "gas_density"\nextinction = 0\n'
@@ -696,7 +696,7 @@ def test_the_frame_is_drawn_around_what_shows(tmp_path, capsys):
     grid = vm.CartesianGrid.uniform(48, (-10, 10), unit="pc")
     volume = vm.Volume(grid)
     volume["density"] = "max(0, 4 - ((x - 5)**2 + y**2 + z**2))"
-    vm.io.save(volume, tmp_path / "a.h5")
+    volume.save(tmp_path / "a.h5")
     assert main(["render", str(tmp_path / "a.h5"), "-o", str(tmp_path / "a.png")]) == 0
     assert "pc wide" in capsys.readouterr().out
     scene = vm.Scene.load(tmp_path / "a.png")

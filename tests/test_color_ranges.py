@@ -121,9 +121,9 @@ def told_range(told):
 
 
 def test_mistakes_are_told_at_once_and_colours_without_a_range_when_they_are_needed():
-    with pytest.raises(vm.UnknownNameError, match="unknown colormap 'plasm'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown colormap 'plasm'"):
         vm.ColorBy("t", "plasm")
-    with pytest.raises(vm.UnknownNameError, match="unknown norm 'logg'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown norm 'logg'"):
         vm.ColorBy("t", "plasma", norm="logg")
     with pytest.raises(vm.InputError, match="samples must be"):
         vm.ColorBy("t", "plasma", samples=1)

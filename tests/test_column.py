@@ -272,9 +272,9 @@ def test_means_are_nowhere_outside_of_what_is_averaged():
 def test_what_cannot_be_measured():
     volume = random_volume("even")
     camera = vm.Orthographic(resolution=4)
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'exact'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'exact'"):
         vm.column(volume, "a", camera, method="exat")
-    with pytest.raises(vm.UnknownNameError, match="unknown field 'b'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown field 'b'"):
         vm.column(volume, "b", camera)
     with pytest.raises(vm.InputError, match="one number per cell, got the vector"):
         vm.column(volume, "grad(a)", camera)

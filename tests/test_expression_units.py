@@ -175,7 +175,7 @@ def test_a_surface_of_a_ratio_is_drawn_and_a_gate_of_it_told():
 
 
 def test_the_place_is_shown_in_a_text_as_it_was_written():
-    with pytest.raises(vm.ExpressionError) as caught:
+    with pytest.raises(vm.errors.ExpressionError) as caught:
         vm.Expression("interp(T, [10 K, 1000], [0, 2])")
     assert "interp(T, [10 K, 1000], [0, 2])\n              ^" in str(caught.value)
 

@@ -47,7 +47,7 @@ def lengths(make):
         "lines": vm.Lines(make(np.array([[0.5, 0, 0], [1, 0, 0]]), "kpc")).places[0, 0] * u.kpc,
         "width": vm.Lines(np.eye(3), width=half).width,
         "image": image.x[0] * u.pc,
-        "particles": vm.from_particles(
+        "particles": vm.Volume.from_particles(
             make(np.array([[0.1, 0.1, 0.1], [0.5, 0.4, 0.3]]), "kpc"), np.ones(2)
         ).unit.to(u.kpc)
         * HALF,

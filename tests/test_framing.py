@@ -60,7 +60,7 @@ def test_a_first_picture_shows_what_there_is():
 
 
 def test_what_cannot_be_drawn_is_told_as_by_render():
-    with pytest.raises(vm.UnknownNameError, match="densty"):
+    with pytest.raises(vm.errors.UnknownNameError, match="densty"):
         vm.Orthographic.framing(lump((4, 10, 12), 2.0), vm.Coefficients("densty", 1.0))
     with pytest.raises(vm.InputError, match="medium"):
         vm.Orthographic.framing(lump((4, 10, 12), 2.0), "density")

@@ -64,7 +64,7 @@ def test_images_stay(image, tmp_path, suffix):
 def test_volumes_stay(volume, tmp_path, suffix):
     path = tmp_path / f"volume{suffix}"
     path.write_bytes(b"what was there before")
-    refused(lambda: vm.io.save(volume, path), tmp_path)
+    refused(lambda: volume.save(path), tmp_path)
 
 
 def test_a_model_of_radmc3d_is_replaced_as_a_whole_or_not_at_all(volume, tmp_path):
@@ -80,7 +80,7 @@ def test_a_model_of_radmc3d_is_replaced_as_a_whole_or_not_at_all(volume, tmp_pat
 
 def test_a_new_directory_is_not_left_behind(volume, tmp_path):
     fields = vm.Volume(volume.grid, gas_density=volume.array("density"))
-    refused(lambda: vm.io.save(fields, tmp_path / "model", format="radmc3d"), tmp_path)
+    refused(lambda: fields.save(tmp_path / "model", format="radmc3d"), tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -96,7 +96,7 @@ def test_probes_stay(volume, tmp_path, suffix):
 
 @pytest.mark.parametrize("suffix", [".png", ".exr"])
 def test_the_command_line_tells_it(volume, tmp_path, capsys, suffix):
-    vm.io.save(volume, tmp_path / "cube.h5")
+    volume.save(tmp_path / "cube.h5")
     out = tmp_path / f"image{suffix}"
     arguments = [str(tmp_path / "cube.h5"), "-o", str(out), "-q", "--set", "camera.resolution=30"]
     with full_disk():

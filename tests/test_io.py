@@ -52,7 +52,7 @@ def test_what_was_saved_comes_back_bit_for_bit(tmp_path_factory, suffix, volume)
     if not volume.fields:
         return
     path = tmp_path_factory.mktemp("io") / f"volume{suffix}"
-    vm.io.save(volume, path)
+    volume.save(path)
     again = vm.open(path)
     assert set(again.fields) == set(volume.fields)
     assert again.units == {name: volume.units[name] for name in again.fields}
@@ -76,7 +76,7 @@ def test_saving_replaces_the_file_whole_or_not_at_all(tmp_path, suffix, monkeypa
 
     monkeypatch.setattr(type(reader), "write", lambda self, v, p: interrupted(v, p))
     with pytest.raises(KeyboardInterrupt):
-        vm.io.save(volume, path)
+        volume.save(path)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     assert path.read_bytes() == b"old"
 
@@ -86,10 +86,10 @@ def find_reader_for(suffix):
 
 
 def test_saving_needs_a_known_format(tmp_path):
-    with pytest.raises(vm.UnknownNameError, match=r"'\.h6'; did you mean '\.h5'"):
-        vm.io.save(vm.models.sphere(4), tmp_path / "volume.h6")
-    with pytest.raises(vm.UnknownNameError, match="unknown volume format"):
-        vm.io.save(vm.models.sphere(4), tmp_path / "volume.npy")
+    with pytest.raises(vm.errors.UnknownNameError, match=r"'\.h6'; did you mean '\.h5'"):
+        vm.models.sphere(4).save(tmp_path / "volume.h6")
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown volume format"):
+        vm.models.sphere(4).save(tmp_path / "volume.npy")
 
 
 # What people have lying about
@@ -216,13 +216,17 @@ def test_hdf5_reads_only_what_is_asked_for(snapshot, monkeypatch):
 
 
 def test_a_name_that_is_not_there_names_the_nearest(snapshot):
-    with pytest.raises(vm.UnknownNameError, match=r"snapshot.*'gas/roh'; did you mean 'gas/rho'"):
+    with pytest.raises(
+        vm.errors.UnknownNameError, match=r"snapshot.*'gas/roh'; did you mean 'gas/rho'"
+    ):
         vm.open(snapshot, "gas/roh")
-    with pytest.raises(vm.UnknownNameError, match="'spacng'; did you mean 'spacing'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="'spacng'; did you mean 'spacing'"):
         vm.open(snapshot, "gas/rho", spacng=2)
-    with pytest.raises(vm.UnknownNameError, match="unknown format 'hdf'; did you mean 'hdf5'"):
+    with pytest.raises(
+        vm.errors.UnknownNameError, match="unknown format 'hdf'; did you mean 'hdf5'"
+    ):
         vm.open(snapshot, format="hdf")
-    with pytest.raises(vm.UnknownNameError, match="unknown array '/grid/xx'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown array '/grid/xx'"):
         vm.open(snapshot, "gas/rho", x="/grid/xx", y="/grid/y", z="/grid/z")
 
 
@@ -298,7 +302,7 @@ def test_truncated_files_name_the_file(tmp_path, name, part):
     if name == "a.npy":
         np.save(path, volume.array("inside"))
     else:
-        vm.io.save(volume, path)
+        volume.save(path)
     content = path.read_bytes()
     path.write_bytes(content[: int(part * len(content))])
     with pytest.raises(vm.FileFormatError) as failure:
@@ -330,7 +334,7 @@ def test_a_size_that_cannot_fit_is_refused_before_reading(tmp_path):
     path = tmp_path / "huge.h5"
     with h5py.File(path, "w") as file:  # nothing is stored: 8 TB of the fill value
         file.create_dataset("rho", (10_000, 10_000, 10_000), "f8", chunks=(100, 100, 100))
-    with pytest.raises(vm.MemoryNeededError, match="8000000000000 bytes"):
+    with pytest.raises(vm.errors.MemoryNeededError, match="8000000000000 bytes"):
         vm.open(path)
 
 
@@ -354,7 +358,7 @@ def test_wrong_and_missing_files(tmp_path):
 
 
 def test_content_counts_not_the_suffix(tmp_path):
-    vm.io.save(vm.models.sphere(4), tmp_path / "a.h5")
+    vm.models.sphere(4).save(tmp_path / "a.h5")
     (tmp_path / "a.h5").rename(tmp_path / "a.dat")
     assert vm.open(tmp_path / "a.dat").fields == ("inside",)
 
@@ -443,7 +447,9 @@ def test_other_packages_bring_readers(tmp_path, entry_points):
     volume = vm.open(tmp_path / "a.line", value=2.0)
     assert volume.grid.shape == (3, 3, 3)
     assert volume.array("a")[0, 0, 0] == 2.0
-    with pytest.raises(vm.UnknownNameError, match="line option 'valu'; did you mean 'value'"):
+    with pytest.raises(
+        vm.errors.UnknownNameError, match="line option 'valu'; did you mean 'value'"
+    ):
         vm.open(tmp_path / "a.line", valu=2.0)
     (tmp_path / "b.line").write_text("line x")
     with pytest.raises(vm.FileFormatError, match=r"b\.line: expected a line.*ValueError"):
@@ -490,7 +496,7 @@ class TestHDF5(ReaderContract):
     @pytest.fixture
     def sample(self):
         def write(directory):
-            vm.io.save(vm.models.sphere(6), directory / "a.h5")
+            vm.models.sphere(6).save(directory / "a.h5")
             return directory / "a.h5"
 
         return write
@@ -518,7 +524,7 @@ def test_what_cannot_be_written_is_named_as_the_user_did(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied", str(self))
 
     monkeypatch.setattr(Path, "touch", refuse)
-    for save in (image.save, lambda path: vm.io.save(vm.models.sphere(4), path)):
+    for save in (image.save, lambda path: vm.models.sphere(4).save(path)):
         with pytest.raises(OSError, match=r"cannot save .*/a.npz: Permission denied; give"):
             save(tmp_path / "a.npz")
 
@@ -527,7 +533,7 @@ def test_a_pipe_or_a_device_is_not_replaced_by_a_file(tmp_path):
     pipe = tmp_path / "a.npz"
     os.mkfifo(pipe)
     volume = vm.models.sphere(4)
-    for save in (vm.Image(np.ones((2, 2, 3))).save, lambda path: vm.io.save(volume, path)):
+    for save in (vm.Image(np.ones((2, 2, 3))).save, lambda path: volume.save(path)):
         with pytest.raises(OSError, match=r"cannot save .*a.npz: it is a device, a pipe or a soc"):
             save(pipe)
     assert pipe.is_fifo()

@@ -112,7 +112,7 @@ def test_links_out_of_a_file_are_not_followed(tmp_path):
         file["soft"] = h5py.SoftLink("/nowhere")
         file["group/loop"] = file["/"]
     assert vm.open(tmp_path / "a.h5").fields == ("mine",)
-    with pytest.raises(vm.UnknownNameError):
+    with pytest.raises(vm.errors.UnknownNameError):
         vm.open(tmp_path / "a.h5", "theirs")
 
 
@@ -236,12 +236,14 @@ def test_packed_files_are_what_is_in_them(tmp_path, suffix):
     assert volume.grid.bounds[0].tolist() == [0, 4]
     (told,) = find_reader(path).info(path)
     assert (told.name, told.shape) == ("rho", RHO.shape)
-    with pytest.raises(vm.UnknownNameError, match="npy option 'spcing'; did you mean 'spacing'"):
+    with pytest.raises(
+        vm.errors.UnknownNameError, match="npy option 'spcing'; did you mean 'spacing'"
+    ):
         vm.open(path, spcing=2)
 
 
 def test_packed_hdf5(tmp_path):
-    vm.io.save(vm.models.sphere(6), tmp_path / "a.h5")
+    vm.models.sphere(6).save(tmp_path / "a.h5")
     (tmp_path / "b.h5.gz").write_bytes(gzip.compress((tmp_path / "a.h5").read_bytes()))
     assert vm.open(tmp_path / "b.h5.gz").fields == ("inside",)
 
@@ -285,7 +287,9 @@ def test_bombs_are_refused_before_they_fill_anything(tmp_path, monkeypatch):
         vm.open(path)
     monkeypatch.setattr(compressed, "available_memory", lambda: 100)
     (tmp_path / "b.npy.gz").write_bytes(gzip.compress(npy()))
-    with pytest.raises(vm.MemoryNeededError, match="unpacking needs more than the 100 bytes"):
+    with pytest.raises(
+        vm.errors.MemoryNeededError, match="unpacking needs more than the 100 bytes"
+    ):
         vm.open(tmp_path / "b.npy.gz")
 
 
@@ -426,7 +430,7 @@ def test_filters_of_hdf5plugin(tmp_path):
         "import sys, voluminous as vm\n"
         "if sys.argv[1] == 'without': sys.modules['hdf5plugin'] = None\n"
         "try: print(*(vm.open('a.h5').array(n).sum() for n in ('rho', 't', 'v')))\n"
-        "except vm.MissingPackageError as error: print(error)\n"
+        "except vm.errors.MissingPackageError as error: print(error)\n"
     )
 
     def said(how):

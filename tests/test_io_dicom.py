@@ -279,7 +279,7 @@ def test_a_missing_decoder_is_named(tmp_path, pydicom, monkeypatch):
         head.save_as(file)
     decoder = pydicom.pixels.get_decoder(pydicom.uid.HTJ2KLossless)
     monkeypatch.setattr(decoder, "_available", {})
-    with pytest.raises(vm.MissingPackageError, match=r"High-Throughput.*pylibjpeg"):
+    with pytest.raises(vm.errors.MissingPackageError, match=r"High-Throughput.*pylibjpeg"):
         vm.open(path)
 
 

@@ -63,7 +63,7 @@ def test_without_cfgrib_its_name_is_told(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "cfgrib", None)
     path = tmp_path / "air.grb2"
     path.write_bytes(b"GRIB\0\0\0\2" + bytes(100))
-    with pytest.raises(vm.MissingPackageError, match=r"'cfgrib'(.|\n)*voluminous\[grib\]"):
+    with pytest.raises(vm.errors.MissingPackageError, match=r"'cfgrib'(.|\n)*voluminous\[grib\]"):
         vm.open(path)
 
 

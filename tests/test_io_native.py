@@ -181,10 +181,10 @@ def assert_same(mine, theirs):
 @given(volume=volumes(), compress=st.booleans())
 def test_what_was_saved_comes_back_bit_for_bit(tmp_path_factory, volume, compress):
     path = tmp_path_factory.mktemp("native") / "volume.h5"
-    vm.io.save(volume, path, compress=compress)
+    volume.save(path, compress=compress)
     again = vm.open(path)
     assert_same(again, volume)
-    vm.io.save(again, path)  # onto itself, while its numbers are mapped
+    again.save(path)  # onto itself, while its numbers are mapped
     assert_same(vm.open(path), volume)
     assert_same(again, volume)
 
@@ -192,7 +192,7 @@ def test_what_was_saved_comes_back_bit_for_bit(tmp_path_factory, volume, compres
 @given(unit=st.floats(1e-30, 1e30), power=st.integers(-3, 3))
 @settings(deadline=None)
 def test_units_keep_all_digits(unit, power):
-    from voluminous.io.native.units import exact_name
+    from voluminous.io.native.grids import exact_name
 
     known = u.Unit(unit * u.pc**power * u.g)
     assert parse_unit(exact_name(known)).scale == pytest.approx(known.scale, rel=1e-15)
@@ -208,7 +208,7 @@ def test_the_sky_comes_back(tmp_path):
     wcs.wcs.restfrq = 110.201354e9
     wcs.pixel_shape = (4, 4, 4)
     volume.wcs = wcs
-    vm.io.save(volume, tmp_path / "a.h5")
+    volume.save(tmp_path / "a.h5")
     again = vm.open(tmp_path / "a.h5").wcs
     places = np.random.default_rng(0).uniform(0, 4, (20, 3))
     np.testing.assert_array_equal(again.wcs_pix2world(places, 0), wcs.wcs_pix2world(places, 0))
@@ -218,7 +218,7 @@ def test_the_sky_comes_back(tmp_path):
 def test_values_of_numpy_in_meta_become_plain(tmp_path):
     volume = vm.models.sphere(4)
     volume.meta.update(time=np.float32(0.5), box=np.arange(3), width=2 * u.pc, names=("a", "b"))
-    vm.io.save(volume, tmp_path / "a.h5")
+    volume.save(tmp_path / "a.h5")
     told = vm.open(tmp_path / "a.h5").meta
     assert told == {"time": 0.5, "box": [0, 1, 2], "width": "2.0 pc", "names": ["a", "b"]}
 
@@ -230,7 +230,7 @@ def test_the_file_explains_itself(tmp_path):
     grid = vm.OctreeGrid([0, 1, 2], [0, 1], [0, 1], [0, 1] + 8 * [0], unit="pc")
     volume = vm.Volume(grid, density=np.arange(9.0) * u.g / u.cm**3)
     volume.meta["time"] = 1.5
-    vm.io.save(volume, tmp_path / "a.h5")
+    volume.save(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5") as file:
         assert dict(file.attrs)["format"] == "voluminous volume"
         assert file.attrs["version"] == 1
@@ -262,8 +262,8 @@ def test_files_of_before_still_open(tmp_path):
 
 def test_large_fields_stay_in_the_file(tmp_path):
     volume = vm.models.sphere(8)
-    vm.io.save(volume, tmp_path / "plain.h5")
-    vm.io.save(volume, tmp_path / "packed.h5", compress=True)
+    volume.save(tmp_path / "plain.h5")
+    volume.save(tmp_path / "packed.h5", compress=True)
     opened = vm.io.registry.open_lazily(tmp_path / "plain.h5")
     assert opened.waiting == volume.fields
     assert opened.bytes_waiting == 0  # mapped: nothing to take memory for
@@ -277,9 +277,9 @@ def test_large_fields_stay_in_the_file(tmp_path):
 
 
 def test_writing_holds_one_field_at_a_time(tmp_path):
-    vm.io.save(vm.models.sphere(8), tmp_path / "a.h5", compress=True)
+    vm.models.sphere(8).save(tmp_path / "a.h5", compress=True)
     opened = vm.io.registry.open_lazily(tmp_path / "a.h5")
-    vm.io.save(opened, tmp_path / "b.h5")
+    opened.save(tmp_path / "b.h5")
     assert opened.waiting == opened.fields
 
 
@@ -308,7 +308,7 @@ class TestNative(ReaderContract):
             volume.set_unit("density", "g / cm3")
             volume["count"] = np.arange(grid.size, dtype=np.int16).reshape(grid.shape)
             volume.meta["time"] = 1.0
-            vm.io.save(volume, directory / "volume.h5", compress=kind == "octree")
+            volume.save(directory / "volume.h5", compress=kind == "octree")
             return directory / "volume.h5"
 
         return write
@@ -319,7 +319,7 @@ def saved(tmp_path):
     """A function that changes a saved file by h5py and returns its path."""
     path = tmp_path / "a.h5"
     grid = vm.PatchGrid([[0, 0, 0], [0, 0, 0]], [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
-    vm.io.save(vm.Volume(grid, density=np.ones(71)), path)
+    vm.Volume(grid, density=np.ones(71)).save(path)
 
     def changed(change):
         with h5py.File(path, "r+") as file:
@@ -355,12 +355,18 @@ CHANGES = {
     "cells": (attribute("grid", "cells", 72), "makes 71 cells, but says 72"),
     "no shape": (put("grid/shape", None), "'patches' lacks 'shape'"),
     "huge": (put("grid/shape", [[4, 4, 2**40], [2, 2, 2]]), "a patch of 1.7.*e\\+13 cells"),
-    "text": (put("grid/level", "level"), "array of real numbers at /grid/level"),
+    "text": (put("grid/level", "level"), "/grid/level must be numbers"),
     "length": (put("fields/density", np.ones(70)), r"shape \(70,\), expected \(71,\)"),
-    "promise": (promise, "promises .* bytes .* but 0 are stored"),
+    "promise": (promise, "promises values of shape .* but has 0 bytes"),
     "group": (put("fields", None), "expected a group /fields"),
-    "outside": (put("fields/density", h5py.ExternalLink("b.h5", "/x")), "leads elsewhere"),
-    "circle": (put("fields/density", h5py.SoftLink("/fields/density")), "leads elsewhere"),
+    "outside": (
+        put("fields/density", h5py.ExternalLink("b.h5", "/x")),
+        "a data set /fields",
+    ),
+    "circle": (
+        put("fields/density", h5py.SoftLink("/fields/density")),
+        "a data set /fields",
+    ),
     "no json": (lambda file: file.__setitem__("meta", "{"), "a.h5"),
     "no table": (lambda file: file.__setitem__("meta", "[1]"), "a table in JSON"),
     "number": (lambda file: file.__setitem__("wcs", 3), "/wcs must be a text"),
@@ -381,10 +387,10 @@ def test_a_virtual_array_is_refused(saved, tmp_path):
     def change(file):
         del file["fields/density"]
         layout = h5py.VirtualLayout((71,), "f8")
-        layout[:] = h5py.VirtualSource(tmp_path / "b.h5", "x", (71,))
+        layout[:] = h5py.VirtualSource(tmp_path.parent / "b.h5", "x", (71,))
         file.create_virtual_dataset("fields/density", layout)
 
-    with pytest.raises(vm.FileFormatError, match="from another file"):
+    with pytest.raises(vm.FileFormatError, match="outside of its directory"):
         vm.open(saved(change))
 
 
@@ -396,10 +402,10 @@ def test_grids_of_others_are_refused(tmp_path):
             return np.asarray(value)
 
     with pytest.raises(vm.InputError, match="got Strange"):
-        vm.io.save(vm.Volume(Strange(), a=[1.0]), tmp_path / "a.h5")
+        vm.Volume(Strange(), a=[1.0]).save(tmp_path / "a.h5")
     assert not list(tmp_path.iterdir())
 
 
 def test_an_unknown_option_names_the_nearest(tmp_path):
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'compress'"):
-        vm.io.save(vm.models.sphere(4), tmp_path / "a.h5", compres=True)
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'compress'"):
+        vm.models.sphere(4).save(tmp_path / "a.h5", compres=True)

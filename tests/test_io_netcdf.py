@@ -66,7 +66,7 @@ def test_values_units_types_and_places(tmp_path, kind, unlimited):
     assert np.isnan(volume.array("T")).sum() == 1
     assert volume.array("T").dtype == np.float32
     assert volume.units["T"] == "deg_C"
-    assert volume.unit == vm.from_xarray(data(), "cover").unit
+    assert volume.unit == vm.Volume.from_xarray(data(), "cover").unit
     assert volume.grid.bounds.tolist() == [[-5, 45], [-5, 35], [0, 60]]
     others = vm.open(path, ["cover", "packed"])
     assert others.array("cover").dtype == np.int8
@@ -102,7 +102,7 @@ def test_groups(tmp_path):
     with pytest.raises(vm.FileFormatError, match=r"groups model, model/land, model/ocean with gr"):
         vm.open(path)
     assert vm.open(path, group="model/ocean").fields == ("cover",)
-    with pytest.raises(vm.UnknownNameError, match="unknown group 'model/see'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown group 'model/see'"):
         vm.open(path, group="model/see")
 
 

@@ -89,7 +89,7 @@ def test_the_default_is_shown_and_others_are_chosen(tmp_path):
         flat["counts"] = np.zeros((3, 3))
     np.testing.assert_allclose(vm.open(path).array("counts").max(), VALUES.max())
     assert (vm.open(path, group="entry/another").array("counts") == 7).all()
-    with pytest.raises(vm.UnknownNameError, match="entry/another"):
+    with pytest.raises(vm.errors.UnknownNameError, match="entry/another"):
         vm.open(path, group="entry/anothr")
     with h5py.File(path, "a") as file:
         del file.attrs["default"]

@@ -141,7 +141,7 @@ def test_a_series_in_groups(tmp_path, meshes):
     assert volume.meta["iterations"] == [5, 20, 100]
     earlier = vm.open(tmp_path / "a.h5", "E", iteration=20)
     assert earlier.meta["iteration"] == 20
-    with pytest.raises(vm.UnknownNameError, match=r"iteration '21'.*20"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"iteration '21'.*20"):
         vm.open(tmp_path / "a.h5", iteration=21)
 
 
@@ -299,7 +299,7 @@ def test_what_can_be_no_field_is_said(tmp_path):
     assert "complex" in left["C/x"]
     assert "['y', 'x']" in left["flat"]
     assert "spherical" in left["S/r"]
-    with pytest.raises(vm.UnknownNameError, match="complex"):
+    with pytest.raises(vm.errors.UnknownNameError, match="complex"):
         vm.open(tmp_path / "a.h5", "C_x")
 
 

@@ -154,7 +154,7 @@ def test_what_is_told_without_reading(either):
 def test_grids_of_other_voxels_are_not_mixed(either):
     with pytest.raises(vm.InputError, match=r"different sizes.*mask \[1. 1. 1.\].*choose"):
         vm.open(either)
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'density'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'"):
         vm.open(either, "densty")
 
 
@@ -167,7 +167,7 @@ def test_grids_that_make_no_volume(path, made):
     with pytest.raises(vm.InputError, match="no voxel of it is set"):
         vm.open(path, "density")
     made[0].metadata = {"file_bbox_min": (0, 0, 0), "file_bbox_max": (2**31 - 1,) * 3}
-    with pytest.raises(vm.MemoryNeededError):
+    with pytest.raises(vm.errors.MemoryNeededError):
         vm.open(path, "density")
     made[:] = [Grid("words", "string", VALUES, LOW, 1.0)]
     with pytest.raises(vm.FileFormatError, match="expected grids of numbers or vectors"):
@@ -205,5 +205,7 @@ def test_what_the_library_says_of_damage_is_shortened(path, monkeypatch):
 def test_without_the_library_it_is_said_how_to_get_it(path, monkeypatch):
     for name in ("openvdb", "pyopenvdb"):
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(vm.MissingPackageError, match=r"conda install -c conda-forge openvdb"):
+    with pytest.raises(
+        vm.errors.MissingPackageError, match=r"conda install -c conda-forge openvdb"
+    ):
         vm.open(path)

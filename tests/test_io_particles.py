@@ -13,7 +13,7 @@ import voluminous as vm
 from contracts.reader import ReaderContract
 from reference import data_directory
 from voluminous.io import find_reader
-from voluminous.io.particles.names import common_name
+from voluminous.io.particles.common import common_name
 
 KPC, MSUN10, KMS = 3.085678e21, 1.989e43, 1e5
 RNG = np.random.default_rng(7)
@@ -89,7 +89,7 @@ def same(one, other):
 
 def test_gadget_is_what_from_particles_makes_of_its_particles(tmp_path):
     volume = vm.open(gadget(tmp_path / "s.hdf5", smoothed()), ["density", "velocity"])
-    expected = vm.from_particles(
+    expected = vm.Volume.from_particles(
         (POSITIONS * KPC * u.cm).to("kpc"),
         MASSES * MSUN10 * u.g,
         # Gadget writes the radius of the support.
@@ -123,7 +123,7 @@ def test_particles_of_other_types_and_masses_from_the_header(tmp_path):
         volume = vm.open(path, particle_type=kind)
         assert total(volume).to_value("g") == pytest.approx(0.25 * COUNT * MSUN10, rel=1e-12)
     assert find_reader(path).info(path, particle_type=1)[0].place == "Header/MassTable"
-    with pytest.raises(vm.UnknownNameError, match="PartType1"):
+    with pytest.raises(vm.errors.UnknownNameError, match="PartType1"):
         vm.open(path)
 
 
@@ -207,7 +207,7 @@ def test_swift_tells_units_powers_and_kernel(tmp_path):
         file.create_group("Cosmology").attrs["Cosmological run"] = [0]
         file.create_group("HydroScheme").attrs["Kernel function"] = b"Wendland C2 (C2)"
     volume = vm.open(path)
-    expected = vm.from_particles(
+    expected = vm.Volume.from_particles(
         (POSITIONS * KPC * u.cm).to("kpc"),
         MASSES * MSUN10 * u.g,
         smoothing_length=LENGTHS * KPC * u.cm,
@@ -383,7 +383,7 @@ def phantom(path, *, order="<", real=8, integer=4, identity="FT:Phantom:2024", *
 
 
 def phantom_expected(chosen, mass):
-    volume = vm.from_particles(
+    volume = vm.Volume.from_particles(
         (POSITIONS[chosen] * AU * u.cm).to("au"),
         mass * MSUN * u.g,
         smoothing_length=LENGTHS[chosen] * AU * u.cm,
@@ -428,7 +428,7 @@ def test_phantom_dust_and_magnetic_fields(tmp_path):
     assert momentum.to_value("G") == pytest.approx(0.1 * VELOCITIES[2:-2, 0].mean(), rel=1e-6)
     with pytest.raises(vm.FileFormatError, match="type 3"):
         vm.open(path, particle_type="boundary")
-    with pytest.raises(vm.UnknownNameError, match="dust"):
+    with pytest.raises(vm.errors.UnknownNameError, match="dust"):
         vm.open(path, particle_type="dusk")
 
 

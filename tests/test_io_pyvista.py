@@ -43,7 +43,7 @@ def test_meshes_are_resampled_if_a_resolution_is_given(tmp_path, resolution, sha
         check(volume, shape)
         assert (volume.array("f_cell") == 7).all()
         assert (volume.array("level") == 3).all()
-    check(vm.from_pyvista(made, resolution=resolution), shape)
+    check(vm.Volume.from_pyvista(made, resolution=resolution), shape)
     pv.MultiBlock({"a": made}).save(tmp_path / "a.vtm")
     check(vm.open(tmp_path / "a.vtm", resolution=resolution), shape)
 
@@ -51,7 +51,7 @@ def test_meshes_are_resampled_if_a_resolution_is_given(tmp_path, resolution, sha
 def test_outside_of_a_mesh_is_nothing():
     ball = pv.SolidSphere(outer_radius=1.0)
     ball["dist"] = np.linalg.norm(ball.points, axis=1)
-    volume = vm.from_pyvista(ball, "dist", resolution=20)
+    volume = vm.Volume.from_pyvista(ball, "dist", resolution=20)
     radius = np.linalg.norm(np.stack(volume.grid.cell_centers(0, volume.grid.size)), axis=0)
     values = volume.array("dist").reshape(-1)
     assert np.isnan(values[radius > 1.01]).all()
@@ -60,12 +60,12 @@ def test_outside_of_a_mesh_is_nothing():
 
 def test_what_fills_no_space_is_refused():
     with pytest.raises(vm.InputError, match="fill no space"):
-        vm.from_pyvista(pv.PolyData(np.random.default_rng(0).random((9, 3))), resolution=8)
+        vm.Volume.from_pyvista(pv.PolyData(np.random.default_rng(0).random((9, 3))), resolution=8)
     with pytest.raises(vm.InputError, match="none of the cells' centres"):
-        vm.from_pyvista(pv.Sphere(), resolution=3)
+        vm.Volume.from_pyvista(pv.Sphere(), resolution=3)
     for wrong in (0, 2.5, (1, 2), "many"):
         with pytest.raises(vm.InputError, match="resolution must be"):
-            vm.from_pyvista(mesh(), resolution=wrong)
+            vm.Volume.from_pyvista(mesh(), resolution=wrong)
 
 
 def test_exodus_keeps_its_times(tmp_path):

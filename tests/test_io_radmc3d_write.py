@@ -283,7 +283,7 @@ def test_deep_trees_are_refused(tmp_path):
         ({}, vm.InputError, "a table"),
         ("density", vm.InputError, "a table"),
         ({"../x": "density"}, vm.InputError, "cannot be a file's name"),
-        ({"gas_density": "densty"}, vm.UnknownNameError, "did you mean 'density'"),
+        ({"gas_density": "densty"}, vm.errors.UnknownNameError, "did you mean 'density'"),
         ({"gas_velocity": ["density"]}, vm.InputError, "takes 3 fields, got 1"),
         ({"gas_density": ["density"] * 2}, vm.InputError, "takes 1 field, got 2"),
         ({"levelpop_co": "density"}, vm.InputError, "own results"),
@@ -300,7 +300,7 @@ def test_fields_that_cannot_be_written(tmp_path, fields, error, told):
 def test_save_writes_directories(tmp_path):
     grid = vm.CartesianGrid(*CUBES, unit="cm")
     volume = vm.Volume(grid, gas_density=np.ones(grid.shape))
-    vm.io.save(volume, tmp_path / "model", format="radmc3d", binary=True)
+    volume.save(tmp_path / "model", format="radmc3d", binary=True)
     assert vm.open(tmp_path / "model").fields == ("gas_density",)
     assert vm.io.radmc3d.write is write
     with pytest.raises(vm.InputError, match="does not exist"):

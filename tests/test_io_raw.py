@@ -118,7 +118,7 @@ def test_packed_files_hold_what_is_announced(tmp_path):
         path.write_bytes(gzip.compress(content))
         with pytest.raises(vm.FileFormatError, match=message):
             vm.open(path)
-    with pytest.raises(vm.MemoryNeededError):
+    with pytest.raises(vm.errors.MemoryNeededError):
         vm.open(path, shape=(10**5,) * 3, dtype="f8")
 
 

@@ -137,7 +137,7 @@ def test_itk_agrees_where_voxels_are(tmp_path, ending, packed):
 def test_itk_reads_what_is_written(tmp_path, ending):
     sitk = pytest.importorskip("SimpleITK")
     volume = volume_of(VALUES)
-    vm.io.save(volume, tmp_path / f"written.{ending}")
+    volume.save(tmp_path / f"written.{ending}")
     image = sitk.ReadImage(str(tmp_path / f"written.{ending}"))
     np.testing.assert_array_equal(sitk.GetArrayFromImage(image).transpose(), VALUES)
     for index in [(0, 0, 0), (3, 4, 5)]:
@@ -164,7 +164,7 @@ def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
     if turned:
         volume.meta["direction"] = rotation(np.array([0.9, 0.3, -0.1, 0.2])).tolist()
     path = tmp_path_factory.mktemp("saved") / f"density.{ending}"
-    vm.io.save(volume, path)
+    volume.save(path)
     again = vm.open(path)
     expected = values.astype(np.uint8) if values.dtype == np.bool_ else values
     assert again.fields == ("density",)
@@ -183,7 +183,7 @@ def test_what_was_saved_comes_back(tmp_path_factory, values, ending, turned):
 def test_nrrd_keeps_units(tmp_path):
     volume = volume_of(VALUES, unit="kpc")
     volume.set_unit("density", "g / cm3")
-    vm.io.save(volume, tmp_path / "density.nrrd")
+    volume.save(tmp_path / "density.nrrd")
     again = vm.open(tmp_path / "density.nrrd")
     assert (again.unit, again.units["density"]) == ("kpc", "g / cm3")
     np.testing.assert_array_equal(again.grid.bounds, volume.grid.bounds)
@@ -192,7 +192,7 @@ def test_nrrd_keeps_units(tmp_path):
 
 @pytest.mark.parametrize("ending", ["mha", "nii"])
 def test_lengths_are_written_in_mm(tmp_path, ending):
-    vm.io.save(volume_of(VALUES, unit="cm"), tmp_path / f"density.{ending}")
+    volume_of(VALUES, unit="cm").save(tmp_path / f"density.{ending}")
     again = vm.open(tmp_path / f"density.{ending}")
     assert again.unit == "mm"
     np.testing.assert_allclose(again.grid.bounds, 10 * volume_of(VALUES).grid.bounds, rtol=1e-6)
@@ -213,7 +213,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path, ending):
         (vm.Volume(ball, a=np.ones(ball.shape)), "Cartesian"),
     ]:
         with pytest.raises(vm.InputError, match=told):
-            vm.io.save(volume, tmp_path / f"x.{ending}")
+            volume.save(tmp_path / f"x.{ending}")
     assert not list(tmp_path.iterdir())
 
 
@@ -251,5 +251,5 @@ def test_itk_in_hdf5(tmp_path, steps):
 
 def test_nrrd_keeps_angles(tmp_path):
     grid = vm.CartesianGrid.uniform((2, 3, 4), (-1, 1), unit="arcsec")
-    vm.io.save(vm.Volume(grid, density=np.ones(grid.shape)), tmp_path / "a.nrrd")
+    vm.Volume(grid, density=np.ones(grid.shape)).save(tmp_path / "a.nrrd")
     assert vm.open(tmp_path / "a.nrrd").unit == grid.unit

@@ -34,7 +34,7 @@ def gzipped_nifti(path, content):
 
 @pytest.fixture
 def nifti(tmp_path):
-    vm.io.save(volume_of(VALUES), tmp_path / "sound.nii")
+    volume_of(VALUES).save(tmp_path / "sound.nii")
     return (tmp_path / "sound.nii").read_bytes()
 
 
@@ -205,7 +205,7 @@ class TestNRRD(ReaderContract):
     @pytest.fixture
     def sample(self):
         def write(directory):
-            vm.io.save(volume_of(VALUES), directory / "density.nrrd")
+            volume_of(VALUES).save(directory / "density.nrrd")
             return directory / "density.nrrd"
 
         return write

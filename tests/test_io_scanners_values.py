@@ -288,7 +288,7 @@ def test_metaimages_are_patients_where_they_say_so(tmp_path, lines, orientation)
     path.write_bytes(f"{head}{lines}ElementDataFile = LOCAL\n".encode() + bytes(range(8)))
     volume = vm.open(path)
     assert volume.meta.get("orientation") == orientation
-    vm.io.save(volume, tmp_path / "again.mha")
+    volume.save(tmp_path / "again.mha")
     assert vm.open(tmp_path / "again.mha").meta.get("orientation") == orientation
 
 

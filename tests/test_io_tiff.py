@@ -63,7 +63,7 @@ def test_other_packings_need_a_package(tmp_path, packing, monkeypatch):
     path = tiff(tmp_path / "stack.tif", values, compression=packing)
     np.testing.assert_array_equal(vm.open(path).array("stack"), of_pages(values))
     monkeypatch.setitem(__import__("sys").modules, "imagecodecs", None)
-    with pytest.raises(vm.MissingPackageError, match=r"voluminous\[tiff\]"):
+    with pytest.raises(vm.errors.MissingPackageError, match=r"voluminous\[tiff\]"):
         vm.open(path)
 
 
@@ -116,7 +116,7 @@ def test_ome_channels_have_names_and_colours(tmp_path):
     asked = vm.open(path, {"green": "GFP_2"})
     assert asked.meta["channels"] == {"green": {"label": "GFP 2", "color": [0, 1, 0]}}
     assert vm.open(path, name="a").fields == ("a_0", "a_1", "a_2")
-    vm.io.save(volume, tmp_path / "kept.h5")
+    volume.save(tmp_path / "kept.h5")
     assert vm.open(tmp_path / "kept.h5").meta == volume.meta
 
 

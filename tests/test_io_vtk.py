@@ -201,7 +201,7 @@ def test_oblique_data_keep_their_own_axes_and_say_so(tmp_path):
     true = true.reshape(*POINTS, 3).transpose(2, 1, 0, 3).reshape(-1, 3)
     np.testing.assert_allclose(true, expected, atol=1e-12)
     again = tmp_path / "b.vti"
-    vm.io.save(volume, again)
+    volume.save(again)
     np.testing.assert_allclose(vm.open(again).meta["direction"], volume.meta["direction"])
     np.testing.assert_allclose(vm.open(again).grid.bounds, volume.grid.bounds)
 

@@ -62,7 +62,7 @@ def test_what_is_written_vtk_reads_and_so_do_we(tmp_path_factory, suffix):
     @settings(deadline=None, max_examples=50)
     @given(volumes(even=suffix == ".vti"))
     def run(volume):
-        vm.io.save(volume, path)
+        volume.save(path)
         theirs, ours = read(path), vm.open(path)
         np.testing.assert_allclose(theirs.GetBounds(), volume.grid.bounds.ravel(), rtol=1e-13)
         assert ours.fields == volume.fields
@@ -93,7 +93,7 @@ def test_vectors_truths_and_remarks(tmp_path):
     volume["truth"] = volume.array("inside") > 0.5
     volume.meta |= {"time": 2.5, "object": "a & b", "list": [1], "flag": True}
     path = tmp_path / "a.vti"
-    vm.io.save(volume, path)
+    volume.save(path)
     theirs, ours = read(path), vm.open(path)
     wind = theirs.GetCellData().GetArray("wind")
     assert wind.GetNumberOfComponents() == 3
@@ -112,7 +112,7 @@ def test_vectors_truths_and_remarks(tmp_path):
 def test_image_data_have_equal_cells(tmp_path):
     volume = vm.Volume(vm.CartesianGrid([0, 1, 3], [0, 1], [0, 1]), a=np.ones((2, 1, 1)))
     with pytest.raises(vm.InputError, match=r"equal cells.*write a \.vtr"):
-        vm.io.save(volume, tmp_path / "a.vti")
+        volume.save(tmp_path / "a.vti")
     assert not list(tmp_path.iterdir())
 
 
@@ -128,13 +128,13 @@ def test_objects_of_vtk(make):
     add(data, "v", random_values("f4", (*POINTS, 3)))
     add(data, "c", random_values("f8", CELLS), cells=True)
     data.GetPointData().SetActiveScalars("f4")
-    volume = vm.from_pyvista(data, unit="mm")
+    volume = vm.Volume.from_pyvista(data, unit="mm")
     assert volume.fields == (*TYPES, "v_x", "v_y", "v_z")
     assert str(volume.unit) == "mm"
     for name, array in values.items():
         np.testing.assert_array_equal(volume.array(name), array)
         assert volume.array(name).dtype == array.dtype
-    cells = vm.from_pyvista(data, {"rho": "cell/c"})
+    cells = vm.Volume.from_pyvista(data, {"rho": "cell/c"})
     np.testing.assert_array_equal(cells.array("rho"), random_values("f8", CELLS))
     np.testing.assert_allclose(cells.grid.bounds.ravel(), data.GetBounds())
     if make is not image:
@@ -146,19 +146,19 @@ def test_an_image_in_its_own_place():
     data.SetDirectionMatrix(0, -1, 0, 1, 0, 0, 0, 0, 1)
     add(data, "f", random_values("f4")).GetInformation().Set(vtkDataArray.UNITS_LABEL(), "K")
     add(data, "c", random_values("f4", CELLS), cells=True)
-    volume = vm.from_pyvista(data, "c")
+    volume = vm.Volume.from_pyvista(data, "c")
     np.testing.assert_allclose(volume.grid.bounds.ravel(), data.GetBounds())
     np.testing.assert_array_equal(
         volume.array("c"), random_values("f4", CELLS).transpose(1, 0, 2)[::-1]
     )
-    assert vm.from_pyvista(data, "f").units == {"f": "K"}
+    assert vm.Volume.from_pyvista(data, "f").units == {"f": "K"}
 
 
 def test_values_are_copied():
     data = vtkUniformGrid()
     data.SetDimensions(2, 2, 2)
     array = add(data, "f", random_values("f4", (2, 2, 2)))
-    volume = vm.from_pyvista(data)
+    volume = vm.Volume.from_pyvista(data)
     vtk_to_numpy(array)[:] = 0
     np.testing.assert_array_equal(volume.array("f"), random_values("f4", (2, 2, 2)))
 
@@ -169,16 +169,16 @@ def test_objects_of_pyvista():
     mesh["rho"] = random_values("f4").T.ravel()
     mesh.cell_data["c"] = random_values("f4", CELLS).T.ravel()
     mesh.field_data["TimeValue"] = [4.0]
-    volume = vm.from_pyvista(mesh, "rho")
+    volume = vm.Volume.from_pyvista(mesh, "rho")
     np.testing.assert_array_equal(volume.array("rho"), random_values("f4"))
     assert volume.meta == {"time": 4.0}
     grid = pv.RectilinearGrid(*LINES)
     grid["rho"] = random_values("f4").T.ravel()
-    np.testing.assert_array_equal(vm.from_pyvista(grid).array("rho"), random_values("f4"))
+    np.testing.assert_array_equal(vm.Volume.from_pyvista(grid).array("rho"), random_values("f4"))
     with pytest.raises(vm.InputError, match=r"got UnstructuredGrid.*give resolution=64"):
-        vm.from_pyvista(grid.cast_to_unstructured_grid())
+        vm.Volume.from_pyvista(grid.cast_to_unstructured_grid())
     # The advice helps.
-    volume = vm.from_pyvista(grid.cast_to_unstructured_grid(), resolution=8)
+    volume = vm.Volume.from_pyvista(grid.cast_to_unstructured_grid(), resolution=8)
     assert volume.fields == ("rho",)
     assert volume.grid.shape == (7, 6, 8)
     assert np.isfinite(volume.array("rho")).all()
@@ -187,14 +187,14 @@ def test_objects_of_pyvista():
 def test_objects_that_are_no_volume():
     for other in (vtkPolyData(), np.ones(3), vtkImageData()):
         with pytest.raises(vm.InputError, match=r"expected (image data|an object)|is empty"):
-            vm.from_pyvista(other)
+            vm.Volume.from_pyvista(other)
     with pytest.raises(vm.FileFormatError, match="there are none"):
-        vm.from_pyvista(image())
+        vm.Volume.from_pyvista(image())
     data, (x, y, z) = structured(), LINES
     data.GetPoints().SetPoint(3, x[0], y[1] + 0.1, z[2])
     add(data, "f", random_values("f4"))
     with pytest.raises(vm.InputError, match="curved or oblique"):
-        vm.from_pyvista(data)
+        vm.Volume.from_pyvista(data)
 
 
 def test_hidden_cells_of_objects():
@@ -205,7 +205,7 @@ def test_hidden_cells_of_objects():
     for n in range(data.GetNumberOfCells()):
         ghosts.InsertNextValue(32 if n == 3 else 0)
     data.GetCellData().AddArray(ghosts)
-    hidden = np.isnan(vm.from_pyvista(data).array("c"))
+    hidden = np.isnan(vm.Volume.from_pyvista(data).array("c"))
     assert np.flatnonzero(hidden.T).tolist() == [3]
 
 
@@ -213,8 +213,8 @@ def test_what_a_rectilinear_grid_cannot_say_is_said(tmp_path):
     volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)), a=np.ones((2, 2, 2)))
     volume.meta["direction"] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     with pytest.warns(UserWarning, match=r"cannot be turned.*\.vti file keeps it"):
-        vm.io.save(volume, tmp_path / "a.vtr")
+        volume.save(tmp_path / "a.vtr")
     volume.meta["direction"] = [1, 0, 0, 0, 1, 0, 0, 0, 1]
     for suffix in (".vti", ".vtr"):
         with pytest.raises(vm.InputError, match="matrix of 3 x 3"):
-            vm.io.save(volume, tmp_path / f"a{suffix}")
+            volume.save(tmp_path / f"a{suffix}")

@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 import voluminous.xarray
 from voluminous.io import find_reader
-from voluminous.io.axis_names import axis_of
-from voluminous.io.edges import edges_of_centers
+from voluminous.io.axes import axis_of, edges_of_centers
 from voluminous.io.unit_texts import known_unit
 
 xr = pytest.importorskip("xarray")
@@ -43,7 +42,7 @@ def cubes(draw):
 @given(cubes())
 def test_values_stay_at_their_coordinates(cube):
     array, centers = cube
-    volume = vm.from_xarray(array)
+    volume = vm.Volume.from_xarray(array)
     sorted_ = [np.sort(centers[a]) for a in "xyz"]
     x, y, z = np.meshgrid(*sorted_, indexing="ij")
     np.testing.assert_array_equal(volume.array("f"), x + 100 * y + 10_000 * z)
@@ -77,7 +76,7 @@ def cube(dims=("z", "y", "x"), **options):
 
 
 def test_without_coordinates_cells_are_counted():
-    volume = vm.from_xarray(cube())
+    volume = vm.Volume.from_xarray(cube())
     assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
     np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
     assert volume.meta["axes"]["x"]["name"] == "x"
@@ -85,7 +84,7 @@ def test_without_coordinates_cells_are_counted():
 
 def test_dimensions_that_tell_nothing_are_in_order():
     values = np.arange(24.0).reshape(2, 3, 4)
-    volume = vm.from_xarray(xr.DataArray(values))
+    volume = vm.Volume.from_xarray(xr.DataArray(values))
     assert volume.fields == ("data",)
     np.testing.assert_array_equal(volume.array("data"), values)
 
@@ -115,14 +114,14 @@ def test_what_a_dimension_is(dim, attributes, axis):
 
 
 def test_dims_say_it_otherwise():
-    volume = vm.from_xarray(cube(), dims=("z", "y", "x"))
+    volume = vm.Volume.from_xarray(cube(), dims=("z", "y", "x"))
     np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4))
-    same = vm.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
+    same = vm.Volume.from_xarray(cube(), dims={"x": "z", "y": "y", "z": "x"})
     np.testing.assert_array_equal(same.array("rho"), volume.array("rho"))
     with pytest.raises(vm.InputError, match=r"dims must name.*\('x', 'y', 'z'\)"):
-        vm.from_xarray(cube(), dims=("x", "y"))
-    with pytest.raises(vm.UnknownNameError, match="unknown dimension 'xx'"):
-        vm.from_xarray(cube(), dims=("xx", "y", "z"))
+        vm.Volume.from_xarray(cube(), dims=("x", "y"))
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown dimension 'xx'"):
+        vm.Volume.from_xarray(cube(), dims=("xx", "y", "z"))
 
 
 # Coordinates
@@ -131,16 +130,16 @@ def test_dims_say_it_otherwise():
 def test_bounds_of_cells_go_before_midpoints():
     data = cube(coords={"z": ("z", [1.0, 5.0], {"bounds": "z_bnds"})}).to_dataset()
     data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [2.0, 8.0]])
-    assert vm.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
+    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [0, 2, 8]
     # Those that do not join up are no edges.
     data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [3.0, 8.0]])
-    assert vm.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
+    assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
 
 
 def test_bounds_of_descending_cells():
     data = cube(coords={"z": ("z", [5.0, 1.0], {"bounds": "z_bnds"})}).to_dataset()
     data["z_bnds"] = (("z", "nv"), [[8.0, 2.0], [2.0, 0.0]])
-    volume = vm.from_xarray(data)
+    volume = vm.Volume.from_xarray(data)
     assert volume.grid.edges[2].tolist() == [0, 2, 8]
     np.testing.assert_array_equal(
         volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T[..., ::-1]
@@ -153,7 +152,7 @@ def test_lengths_of_different_units_are_converted():
         "y": ("y", np.arange(3.0), {"units": "metres"}),
         "z": ("z", np.arange(2.0), {"units": "km"}),
     }
-    grid = vm.from_xarray(cube(coords=coords)).grid
+    grid = vm.Volume.from_xarray(cube(coords=coords)).grid
     assert grid.unit == u.km
     np.testing.assert_allclose(grid.bounds, [[-0.5, 3.5], [-0.0005, 0.0025], [-0.5, 1.5]])
 
@@ -161,7 +160,7 @@ def test_lengths_of_different_units_are_converted():
 def test_depth_grows_downwards():
     coords = {"z": ("z", [10.0, 20.0], {"units": "m", "positive": "down"})}
     coords |= {a: (a, np.arange(float(N[a])), {"units": "m"}) for a in "xy"}
-    volume = vm.from_xarray(cube(coords=coords))
+    volume = vm.Volume.from_xarray(cube(coords=coords))
     assert volume.grid.bounds[2].tolist() == [-25, -5]
     top = volume.array("rho")[..., -1]
     np.testing.assert_array_equal(top, cube().values[0].T)
@@ -184,7 +183,7 @@ def atmosphere():
 
 def test_angles_and_pressures_are_no_lengths_and_a_warning_says_so():
     with pytest.warns(UserWarning, match=r"z = plev: hPa\): z is fitted into 180, which is no"):
-        volume = vm.from_xarray(atmosphere(), "u", isel={"time": 1})
+        volume = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": 1})
     assert volume.unit is None
     np.testing.assert_allclose(volume.grid.bounds, [[-15, 345], [-90, 90], [0, 180]])
     # Up is where the pressure is low: 75, 350 and 150 hPa wide halves around the levels.
@@ -201,25 +200,25 @@ def test_the_sides_of_the_box_can_be_said():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         chosen = {"isel": {"time": 0}, "unit": "km"}
-        volume = vm.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
+        volume = vm.Volume.from_xarray(atmosphere(), "u", aspect=(4, 2, 1), **chosen)
         assert volume.grid.bounds.tolist() == [[0, 4], [0, 2], [0, 1]]
         assert volume.unit == u.km
-        spaced = vm.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
+        spaced = vm.Volume.from_xarray(atmosphere(), "u", spacing=(1, 1, 2), **chosen)
         assert spaced.grid.bounds.tolist() == [[0, 12], [0, 6], [0, 6]]
-        bounded = vm.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
+        bounded = vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), **chosen)
         assert bounded.grid.bounds.tolist() == [[0, 1]] * 3
     with pytest.raises(vm.InputError, match="not bounds and aspect"):
-        vm.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
+        vm.Volume.from_xarray(atmosphere(), "u", bounds=(0, 1), aspect=(1, 1, 1), **chosen)
     with pytest.raises(vm.InputError, match="aspect must be three positive"):
-        vm.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
+        vm.Volume.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
 
 
 def test_a_coordinate_that_turns_back_is_refused():
     with pytest.raises(vm.InputError, match=r"'y' must ascend or descend.*sortby\('y'\)"):
-        vm.from_xarray(cube(coords={"y": [0.0, 2.0, 1.0]}))
+        vm.Volume.from_xarray(cube(coords={"y": [0.0, 2.0, 1.0]}))
     with pytest.raises(vm.InputError, match="'y' must ascend"):
-        vm.from_xarray(cube(coords={"y": [0.0, np.nan, 1.0]}))
-    assert vm.from_xarray(cube(coords={"y": list("abc")})).grid.bounds[1].tolist() == [0, 3]
+        vm.Volume.from_xarray(cube(coords={"y": [0.0, np.nan, 1.0]}))
+    assert vm.Volume.from_xarray(cube(coords={"y": list("abc")})).grid.bounds[1].tolist() == [0, 3]
 
 
 # Which part, which fields
@@ -228,12 +227,12 @@ def test_a_coordinate_that_turns_back_is_refused():
 def test_other_dimensions_are_chosen():
     with pytest.raises(vm.InputError, match=r"\(time: 2, plev: 3, lat: 6, lon: 12\); choose one of "
                        r"time with isel=\{'time': 0\}"):  # fmt: skip
-        vm.from_xarray(atmosphere(), "u")
+        vm.Volume.from_xarray(atmosphere(), "u")
     whole = {"aspect": (1, 1, 1)}
-    by_value = vm.from_xarray(atmosphere(), "u", sel={"time": "2001-02-01"}, **whole)
-    by_number = vm.from_xarray(atmosphere(), "u", isel={"time": 1}, **whole)
+    by_value = vm.Volume.from_xarray(atmosphere(), "u", sel={"time": "2001-02-01"}, **whole)
+    by_number = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": 1}, **whole)
     np.testing.assert_array_equal(by_value.array("u"), by_number.array("u"))
-    part = vm.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
+    part = vm.Volume.from_xarray(atmosphere(), "u", isel={"time": [1], "lon": slice(2, 5)}, **whole)
     np.testing.assert_array_equal(part.array("u"), by_number.array("u")[2:5])
 
 
@@ -249,7 +248,7 @@ def test_other_dimensions_are_chosen():
 )
 def test_a_part_that_is_not_there(options, message):
     with pytest.raises(vm.VoluminousError, match=message):
-        vm.from_xarray(atmosphere(), "u", **options)
+        vm.Volume.from_xarray(atmosphere(), "u", **options)
 
 
 def test_fields_that_lie_elsewhere_are_left_out_and_named():
@@ -257,23 +256,23 @@ def test_fields_that_lie_elsewhere_are_left_out_and_named():
     data = atmosphere()
     data["w"] = (("plev", "lat", "lon2"), np.zeros((3, 6, 13)))
     with pytest.warns(UserWarning, match=r"left out.*than u: w \(plev: 3, lat: 6, lon2: 13\)"):
-        assert vm.from_xarray(data, **options).fields == ("u", "v")
+        assert vm.Volume.from_xarray(data, **options).fields == ("u", "v")
     with pytest.raises(vm.InputError, match=r"same three dimensions, got u .* and w"):
-        vm.from_xarray(data, ["u", "w"], **options)
-    assert vm.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
-    with pytest.raises(vm.UnknownNameError, match="unknown variable 'q'"):
-        vm.from_xarray(data, "q", **options)
+        vm.Volume.from_xarray(data, ["u", "w"], **options)
+    assert vm.Volume.from_xarray(data, {"speed": "v"}, **options).fields == ("speed",)
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown variable 'q'"):
+        vm.Volume.from_xarray(data, "q", **options)
 
 
 def test_a_time_is_an_axis_only_if_told():
     with pytest.raises(vm.InputError, match=r"say dims=\('lon', 'lat', 'time'\)"):
-        vm.from_xarray(atmosphere().ps)
-    volume = vm.from_xarray(atmosphere().ps, dims=("lon", "lat", "time"), aspect=(2, 1, 1))
+        vm.Volume.from_xarray(atmosphere().ps)
+    volume = vm.Volume.from_xarray(atmosphere().ps, dims=("lon", "lat", "time"), aspect=(2, 1, 1))
     assert volume.meta["axes"]["z"] == {"name": "time", "unit": "h", "from": -372.0, "to": 1116.0}
     # An array of three dimensions is preferred to one of times.
     data = xr.Dataset({"ps": atmosphere().ps, "rho": cube()})
     with pytest.warns(UserWarning, match="left out"):
-        assert vm.from_xarray(data).fields == ("rho",)
+        assert vm.Volume.from_xarray(data).fields == ("rho",)
 
 
 @pytest.mark.parametrize(
@@ -288,7 +287,7 @@ def test_a_time_is_an_axis_only_if_told():
 )
 def test_what_makes_no_volume(data, message):
     with pytest.raises(vm.InputError, match=message):
-        vm.from_xarray(data)
+        vm.Volume.from_xarray(data)
 
 
 # Values
@@ -296,12 +295,12 @@ def test_what_makes_no_volume(data, message):
 
 @pytest.mark.parametrize("dtype", ["u1", "i2", "u2", "i4", "f4", "f8", "?", ">f4"])
 def test_types_stay(dtype):
-    volume = vm.from_xarray(cube().astype(dtype))
+    volume = vm.Volume.from_xarray(cube().astype(dtype))
     assert volume.array("rho").dtype == np.dtype(dtype).newbyteorder("=")
 
 
 def test_missing_values_are_nan():
-    assert np.isnan(vm.from_xarray(cube().where(cube() > 5)).array("rho")).sum() == 6
+    assert np.isnan(vm.Volume.from_xarray(cube().where(cube() > 5)).array("rho")).sum() == 6
 
 
 def test_pieces_are_computed_when_they_are_used(monkeypatch):
@@ -315,7 +314,7 @@ def test_pieces_are_computed_when_they_are_used(monkeypatch):
 
     data = xr.Dataset({"a": cube().chunk(x=2), "b": cube().chunk(x=2)})
     data = data.map(lambda v: v.copy(data=v.data.map_blocks(compute, meta=np.empty((0, 0, 0)))))
-    volume = vm.from_xarray(data)
+    volume = vm.Volume.from_xarray(data)
     assert volume.waiting == ("a", "b")
     assert not computed
     with dask.config.set(scheduler="synchronous"):
@@ -383,7 +382,7 @@ def test_a_picture_is_that_of_the_volume(ball):
     medium = vm.Coefficients("rho", 0.1)
     options = {"scheme": "first-order", "precision": "double"}
     mine = ball.to_dataset().voluminous.render(medium, camera, spacing=0.1, unit="pc", **options)
-    volume = vm.from_xarray(ball, spacing=0.1, unit="pc")
+    volume = vm.Volume.from_xarray(ball, spacing=0.1, unit="pc")
     np.testing.assert_array_equal(
         mine.intensity, vm.render(volume, medium, camera, **options).intensity
     )
@@ -392,7 +391,7 @@ def test_a_picture_is_that_of_the_volume(ball):
     by_field = ball.voluminous.render("rho**2", camera)
     assert (
         by_field.provenance["medium"]
-        == vm.suggest_medium(vm.from_xarray(ball), "rho**2").describe()
+        == vm.suggest_medium(vm.Volume.from_xarray(ball), "rho**2").describe()
     )
 
 
@@ -408,22 +407,22 @@ def test_axes_in_another_order_are_refused_where_shapes_do_not_tell():
 
 def test_a_slash_in_a_name_is_no_path():
     array = xr.DataArray(np.ones((2, 2, 2)), dims=("x", "y", "z"))
-    volume = vm.from_xarray(xr.Dataset({"rho (g/cc)": array}))
+    volume = vm.Volume.from_xarray(xr.Dataset({"rho (g/cc)": array}))
     assert volume.fields == ("rho__g_cc_",)
-    assert vm.from_xarray(xr.Dataset({"a/b": array}), fields="a_b").fields == ("a_b",)
+    assert vm.Volume.from_xarray(xr.Dataset({"a/b": array}), fields="a_b").fields == ("a_b",)
 
 
 @pytest.mark.parametrize(
     ("take", "told"),
     [
-        (lambda array: vm.render(array), "got DataArray; vm.from_xarray"),
-        (lambda array: vm.open(array), "got DataArray; vm.from_xarray"),
-        (lambda array: vm.Volume(array), "got DataArray first; vm.from_xarray"),
-        (lambda array: vm.from_xarray(array.values), r"got ndarray; vm.Volume\("),
+        (lambda array: vm.render(array), "got DataArray; vm.Volume.from_xarray"),
+        (lambda array: vm.open(array), "got DataArray; vm.Volume.from_xarray"),
+        (lambda array: vm.Volume(array), "got DataArray first; vm.Volume.from_xarray"),
+        (lambda array: vm.Volume.from_xarray(array.values), r"got ndarray; vm.Volume\("),
         (lambda array: vm.render(array.values), r"got ndarray; vm.Volume\("),
         (
-            lambda array: vm.from_xarray(array.to_dataframe()),
-            r"got DataFrame; of points vm.from_particles\(.*of cells vm.from_xarray\(table.set_ind",
+            lambda array: vm.Volume.from_xarray(array.to_dataframe()),
+            r"got DataFrame; of points vm.Volume.from_particles\(.*of cells vm.Volume.from_xarray",
         ),
     ],
 )
@@ -438,7 +437,7 @@ def test_a_table_of_cells_is_a_volume_as_the_error_says():
     array = xr.DataArray(np.arange(24.0).reshape(2, 3, 4), dims=("x", "y", "z"), name="f")
     array = array.assign_coords(x=[0.0, 1.0], y=[0.0, 1.0, 2.0], z=[0.0, 1.0, 2.0, 3.0])
     table = array.to_dataframe().reset_index().sample(frac=1, random_state=1)
-    volume = vm.from_xarray(table.set_index(["x", "y", "z"]).to_xarray())
+    volume = vm.Volume.from_xarray(table.set_index(["x", "y", "z"]).to_xarray())
     np.testing.assert_array_equal(volume.array("f"), array.values)
 
 
@@ -477,7 +476,7 @@ def test_variables_that_describe_others_are_no_fields(tmp_path, kind):
         data.to_zarr(path, consolidated=False)
 
     def opened(fields=None):
-        return vm.from_xarray(data, fields) if kind == "memory" else vm.open(path, fields)
+        return vm.Volume.from_xarray(data, fields) if kind == "memory" else vm.open(path, fields)
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
@@ -502,7 +501,7 @@ def quantities():
 
 def test_quantities_in_arrays_keep_their_unit():
     for quantity, unit, values in quantities():
-        volume = vm.from_xarray(xr.DataArray(quantity, dims=("z", "y", "x"), name="q"))
+        volume = vm.Volume.from_xarray(xr.DataArray(quantity, dims=("z", "y", "x"), name="q"))
         assert volume.units["q"] == unit
         np.testing.assert_array_equal(volume.array("q"), values.T)
 
@@ -513,13 +512,13 @@ def test_a_unit_that_astropy_lacks_is_not_dropped():
     registry.define("smoot = 1.7018 m")
     values = registry.Quantity(np.ones((2, 3, 4)), "smoot")
     with pytest.raises(vm.UnitsError, match="smoot"):
-        vm.from_xarray(xr.DataArray(values, dims=("z", "y", "x"), name="q"))
+        vm.Volume.from_xarray(xr.DataArray(values, dims=("z", "y", "x"), name="q"))
 
 
 def test_units_in_attributes_may_be_objects():
     for unit in ("kg/m3", u.Unit("kg/m3")):
         data = xr.DataArray(np.ones((2, 3, 4)), dims=("z", "y", "x"), attrs={"units": unit})
-        assert vm.from_xarray(data).units["data"] == "kg / m3"
+        assert vm.Volume.from_xarray(data).units["data"] == "kg / m3"
 
 
 def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():
@@ -529,6 +528,6 @@ def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():
     data = xr.Dataset({"t": (("z", "y", "x"), stored, told)})
     expected = np.where(stored == -9, np.nan, 0.5 * stored + 3).T
     for packed in (data, data.t):
-        volume = vm.from_xarray(packed)
+        volume = vm.Volume.from_xarray(packed)
         np.testing.assert_allclose(volume.array("t"), expected)
         assert volume.units["t"] == "K"

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
+from voluminous.io.axes import round_unit
 from voluminous.io.leaves import ABSENT, placed_values, tree_of_leaves
-from voluminous.io.lengths import round_unit
 
 yt = pytest.importorskip("yt")
 yt.set_log_level(50)
@@ -164,7 +164,7 @@ def check_cells(volume, data, ds, fields=("density", "velocity_x", "temperature"
 @pytest.mark.parametrize("name", DATASETS)
 def test_every_cell_is_where_yt_has_it(name):
     ds = dataset(name)
-    volume = vm.from_yt(ds)
+    volume = vm.Volume.from_yt(ds)
     assert type(volume.grid) is KINDS[name]
     cells = check_cells(volume, ds.all_data(), ds)
     if name != "holes":
@@ -202,7 +202,7 @@ PARTS = [
 def test_a_region_has_its_own_cells_only(name, region):
     ds = dataset(name)
     data = REGIONS[region](ds, ds.domain_center, ds.domain_width)
-    volume = vm.from_yt(data, ["density", "velocity_x", "temperature"])
+    volume = vm.Volume.from_yt(data, ["density", "velocity_x", "temperature"])
     cells = check_cells(volume, data, ds)
     # No larger than its cells need: the grid's ends are those of a cell, or of one that they halve.
     center, width = (v.to(ds.length_unit).d for v in (data.fcoords, data.fwidth))
@@ -231,10 +231,10 @@ def test_curvilinear_coordinates(name):
     ds = uniform(geometry=geometry, axis_order=order, bbox=np.array(box, float))
     if "geographic" in geometry:
         ds.surface_height, ds.outer_radius = ds.quan(50, "code_length"), ds.quan(60, "code_length")
-    volume = vm.from_yt(ds, ["density", "temperature"])
+    volume = vm.Volume.from_yt(ds, ["density", "temperature"])
     assert len(check_cells(volume, ds.all_data(), ds, ["density", "temperature"])) == 192
     part = ds.cut_region(ds.all_data(), ["obj['gas', 'density'] > 1.5"])
-    check_cells(vm.from_yt(part, ["density"]), part, ds, ["density"])
+    check_cells(vm.Volume.from_yt(part, ["density"]), part, ds, ["density"])
 
 
 def test_refined_spherical_coordinates():
@@ -246,7 +246,7 @@ def test_refined_spherical_coordinates():
         geometry="spherical",
         bbox=np.array([[1, 2], [0, np.pi], [0, AROUND]]),
     )
-    volume = vm.from_yt(ds, "density")
+    volume = vm.Volume.from_yt(ds, "density")
     assert isinstance(volume.grid, vm.SphericalGrid)
     assert len(check_cells(volume, ds.all_data(), ds, ["density"])) == volume.grid.size
 
@@ -257,7 +257,7 @@ def test_a_meridional_plane_goes_around_the_axis():
     boxes.append(([1.25, np.pi / 4, 0], [1.75, np.pi / 2, AROUND], 1, [4, 2, 1]))
     box = np.array([[1, 2], [0, np.pi], [0, AROUND]])
     ds = yt.load_amr_grids(grids(boxes), [4, 4, 1], geometry="spherical", bbox=box)
-    volume = vm.from_yt(ds, "density")
+    volume = vm.Volume.from_yt(ds, "density")
     assert len(check_cells(volume, ds.all_data(), ds, ["density"])) == volume.grid.size == 22
 
 
@@ -270,7 +270,7 @@ def test_components_in_cylindrical_coordinates_have_our_letters():
         geometry="polar",
         bbox=np.array([[1, 2], [0, AROUND], [-1, 1]]),
     )
-    volume = vm.from_yt(ds, "velocity")
+    volume = vm.Volume.from_yt(ds, "velocity")
     assert volume.fields == ("velocity_R", "velocity_phi", "velocity_z")
     for value, name in enumerate(volume.fields):
         assert (volume.array(name) == value).all()
@@ -283,7 +283,7 @@ def test_sampled_arrays():
         ds.covering_grid(1, [0.25] * 3, [4, 6, 8]),
         ds.arbitrary_grid([0.1] * 3, [0.7] * 3, [5, 6, 7]),
     ):
-        volume = vm.from_yt(data, "density", unit="pc")
+        volume = vm.Volume.from_yt(data, "density", unit="pc")
         assert volume.grid.shape == tuple(data.ActiveDimensions)
         np.testing.assert_array_equal(volume.array("density"), data["gas", "density"].d)
         ends = np.stack([data.left_edge.d, data.right_edge.d], axis=1)
@@ -293,7 +293,7 @@ def test_sampled_arrays():
 def test_fields_go_by_many_names():
     ds = dataset("uniform")
     same = [
-        vm.from_yt(ds, fields)
+        vm.Volume.from_yt(ds, fields)
         for fields in (
             "density",
             ("gas", "density"),
@@ -304,12 +304,12 @@ def test_fields_go_by_many_names():
         )
     ]
     assert all(volume.fields == ("density",) for volume in same)
-    assert vm.from_yt(ds, ("density", "temperature")).fields == ("density", "temperature")
-    named = vm.from_yt(ds, {"rho": ("gas", "density"), "t": "temperature"})
+    assert vm.Volume.from_yt(ds, ("density", "temperature")).fields == ("density", "temperature")
+    named = vm.Volume.from_yt(ds, {"rho": ("gas", "density"), "t": "temperature"})
     np.testing.assert_array_equal(named.array("rho"), same[0].array("density"))
-    assert vm.from_yt(ds, ["velocity"]).fields == ("velocity_x", "velocity_y", "velocity_z")
-    assert set(vm.from_yt(ds).fields) == set(random_fields(1))
-    derived = vm.from_yt(ds, ["velocity_magnitude", "cell_mass"])
+    assert vm.Volume.from_yt(ds, ["velocity"]).fields == ("velocity_x", "velocity_y", "velocity_z")
+    assert set(vm.Volume.from_yt(ds).fields) == set(random_fields(1))
+    derived = vm.Volume.from_yt(ds, ["velocity_magnitude", "cell_mass"])
     speed = ds.all_data()["gas", "velocity_magnitude"].d
     np.testing.assert_array_equal(derived.array("velocity_magnitude").reshape(-1), speed)
 
@@ -322,32 +322,32 @@ def test_fields_that_a_user_defines():
         sampling_type="cell",
         units="kg/m**3",
     )
-    volume = vm.from_yt(ds, ["density", "twice"])
+    volume = vm.Volume.from_yt(ds, ["density", "twice"])
     assert volume.units["twice"] == "kg / m3"
     np.testing.assert_allclose(volume.array("twice"), 2e3 * volume.array("density"), rtol=1e-15)
 
 
 def test_an_unknown_field_is_told_with_the_nearest():
     ds = dataset("uniform")
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'density'") as failure:
-        vm.from_yt(ds, "densty")
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'") as failure:
+        vm.Volume.from_yt(ds, "densty")
     assert len(str(failure.value)) < 400  # not all that yt derives
 
 
 def test_units_of_lengths_and_fields():
     ds = dataset("uniform")
-    volume = vm.from_yt(ds, "density", units={"density": "Msun/pc3"})
+    volume = vm.Volume.from_yt(ds, "density", units={"density": "Msun/pc3"})
     assert str(volume.unit) == "kpc"
     assert volume.units["density"] == "solMass / pc3"
     expected = ds.all_data()["gas", "density"].to("Msun/pc**3").d
     # The Sun's mass differs in the fourth digit between unyt and astropy.
     np.testing.assert_allclose(volume.array("density").reshape(-1), expected, rtol=1e-3)
-    in_pc = vm.from_yt(ds, "density", unit="pc")
+    in_pc = vm.Volume.from_yt(ds, "density", unit="pc")
     np.testing.assert_allclose(in_pc.grid.bounds, 1000 * volume.grid.bounds, rtol=CONSTANTS)
     with pytest.raises(vm.UnitsError, match="density"):
-        vm.from_yt(ds, "density", units={"density": "K"})
-    with pytest.raises(vm.UnknownNameError):
-        vm.from_yt(ds, "density", units={"temperature": "K"})
+        vm.Volume.from_yt(ds, "density", units={"density": "K"})
+    with pytest.raises(vm.errors.UnknownNameError):
+        vm.Volume.from_yt(ds, "density", units={"temperature": "K"})
 
 
 @pytest.mark.parametrize(
@@ -360,12 +360,12 @@ def test_the_unit_of_length_suits_the_domain(width, unit):
 
 def test_lengths_are_to_the_last_digit_those_of_yt():
     ds = uniform(bbox=np.array([[0, 1]] * 3) * 5, length_unit="kpc")
-    np.testing.assert_array_equal(vm.from_yt(ds, "density").grid.bounds, [[0, 5]] * 3)
+    np.testing.assert_array_equal(vm.Volume.from_yt(ds, "density").grid.bounds, [[0, 5]] * 3)
 
 
 def test_what_is_known_besides():
     ds = uniform(sim_time=3.0, time_unit="yr")
-    meta = vm.from_yt(ds, "density").meta
+    meta = vm.Volume.from_yt(ds, "density").meta
     assert meta["time"] == pytest.approx(3 * 3.15576e7, rel=1e-4)
     assert meta["time_unit"] == "s"
     assert meta["code"] == "stream"
@@ -376,16 +376,16 @@ def test_what_is_no_volume_is_refused():
     ds = dataset("uniform")
     for data, told in ((ds.slice(0, 0.5), "three dimensions"), (3.0, "float")):
         with pytest.raises(vm.InputError, match=told):
-            vm.from_yt(data)
+            vm.Volume.from_yt(data)
     with pytest.raises(vm.InputError, match="no cells"):
-        vm.from_yt(ds.cut_region(ds.all_data(), ["obj['gas', 'density'] > 5"]))
+        vm.Volume.from_yt(ds.cut_region(ds.all_data(), ["obj['gas', 'density'] > 5"]))
     connectivity = np.array([[0, 1, 2, 3, 4, 5, 6, 7]])
     corners = np.array([[i, j, k] for k in (0.0, 1) for j in (0.0, 1) for i in (0.0, 1)])
     mesh = yt.load_unstructured_mesh(
         connectivity, corners, elem_data={("connect1", "test"): np.ones((1, 1))}
     )
     with pytest.raises(vm.InputError, match="unstructured"):
-        vm.from_yt(mesh)
+        vm.Volume.from_yt(mesh)
 
 
 def test_yt_is_left_as_it_was(capsys):
@@ -394,8 +394,8 @@ def test_yt_is_left_as_it_was(capsys):
     region["gas", "density"]
     kept, level = set(region.field_data), logging.getLogger("yt").level
     bars = yt.config.ytcfg.get("yt", "suppress_stream_logging")
-    vm.from_yt(region, ["temperature", "velocity_magnitude"])
-    vm.from_yt(dataset("pieces"), "temperature")
+    vm.Volume.from_yt(region, ["temperature", "velocity_magnitude"])
+    vm.Volume.from_yt(dataset("pieces"), "temperature")
     assert set(region.field_data) == kept
     assert logging.getLogger("yt").level == level
     assert yt.config.ytcfg.get("yt", "suppress_stream_logging") == bars

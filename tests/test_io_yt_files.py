@@ -76,7 +76,7 @@ def test_options(tmp_path):
     ends = [np.round(e * 16) / 16 for e in (3e4 / au, 1e5 / au, 1e5 / au)]
     np.testing.assert_allclose(volume.grid.bounds[:, 1] / au, ends, atol=1 / 15)
     assert volume.grid.size < 200
-    with pytest.raises(vm.UnknownNameError, match="units"):
+    with pytest.raises(vm.errors.UnknownNameError, match="units"):
         vm.open(path, unitz={})
 
 
@@ -275,7 +275,7 @@ def test_without_yt_it_is_said_how_to_get_it(tmp_path):
         "import sys; sys.modules['yt'] = None\n"
         "import voluminous as vm\n"
         f"try: vm.open({str(path)!r})\n"
-        "except vm.MissingPackageError as error: print(error)\n"
+        "except vm.errors.MissingPackageError as error: print(error)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
@@ -413,7 +413,7 @@ def test_particles_keep_their_masses_and_momenta(tmp_path):
     path = real("arepo_galaxies/galaxy_interaction.hdf5")
     shutil.copy(path, tmp_path)  # yt writes what it found of neighbours beside the file
     ds = yt.load(str(tmp_path / path.name))
-    volume = vm.from_yt(ds, ["density", "velocity"])
+    volume = vm.Volume.from_yt(ds, ["density", "velocity"])
     gas = ds.all_data()
     mass = gas["PartType0", "particle_mass"].to("g").d
     cells = volume.array("density") * volume.grid.cell_volumes * volume.unit.to("cm") ** 3

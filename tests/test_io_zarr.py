@@ -117,7 +117,7 @@ def test_groups_with_names(tmp_path, version):
     with pytest.raises(vm.FileFormatError, match=r"several groups.*land/low, sea"):
         vm.open(path)
     assert vm.open(path, group="sea").fields == ("rho",)
-    with pytest.raises(vm.UnknownNameError, match="unknown group 'see'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown group 'see'"):
         vm.open(path, group="see")
 
 
@@ -271,10 +271,10 @@ def test_pieces_that_no_memory_holds(tmp_path):
     (place,) = path.rglob(".zarray")
     told = json.loads(place.read_text())
     place.write_text(json.dumps({**told, "shape": [2, 3, 10**6], "chunks": [10**4] * 3}))
-    with pytest.raises(vm.MemoryNeededError, match=r"one piece \(10000, 10000, 10000\)"):
+    with pytest.raises(vm.errors.MemoryNeededError, match=r"one piece \(10000, 10000, 10000\)"):
         vm.open(path)
     place.write_text(json.dumps({**told, "shape": [10**5] * 3}))
-    with pytest.raises(vm.MemoryNeededError, match="2000000000000000 bytes"):
+    with pytest.raises(vm.errors.MemoryNeededError, match="2000000000000000 bytes"):
         vm.open(path)
 
 

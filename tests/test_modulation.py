@@ -222,19 +222,31 @@ def test_units_of_a_colour_range():
 @pytest.mark.parametrize(
     ("make", "error", "match"),
     [
-        (lambda: vm.ColorBy("b", "virids", 0, 1), vm.UnknownNameError, "viridis"),
+        (lambda: vm.ColorBy("b", "virids", 0, 1), vm.errors.UnknownNameError, "viridis"),
         (lambda: vm.ColorBy("b", "viridis", 1, 0), vm.InputError, "vmin must be below vmax"),
         (lambda: vm.ColorBy("b", "viridis", 0, 1, norm="log"), vm.InputError, "positive vmin"),
         (lambda: vm.ColorBy("b", "viridis", 0, 1, brightness=[1, 2]), vm.InputError, "one number"),
-        (lambda: vm.Gaussian("a", 0, 1, 1, 1, 1, where="b >"), vm.ExpressionError, "b >"),
+        (lambda: vm.Gaussian("a", 0, 1, 1, 1, 1, where="b >"), vm.errors.ExpressionError, "b >"),
         (
             lambda: vm.Table("a", [0, 1], vm.ColorBy("b", "viridis", 0, 1), np.ones((2, 2)), 1),
             vm.InputError,
             "one column or 3",
         ),
-        (lambda: vm.Isosurface("a", [0, 1], "ornge"), vm.UnknownNameError, "the color 'orange'"),
-        (lambda: vm.Isosurface("a", [0, 1], "viridi"), vm.UnknownNameError, "mean 'viridis'"),
-        (lambda: seen(vm.Gaussian("a", 0, 1, 1, 1, 1, where="bb")), vm.UnknownNameError, "'b'"),
+        (
+            lambda: vm.Isosurface("a", [0, 1], "ornge"),
+            vm.errors.UnknownNameError,
+            "the color 'orange'",
+        ),
+        (
+            lambda: vm.Isosurface("a", [0, 1], "viridi"),
+            vm.errors.UnknownNameError,
+            "mean 'viridis'",
+        ),
+        (
+            lambda: seen(vm.Gaussian("a", 0, 1, 1, 1, 1, where="bb")),
+            vm.errors.UnknownNameError,
+            "'b'",
+        ),
     ],
 )
 def test_what_is_refused(make, error, match):

@@ -389,7 +389,7 @@ def test_stars_of_a_table():
     assert named.colors == ["red", "#0000ff"]
     plain = vm.Stars.from_table(Table(columns), color="white", luminosity="L")
     assert plain.colors == "white"
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'name'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'name'"):
         vm.Stars.from_table(Table(columns), luminosity="nam")
 
 
@@ -439,7 +439,7 @@ resolution = 20
     image.save(tmp_path / "image.npz")
     again = vm.Scene.load(tmp_path / "image.npz")
     np.testing.assert_array_equal(again.render().intensity, image.intensity)
-    with pytest.raises(vm.UnknownNameError, match=r"\[\[object\]\] 1.*did you mean 'radii'"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"\[\[object\]\] 1.*did you mean 'radii'"):
         scene.replaced({"object.1.radi": 2})
     assert scene.render(objects=[]).intensity.max() < image.intensity.max()
 
@@ -485,12 +485,12 @@ def test_what_makes_no_sense(make, told):
 
 
 def test_unknown_colours_name_the_nearest():
-    with pytest.raises(vm.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
         vm.Stars([(0, 0, 0)], "oragne", radii=1)
 
 
 def test_unknown_depths_name_the_nearest():
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'foreground'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'foreground'"):
         vm.Stars([(0, 0, 0)], radii=1, depth="forground")
 
 

@@ -302,5 +302,7 @@ def test_a_function_that_refines_far_too_much_is_stopped(monkeypatch):
     from voluminous import memory
 
     monkeypatch.setattr(memory, "available_memory", lambda: 1 << 20)
-    with pytest.raises(vm.MemoryNeededError, match=r"cells of level 6 to split needs .* bytes"):
+    with pytest.raises(
+        vm.errors.MemoryNeededError, match=r"cells of level 6 to split needs .* bytes"
+    ):
         vm.OctreeGrid.from_function(*BOX, everywhere, 30)

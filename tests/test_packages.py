@@ -12,7 +12,9 @@ from voluminous.packages import require
 
 
 def test_what_is_not_there_is_told_without_a_traceback_of_the_import():
-    with pytest.raises(vm.MissingPackageError, match=r'pip install "voluminous\[all\]"') as found:
+    with pytest.raises(
+        vm.errors.MissingPackageError, match=r'pip install "voluminous\[all\]"'
+    ) as found:
         require("nowhere_to_be_found.inside", "all", "nothing")
     assert found.value.__suppress_context__
 
@@ -20,7 +22,7 @@ def test_what_is_not_there_is_told_without_a_traceback_of_the_import():
 def test_what_is_broken_is_told_with_its_traceback(tmp_path, monkeypatch):
     (tmp_path / "broken_package.py").write_text("import nowhere_to_be_found\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(vm.MissingPackageError, match="nowhere_to_be_found") as found:
+    with pytest.raises(vm.errors.MissingPackageError, match="nowhere_to_be_found") as found:
         require("broken_package", "all", "nothing")
     assert isinstance(found.value.__cause__, ModuleNotFoundError)
     assert "broken_package" not in sys.modules

@@ -106,7 +106,7 @@ def test_two_patches_may_be_as_far_apart_as_double_precision_can_tell(gap, tmp_p
     image = vm.render(volume, vm.Coefficients("f", 0), camera, scheme="first-order")
     expected = volume.array("f")[8:].reshape(2, 2, 2).mean(axis=2).T
     np.testing.assert_allclose(image.intensity[..., 0], expected, rtol=1e-6)
-    vm.io.save(volume, tmp_path / "far.h5")
+    volume.save(tmp_path / "far.h5")
     again = vm.open(tmp_path / "far.h5")
     np.testing.assert_array_equal(again.grid.bounds, grid.bounds)
     np.testing.assert_array_equal(again.grid.cell_centers(), grid.cell_centers())

@@ -296,7 +296,7 @@ def test_what_cannot_be_asked(arguments, message):
     with pytest.raises(vm.VoluminousError, match=message):
         vm.probe(volume, MEDIUM, SIDE, **arguments)
     found = vm.probe(volume, MEDIUM, SIDE, (0, 0), scheme="first-order")
-    with pytest.raises(vm.UnknownNameError, match="'c'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="'c'"):
         found.plot(show=["c"])
 
 

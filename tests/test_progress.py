@@ -26,8 +26,10 @@ LONG = {
     "measure": lambda p: vm.measure(VOLUME, "density", progress=p),
     "maps": lambda p: vm.measure(VOLUME, "density", camera=CAMERA, maps=True, progress=p),
     "resample": lambda p: VOLUME.resample(BALLS, progress=p),
-    "from_particles": lambda p: vm.from_particles(POINTS, 1.0, progress=p),
-    "from_particles of a mesh": lambda p: vm.from_particles(POINTS, 1.0, volume=0.1, progress=p),
+    "from_particles": lambda p: vm.Volume.from_particles(POINTS, 1.0, progress=p),
+    "from_particles of a mesh": lambda p: vm.Volume.from_particles(
+        POINTS, 1.0, volume=0.1, progress=p
+    ),
 }
 
 

@@ -43,7 +43,7 @@ def test_wrong_things_in_wrong_places(volume):
     ],
 )
 def test_unknown_names_name_the_nearest(volume, options, told):
-    refused(vm.UnknownNameError, told, volume, MEDIUM, CAMERA, **options)
+    refused(vm.errors.UnknownNameError, told, volume, MEDIUM, CAMERA, **options)
     refused(KeyError, None, volume, MEDIUM, CAMERA, **options)
 
 
@@ -55,7 +55,9 @@ def test_unknown_fields_name_the_nearest(volume):
         MEDIUM + vm.Gaussian("densty", 1, 1, 1, 1, 1),
         vm.Medium.from_function(lambda d: (d, d), ["densty"], 1),
     ):
-        refused(vm.UnknownNameError, "'densty'.*did you mean 'density'", volume, medium, CAMERA)
+        refused(
+            vm.errors.UnknownNameError, "'densty'.*did you mean 'density'", volume, medium, CAMERA
+        )
 
 
 SCHEMES = ["first-order", "second-order"]
@@ -125,7 +127,7 @@ def test_flux_conservation_of_far_too_large_pixels(volume):
 
 def test_memory_is_asked_for_beforehand(volume, monkeypatch):
     monkeypatch.setattr("voluminous.memory.available_memory", lambda: 1000)
-    with pytest.raises(vm.MemoryNeededError, match="scheme 'second-order' needs") as caught:
+    with pytest.raises(vm.errors.MemoryNeededError, match="scheme 'second-order' needs") as caught:
         vm.render(volume, MEDIUM, CAMERA, scheme="second-order")
     needed, free = map(int, re.findall(r"(\d+) bytes", str(caught.value)))
     # Two numbers of four bytes at each of 4 x 5 x 6 vertices, and what classifying takes.

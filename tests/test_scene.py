@@ -98,7 +98,7 @@ def test_every_medium_survives_the_file(medium):
 def test_a_changed_colormap_is_not_taken_for_that_of_its_name():
     few = matplotlib.colormaps["viridis"].resampled(3)
     medium = vm.Colormap("density", few, 1.0, 10.0, 0.3)
-    with pytest.raises(vm.UnknownNameError, match=r"unknown colormap 'viridis \(changed\)'"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"unknown colormap 'viridis \(changed\)'"):
         vm.Scene({"volume": CORE["volume"], "medium": medium})
 
 
@@ -152,7 +152,7 @@ def test_the_first_example_is_the_promised_scene():
 
 def test_paths_are_relative_to_the_scene_file(tmp_path, monkeypatch):
     (tmp_path / "data").mkdir()
-    vm.io.save(vm.models.sphere(4), tmp_path / "data" / "a.h5")
+    vm.models.sphere(4).save(tmp_path / "data" / "a.h5")
     vm.Image(np.full((4, 4, 1), 7.0)).save(tmp_path / "data" / "stars.npz")
     settings = {
         **SPHERE,
@@ -224,7 +224,7 @@ def test_what_a_scene_cannot_hold_is_told(tmp_path):
 
 
 def test_paths_and_quantities_in_place_of_texts(tmp_path):
-    vm.io.save(vm.models.prestellar_core(4), tmp_path / "core.h5")
+    vm.models.prestellar_core(4).save(tmp_path / "core.h5")
     camera = {"incl": np.float64(60), "width": (0.1, 0.2) * u.pc, "resolution": (4, 8)}
     scene = vm.Scene({**CORE, "volume": {"path": tmp_path / "core.h5"}, "camera": camera})
     scene.save(tmp_path / "core.toml")
@@ -372,9 +372,9 @@ def test_what_is_wrong_with_a_medium(change, expected):
 
 def test_a_field_that_does_not_exist():
     medium = {**GAUSSIAN, "expr": "log10(densty)"}
-    with pytest.raises(vm.UnknownNameError, match="'densty'; did you mean 'density'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="'densty'; did you mean 'density'"):
         vm.Scene({**CORE, "medium": [medium]}).render()
-    with pytest.raises(vm.UnknownNameError, match=r"\[volume\]: .*did you mean 'density'"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"\[volume\]: .*did you mean 'density'"):
         vm.Scene(changed(CORE, "volume", derived={"a": "densty"})).volume()
 
 
@@ -383,7 +383,7 @@ def test_errors_of_a_file_name_it(tmp_path):
         vm.Scene.load(tmp_path / "scene.toml")
     with pytest.raises(vm.FileFormatError, match=r"scene\.toml: not valid TOML.*line 2, column 10"):
         vm.Scene.load(written(tmp_path, "[camera]\nincl = 6 0\n"))
-    with pytest.raises(vm.UnknownNameError, match=r"scene\.toml: unknown section 'camra'"):
+    with pytest.raises(vm.errors.UnknownNameError, match=r"scene\.toml: unknown section 'camra'"):
         vm.Scene.load(written(tmp_path, "[camra]\nincl = 60\n"))
     (tmp_path / "scene.toml").write_bytes(b"\x89PNG\r\n")
     with pytest.raises(vm.FileFormatError, match=r"scene\.toml: expected a scene in TOML.*byte 0"):

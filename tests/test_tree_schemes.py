@@ -153,5 +153,5 @@ def test_memory_is_asked_for_beforehand(scheme, monkeypatch):
     if scheme == "first-order":  # does without a copy
         assert vm.render(volume, MEDIUM, CAMERA, scheme=scheme).intensity.max() > 0
     else:
-        with pytest.raises(vm.MemoryNeededError, match="first-order"):
+        with pytest.raises(vm.errors.MemoryNeededError, match="first-order"):
             vm.render(volume, MEDIUM, CAMERA, scheme=scheme)

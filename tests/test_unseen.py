@@ -235,7 +235,7 @@ def test_missing_values_are_not_in_the_range():
 
 def test_the_command_line_tells_each_part_once(tmp_path):
     volume = rising(cartesian())
-    vm.io.save(volume, tmp_path / "cube.h5")
+    volume.save(tmp_path / "cube.h5")
     scene = tmp_path / "scene.toml"
     scene.write_text(
         """

@@ -119,7 +119,7 @@ def test_what_makes_no_sense_is_refused():
         vm.render(plain, EMISSION, view="left")
     with pytest.raises(vm.InputError, match=r"set volume.meta\['y_down'\] = True"):
         vm.Orthographic.framing(plain, EMISSION, view="stack")
-    with pytest.raises(vm.UnknownNameError, match="did you mean 'anterior'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'anterior'"):
         vm.render(patient, EMISSION, view="anterio")
     with pytest.raises(vm.InputError, match="give a camera or view='left', not both"):
         vm.render(patient, EMISSION, vm.Orthographic(), view="left")

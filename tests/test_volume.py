@@ -101,7 +101,7 @@ def test_deletion_and_replacement():
     assert volume.fields == ("a",)
     volume["a"] = 2 * COUNTED
     np.testing.assert_array_equal(volume["a"], 2 * COUNTED)
-    with pytest.raises(vm.UnknownNameError, match="unknown field 'b'"):
+    with pytest.raises(vm.errors.UnknownNameError, match="unknown field 'b'"):
         del volume["b"]
     with pytest.raises(KeyError):
         volume["b"]
@@ -193,7 +193,7 @@ def test_fields_that_cannot_be(name, value, told):
 def test_unknown_field_names_the_nearest():
     volume = vm.Volume(GRID, density=COUNTED)
     for act in (lambda: volume["densty"], lambda: volume.evaluate("log10(densty)")):
-        with pytest.raises(vm.UnknownNameError, match="did you mean 'density'"):
+        with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'"):
             act()
 
 

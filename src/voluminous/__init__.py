@@ -24,9 +24,7 @@ _PUBLIC = {
     "ColorBy": "media",
     "Colormap": "media",
     "CylindricalGrid": "grids",
-    "DeviceError": "errors",
     "Expression": "expressions",
-    "ExpressionError": "errors",
     "FileFormatError": "errors",
     "Gaussian": "media",
     "Image": "image",
@@ -34,8 +32,6 @@ _PUBLIC = {
     "Isosurface": "media",
     "Lines": "objects",
     "Medium": "media",
-    "MemoryNeededError": "errors",
-    "MissingPackageError": "errors",
     "OctreeGrid": "grids",
     "Orthographic": "cameras",
     "PatchGrid": "grids",
@@ -47,15 +43,10 @@ _PUBLIC = {
     "Stars": "objects",
     "Table": "media",
     "UnitsError": "errors",
-    "UnknownNameError": "errors",
     "Volume": "volume",
     "VoluminousError": "errors",
     "column": "measuring",
     "demo": "cli.demo",
-    "from_particles": "particles",
-    "from_pyvista": "io.vtk.objects",
-    "from_xarray": "io",
-    "from_yt": "io.yt",
     "measure": "measuring",
     "moments": "measuring",
     "open": "io",
@@ -69,11 +60,16 @@ _PUBLIC = {
 }
 # Names of earlier versions, and what to write in their place.
 _RENAMED = {
+    "DeviceError": "vm.errors.DeviceError",
+    "ExpressionError": "vm.errors.ExpressionError",
     "Measurement": "vm.measuring.Measurement",
     "Moments": "vm.measuring.Moments",
     "Probe": "vm.measuring.Probe",
     "Star": "vm.Stars([position], color, radii=… or luminosities=…)",
+    "MemoryNeededError": "vm.errors.MemoryNeededError",
+    "MissingPackageError": "vm.errors.MissingPackageError",
     "TauSurface": "vm.measuring.TauSurface",
+    "UnknownNameError": "vm.errors.UnknownNameError",
     "auto": "vm.suggest_medium",
     "axes": "vm.Axes",
     "boxes": "vm.Boxes",
@@ -82,8 +78,12 @@ _RENAMED = {
     "extreme": "vm.project(..., how='max') or how='min'",
     "Extreme": "vm.project(..., how='max', depth=True), which returns two images",
     "first_hit": "vm.project(..., how='first')",
+    "from_particles": "vm.Volume.from_particles",
+    "from_pyvista": "vm.Volume.from_pyvista",
+    "from_xarray": "vm.Volume.from_xarray",
+    "from_yt": "vm.Volume.from_yt",
 }
-_MODULES = ("io", "math", "measuring", "models", "regions")
+_MODULES = ("errors", "io", "math", "measuring", "models", "regions")
 
 __all__ = [
     "Axes",
@@ -93,9 +93,7 @@ __all__ = [
     "ColorBy",
     "Colormap",
     "CylindricalGrid",
-    "DeviceError",
     "Expression",
-    "ExpressionError",
     "FileFormatError",
     "Gaussian",
     "Image",
@@ -103,8 +101,6 @@ __all__ = [
     "Isosurface",
     "Lines",
     "Medium",
-    "MemoryNeededError",
-    "MissingPackageError",
     "OctreeGrid",
     "Orthographic",
     "PatchGrid",
@@ -116,16 +112,12 @@ __all__ = [
     "Stars",
     "Table",
     "UnitsError",
-    "UnknownNameError",
     "Volume",
     "VoluminousError",
     "__version__",
     "column",
     "demo",
-    "from_particles",
-    "from_pyvista",
-    "from_xarray",
-    "from_yt",
+    "errors",
     "io",
     "math",
     "measure",
@@ -144,28 +136,21 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from . import io, math, measuring, models, regions
+    from . import errors, io, math, measuring, models, regions
     from .calibration import presets, suggest_medium
     from .cameras import Orthographic, Perspective
     from .cli.demo import demo
     from .errors import (
-        DeviceError,
-        ExpressionError,
         FileFormatError,
         InputError,
-        MemoryNeededError,
-        MissingPackageError,
         UnitsError,
-        UnknownNameError,
         VoluminousError,
     )
     from .expressions import Expression
     from .grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
     from .image import Image
     from .image.row import plot_row
-    from .io import from_xarray, open
-    from .io.vtk.objects import from_pyvista
-    from .io.yt import from_yt
+    from .io import open
     from .measuring import (
         column,
         measure,
@@ -185,7 +170,6 @@ if TYPE_CHECKING:
         Table,
     )
     from .objects import Axes, Boxes, Lines, Spheres, Stars
-    from .particles import from_particles
     from .rendering import render
     from .scene import Scene
     from .volume import Volume

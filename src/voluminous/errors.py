@@ -140,11 +140,11 @@ def _several(kind: str) -> str:
 
 # What makes volumes of the things of other packages, by the package.
 _TAKEN = {
-    "xarray": "vm.from_xarray(data) makes a Volume of it",
-    "pyvista": "vm.from_pyvista(data) makes a Volume of it",
-    "yt": "vm.from_yt(data) makes a Volume of it",
-    "pandas": "of points vm.from_particles(table[['x', 'y', 'z']], table['mass']) makes a Volume, "
-    "of cells vm.from_xarray(table.set_index(['x', 'y', 'z']).to_xarray())",
+    "xarray": "vm.Volume.from_xarray(data) makes a Volume of it",
+    "pyvista": "vm.Volume.from_pyvista(data) makes a Volume of it",
+    "yt": "vm.Volume.from_yt(data) makes a Volume of it",
+    "pandas": "of points vm.Volume.from_particles(table[['x', 'y', 'z']], table['mass']) makes a "
+    "Volume, of cells vm.Volume.from_xarray(table.set_index(['x', 'y', 'z']).to_xarray())",
     "numpy": "vm.Volume(vm.CartesianGrid.uniform(array.shape, (-1, 1)), density=array) holds an "
     "array",
 }

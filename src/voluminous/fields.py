@@ -197,7 +197,7 @@ def check_order(name: str, values: Any) -> None:
             named = ", ".join(map(repr, order))
             raise InputError(
                 f"field {name!r} has its axes in the order {listed}, expected {wanted}: "
-                f".transpose({named}), or vm.from_xarray, which knows their names"
+                f".transpose({named}), or vm.Volume.from_xarray, which knows their names"
             )
 
 

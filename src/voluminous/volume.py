@@ -6,10 +6,12 @@ import copy
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from . import packages
 from .deferred import Deferred, Fields
 from .derivatives import Derivatives, LinesOfSight, component
 from .digest import digest
@@ -29,11 +31,15 @@ from .fields import (
     without_mask,
 )
 from .memory import check_memory
-from .regrid import OnOtherCells
+from .progress import Progress, with_progress
+from .regrid.resample import resampled_volume
+from .regrid.slices import Slice, make_plane, slice_of
+from .regrid.table import table_of_cells
+from .regrid.unfold import unfolded_volume
 from .units import parse_unit, shown, unit_name
 
 
-class Volume(Evaluation, OnOtherCells):
+class Volume(Evaluation):
     """Fields on the cells of a grid.
 
     Parameters
@@ -89,6 +95,62 @@ class Volume(Evaluation, OnOtherCells):
             )
         for name, value in {**(fields or {}), **named}.items():
             self[name] = value
+
+    @classmethod
+    def from_particles(cls, positions: Any, masses: Any, **options: Any) -> Volume:
+        """Return a volume of particles, on an octree that is fine where they are.
+
+        Parameters
+        ----------
+        positions : array_like or Quantity, shape (n, 3)
+            In any order.
+        masses : float, array_like or Quantity, shape (n,)
+            One number is the mass of all. Ones make ``density`` a number density.
+        **options
+            ``smoothing_length, volume, density, fields, kernel, bounds, periodic, max_particles,
+            cell_width, min_level, max_level, empty, unit, progress``: see
+            `voluminous.particles.from_particles`, which also lists errors.
+
+        Examples
+        --------
+        >>> import numpy as np, voluminous as vm
+        >>> positions = np.random.default_rng(1).normal(size=(1000, 3))
+        >>> volume = vm.Volume.from_particles(positions, 0.5, unit="pc")
+        >>> volume.fields
+        ('density',)
+        """
+        volume: Volume = packages.room("particles").from_particles(positions, masses, **options)
+        return volume
+
+    @classmethod
+    def from_pyvista(cls, dataset: Any, fields: Any = None, **options: Any) -> Volume:
+        """Return a volume of an object of PyVista or VTK.
+
+        Arguments, with ``unit`` and ``resolution`` as options, and errors are those of
+        `voluminous.io.vtk.objects.from_pyvista`.
+        """
+        volume: Volume = packages.room("io.vtk.objects").from_pyvista(dataset, fields, **options)
+        return volume
+
+    @classmethod
+    def from_xarray(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume in an array of xarray with three dimensions, or in a set of them.
+
+        Arguments, with ``dims, isel, sel, bounds, spacing, aspect, unit`` as options, and errors
+        are those of `voluminous.io.from_xarray`.
+        """
+        volume: Volume = packages.room("io").from_xarray(data, fields, **options)
+        return volume
+
+    @classmethod
+    def from_yt(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
+        """Return the volume of a data set of yt, or of a region of one, on its own cells.
+
+        Arguments, with ``unit`` and ``units`` as options, and errors are those of
+        `voluminous.io.yt.from_yt`.
+        """
+        volume: Volume = packages.room("io.yt").from_yt(data, fields, **options)
+        return volume
 
     def __setattr__(self, name: str, value: Any) -> None:
         free = name in ("meta", "wcs", "sight", "tables") or name.startswith("_")
@@ -338,6 +400,219 @@ class Volume(Evaluation, OnOtherCells):
             other._fields[name] = array
         other._fields.own(*arrays)
         return other
+
+    def save(self, path: str | Path, *, format: str | None = None, **options: Any) -> None:
+        """Write the volume to a file, whose suffix tells the format, such as ``.h5`` or ``.npz``.
+
+        ``.h5`` holds every grid and all that belongs to a volume: `voluminous.open` returns it bit
+        for bit. ``voluminous formats`` lists what else can be written. A file appears whole or not
+        at all, and replaces one of the same name. A directory must be new, or empty.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of the file; a directory for formats that consist of several files.
+        format : str, optional
+            Name of the format, if the suffix does not tell.
+        **options
+            Those of the format; ``.h5``: ``compress=True`` packs the fields.
+
+        Raises
+        ------
+        UnknownNameError
+            If no format that can be written has this suffix, or it has no such option.
+        InputError
+            If the format cannot hold this volume, or the directory is not empty.
+
+        Examples
+        --------
+        >>> vm.models.sphere(8).save("sphere.h5")
+        >>> vm.open("sphere.h5").grid.shape
+        (8, 8, 8)
+        """
+        packages.room("io.saving").save(self, path, format=format, **options)
+
+    @with_progress
+    def resample(
+        self,
+        grid: Any,
+        fields: Iterable[str] | None = None,
+        *,
+        fill: float = 0.0,
+        samples: int = 4,
+        progress: Progress = None,
+    ) -> Volume:
+        """Return a volume with the same fields on another grid: means over its cells.
+
+        Parameters
+        ----------
+        grid : grid
+            Any, in the volume's length unit.
+        fields : iterable of str, optional
+            Which fields; all by default.
+        fill : float
+            The value outside this volume. With 0 the integral of a field over the volume is kept
+            (as far as it is inside the new grid), so densities keep their mass. With NaN cells
+            that are not entirely inside have no value.
+        samples : int
+            Points per axis and cell where cells are no boxes.
+        progress
+            As for `render`.
+
+        Returns
+        -------
+        Volume
+            Fields are float32 where they were, else float64. `meta` is kept; how scans are turned
+            (``meta["direction"]``) only if the new grid has the same centre, about which they are.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such field.
+        UnitsError
+            If the new grid has another length unit.
+        MemoryNeededError
+            If the result does not fit.
+
+        Notes
+        -----
+        Between grids whose cells are boxes (Cartesian, octrees, patches) the volumes that cells
+        share are computed exactly: Σ f V is kept to rounding. To and from spherical and cylindrical
+        grids they are estimated with ``samples**3`` points in each of the smaller cells; a constant
+        stays constant, and Σ f V is kept to the error of that estimate.
+        """
+        return resampled_volume(self, grid, fields, fill, samples)
+
+    def unfolded(self, phi: int | None = None, theta: int | None = None) -> Volume:
+        """Return a volume in which every cell is in one place, and not mirrored or all around.
+
+        Both halves of a spherical grid that was made with ``mirror=True``; and many cells in place
+        of each one that goes all around the axis, if `phi` says how many. So lines of sight,
+        ``los("velocity")``, are known everywhere.
+
+        What is below the midplane moves as its image above does, upside down: components along θ,
+        or z, of vectors change sign.
+
+        Parameters
+        ----------
+        phi : int, optional
+            Cells in azimuth, of a grid of which one goes all around. A line of sight is that to a
+            cell's middle: with 64 cells it is off by 0.05 radian at most, and by 0.001 where it
+            is interpolated between them (``scheme="post-classified"``).
+        theta : int, optional
+            Cells from pole to pole, of a grid that has one; half of `phi` by default.
+
+        Returns
+        -------
+        Volume
+            With more cells; this volume itself where nothing is mirrored and nothing asked for.
+
+        Raises
+        ------
+        InputError
+            If the grid is refined, the cells do not go all around, or vectors are given along x
+            and y in such cells.
+        MemoryNeededError
+            If there is not enough memory.
+
+        Notes
+        -----
+        All vectors are taken as velocities are. A magnetic field is mirrored with the opposite sign
+        (it is an axial vector): change that of its three components below the midplane afterwards.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import voluminous as vm
+        >>> grid = vm.CylindricalGrid([1, 2, 3], [0, 2 * np.pi], [-1, 1])
+        >>> disc = vm.Volume(grid, v_R="0", v_phi="1 / sqrt(R)", v_z="0")
+        >>> disc.unfolded(phi=64).grid.shape
+        (2, 64, 1)
+        """
+        return unfolded_volume(self, phi, theta)
+
+    def slice(
+        self,
+        expression: Any,
+        normal: Any = "z",
+        position: Any = None,
+        *,
+        width: Any = None,
+        center: Any = None,
+        up: Any = None,
+        resolution: Any = 400,
+        camera: Any = None,
+    ) -> Slice:
+        """Return values on a plane through the volume, cell by cell.
+
+        Parameters
+        ----------
+        expression : str or Expression
+            A field or what is computed of fields; a vector gives three pictures.
+        normal : {"x", "y", "z"} or three floats
+            The axis that the plane is across, or its normal; it need not be of length one.
+        position : float or Quantity, optional
+            Where the plane meets the normal through the origin. By default through `center`.
+        width : float, Quantity or pair of them, optional
+            Width and height; all of the volume by default.
+        center : three floats or Quantity, optional
+            What is in the middle, moved onto the plane; by default the volume's centre.
+        up : three floats, optional
+            What points upwards. By default z; across an axis, the axes follow in turn: y to the
+            right and z up across x, z and x across y, x and y across z.
+        resolution : int or (int, int)
+            Pixels along the longer side, or (nx, ny).
+        camera : camera, optional
+            For expressions with ``los(...)``.
+
+        Returns
+        -------
+        Slice
+            ``values`` (ny, nx) with row 0 at the bottom, NaN outside, and their ``extent``;
+            `Slice.plot` draws them.
+
+        Raises
+        ------
+        InputError
+            If no pixel is in a cell, or the plane cannot be made.
+        UnknownNameError
+            If there is no such field.
+
+        Examples
+        --------
+        >>> import voluminous as vm
+        >>> core = vm.models.prestellar_core(32)
+        >>> cut = core.slice("log10(density)", "x", resolution=64)
+        >>> cut.values.shape
+        (64, 64)
+        """
+        plane = make_plane(self.grid, normal, position, width, center, up, resolution)
+        return slice_of(self, expression, plane, camera)
+
+    def cells(
+        self, fields: Iterable[str] | None = None, *, where: Any = None, kind: str = "dict"
+    ) -> Any:
+        """Return a table of cells: where they are, how large, and the values of fields.
+
+        Parameters
+        ----------
+        fields : iterable of str, optional
+            Fields or expressions; all fields by default.
+        where : str or Expression, optional
+            Only cells where this is true. Numbers that are compared may have units:
+            ``"velocity_z > 5 km/s"``.
+        kind : {"dict", "numpy", "astropy", "pandas"}
+            A dict of arrays and Quantities, a structured array, a `QTable` or a `DataFrame`; the
+            second and the last know no units.
+
+        Returns
+        -------
+        table
+            Columns ``cell`` (flat number), ``x, y, z`` and the grid's own coordinates of the
+            centre, ``size_x`` … (widths along the own coordinates, as lengths), ``volume``,
+            ``level``, and the fields; a field with one of these names gets a ``_`` behind it.
+        """
+        return table_of_cells(self, fields, where, kind)
 
     def describe(self) -> dict[str, Any]:
         """Return grid and fields as plain values."""

@@ -21,7 +21,7 @@ class Accessor:
         self._data = data
 
     def to_volume(self, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume; see `voluminous.from_xarray` for the options."""
+        """Return the volume; see `voluminous.Volume.from_xarray` for the options."""
         from .io import from_xarray
 
         return from_xarray(self._data, fields, **options)
@@ -38,7 +38,7 @@ class Accessor:
             By default all is seen, from obliquely above.
         **options
             ``fields, dims, isel, sel, bounds, spacing, aspect, unit`` as in
-            `voluminous.from_xarray`; all others as in `voluminous.render`.
+            `voluminous.Volume.from_xarray`; all others as in `voluminous.render`.
         """
         from .calibration import suggest_medium
         from .rendering import render

@@ -60,7 +60,7 @@ class ReaderContract:
         place = {f.name: f.place for f in find_reader(path).info(path, **self.options)}[name]
         renamed = open(path, {"other": place}, **self.options)
         np.testing.assert_array_equal(renamed.array("other"), volume.array(name))
-        with pytest.raises(vm.UnknownNameError):
+        with pytest.raises(vm.errors.UnknownNameError):
             open(path, "no_such_field", **self.options)
 
     def test_cut_short(self, path):

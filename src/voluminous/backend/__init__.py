@@ -6,9 +6,13 @@ from .device import Backend, available_devices, get_backend
 from .host import aligned, from_host
 from .jit import dr
 from .twins import overwrite, twin
+from .types import Float, Int, Mask
 
 __all__ = [
     "Backend",
+    "Float",
+    "Int",
+    "Mask",
     "aligned",
     "available_devices",
     "dr",

@@ -26,13 +26,7 @@ _MOST = 100
 
 
 def check_volume(function: str, place: str, volume: Any) -> None:
-    """Refuse what is no volume.
-
-    Raises
-    ------
-    InputError
-        Tells what makes one of it.
-    """
+    """Refuse what is no volume."""
     if not isinstance(volume, Volume):
         raise InputError(
             f"{function} needs a vm.Volume {place}, got {type(volume).__name__}"
@@ -41,13 +35,7 @@ def check_volume(function: str, place: str, volume: Any) -> None:
 
 
 def shell_count(n: Any) -> int:
-    """Return how many shells there shall be.
-
-    Raises
-    ------
-    InputError
-        If it is no whole number, not positive or more than can be told apart.
-    """
+    """Return how many shells there shall be."""
     number: Any = n if isinstance(n, Real) else 0
     if not 1 <= number <= _MOST or int(number) != number:
         raise InputError(f"n must be a positive whole number of shells, {_MOST} at most, got {n!r}")
@@ -55,13 +43,7 @@ def shell_count(n: Any) -> int:
 
 
 def positive_opacity(opacity: Any) -> float:
-    """Return an optical depth.
-
-    Raises
-    ------
-    InputError
-        If it is no positive, finite number.
-    """
+    """Return an optical depth."""
     depth: Any = opacity if isinstance(opacity, Real) else 0
     if not 0 < depth <= sys.float_info.max:
         raise InputError(f"opacity must be positive and finite, one number, got {opacity!r}")
@@ -89,18 +71,7 @@ _DIGITS = 3
 def with_color_ranges(
     medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]
 ) -> Medium:
-    """Return a medium with numbers for all ranges of `ColorBy`; itself if none is open.
-
-    Parameters
-    ----------
-    medium, volume, known
-        As for `calibrated`.
-
-    Raises
-    ------
-    InputError
-        If nothing that is finite, or positive where a logarithm needs that, is there.
-    """
+    """Return a medium with numbers for all ranges of `ColorBy`; itself if none is open."""
     return with_each(medium, lambda part: _with_range(part, volume, known))
 
 
@@ -221,13 +192,6 @@ def calibrated(medium: Medium, volume: Volume, known: Callable[..., dict[Any, An
 
     Measured for every picture anew it took ten times as long as the picture itself: 0.75 s of 0.8
     for a colormap in 4 million cells, 120 x 120 pixels.
-
-    Parameters
-    ----------
-    medium, volume
-        As for `Medium.calibrated`.
-    known : callable
-        Returns what is known of expressions in this volume: it is looked up there, and added.
     """
     plain = in_plain_numbers(medium, volume)
     return _with_lengths(with_color_ranges(plain, volume, known), volume, known)

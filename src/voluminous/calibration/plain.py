@@ -23,14 +23,6 @@ def in_plain_numbers(medium: Medium, volume: Volume) -> Medium:
     """Return a medium whose expressions are plain numbers of a volume's fields.
 
     What needs no conversion stays the very same.
-
-    Raises
-    ------
-    UnitsError
-        If an expression has no unit, an extinction one that is not an inverse length, or parts of
-        it emit in units of different kinds.
-    UnknownNameError
-        If an expression names a field that does not exist.
     """
     medium = with_each(medium, lambda part: _plain_part(part, volume))
     return _in_one_unit(medium, volume)

@@ -273,22 +273,7 @@ class Piece:
 def pieces(
     volume: Volume, expr: Expression, budget: float = BUDGET
 ) -> Iterator[Piece | ScatteredPiece]:
-    """Yield pieces of a volume: all of it, or every k-th where there are more cells than `budget`.
-
-    Parameters
-    ----------
-    volume : Volume
-        On any grid; pieces of a `CartesianGrid` are layers, of others cells in the order they are.
-    expr : Expression
-        The scalar x.
-    budget : float
-        Number of cells to be looked at; infinity for all.
-
-    Raises
-    ------
-    UnknownNameError
-        If the expression names a field that does not exist.
-    """
+    """Yield all pieces of a volume, or every k-th if there are more cells than `budget`."""
     volume.check_names(expr)
     if not volume.grid.is_rectilinear:
         yield from scattered_pieces(volume, expr, budget)

@@ -92,17 +92,6 @@ def levels(
     preference for the middle of the slot (a factor 1 - u², u = ±1 at its ends), which keeps levels
     apart. Of data without materials, whose steepness is a power law, all slots look alike, and
     the levels are equally spaced.
-
-    Parameters
-    ----------
-    found : Histogram
-        Of the scalar.
-    n : int
-        Number of levels.
-    signed : bool
-        True if both ends of the range are of interest, as of a component of a velocity.
-    floor : float
-        If positive, what is below is noise.
     """
     low, high = _worth_showing(found, signed)
     if floor > 0:
@@ -190,11 +179,6 @@ def main_scalar(volume: Volume) -> Expression:
     It is the one called density, rho, … if there is one; else that with the most structure (the
     entropy of its histogram, linear or logarithmic as it will be shown). Components of vectors, and
     velocity or frequency in a cube of spectra, are left out where there are other fields.
-
-    Raises
-    ------
-    InputError
-        If the volume has no fields.
     """
     if not volume.fields:
         raise InputError("the volume has no fields; add one: volume['density'] = array")

@@ -107,25 +107,6 @@ def thicknesses(volume: Volume, expr: Expression, profiles: Sequence[Profile]) -
     median is that of the lines of sight that cross the shell. Where the gradients of cells do not
     show it, since a field jumps from one cell to the next, what is between their centres counts.
 
-    Parameters
-    ----------
-    volume : Volume
-        Where x is looked at; of large ones, evenly spread parts.
-    expr : Expression
-        The scalar x.
-    profiles : sequence of Profile
-        The shells.
-
-    Returns
-    -------
-    list of Thickness
-        For a shell that is nowhere in the volume, the shortest side.
-
-    Raises
-    ------
-    InputError
-        If gradients are too large for double precision.
-
     Notes
     -----
     The area follows from the coarea formula, ∫ f |∇x| dV = ∫ dx ∫ f dA.

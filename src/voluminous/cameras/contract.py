@@ -146,18 +146,7 @@ class Camera(Value):
 
 
 def check_camera(camera: Any, who: str) -> None:
-    """Refuse what is no camera, and a class of them.
-
-    Parameters
-    ----------
-    who : str
-        What needs one, for the message.
-
-    Raises
-    ------
-    InputError
-        Tells what came.
-    """
+    """Refuse what is no camera, and a class of them."""
     made = not isinstance(camera, type)
     if not (made and hasattr(camera, "frame") and hasattr(camera, "rays")):
         raise InputError(
@@ -167,13 +156,7 @@ def check_camera(camera: Any, who: str) -> None:
 
 
 def pixel_counts(resolution: Any) -> tuple[int, int]:
-    """Return (nx, ny) from a whole number or a pair of them.
-
-    Raises
-    ------
-    InputError
-        If they are not positive whole numbers.
-    """
+    """Return (nx, ny) from a whole number or a pair of them."""
     listed = isinstance(resolution, (list, tuple)) or np.ndim(resolution) == 1
     pair = tuple(resolution) if listed else (resolution, resolution)
     if len(pair) != 2 or any(not _is_count(n) for n in pair):
@@ -188,13 +171,7 @@ def _is_count(n: Any) -> bool:
 
 
 def plane_size(width: Any, pixels: tuple[int, int], what: str) -> tuple[float, float]:
-    """Return (w, h) from a number or a pair; one number is the longer side, with square pixels.
-
-    Raises
-    ------
-    InputError
-        If they are not positive and finite.
-    """
+    """Return (w, h) from a number or a pair; one number is the longer side, with square pixels."""
     size = np.atleast_1d(np.asarray(width, dtype=np.float64))
     if size.shape not in ((1,), (2,)) or not np.all(np.isfinite(size)) or size.min() <= 0:
         raise InputError(
@@ -218,13 +195,7 @@ def vector_of(value: Any, what: str) -> np.ndarray:
 
 
 def common_unit(value: Any, what: str) -> Any:
-    """Return the unit of all lengths of a vector; None for plain numbers.
-
-    Raises
-    ------
-    InputError
-        If some have a unit and others, which are in the volume's, have none. Zeros need none.
-    """
+    """Return the unit of all lengths of a vector; None for plain numbers."""
     unit = unit_of(as_given(value, what))
     parts = value if unit is not None and isinstance(value, (list, tuple)) else ()
     if any(unit_of(part) is None and np.any(plain(part, None, what)) for part in parts):
@@ -233,13 +204,7 @@ def common_unit(value: Any, what: str) -> Any:
 
 
 def as_vector(value: Any, length: int, what: str) -> np.ndarray:
-    """Return `length` finite floats.
-
-    Raises
-    ------
-    InputError
-        If there are more or fewer, or one is not finite.
-    """
+    """Return `length` finite floats."""
     array = np.asarray(value, dtype=np.float64)
     if array.shape != (length,) or not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be {length} finite numbers, got {value!r}")
@@ -247,13 +212,7 @@ def as_vector(value: Any, length: int, what: str) -> np.ndarray:
 
 
 def finite_degrees(value: Any, what: str) -> float:
-    """Return an angle in degrees; plain numbers are degrees.
-
-    Raises
-    ------
-    InputError
-        If it is not finite.
-    """
+    """Return an angle in degrees; plain numbers are degrees."""
     angle = degrees(value, what)
     if not np.isfinite(angle):
         raise InputError(f"{what} must be finite, got {angle}")

@@ -29,24 +29,7 @@ _INTO_STACK, _UP_STACK = (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)
 
 
 def view_angles(meta: Mapping[str, Any], view: Any = None) -> dict[str, float]:
-    """Return ``incl``, ``phi`` and ``posang`` of a view of a volume.
-
-    Parameters
-    ----------
-    meta : mapping
-        `Volume.meta`: ``"orientation"`` tells where x, y and z point in a patient (``"LPS"``: to
-        the left, to the back, to the head), ``"y_down"`` that y points down in pictures.
-    view : str, optional
-        One of `VIEWS`. By default ``"anterior"`` for patients, ``"stack"`` for pictures, and from
-        obliquely above for all others.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such view.
-    InputError
-        If the volume does not tell which way it lies.
-    """
+    """Return ``incl``, ``phi`` and ``posang`` of a view of a volume."""
     if view is None:
         return _first(meta)
     check_name("view", view, VIEWS)

@@ -49,7 +49,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, change and write; tell what was left out."""
-    from ..io import save
     from ..io.saving import writer_for
 
     start = time.perf_counter()
@@ -58,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     writer = writer_for(args.target, args.to)
     options = _writing_options(writer, args.compress)
     volume = _changed(data, args)
-    save(volume, args.target, format=writer.name, **options)
+    volume.save(args.target, format=writer.name, **options)
     names = ", ".join(volume.fields)
     say(
         args.quiet,

@@ -56,9 +56,7 @@ def _one(reader: Reader) -> Iterator[str]:
         yield f"  needs: {needs}"
         yield f"    {install_line(reader.extra)}" if reader.extra else ""
     yield from _options("options (--set KEY=VALUE, voluminous.open)", reader.options)
-    yield from _options(
-        "options for writing (voluminous.io.save)", getattr(reader, "write_options", {})
-    )
+    yield from _options("options for writing (volume.save)", getattr(reader, "write_options", {}))
 
 
 def _options(title: str, options: dict[str, str]) -> Iterator[str]:

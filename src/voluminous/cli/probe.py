@@ -99,7 +99,7 @@ def _left_out(scene: Scene) -> Iterator[str]:
 
 
 def _check(path: Path) -> None:
-    from ..measuring.probing.saving import check_suffix
+    from ..measuring.probing.result import check_suffix
 
     check_suffix(path)
     if not path.resolve().parent.is_dir():

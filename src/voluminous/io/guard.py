@@ -39,18 +39,7 @@ def placed(place: Any) -> Iterator[None]:
 
 @contextmanager
 def reading(path: Path | str, expectation: str) -> Iterator[None]:
-    """Make every error that happens while `path` is read name the file.
-
-    Raises
-    ------
-    VoluminousError
-        Of the same class, if it was one.
-    UnitsError
-        If units cannot be converted: one is not of the kind that was asked for.
-    FileFormatError
-        In place of any other error. It blames the file only for errors that libraries raise over
-        damage; others are faults of the program that reads.
-    """
+    """Make every error that happens while `path` is read name the file."""
     try:
         with placed(path):
             yield

@@ -38,15 +38,7 @@ def is_hdf5(head: bytes) -> bool:
 
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
-    """Open a file to read.
-
-    Raises
-    ------
-    MissingPackageError
-        If values are packed by a filter that is not installed.
-    OSError
-        If libhdf5 refuses it.
-    """
+    """Open a file to read."""
     import h5py
 
     with filters(), h5py.File(path, "r") as file:
@@ -66,13 +58,7 @@ def holds(path: Path, head: bytes, mark: Callable[[h5py.File], Any]) -> bool:
 
 @contextmanager
 def filters() -> Iterator[None]:
-    """Let hdf5plugin unpack values, if it is there: Blosc, LZ4, Zstandard, SZ …
-
-    Raises
-    ------
-    MissingPackageError
-        If values are packed by a filter that is not installed.
-    """
+    """Let hdf5plugin unpack values, if it is there: Blosc, LZ4, Zstandard, SZ …"""
     with suppress(ImportError):
         import hdf5plugin  # noqa: F401 - registers itself
     try:
@@ -98,14 +84,7 @@ def is_own(group: Any, name: str) -> bool:
 
 
 def data_set(path: Path, group: Any, name: str) -> Any:
-    """Return a data set of numbers.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none of this name, it holds something else, its values are in another file
-        outside of the directory, or it promises more than its bytes can be unpacked to.
-    """
+    """Return a data set of numbers."""
     import h5py
 
     item = group[name] if is_own(group, name) else None
@@ -124,13 +103,7 @@ def data_set(path: Path, group: Any, name: str) -> Any:
 
 
 def check_place(path: Path, item: Any) -> None:
-    """Refuse values that are elsewhere: a file must not make us read any other.
-
-    Raises
-    ------
-    FileFormatError
-        If they are in files of any kind, or in HDF5 files outside of the directory.
-    """
+    """Refuse values that are elsewhere: a file must not make us read any other."""
     if item.external:
         raise FileFormatError(
             f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
@@ -162,13 +135,7 @@ def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def read(item: Any, column: int | None = None) -> np.ndarray:
-    """Return the values of a data set, or one column of them, in native byte order.
-
-    Raises
-    ------
-    MemoryNeededError
-        If they do not fit into memory.
-    """
+    """Return the values of a data set, or one column of them, in native byte order."""
     count = item.size if column is None else len(item)
     check_memory(count * item.dtype.itemsize, f"reading {item.name}", "read a part of the data")
     values = item[()] if column is None else item[:, column]
@@ -188,11 +155,6 @@ class Sink(io.FileIO):
 
     Where a file cannot be closed, since what is left in its buffers cannot be written, libhdf5 1.14
     ends the process: of small files that is all there is. So it never hears of it.
-
-    Attributes
-    ----------
-    failed : OSError or None
-        Why not all is in the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -219,26 +181,14 @@ class Sink(io.FileIO):
             return size or 0
 
     def check(self) -> None:
-        """Raise what has happened.
-
-        Raises
-        ------
-        OSError
-            If something could not be written.
-        """
+        """Raise what has happened."""
         if self.failed is not None:
             raise self.failed
 
 
 @contextmanager
 def created(path: Path, **options: Any) -> Iterator[tuple[h5py.File, Sink]]:
-    """Give a new HDF5 file, closed in the end, and what it is written to.
-
-    Raises
-    ------
-    OSError
-        If not all could be written.
-    """
+    """Give a new HDF5 file, closed in the end, and what it is written to."""
     import h5py
 
     with Sink(path) as sink:

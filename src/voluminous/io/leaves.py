@@ -17,35 +17,7 @@ ABSENT = -1
 def tree_of_leaves(
     kind: Any, edges: Any, level: np.ndarray, index: np.ndarray, axes: Any, *, unit: Any = None
 ) -> tuple[Any, np.ndarray]:
-    """Return a grid of leaves in any order, and where its cells are among them.
-
-    Parameters
-    ----------
-    kind : class
-        OctreeGrid, SphericalGrid or CylindricalGrid.
-    edges : tuple of three arrays
-        Walls of the base cells.
-    level : array of int, shape (n,)
-        How often each leaf's base cell was halved.
-    index : array of int, shape (n, 3)
-        Which cell of its level each leaf is, counted across the domain.
-    axes : sequence of int
-        The axes that refinement halves in the data, the same for all levels.
-    unit : str or unit, optional
-        Of the edges that are lengths.
-
-    Returns
-    -------
-    grid : grid
-        Where no leaf is, it has the largest cells that fit.
-    source : array of int64, shape (cells,)
-        ``field[source]`` is a field in the order of the grid where `source` is not `ABSENT`.
-
-    Raises
-    ------
-    InputError
-        If leaves overlap, or are more than 30 levels deep.
-    """
+    """Return a grid of leaves in any order, and where its cells are among them."""
     counts = np.array([len(e) - 1 for e in edges])
     level, index = np.asarray(level, np.int64), np.asarray(index, np.int64)
     if len(level) == 0 or level.max() > DEEPEST or level.min() < 0:

@@ -33,26 +33,7 @@ def field_name(place: str) -> str:
 
 
 def chosen_fields(known: Mapping[str, str], fields: Any, kind: str = "field") -> dict[str, str]:
-    """Return name → place of the fields that a user asks for.
-
-    Parameters
-    ----------
-    known : mapping of str
-        Place → name of all that there is, in the file's order.
-    fields : None, str, sequence of str or dict
-        As for `voluminous.open`: all, one, several, or ``{name: place}``. A field goes by its
-        place or its name; ``"velocity"`` stands for ``velocity_x``, ``velocity_y``, ``velocity_z``
-        (or ``_r``, ``_theta``, ``_phi``) where there is no field of that name.
-    kind : str
-        What there is, for error messages.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such field; names the nearest.
-    InputError
-        If nothing is asked for, or two fields would have one name.
-    """
+    """Return name → place of the fields that a user asks for."""
     if fields is None:
         return _distinct((name, place) for place, name in known.items())
     if isinstance(fields, Mapping):

@@ -14,9 +14,9 @@ from ..deferred import Deferred
 from ..errors import FileFormatError, InputError, UnknownNameError, VoluminousError, unknown_name
 from ..memory import check_memory
 from ..units import parse_unit, unit_name
+from .axes import round_unit
 from .contract import FieldInfo, Reader
 from .hdf5 import data_set, holds, is_own, opened, read, text
-from .lengths import round_unit
 from .names import chosen_fields, field_name
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def _meshes(
     if not found:
         raise InputError(
             f"expected meshes that can be fields{_told(left) or '; there are none'}. Particles can "
-            "be read with h5py, and put on a grid with vm.from_particles"
+            "be read with h5py, and put on a grid with vm.Volume.from_particles"
         )
     return found, meta | ({"left_out": left} if left else {})
 

@@ -6,6 +6,7 @@ import bz2
 import gzip
 import lzma
 import math
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
@@ -21,6 +22,8 @@ _PACKED: dict[bytes, Callable[[Path], Any]] = {
     b"BZh": bz2.BZ2File,
     b"\xfd7zXZ\x00": lzma.LZMAFile,
 }
+# How ZIP files start: with a file in them, or empty.
+ZIP = (b"PK\x03\x04", b"PK\x05\x06")
 _PIECE = 1 << 24
 _LARGEST = 2**62
 
@@ -42,13 +45,7 @@ def is_packed(head: bytes) -> bool:
 
 
 def checked_shape(shape: Any, what: str = "the shape") -> tuple[int, ...]:
-    """Return a shape as integers.
-
-    Raises
-    ------
-    FileFormatError
-        If one is not a positive whole number, or the product overflows.
-    """
+    """Return a shape as integers."""
     numbers = tuple(int(n) for n in shape)
     if any(n < 1 or float(n) != float(m) for n, m in zip(numbers, shape, strict=True)):
         raise FileFormatError(f"{what} must be positive whole numbers, got {tuple(shape)}")
@@ -58,13 +55,7 @@ def checked_shape(shape: Any, what: str = "the shape") -> tuple[int, ...]:
 
 
 def mapped(path: Path, offset: int, shape: Any, dtype: Any) -> np.ndarray:
-    """Return an array that stays in the file, in C order.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is too short for it; says by how much.
-    """
+    """Return an array that stays in the file, in C order."""
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     expected = offset + math.prod(shape) * dtype.itemsize
     found = path.stat().st_size
@@ -80,13 +71,6 @@ def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data"
     """Return an array of the next bytes of a stream, such as a packed file.
 
     Memory is taken as announced by the shape, however much more the stream would unpack to.
-
-    Raises
-    ------
-    FileFormatError
-        If the stream ends before.
-    MemoryNeededError
-        If there is not that much memory.
     """
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     size = math.prod(shape) * dtype.itemsize
@@ -104,15 +88,7 @@ def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data"
 
 
 def inside(directory: Path, name: str) -> Path:
-    """Return the path of a file that another names, which must lie in the same directory or below.
-
-    Raises
-    ------
-    FileFormatError
-        If the name leads elsewhere: a file must not make us read any other.
-    InputError
-        If there is no such file.
-    """
+    """Return the path of a file that another names, which must lie in its directory or below."""
     path = (directory / name).resolve()
     if not path.is_relative_to(directory.resolve()):
         raise FileFormatError(f"it names {name!r}, which is outside of its directory")
@@ -123,3 +99,12 @@ def inside(directory: Path, name: str) -> Path:
 
 def _times(shape: tuple[int, ...]) -> str:
     return " x ".join(map(str, shape))
+
+
+def zip_names(path: Path) -> frozenset[str]:
+    """Return the names in a ZIP file; none if it is no ZIP file, or too damaged to tell."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return frozenset(archive.namelist())
+    except Exception:  # of damaged ones it raises nearly anything, NotImplementedError too
+        return frozenset()

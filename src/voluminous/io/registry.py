@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import builtins
+import contextlib
 import functools
 import importlib.metadata
+import itertools
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +22,6 @@ from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
 from .labelled.netcdf import EngineReader, NetCDFReader
-from .listing import openable
 from .native.reader import NativeReader
 from .nexus import NeXusReader
 from .openpmd import OpenPMDReader
@@ -97,6 +98,8 @@ GROUP = "voluminous.readers"
 HEAD_LENGTH = 4096
 # Bytes of fields that are read when a file is opened; of more each field when it is first used.
 AT_ONCE = 256 << 20
+# Entries of a directory that are tried (it may hold a million), and those that are listed.
+_ENTRIES, _LISTED = 256, 8
 
 
 def open(
@@ -164,17 +167,7 @@ def readers() -> tuple[Reader, ...]:
 
 
 def find_reader(path: Path, format: str | None = None) -> Reader:
-    """Return the reader for an existing file.
-
-    Raises
-    ------
-    MissingPathError
-        If there is no such file.
-    FileFormatError
-        If no reader wants it.
-    UnknownNameError
-        If there is no reader of the name `format`.
-    """
+    """Return the reader for an existing file."""
     url = url_of(path)
     head = b"" if url else _head(path)
     if format is not None:
@@ -192,13 +185,7 @@ def reader_for_suffix(path: Path) -> Reader | None:
 
 
 def check_options(reader: Reader, options: Any) -> None:
-    """Check that a reader knows all options.
-
-    Raises
-    ------
-    UnknownNameError
-        For the first that it does not; names the nearest.
-    """
+    """Check that a reader knows all options."""
     for option in options:
         if option not in reader.options:
             raise unknown_name(f"{reader.name} option", option, reader.options)
@@ -248,23 +235,39 @@ def _quick_reader(path: Path) -> Reader | None:
 def _unknown_format(path: Path, head: bytes) -> FileFormatError:
     by_name = reader_for_suffix(path)
     if path.is_dir():
-        inside = openable(path, _quick_reader)
+        inside = _openable(path)
         if inside:
             known = f"{path} is a directory that no reader knows as a whole"
             return FileFormatError(f"{known}; open what is in it:\n{inside}")
-        told = f"{path} is a directory that no reader knows"
+        message = f"{path} is a directory that no reader knows"
     elif not head:
-        told = f"{path} is empty"
+        message = f"{path} is empty"
     elif by_name is not None:
-        told = (
+        message = (
             f"{path} is named like {by_name.description}, but starts with {head[:8]!r}: it is "
             "damaged or of another kind"
         )
     else:
-        told = f"{path} is of a format that voluminous does not know; it starts with {head[:8]!r}"
-    told += _if_image(path)
+        message = (
+            f"{path} is of a format that voluminous does not know; it starts with {head[:8]!r}"
+        )
+    message += _if_image(path)
     listed = ", ".join(map(_named_with_suffixes, readers()))
-    return FileFormatError(f"{told}. Known formats: {listed}")
+    return FileFormatError(f"{message}. Known formats: {listed}")
+
+
+def _openable(directory: Path) -> str:
+    """Return lines that name what can be opened in a directory; yt, which is slow, is not asked."""
+    found = []
+    try:
+        for entry in sorted(itertools.islice(directory.iterdir(), _ENTRIES)):
+            with contextlib.suppress(OSError, InputError):
+                reader = None if entry.name.startswith(".") else _quick_reader(entry)
+                found += [] if reader is None else [f"  {entry}: {reader.description}"]
+    except OSError:  # a directory that must not be read
+        return ""
+    more = [] if len(found) <= _LISTED else [f"  … and {len(found) - _LISTED} more"]
+    return "\n".join(found[:_LISTED] + more)
 
 
 def _if_image(path: Path) -> str:

@@ -21,37 +21,7 @@ if TYPE_CHECKING:
 
 
 def save(volume: Volume, path: str | Path, *, format: str | None = None, **options: Any) -> None:
-    """Write a volume to a file, whose suffix tells the format, such as ``.h5`` or ``.npz``.
-
-    ``.h5`` holds every grid, and all that a volume knows: `voluminous.open` gives it back bit for
-    bit. ``voluminous formats`` lists what else can be written; those formats hold what they were
-    made for. A file appears whole or not at all, and takes the place of one that was there. A
-    directory must be new, or empty.
-
-    Parameters
-    ----------
-    volume : Volume
-        The data.
-    path : str or Path
-        Where to; a directory for formats that consist of several files.
-    format : str, optional
-        Name of the format, if the suffix does not tell.
-    **options
-        Those of the format; ``.h5``: ``compress=True`` packs the fields.
-
-    Raises
-    ------
-    UnknownNameError
-        If no format that can be written has this suffix, or it has no such option.
-    InputError
-        If the format cannot hold this volume, or the directory is not empty.
-
-    Examples
-    --------
-    >>> vm.io.save(vm.models.sphere(8), "sphere.h5")
-    >>> vm.open("sphere.h5").grid.shape
-    (8, 8, 8)
-    """
+    """Write a volume to a file or a directory; see `Volume.save`."""
     path = as_path(path)
     writer: Any = writer_for(path, format)
     for option in options:
@@ -63,13 +33,7 @@ def save(volume: Volume, path: str | Path, *, format: str | None = None, **optio
 
 
 def writer_for(path: Path, format: str | None = None) -> Reader:
-    """Return what writes files of this name, or of a format.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is nothing that does; names the nearest.
-    """
+    """Return what writes files of this name, or of a format."""
     writers = [reader for reader in readers() if getattr(reader, "writes", False)]
     if format is not None:
         named = {reader.name: reader for reader in writers}

@@ -26,11 +26,6 @@ def with_known(volume: Any, expressions: Sequence[Expression]) -> tuple[Any, lis
 
     An expression that has none in some cells, such as ``log10(a)`` where a is negative, becomes a
     field that lacks it there: what is missing in fields counts nothing along rays.
-
-    Raises
-    ------
-    InputError
-        If one is infinite somewhere, or has no value anywhere.
     """
     arrays: dict[str, np.ndarray] = {}
     found = []
@@ -46,13 +41,7 @@ def with_known(volume: Any, expressions: Sequence[Expression]) -> tuple[Any, lis
 
 
 def check_finite(values: np.ndarray, expression: Expression, first: int, grid: Any) -> None:
-    """Refuse a quantity that is infinite in one of consecutive cells.
-
-    Raises
-    ------
-    InputError
-        Names the first of them.
-    """
+    """Refuse a quantity that is infinite in one of consecutive cells."""
     infinite = np.flatnonzero(np.isinf(values))
     if infinite.size:
         place = np.unravel_index(first + int(infinite[0]), grid.shape)
@@ -107,15 +96,7 @@ def _with_fields(volume: Any, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def condition(volume: Any, text: Any, what: str = "where") -> Quantity:
-    """Return a condition, an expression that is zero where it does not hold.
-
-    Raises
-    ------
-    UnitsError
-        If a number's unit does not fit what it is compared with.
-    ExpressionError, UnknownNameError
-        If it cannot be understood.
-    """
+    """Return a condition, an expression that is zero where it does not hold."""
     return Quantity.of(volume, text, what)
 
 
@@ -132,23 +113,7 @@ _ROUNDING = 1e-12
 
 
 class Parts:
-    """The part of each cell that is measured.
-
-    Parameters
-    ----------
-    volume : Volume
-        As it is seen.
-    where : str, optional
-        A condition on the fields: it holds in a cell or not.
-    region : Region, optional
-        Cells on its surface are divided into ``samples**3`` parts, or more where they go far around
-        the axis, of which those count that have their centre inside.
-
-    Raises
-    ------
-    InputError
-        If `samples` is not positive.
-    """
+    """The part of each cell that is measured."""
 
     def __init__(self, volume: Any, where: Any, region: Region | None, samples: Any) -> None:
         if not isinstance(samples, Integral) or samples < 1:

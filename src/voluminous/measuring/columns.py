@@ -65,13 +65,6 @@ def integrals(
     Returns
     -------
     float64 array, shape (k, ny, nx)
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such method.
-    InputError
-        If the method cannot be used with the camera or the grid, or a quantity is infinite.
     """
     check_camera(camera, "a map")  # of None `render` would make one
     if method == "exact":
@@ -111,19 +104,7 @@ def exact_maps(
     parts: Any = None,
     together: bool = False,
 ) -> np.ndarray:
-    """Return the pixels' mean columns: cells' shadows, clipped against the pixels.
-
-    Parameters
-    ----------
-    volume : Volume
-        As it is seen.
-    expressions : sequence of Expression or None
-        None stands for 1: how much space there is.
-    parts : Parts, optional
-        Which part of each cell counts.
-    together : bool
-        Cells where one expression has no value count nothing for the others either.
-    """
+    """Return the pixels' mean columns: cells' shadows, clipped against the pixels."""
     grid, frame = volume.grid, camera.frame(volume.grid)
     backend, screen = get_backend(device, "double"), screen_of(frame)
     total = np.zeros((len(expressions), *frame.pixels[::-1]))
@@ -155,13 +136,7 @@ def exact_maps(
 
 
 def check_exact(grid: Any, camera: Any) -> None:
-    """Refuse what cells' shadows are not known for.
-
-    Raises
-    ------
-    InputError
-        Says what to do.
-    """
+    """Refuse what cells' shadows are not known for."""
     if not isinstance(camera, Orthographic):
         raise InputError(
             f"method='exact' needs parallel lines of sight (vm.Orthographic), got "

@@ -187,11 +187,6 @@ def onto_pixels(
     -------
     array, shape (k, ny, nx)
         Sums are those of `amounts`, but for what falls beside the frame.
-
-    Raises
-    ------
-    InputError
-        If pixels are so small that differences of a cell's parts have no digits left.
     """
     nx, ny = screen.pixels
     spline = BoxSpline(screen.axes.T)

@@ -83,14 +83,7 @@ class Scanned:
 
 
 def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> Scanned:
-    """Follow the rays through the pixels' centres.
-
-    Parameters
-    ----------
-    scheme : Scanner
-    **options
-        ``precision``, ``device``, ``progress``: as for `voluminous.render`.
-    """
+    """Follow the rays through the pixels' centres."""
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels
     paths, numbers = job.drawn(Scan)

@@ -22,17 +22,7 @@ class Quantity:
 
     @classmethod
     def of(cls, volume: Any, expression: Any, what: str = "quantity") -> Quantity:
-        """Return what a user asks for.
-
-        Raises
-        ------
-        InputError
-            If it is no expression, or a vector.
-        UnknownNameError
-            If it names a field that does not exist.
-        UnitsError
-            If its unit cannot be derived.
-        """
+        """Return what a user asks for."""
         if not isinstance(expression, (str, Expression, int, float)):
             raise InputError(
                 f"{what} must be a field or an expression such as 'density', "
@@ -57,13 +47,7 @@ def _told(value: Any) -> str:
 
 
 def check_volume(volume: Any) -> None:
-    """Refuse what cannot be measured at all.
-
-    Raises
-    ------
-    InputError
-        If it is no volume.
-    """
+    """Refuse what cannot be measured at all."""
     if not hasattr(volume, "seen_by"):
         raise InputError(f"measurements need a Volume first, got {type(volume).__name__}")
 
@@ -73,11 +57,6 @@ def column_unit(unit: Any, length: Any) -> tuple[Any, float]:
 
     The length is taken in the unit of length that the quantity itself is made of: g / cm3 along
     parsecs gives g / cm2.
-
-    Parameters
-    ----------
-    unit, length : astropy unit or None
-        Of the quantity, and of lengths of the volume.
     """
     return _times_lengths(unit, length, 1)
 
@@ -103,13 +82,7 @@ def _times_lengths(unit: Any, length: Any, power: int) -> tuple[Any, float]:
 
 
 def converted(unit: Any, wanted: Any, what: str) -> tuple[Any, float]:
-    """Return the unit a user wants, and what numbers are multiplied by.
-
-    Raises
-    ------
-    UnitsError
-        If the one cannot be converted to the other.
-    """
+    """Return the unit a user wants, and what numbers are multiplied by."""
     from astropy import units as u
 
     if wanted is None:

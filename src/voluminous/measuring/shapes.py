@@ -1,237 +1,121 @@
-"""Shapes as texts, such as ``sphere((0, 0, 0), 100 AU)``: calls of known names with plain values.
-
-Python's grammar is all that is used of Python: nothing is evaluated.
-"""
+"""Parts of space and of images to measure in, and texts such as ``sphere((0, 0, 0), 1 pc)``."""
 
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
+import operator
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, unknown_name
-from ..io.guard import placed
+from ..cameras import Frame
+from ..errors import InputError, VoluminousError, unknown_name
 from ..regions import Box, Cylinder, DoubleCone, Region, Sphere
-from ..units import is_quantity, parse_unit, plain
+from ..units import plain
 
-_MOST, _DEEPEST, _SHOWN = 10_000, 100, 80
-# A number or a closed parenthesis, and what looks like its unit.
-_WITH_UNIT = re.compile(
-    r"((?<![\w.])(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|\))\s*"
-    r"(?!(?:and|or|not|if|else)\b|[eE][-+]?\d)([^\W\d]\w*)"
-)
+_LONGEST, _SHOWN = 10_000, 80
+# What looks like a unit, and numbers with one; of a point, all numbers have the unit behind it.
+_UNIT = r"\s*\*?\s*(?!(?:and|or|not|if|else)\b|e[-+]?\d)([^\W\d]\w*)"
+_NUMBER = re.compile(r"(?<![\w.'\"])(-?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)" + _UNIT, re.IGNORECASE)
+_UNREADABLE = (SyntaxError, ValueError, TypeError, RecursionError, MemoryError)
+_POINT = re.compile(r"\(([^()]*)\)" + _UNIT)
 
 
-class ShapeReader:
-    """Reads one text.
+def _read(text: str, what: str, shapes: Mapping[str, Callable[..., Any]]) -> Any:
+    """Return the shape that a text describes: calls of known names with literal values.
 
-    Parameters
-    ----------
-    text : str
-        What a user wrote.
-    what : str
-        What it is, for messages.
-    shapes : mapping of callables
-        Known names, in small letters without underscores, and what they call.
+    Shapes are combined by ``&``, ``|`` and ``~``, or by ``and``, ``or`` and ``not``. Only Python's
+    grammar is used: nothing is evaluated.
     """
 
-    def __init__(self, text: str, what: str, shapes: Mapping[str, Callable[..., Any]]) -> None:
-        self.text, self.what, self.shapes = " ".join(text.split()), what, shapes
+    def shape(node: ast.expr) -> Any:
+        match node:
+            case ast.UnaryOp(op=ast.Invert() | ast.Not(), operand=part):
+                return ~shape(part)
+            case ast.BinOp(left=left, op=ast.BitAnd(), right=right):
+                return shape(left) & shape(right)
+            case ast.BinOp(left=left, op=ast.BitOr(), right=right):
+                return shape(left) | shape(right)
+            case ast.BoolOp(op=op, values=parts):
+                rule = operator.and_ if isinstance(op, ast.And) else operator.or_
+                return functools.reduce(rule, map(shape, parts))
+            case ast.Call(func=ast.Name(id=name), args=args, keywords=keywords):
+                make = shapes.get(name.lower().replace("_", ""))
+                if make is None:
+                    raise unknown_name(what, name, shapes)
+                known = inspect.signature(make).parameters
+                for keyword in keywords:
+                    if keyword.arg not in known:
+                        raise unknown_name("argument", str(keyword.arg), known)
+                return make(*map(_value, args), **{str(k.arg): _value(k.value) for k in keywords})
+        raise ValueError("expected shapes, combined by &, | and ~")
 
-    def tree(self) -> ast.expr:
-        """Return Python's syntax tree; a unit is what a value is multiplied with.
-
-        Raises
-        ------
-        InputError
-            If it is not in Python's grammar.
-        """
-        if not self.text or len(self.text) > _MOST:
-            self.fail(f"it has {len(self.text)} characters, expected 1 to {_MOST}")
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", SyntaxWarning)  # errors say what is wrong
-                tree = ast.parse(_WITH_UNIT.sub(r"\1*\2", self.text), mode="eval").body
-        except SyntaxError as error:
-            self.fail(error.msg)
-        except (ValueError, RecursionError, MemoryError):  # how Python's parser gives up
-            self.fail("it cannot be read")
-        self._check_depth(tree)
-        return tree
-
-    def _check_depth(self, tree: ast.expr) -> None:
-        nodes: list[ast.AST] = [tree]
-        level = 0
-        while nodes:
-            nodes = [child for node in nodes for child in ast.iter_child_nodes(node)]
-            level += 1
-            if level > _DEEPEST:
-                self.fail(f"it is nested too deeply, over {_DEEPEST} levels")
-
-    def fail(self, problem: str) -> NoReturn:
-        """Raise the error that names the text."""
-        shown = self.text if len(self.text) <= _SHOWN else self.text[:_SHOWN] + "…"
-        raise InputError(f"{self.what} {shown!r}: {problem}; there are: {self.known()}")
-
-    def known(self) -> str:
-        """Return how all shapes are called."""
-        return ", ".join(map(self._signature, self.shapes))
-
-    def combined(self, node: ast.expr) -> Any:
-        """Return shapes combined by ``&``, ``|`` and ``~``, or by ``and``, ``or`` and ``not``."""
-        both, either = (ast.BitAnd, ast.And), (ast.BitOr, ast.Or)
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.Invert, ast.Not)):
-            return ~self.combined(node.operand)
-        if isinstance(node, ast.BinOp) and isinstance(node.op, (*both, *either)):
-            parts = [self.combined(part) for part in (node.left, node.right)]
-        elif isinstance(node, ast.BoolOp):
-            parts = [self.combined(part) for part in node.values]
-        elif isinstance(node, ast.Call):
-            return self.called(node)
-        else:
-            self.fail(f"expected shapes, combined by &, | and ~; got {_told(node)}")
-        first, *others = parts
-        for other in others:
-            first = first & other if isinstance(node.op, both) else first | other
-        return first
-
-    def called(self, node: ast.expr) -> Any:
-        """Return the shape that a call describes.
-
-        Raises
-        ------
-        UnknownNameError
-            For a name that is no shape, or no argument of it; names the nearest.
-        InputError
-            If arguments are missing, too many, or do not make sense.
-        """
-        if not isinstance(node, ast.Call):
-            self.fail(f"expected a shape, got {_told(node)}")
-        name = _told(node.func).lower().replace("_", "")
-        if name not in self.shapes:
-            raise unknown_name(self.what, _told(node.func), self.shapes)
-        parameters = inspect.signature(self.shapes[name]).parameters
-        for key in (keyword.arg for keyword in node.keywords):
-            if key is None:
-                self.fail(f"expected NAME=VALUE, got {_told(node)}")
-            if key not in parameters:
-                with placed(self._signature(name)):
-                    raise unknown_name("argument", key, parameters)
-        values = [self.value(part) for part in node.args]
-        named = {str(part.arg): self.value(part.value) for part in node.keywords}
-        try:
-            inspect.signature(self.shapes[name]).bind(*values, **named)
-        except TypeError as error:
-            told = f"{self._signature(name)}: {error} in {_told(node)}"
-            raise InputError(f"{told}; points are in parentheses: (0, 0, 0)") from None
-        with placed(_told(node)):
-            return self.shapes[name](*values, **named)
-
-    def value(self, node: ast.expr) -> Any:
-        """Return a number, a quantity, a word, or a tuple of these."""
-        if isinstance(node, (ast.Tuple, ast.List)):
-            return self._sequence([self.value(part) for part in node.elts], node)
-        if isinstance(node, ast.Constant) and type(node.value) in (int, float, str):
-            return node.value if isinstance(node.value, str) else self._number(node)
-        if isinstance(node, ast.Name):
-            return node.id
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
-            number = self.value(node.operand)
-            if not isinstance(number, (str, tuple)):
-                return -number if isinstance(node.op, ast.USub) else number
-        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
-            number = self.value(node.left)
-            if isinstance(node.right, ast.Name) and isinstance(number, (float, tuple)):
-                unit = parse_unit(node.right.id)
-                return number if unit is None else self._array(number, node) * unit
-        self.fail(f"expected a number, with or without a unit, or a point, got {_told(node)}")
-
-    def _sequence(self, parts: list[Any], node: ast.expr) -> Any:
-        units = [part.unit for part in parts if is_quantity(part)]
-        if not units:
-            return tuple(parts)
-        if any(isinstance(part, str) or (not is_quantity(part) and np.any(part)) for part in parts):
-            self.fail(f"give all numbers of {_told(node)} a unit, or all of it: (1, 2, 3) pc")
-        numbers = [plain(part, units[0], "value") for part in parts]
-        return self._array(numbers, node) * units[0]
-
-    def _number(self, node: ast.Constant) -> float:
-        try:
-            return float(node.value)  # type: ignore[arg-type]
-        except OverflowError:
-            self.fail(f"{_told(node)} is larger than double precision can hold")
-
-    def _array(self, numbers: Any, node: ast.expr) -> np.ndarray:
-        try:
-            return np.asarray(numbers, dtype=np.float64)
-        except ValueError:
-            self.fail(f"expected numbers, or points of as many each, got {_told(node)}")
-
-    def _signature(self, name: str) -> str:
-        told = []
-        for key, parameter in inspect.signature(self.shapes[name]).parameters.items():
-            given = parameter.default is not parameter.empty and parameter.default is not None
-            star = "*" if parameter.kind is parameter.VAR_POSITIONAL else ""
-            told.append(f"{star}{key}={parameter.default}" if given else star + key)
-        return f"{name}({', '.join(told)})"
+    try:
+        if len(text) > _LONGEST:
+            raise ValueError(f"it has {len(text)} characters, expected {_LONGEST} at most")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)  # errors say what is wrong
+            single = _POINT.sub(
+                lambda m: f"({','.join(f'{part} {m[2]}' for part in m[1].split(','))})",
+                " ".join(text.split()),
+            )
+            return shape(ast.parse(_NUMBER.sub(r"'\1 \2'", single), mode="eval").body)
+    except (
+        VoluminousError,
+        SyntaxError,
+        ValueError,
+        TypeError,
+        RecursionError,
+        MemoryError,
+    ) as error:
+        shown = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+        known = ", ".join(f"{name}{_arguments(make)}" for name, make in shapes.items())
+        kind = type(error) if isinstance(error, VoluminousError) else InputError
+        raise kind(
+            f"{what} {shown!r}: {error or 'too long'}; points are in parentheses: (0, 0, 0); "
+            f"there are: {known}"
+        ) from None
 
 
-def _told(node: ast.AST) -> str:
-    text = re.sub(r"(?<=[\d)])\s*\*\s*(?=[^\W\d])", " ", ast.unparse(node))
-    return text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+def _value(node: ast.expr) -> Any:
+    """Return a word, a number, a text such as '0.5 pc', or a tuple of these."""
+    return node.id if isinstance(node, ast.Name) else ast.literal_eval(node)
 
 
-# Of the polygon that a circle is drawn as, which has its area; the radius is true to 1e-4.
-_CORNERS = 180
+def _arguments(make: Callable[..., Any]) -> str:
+    return f"({', '.join(map(str, inspect.signature(make).parameters))})"
 
 
 def region_of(text: str) -> Region:
-    """Return the region that a text describes.
+    """Return the region that a text describes; numbers without a unit are in the volume's.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``"sphere((0, 0, 0), 100 AU) & ~box((-1, -1, 0) pc, (1, 1, 2) pc)"``: the classes
-        of `voluminous.regions` in small letters, and ``cone``, one half of a double cone. Units
-        follow numbers or points; numbers without are in the volume's unit.
-
-    Raises
-    ------
-    InputError
-        If it cannot be understood; UnknownNameError names the nearest shape or argument.
+    Such as ``"sphere((0, 0, 0), 100 AU) & ~box((-1, -1, 0), (1, 1, 2 pc))"``: the classes of
+    `voluminous.regions` in small letters, and ``cone``, one half of a double cone.
     """
-    reader = ShapeReader(text, "region", _REGIONS)
-    return reader.combined(reader.tree())
+    return _read(text, "region", _REGIONS)
 
 
 def polygon_of(text: str, unit: Any) -> np.ndarray:
     """Return the polygon, shape (n, 2), on the image plane that a text describes.
 
-    Parameters
-    ----------
-    text : str
-        ``circle(center, radius)``, ``rectangle(low, high)`` or ``polygon(point, point, …)``, such
-        as ``"circle((0, 0), 0.5 pc)"``.
-    unit : astropy unit or None
-        Of the result, and of numbers without one.
-
-    Raises
-    ------
-    InputError
-        If it cannot be understood; UnknownNameError names the nearest shape or argument.
+    ``circle(center, radius)``, ``rectangle(low, high)`` or ``polygon(point, point, …)``, such as
+    ``"circle((0, 0), 0.5 pc)"``; in `unit`, which numbers without one are in.
     """
-    reader = ShapeReader(text, "aperture", _APERTURES)
-    points = reader.called(reader.tree())
-    return np.array([plain(point, unit, "aperture") for point in points(unit)])
+    points: Callable[[Any], np.ndarray] = _read(text, "aperture", _APERTURES)
+    return points(unit)
 
 
 def _cone(apex: Any, axis: Any, opening: Any, height: Any = None) -> DoubleCone:
     return DoubleCone(apex, axis, opening, height, side="up")
+
+
+# Corners of the polygon that a circle is drawn as, which has its area; the radius is true to 1e-4.
+_CORNERS = 180
 
 
 def _circle(center: Any, radius: Any) -> Callable[[Any], np.ndarray]:
@@ -243,7 +127,7 @@ def _circle(center: Any, radius: Any) -> Callable[[Any], np.ndarray]:
         angle = step * np.arange(_CORNERS)
         corner = size * np.sqrt(step / np.sin(step))
         around = corner * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        return _plane(center, unit) + around
+        return np.asarray(_plane(center, unit) + around)
 
     return points
 
@@ -259,15 +143,9 @@ def _rectangle(low: Any, high: Any) -> Callable[[Any], np.ndarray]:
 
 
 def _polygon(*points: Any) -> Callable[[Any], np.ndarray]:
-    # Points in one pair of parentheses may have one unit.
-    given = points[0] if len(points) == 1 and np.ndim(points[0]) else points
-
-    def corners(unit: Any) -> np.ndarray:
-        if np.ndim(given[:1]) != 2 or len(given) < 3:
-            raise InputError(f"a polygon has three points or more, got {given}")
-        return np.array([_plane(point, unit) for point in given])
-
-    return corners
+    if len(points) < 3:
+        raise InputError(f"a polygon has three points or more, got {points}")
+    return lambda unit: np.array([_plane(point, unit) for point in points])
 
 
 def _plane(point: Any, unit: Any) -> np.ndarray:
@@ -287,24 +165,16 @@ _REGIONS: dict[str, Callable[..., Region]] = {
 _APERTURES = {"circle": _circle, "rectangle": _rectangle, "polygon": _polygon}
 
 
-# A pixel that a polygon cuts is looked at in so many places along each axis.
+# A pixel that a polygon cuts is sampled at so many places along each axis.
 _FINE = 16
 # Sides of polygons pass through pixels that they touch but for rounding, in pixels.
 _SLACK = 1e-6
 
 
 class Aperture:
-    """What counts of an image: all of it (None), a polygon, or a number for each pixel.
+    """What counts of an image: all of it (None), a polygon or its text, or a number per pixel."""
 
-    Polygons may be texts, such as ``"circle((0, 0), 0.5 pc)"``; see `polygon_of`.
-
-    Raises
-    ------
-    InputError
-        If it is neither, or has not the image's shape.
-    """
-
-    def __init__(self, aperture: Any, frame: Any, unit: Any) -> None:
+    def __init__(self, aperture: Any, frame: Frame, unit: Any) -> None:
         self.frame = frame
         shape = frame.pixels[::-1]
         self.polygon: np.ndarray | None = None
@@ -353,7 +223,7 @@ class Aperture:
 
 
 def _cut(polygon: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
-    """Return which pixels (ny, nx), of size one from zero on, a polygon's sides pass through."""
+    """Return which pixels (ny, nx) the sides of a polygon pass through; pixels have size 1."""
     nx, ny = pixels
     (ax, ay), (bx, by) = (part.T[..., None] for part in (polygon, np.roll(polygon, -1, axis=0)))
     row = np.arange(ny)

@@ -304,14 +304,6 @@ _POINT = 1e-12
 def outline(grid: Any, level: int, merged: bool) -> list[np.ndarray]:
     """Return polylines around what is refined `level` times: arrays of shape (lines, n, 3).
 
-    Parameters
-    ----------
-    grid : Grid
-    level : int
-        0 is the domain.
-    merged : bool
-        Around all that is refined, as one body; else around each box.
-
     Returns
     -------
     list of arrays

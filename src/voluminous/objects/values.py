@@ -44,13 +44,7 @@ def _without_texts(value: Any) -> Any:
 
 
 def positions_of(value: Any, what: str, shape: tuple[Any, ...]) -> Any:
-    """Return positions as they were given, once they are seen to be finite and of a shape.
-
-    Raises
-    ------
-    InputError
-        If they are not. None in `shape` stands for any number.
-    """
+    """Return positions as they were given, once they are seen to be finite and of a shape."""
     value = merged(value)
     array = np.asarray(plain(value, unit_of(value), what))
     fits = array.ndim == len(shape) and all(
@@ -103,15 +97,7 @@ def _count(value: Any) -> int:
 
 
 def check_colors(colors: Any, count: int, what: str) -> None:
-    """Refuse what cannot be colours of `count` things, whatever the picture.
-
-    Raises
-    ------
-    InputError
-        If they are no finite numbers, or not as many.
-    UnknownNameError
-        If there is no colour of a name.
-    """
+    """Refuse what cannot be colours of `count` things, whatever the picture."""
     if _named(colors):
         _rgb(colors, count, what)
         return
@@ -135,11 +121,6 @@ def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: A
         A name, a number, one per channel; or a list of `count` of them.
     unit : astropy unit or None
         What they are to be expressed in.
-
-    Raises
-    ------
-    InputError
-        If names or numbers do not fit the channels.
     """
     own = view.channels if thing.channel is None else 1
     if _named(colors):

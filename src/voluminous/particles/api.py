@@ -1,4 +1,4 @@
-"""from_particles(): a volume of particles, whatever they stand for."""
+"""`Volume.from_particles`: a volume of particles, whatever they stand for."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def from_particles(
     --------
     >>> import numpy as np, voluminous as vm
     >>> positions = np.random.default_rng(1).normal(size=(1000, 3))
-    >>> volume = vm.from_particles(positions, 0.5, fields={"velocity": positions}, unit="pc")
+    >>> volume = vm.Volume.from_particles(positions, 0.5, fields={"velocity": positions}, unit="pc")
     >>> volume.fields
     ('density', 'velocity_x', 'velocity_y', 'velocity_z')
     >>> float(np.sum(volume.array("density") * volume.grid.cell_volumes).round(9))

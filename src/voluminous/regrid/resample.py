@@ -13,7 +13,7 @@ too small to be sampled.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,8 +23,9 @@ from ..errors import InputError, UnitsError
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..memory import check_memory
 from ..progress import reported_range
-from ..units import is_count, shown, unit_name
+from ..units import is_count, plain, shown, unit_name
 from .slices import MOST
+from .table import named_fields
 
 # Boxes cut at once.
 _CHUNK = 1 << 18
@@ -207,11 +208,11 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
 
 
 def points_along(grid: Any, count: int) -> list[int]:
-    """Return how many points are taken along each axis of a cell: more along wide angles."""
-    widths = [
-        np.diff(edges).max() if name in ("theta", "phi") else 0.0
-        for name, edges in zip(grid.coordinates, grid.edges, strict=False)
-    ]
+    """Return the number of points along each axis of a cell: more along wide angles."""
+    widths = [0.0, 0.0, 0.0]
+    for axis, edges in enumerate(grid.edges):  # of a structured grid
+        if grid.coordinates[axis] in ("theta", "phi"):
+            widths[axis] = np.diff(edges).max()
     return [max(count, math.ceil(width * count / _ANGLE - 1e-9)) for width in widths]
 
 
@@ -402,3 +403,36 @@ def _check(source: Any, target: Any, samples: Any) -> None:
         raise InputError(
             f"the new grid, {told[0]}, is nowhere in the volume, {told[1]}; compare their bounds"
         )
+
+
+def resampled_volume(
+    volume: Any, grid: Any, fields: Iterable[str] | None, fill: float, samples: int
+) -> Any:
+    """Return a volume on another grid; see `Volume.resample`."""
+    names = named_fields(volume, fields)
+    values = {name: volume.array(name) for name in names}
+    means = resampled(values, volume.grid, grid, _number(fill), samples)
+    other = type(volume)(grid)
+    for name in names:
+        single = values[name].dtype == np.float32
+        other[name] = means[name].astype(np.float32) if single else means[name]
+        other.set_unit(name, volume.field_unit(name))
+    other.meta |= _meta_on(volume, grid)
+    return other
+
+
+def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
+    meta = dict(volume.meta)
+    old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
+    if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):
+        # Where the patient's axes are is then not known either.
+        del meta["direction"]
+        meta.pop("orientation", None)
+    return meta
+
+
+def _number(fill: Any) -> float:
+    number = None if fill is None else plain(fill, None, "fill")
+    if not isinstance(number, float):
+        raise InputError(f"fill must be one number, got {shown(fill)}")
+    return number

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..colormaps import get_colormap
 from ..errors import InputError, immutable, unknown_name
+from ..expressions import Expression
 from ..figures import add_color_bar, new_figure
 from ..memory import check_memory
 from ..notebook import page, picture, png
@@ -133,15 +134,17 @@ class Slice:
 immutable(Slice, "make another by volume.slice(...); `values` are in its `unit`")
 
 
-def make_slice(
-    grid: Any, plane: Plane, cells: np.ndarray, values: Any, unit: Any, name: str
-) -> Slice:
-    """Return values of all cells, or of three components of a vector, on a plane."""
-    flat = np.asarray(values).reshape(-1, grid.size)
+def slice_of(volume: Any, expression: Any, plane: Plane, camera: Any) -> Slice:
+    """Return an expression on a plane; three components of a vector."""
+    values, grid = volume.evaluate(expression, camera=camera), volume.grid
+    is_vector = values.ndim > len(grid.shape)
+    unit = None if is_vector else volume.expression_unit(Expression(expression))
+    cells = cells_on(grid, plane)
+    flat = values.reshape(-1, grid.size)
     shown = np.where(cells >= 0, flat[:, cells], np.nan)
-    if np.asarray(values).shape == tuple(grid.shape):
-        shown = shown[0]
-    return Slice(shown, plane.extent, unit_name(unit), unit_name(grid.unit), plane, name)
+    name = expression.text if isinstance(expression, Expression) else str(expression)
+    unit, length = unit_name(unit), unit_name(grid.unit)
+    return Slice(shown if is_vector else shown[0], plane.extent, unit, length, plane, name)
 
 
 def _norm(values: np.ndarray, norm: Any, vmin: float | None, vmax: float | None) -> Any:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..errors import MissingPackageError, check_name
+from ..errors import InputError, MissingPackageError, check_name
+from ..expressions import Expression
 
 KINDS = ("dict", "numpy", "astropy", "pandas")
 
@@ -89,3 +90,26 @@ def _radian() -> Any:
     from astropy import units as u
 
     return u.rad
+
+
+def table_of_cells(volume: Any, fields: Iterable[str] | None, where: Any, kind: str) -> Any:
+    """Return a table of the cells of a volume; see `Volume.cells`."""
+    columns = cell_columns(volume.grid)
+    for name in named_fields(volume, fields):
+        values = volume.array(name) if name in volume.fields else volume.evaluate(name)
+        unit = volume.expression_unit(Expression(name))
+        columns[f"{name}_" if name in columns else name] = (values.reshape(-1), unit)
+    if where is not None:
+        chosen = volume.evaluate(Expression(where)).reshape(-1) != 0
+        columns = {name: (values[chosen], unit) for name, (values, unit) in columns.items()}
+    return table(columns, kind)
+
+
+def named_fields(volume: Any, fields: Iterable[str] | None) -> tuple[str, ...]:
+    """Return the names of fields that a user asks for: by default all."""
+    if isinstance(fields, str):
+        raise InputError(f"fields must be a list of names, got {fields!r}; write [{fields!r}]")
+    try:
+        return tuple(volume.fields if fields is None else fields)
+    except TypeError:
+        raise InputError(f"fields must be a list of names, got {fields!r}") from None

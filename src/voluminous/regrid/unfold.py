@@ -16,7 +16,12 @@ _UPWARDS = ("theta", "z")
 _THETA = 1
 
 
-def unfolded(volume: Any) -> Any:
+def unfolded_volume(volume: Any, phi: int | None, theta: int | None) -> Any:
+    """Return a volume in which every cell is in one place; see `Volume.unfolded`."""
+    return _divided(_unmirrored(volume), phi, theta)
+
+
+def _unmirrored(volume: Any) -> Any:
     """Return a volume without a mirror; see `Volume.unfolded`."""
     grid = volume.grid
     if not grid.mirror:
@@ -62,7 +67,7 @@ _FEWEST = {"phi": 4, "theta": 2}
 _SPAN = {"phi": 2.0 * np.pi, "theta": np.pi}
 
 
-def divided(volume: Any, phi: int | None, theta: int | None) -> Any:
+def _divided(volume: Any, phi: int | None, theta: int | None) -> Any:
     """Return a volume with so many cells around; see `Volume.unfolded`."""
     asked = {axis: n for axis, n in (("phi", phi), ("theta", theta)) if n is not None}
     if not asked:

@@ -29,7 +29,7 @@ _LAYOUTS = {
     "CGNSLibraryVersion": "a CGNS file; save it as .vtk with ParaView or PyVista",
     ".silo": "a Silo file; save it as .vtk with VisIt",
     "Chimera": "a map of UCSF Chimera; save it as .mrc",
-    "HDFEOS INFORMATION": "an HDF-EOS file; open it with xarray, and give that to vm.from_xarray",
+    "HDFEOS INFORMATION": "an HDF-EOS file; open it with xarray, then vm.Volume.from_xarray",
 }
 _MATLAB = b"MATLAB 7.3 MAT-file"
 _PLACED_BY = ("axes", "bounds", "spacing", "x", "y", "z")

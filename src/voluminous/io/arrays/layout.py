@@ -10,8 +10,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError, unknown_name
 from ...units import as_quantity, is_quantity, parse_unit, plain, unit_of
-from ..axis_names import AXES, axis_of
-from ..edges import edges_of_centers, is_even
+from ..axes import AXES, axis_of, edges_of_centers, is_even
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid

@@ -14,10 +14,9 @@ import numpy as np
 
 from ...errors import FileFormatError
 from ...units import unit_name
-from ..archives import ZIP, zip_names
-from ..cartesian import cartesian
+from ..axes import cartesian
 from ..names import field_name
-from ..payload import read_exactly
+from ..payload import ZIP, read_exactly, zip_names
 from .layout import AXES, Entry
 from .named_arrays import NamedArraysReader
 

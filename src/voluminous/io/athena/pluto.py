@@ -12,12 +12,11 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ...units import unit_name
+from ..axes import is_even
 from ..contract import FieldInfo, Reader
-from ..edges import is_even
 from ..hdf5 import data_sets, holds, opened, read
 from ..names import chosen_fields
-from .arrange import REGULAR
-from .reader import AthenaReader, in_unit
+from .reader import REGULAR, AthenaReader, in_unit
 from .variables import CodeUnits, known
 
 if TYPE_CHECKING:

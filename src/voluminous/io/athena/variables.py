@@ -82,20 +82,7 @@ def _text(value: Any) -> str:
 
 
 class CodeUnits:
-    """Units of length, mass and time, from those that a user tells.
-
-    Parameters
-    ----------
-    length_unit, mass_unit, time_unit, velocity_unit, density_unit : str, unit, Quantity or None
-        What the number 1 in the file is, such as ``"1.559e16 cm"``.
-
-    Raises
-    ------
-    UnitsError
-        If one is no such unit.
-    InputError
-        If they tell of one thing twice.
-    """
+    """Units of length, mass and time, from those that a user tells."""
 
     def __init__(self, **given: Any) -> None:
         known = {name: _unit(name, unit) for name, unit in given.items() if unit is not None}

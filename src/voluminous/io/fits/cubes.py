@@ -12,9 +12,8 @@ from ...errors import FileFormatError, InputError, unknown_name
 from ...units import unit_name
 from ..contract import FieldInfo
 from ..names import field_name
-from .blocks import Part, card
+from .hdus import HDU, Scaling, card, check_tiles, image_shape, is_compressed, is_image, scaling
 from .units import lenient_unit
-from .values import Scaling, check_tiles, image_shape, is_compressed, is_image, scaling
 
 # What astropy calls a compressed image that has no name of its own.
 _NAMELESS = {"", "COMPRESSED_IMAGE", "PRIMARY"}
@@ -26,27 +25,13 @@ _STOKES = "STOKES"
 
 @dataclass(frozen=True)
 class Cube:
-    """An image with three axes that count.
+    """An image with three axes that count."""
 
-    Attributes
-    ----------
-    part : Part
-        Where it is.
-    name : str
-        Of the field.
-    place : str
-        What `fields=` calls it: the name or the number of its HDU.
-    axes : tuple of three int
-        Which axes of the image they are; 0 is NAXIS1.
-    index : tuple
-        What picks the cube from the array, in the order of NumPy.
-    """
-
-    part: Part
-    name: str
-    place: str
-    axes: tuple[int, ...]
-    index: tuple[Any, ...]
+    part: HDU  # where it is
+    name: str  # of the field
+    place: str  # what `fields=` calls it: the name or the number of its HDU
+    axes: tuple[int, ...]  # which axes of the image they are; 0 is NAXIS1
+    index: tuple[Any, ...]  # what picks the cube from the array, in the order of NumPy
 
     @property
     def sides(self) -> tuple[int, ...]:
@@ -72,7 +57,7 @@ class Cube:
         )
 
 
-def images(found: Iterable[Part]) -> list[tuple[Part, list[int]]]:
+def images(found: Iterable[HDU]) -> list[tuple[HDU, list[int]]]:
     """Return all images with values in them, each with its axes that count.
 
     These are the axes of more than one pixel, and those along x, y and z: of a thin slab, or of a
@@ -85,31 +70,12 @@ def images(found: Iterable[Part]) -> list[tuple[Part, list[int]]]:
     return listed
 
 
-def _in_space(part: Part, axis: int) -> bool:
+def _in_space(part: HDU, axis: int) -> bool:
     return str(card(part.header, f"CTYPE{axis + 1}", "")).strip().upper() in _PLACE
 
 
-def cubes(found: Sequence[Part], hdu: Any = None, plane: Any = None) -> list[Cube]:
-    """Return the cubes of a file, of one HDU if it is named.
-
-    Parameters
-    ----------
-    found : sequence of Part
-        The parts of the file.
-    hdu : int or str, optional
-        Number or name (EXTNAME) of the one to look at.
-    plane : int or sequence of int, optional
-        Which pixel along axes beyond the three, such as Stokes parameters; 0 is the first.
-
-    Raises
-    ------
-    FileFormatError
-        If there is none.
-    InputError
-        If there are more than three axes and `plane` does not choose.
-    UnknownNameError
-        If there is no such HDU.
-    """
+def cubes(found: Sequence[HDU], hdu: Any = None, plane: Any = None) -> list[Cube]:
+    """Return the cubes of a file, of one HDU if it is named."""
     parts = list(found) if hdu is None else [_named(found, hdu)]
     some = [(part, real) for part, real in images(parts) if len(real) >= 3]
     if not some:
@@ -121,7 +87,7 @@ def cubes(found: Sequence[Part], hdu: Any = None, plane: Any = None) -> list[Cub
     ]
 
 
-def _nothing(listed: list[tuple[Part, list[int]]]) -> str:
+def _nothing(listed: list[tuple[HDU, list[int]]]) -> str:
     told = "expected an image with three axes"
     if not listed:
         return f"{told}; there is no image with values in it"
@@ -129,7 +95,7 @@ def _nothing(listed: list[tuple[Part, list[int]]]) -> str:
     return f"{told}, found {flat}; vm.Image.load reads images of two axes"
 
 
-def _named(found: Sequence[Part], hdu: Any) -> Part:
+def _named(found: Sequence[HDU], hdu: Any) -> HDU:
     names = {str(part.number): part for part in found}
     names |= {str(card(p.header, "EXTNAME", "")).strip().upper(): p for p in reversed(found)}
     key = str(hdu).strip().upper()
@@ -138,7 +104,7 @@ def _named(found: Sequence[Part], hdu: Any) -> Part:
     return names[key]
 
 
-def _names(parts: list[Part]) -> list[str]:
+def _names(parts: list[HDU]) -> list[str]:
     """Return names of fields: EXTNAME, else BTYPE, else intensity; with numbers if alike."""
     names: list[str] = []
     for part in parts:
@@ -150,7 +116,7 @@ def _names(parts: list[Part]) -> list[str]:
     return names
 
 
-def _places(parts: list[Part]) -> list[str]:
+def _places(parts: list[HDU]) -> list[str]:
     """Return titles of HDUs, or numbers where there is none or it is not the only one."""
     titles = [_title(part) for part in parts]
     return [
@@ -159,12 +125,12 @@ def _places(parts: list[Part]) -> list[str]:
     ]
 
 
-def _title(part: Part) -> str:
+def _title(part: HDU) -> str:
     title = str(card(part.header, "EXTNAME", "")).strip()
     return "" if title.upper() in _NAMELESS else title
 
 
-def _name(part: Part) -> str:
+def _name(part: HDU) -> str:
     kind = str(card(part.header, "BTYPE", "")).strip()
     title = _title(part)
     if title and kind.upper() == title.upper():
@@ -173,7 +139,7 @@ def _name(part: Part) -> str:
     return field_name(title)
 
 
-def _cube(part: Part, real: list[int], name: str, place: str, plane: Any) -> Cube:
+def _cube(part: HDU, real: list[int], name: str, place: str, plane: Any) -> Cube:
     sides = image_shape(part)
     if is_compressed(part):
         check_tiles(part)
@@ -185,7 +151,7 @@ def _cube(part: Part, real: list[int], name: str, place: str, plane: Any) -> Cub
     return Cube(part, name, place, tuple(axes), index)
 
 
-def _three(part: Part, real: list[int]) -> tuple[list[int], list[int]]:
+def _three(part: HDU, real: list[int]) -> tuple[list[int], list[int]]:
     """Return the axes of the cube (sky and spectrum before others), and the others."""
     if len(real) == 3:
         return real, []
@@ -196,7 +162,7 @@ def _three(part: Part, real: list[int]) -> tuple[list[int], list[int]]:
     return axes, [k for k in real if k not in axes]
 
 
-def _planes(part: Part, others: list[int], plane: Any) -> dict[int, int]:
+def _planes(part: HDU, others: list[int], plane: Any) -> dict[int, int]:
     sides = image_shape(part)
     kinds = [str(card(part.header, f"CTYPE{k + 1}", "")).strip() for k in others]
     if plane is None:

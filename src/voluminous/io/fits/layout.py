@@ -10,74 +10,131 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...geometry import is_uniform
 from ...units import parse_unit, plain
-from .axes import axis_name, converted, edges_along, third_axis
-from .world import World
+from ..names import field_name
+from .hdus import card
+from .units import lenient_unit
+from .wcs import World
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
+
+
+_NAMES = {
+    **dict.fromkeys(("VRAD", "VOPT", "VELO"), "velocity"),
+    **dict.fromkeys(("WAVE", "AWAV"), "wavelength"),
+    "FREQ": "frequency",
+    "ENER": "energy",
+    "WAVN": "wavenumber",
+    "ZOPT": "redshift",
+    "BETA": "beta",
+}
+_KINDS = {"speed": "velocity", "frequency": "frequency", "energy": "energy"}
+
+
+def third_axis(wcs: Any, header: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+    """Return edges and centres along the third axis in a unit that people read, and that unit.
+
+    Centres are in the middle of channels, in whatever these are even.
+    """
+    edges, unit = edges_along(wcs, 2)
+    centers = 0.5 * (edges[1:] + edges[:-1])
+    if not _is_linear(wcs, 2):
+        centers = _along(wcs, 2, np.arange(len(centers)))
+    shown = None if unit is None else _shown(wcs, unit, header)
+    return converted(edges, unit, shown), converted(centers, unit, shown), shown
+
+
+def edges_along(wcs: Any, axis: int) -> tuple[np.ndarray, Any]:
+    """Return the world coordinates of pixel edges along an axis of its own, and the unit."""
+    count = wcs.pixel_shape[axis]
+    edges = _along(wcs, axis, np.arange(count + 1) - 0.5)
+    if _is_linear(wcs, axis):  # as even as can be
+        edges = np.linspace(edges[0], edges[-1], count + 1)
+    if not np.all(np.isfinite(edges)) or not np.all(np.diff(edges) > 0):
+        raise FileFormatError(
+            f"the coordinates along axis {wcs.wcs.ctype[axis]!r} of the WCS do not increase; open "
+            "it with wcs=False for cells of unit length"
+        )
+    return edges, parse_unit(wcs.wcs.cunit[axis])
+
+
+def _along(wcs: Any, axis: int, places: np.ndarray) -> np.ndarray:
+    """Return the coordinates of pixels along an axis that no other has to do with."""
+    return np.asarray(wcs.sub([axis + 1]).wcs_pix2world(places[:, None], 0)[:, 0])
+
+
+def _is_linear(wcs: Any, axis: int) -> bool:
+    return "-" not in wcs.wcs.ctype[axis]
+
+
+def _shown(wcs: Any, unit: Any, header: Any) -> Any:
+    """Return the unit that people read: km/s, GHz, and the header's own for wavelengths."""
+    from astropy import units as u
+
+    if unit.is_equivalent(u.m / u.s):
+        return u.km / u.s
+    if unit.is_equivalent(u.Hz):
+        return u.GHz
+    if wcs.wcs.spec != 2:
+        return unit
+    spectral = (k for k in range(1, 10) if str(card(header, f"CTYPE{k}", ""))[:4] in _NAMES)
+    cards = [lenient_unit(str(card(header, f"CUNIT{k}", ""))) for k in spectral] or [unit]
+    own = next((c for c in cards if c is not None and c.is_equivalent(unit)), unit)
+    return u.um if own == u.m else own
+
+
+def converted(value: Any, unit: Any, other: Any) -> Any:
+    """Return numbers of a unit in another."""
+    from astropy import units as u
+
+    if unit is None or other is None:
+        return value
+    return plain(u.Quantity(value, unit), other, "an axis of the cube")
+
+
+def axis_name(wcs: Any) -> str:
+    """Return the name of the field that tells the third coordinate of a WCS."""
+    kind, measure = str(wcs.wcs.ctype[2]), parse_unit(wcs.wcs.cunit[2])
+    if kind[:4] in _NAMES and wcs.wcs.spec == 2:
+        return _NAMES[kind[:4]]
+    for quantity, name in _KINDS.items():
+        if measure is not None and measure.physical_type == quantity:
+            return name
+    return field_name(kind.lower().removesuffix("-tab") or "third")
+
 
 # Up to this width of the sky (degrees) lengths are in arcseconds.
 _NARROW = 1.0
 
 
 @dataclass(frozen=True)
-class Axis:
-    """A third axis that is no length of the grid: what its cells measure.
+class ThirdAxis:
+    """A third axis that is no length of the grid: what its cells measure."""
 
-    Attributes
-    ----------
-    name : str
-        Of the field that holds it.
-    values : float64 array, shape (n,)
-        At the centres of the cells.
-    unit : astropy unit or None
-        Theirs.
-    """
-
-    name: str
-    values: np.ndarray
-    unit: Any
+    name: str  # of the field that holds it
+    values: np.ndarray  # at the centres of the cells
+    unit: Any  # theirs
 
 
 @dataclass(frozen=True)
-class Layout:
+class CubeLayout:
     """A grid, the meaning of its z, and the WCS behind (None if there is none)."""
 
     grid: CartesianGrid
-    axis: Axis | None = None
+    axis: ThirdAxis | None = None
     wcs: Any = None
 
 
-def unit_cells(sides: tuple[int, ...], bounds: Any, unit: Any) -> Layout:
+def unit_cells(sides: tuple[int, ...], bounds: Any, unit: Any) -> CubeLayout:
     """Return the layout of a cube of which no coordinates are known."""
     from ...grids import CartesianGrid
 
     bounds = [(0, n) for n in sides] if bounds is None else bounds
-    return Layout(CartesianGrid.uniform(sides, bounds, unit=unit))
+    return CubeLayout(CartesianGrid.uniform(sides, bounds, unit=unit))
 
 
-def layout(found: World, header: Any, unit: Any, depth: Any, spectral_scale: Any) -> Layout:
-    """Return the grid for the world coordinates of a cube.
-
-    Parameters
-    ----------
-    found : World
-        The coordinates.
-    header : astropy.io.fits.Header
-        Of the file.
-    unit : str or unit, optional
-        Of the grid.
-    depth, spectral_scale : float, Quantity or text, optional
-        How deep the third axis is in the grid's unit, or how much of that stands for one unit of
-        what it measures.
-
-    Raises
-    ------
-    InputError
-        If both are given, or one cannot be used.
-    UnitsError
-        If the axes cannot be in the unit.
-    """
+def layout(found: World, header: Any, unit: Any, depth: Any, spectral_scale: Any) -> CubeLayout:
+    """Return the grid for the world coordinates of a cube."""
     from ...grids import CartesianGrid
 
     wcs = found.wcs
@@ -86,11 +143,11 @@ def layout(found: World, header: Any, unit: Any, depth: Any, spectral_scale: Any
     if is_place(wcs):
         if depth is not None or spectral_scale is not None:
             raise InputError("depth and spectral_scale are for cubes whose third axis is no length")
-        return Layout(CartesianGrid(x, y, converted(third, measure, own), unit=own), wcs=wcs)
+        return CubeLayout(CartesianGrid(x, y, converted(third, measure, own), unit=own), wcs=wcs)
     scale = _scale(third, (x, y), own, depth, spectral_scale, measure)
     grid = CartesianGrid(x, y, _depths(third, scale), unit=own)
-    axis = Axis(axis_name(wcs), centers, measure)
-    return Layout(grid, axis, wcs)
+    axis = ThirdAxis(axis_name(wcs), centers, measure)
+    return CubeLayout(grid, axis, wcs)
 
 
 def _plane(found: World, unit: Any) -> tuple[list[np.ndarray], Any]:

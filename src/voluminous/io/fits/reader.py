@@ -14,12 +14,10 @@ from ...units import unit_name
 from ..contract import FieldInfo, Reader
 from ..names import chosen_fields
 from ..payload import is_packed, unpacked
-from .blocks import Part, card, parts
 from .cubes import Cube, cubes, images
-from .header import has_world
-from .layout import Axis, Layout, layout, unit_cells
-from .values import values
-from .world import World, world
+from .hdus import HDU, card, parts, values
+from .layout import CubeLayout, ThirdAxis, layout, unit_cells
+from .wcs import World, has_world, world
 from .write import DEPTH, UNIT, write
 
 if TYPE_CHECKING:
@@ -109,7 +107,7 @@ class FITSReader(Reader):
         write(volume, path)
 
 
-def _is_picture(found: list[Part]) -> bool:
+def _is_picture(found: list[HDU]) -> bool:
     header = found[0].header
     return card(header, _CREATOR) == "voluminous" and _TEXT in header
 
@@ -121,7 +119,7 @@ def _cubes(path: Path, options: dict[str, Any]) -> list[Cube]:
     return cubes(found, options.get("hdu"), options.get("plane"))
 
 
-def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, Layout]:
+def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
     """Return the world coordinates of a cube, if they are known and wanted, and its layout."""
     bounds, unit = options.get("bounds"), options.get("unit")
     header = cube.part.header
@@ -135,14 +133,8 @@ def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, Layout]:
     return found, layout(found, header, unit, depth, scale)
 
 
-def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, Layout]:
-    """Return what all cubes share.
-
-    Raises
-    ------
-    InputError
-        If they lie on different grids.
-    """
+def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
+    """Return what all cubes share."""
     first = chosen[0]
     seen, where = _layout(first, options)
     for cube in chosen[1:]:
@@ -164,11 +156,11 @@ def _load(path: Path, cube: Cube, seen: World | None) -> np.ndarray:
     return values(path, cube.part, cube.index, arrange)
 
 
-def _spread(axis: Axis, shape: tuple[int, ...]) -> np.ndarray:
+def _spread(axis: ThirdAxis, shape: tuple[int, ...]) -> np.ndarray:
     return np.broadcast_to(axis.values.astype(np.float32), shape)
 
 
-def _told(part: Part, seen: World | None, where: Layout) -> dict[str, Any]:
+def _told(part: HDU, seen: World | None, where: CubeLayout) -> dict[str, Any]:
     told = {key.lower(): card(part.header, key) for key in _TOLD}
     told = {k: v for k, v in told.items() if v != "" and isinstance(v, (str, int, float))}
     if seen is not None and seen.on_sky:

@@ -9,9 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...image.sky import table_hdus, tables_of
-from ..cartesian import cartesian
-from .axes import axis_name
-from .layout import is_place
+from ..axes import cartesian
+from .layout import axis_name, is_place
 from .units import fits_name
 
 if TYPE_CHECKING:
@@ -69,13 +68,7 @@ def _has_axis(volume: Volume) -> bool:
 
 
 def _world_cards(volume: Volume) -> Any:
-    """Return cards that say where cells are.
-
-    Raises
-    ------
-    InputError
-        If no card can.
-    """
+    """Return cards that say where cells are."""
     from astropy.io import fits
 
     grid = cartesian(volume)

@@ -97,7 +97,7 @@ def from_xarray(
     --------
     >>> import numpy as np, xarray as xr, voluminous as vm
     >>> cube = xr.DataArray(np.ones((2, 3, 4)), dims=("z", "y", "x"), name="rho")
-    >>> vm.from_xarray(cube).grid.shape
+    >>> vm.Volume.from_xarray(cube).grid.shape
     (4, 3, 2)
     """
     options = {"dims": dims, "isel": isel, "sel": sel, "bounds": bounds, "spacing": spacing}

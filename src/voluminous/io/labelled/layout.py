@@ -12,8 +12,7 @@ import numpy as np
 from ...errors import InputError, UnitsError, unknown_name
 from ...units import parse_unit
 from ..arrays.layout import equal_cells
-from ..axis_names import AXES, axis_of
-from ..edges import edges_of_centers
+from ..axes import AXES, axis_of, edges_of_centers
 from ..unit_texts import known_unit
 
 if TYPE_CHECKING:

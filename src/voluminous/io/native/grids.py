@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FileFormatError, InputError, UnitsError
-from ...units import parse_unit
-from .units import exact_name
+from ...units import parse_unit, unit_name
 
 _C_ORDER = "a field has three axes, in the order of the edges (the last one fastest in memory)"
 _DEPTH_FIRST = (
@@ -41,13 +40,7 @@ class PlainGrid:
 
 
 def plain_grid(grid: Any) -> PlainGrid:
-    """Return a grid as plain arrays.
-
-    Raises
-    ------
-    InputError
-        If it is of a kind that is not known here.
-    """
+    """Return a grid as plain arrays."""
     writers: dict[str, Callable[[Any], PlainGrid]] = {
         "cartesian": lambda g: PlainGrid("cartesian", _C_ORDER, _edges("xyz", g.edges)),
         "octree": _octree,
@@ -92,25 +85,19 @@ def _patches(grid: Any) -> PlainGrid:
 
 
 def grid_of(plain: PlainGrid) -> Any:
-    """Return the grid that `plain_grid` made plain.
-
-    Raises
-    ------
-    FileFormatError
-        If it is of an unknown type, or something of it is missing or at odds.
-    """
-    makers: dict[str, Callable[[Mapping[str, Any], dict[str, Any], Any], Any]] = {
+    """Return the grid that `plain_grid` made plain."""
+    makers = {
         "cartesian": _make_cartesian,
         "octree": _make_octree,
         "patches": _make_patches,
-        "spherical": _make_spherical,
-        "cylindrical": _make_cylindrical,
+        "spherical": _make_curvilinear,
+        "cylindrical": _make_curvilinear,
     }
     if plain.type not in makers:
         raise FileFormatError(f"/grid has the type {plain.type!r}, expected {', '.join(makers)}")
     try:
         unit = parse_unit(plain.attributes.get("unit", ""))
-        grid = makers[plain.type](plain.arrays, plain.attributes, unit)
+        grid = makers[plain.type](plain, unit)
     except KeyError as error:
         raise FileFormatError(f"/grid of type {plain.type!r} lacks {error}") from error
     except (InputError, UnitsError) as error:
@@ -122,24 +109,25 @@ def grid_of(plain: PlainGrid) -> Any:
     return grid
 
 
-def _make_cartesian(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+def _make_cartesian(plain: PlainGrid, unit: Any) -> Any:
     from ...grids import CartesianGrid
 
-    return CartesianGrid(*(arrays[axis] for axis in "xyz"), unit=unit)
+    return CartesianGrid(*(plain.arrays[axis] for axis in "xyz"), unit=unit)
 
 
-def _make_octree(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+def _make_octree(plain: PlainGrid, unit: Any) -> Any:
     from ...grids import OctreeGrid
 
-    x, y, z = (arrays[axis] for axis in "xyz")
-    return OctreeGrid.from_levels(x, y, z, arrays["levels"], unit=unit)
+    x, y, z, levels = (plain.arrays[name] for name in ("x", "y", "z", "levels"))
+    return OctreeGrid.from_levels(x, y, z, levels, unit=unit)
 
 
-def _make_patches(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
+def _make_patches(plain: PlainGrid, unit: Any) -> Any:
     from ...grids import PatchGrid
 
+    arrays = plain.arrays
     shape = np.asarray(arrays["shape"])
-    _check_patches(shape, int(attributes["cells"]))
+    _check_patches(shape, int(plain.attributes["cells"]))
     if "lower" in arrays:
         return PatchGrid(arrays["lower"], arrays["upper"], shape, unit=unit)
     x, y, z, level, low, ratio = (arrays[name] for name in ("x", "y", "z", "level", "low", "ratio"))
@@ -155,20 +143,18 @@ def _check_patches(shape: np.ndarray, cells: int) -> None:
         )
 
 
-def _make_spherical(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
-    from ...grids import SphericalGrid
+def _make_curvilinear(plain: PlainGrid, unit: Any) -> Any:
+    from ...grids import CylindricalGrid, SphericalGrid
 
-    edges = [arrays[name] for name in SphericalGrid.coordinates]
-    mirror, flags = bool(attributes.get("mirror")), _flags(arrays, attributes)
-    return _checked(SphericalGrid(*edges, mirror=mirror, refined=flags, unit=unit), arrays)
-
-
-def _make_cylindrical(arrays: Mapping[str, Any], attributes: dict[str, Any], unit: Any) -> Any:
-    from ...grids import CylindricalGrid
-
-    edges = [arrays[name] for name in CylindricalGrid.coordinates]
-    flags = _flags(arrays, attributes)
-    return _checked(CylindricalGrid(*edges, refined=flags, unit=unit), arrays)
+    spherical = plain.type == "spherical"
+    kind: Any = SphericalGrid if spherical else CylindricalGrid
+    more = {"mirror": bool(plain.attributes.get("mirror"))} if spherical else {}
+    edges = [plain.arrays[name] for name in kind.coordinates]
+    grid = kind(*edges, refined=_flags(plain.arrays, plain.attributes), unit=unit, **more)
+    levels = plain.arrays.get("levels")
+    if levels is not None and not np.array_equal(grid.levels, levels):
+        raise FileFormatError("/grid/levels do not describe a refined grid on these base cells")
+    return grid
 
 
 def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
@@ -185,7 +171,21 @@ def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
     return flags_from_levels(levels, Places(levels, tuple(split)))
 
 
-def _checked(grid: Any, arrays: Mapping[str, Any]) -> Any:
-    if "levels" in arrays and not np.array_equal(grid.levels, arrays["levels"]):
-        raise FileFormatError("/grid/levels do not describe a refined grid on these base cells")
-    return grid
+def exact_name(unit: Any) -> str:
+    """Return a name that `parse_unit` turns into the same unit.
+
+    Examples
+    --------
+    >>> exact_name(parse_unit("0.5 kpc")), exact_name(parse_unit("0.123456789012 pc"))
+    ('0.5 kpc', '0.123456789012 pc')
+    """
+    name = unit_name(unit)
+    try:
+        if parse_unit(name) == unit:
+            return name
+    except UnitsError:
+        pass
+    from astropy import units as u
+
+    whole = u.CompositeUnit(1, unit.bases, unit.powers)
+    return f"{float(unit.scale)!r} {whole}".strip()

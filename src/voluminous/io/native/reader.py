@@ -1,27 +1,46 @@
-"""Native files: what `voluminous.io.save` writes, whatever the grid."""
+"""Native files: what `Volume.save` writes, whatever the grid.
+
+``/grid`` holds what makes the grid again, ``/fields`` one data set per field in the grid's order of
+cells, ``/meta`` (JSON) and ``/wcs`` (a FITS header) what a file tells besides. Attributes say in
+words what is what, so that h5py is all that anybody needs.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ...deferred import Deferred
 from ...errors import FileFormatError
+from ...image.sky import table_hdus, tables_of
 from ...units import parse_unit, unit_name
 from ..contract import FieldInfo, Reader
-from ..hdf5 import opened
+from ..hdf5 import created, data_set, holds, is_own, opened, read, text
 from ..names import chosen_fields
-from . import layout
-from .arrays import ALIGNMENT, field_values, is_plain, loaded, sound_array
-from .extras import read_extras, write_extras
-from .grids import PlainGrid, grid_of, plain_grid
-from .units import exact_name
+from ..payload import mapped
+from .grids import PlainGrid, exact_name, grid_of, plain_grid
 
 if TYPE_CHECKING:
+    import h5py
+    from astropy.wcs import WCS
+
+    from ...grids.contract import Grid
     from ...volume import Volume
 
+MARK = "voluminous volume"
+VERSION = 1
+GRID, FIELDS, META, SKY = "grid", "fields", "meta", "wcs"
+TABLES = "wcs_tables"  # of a WCS with an axis in a table (-TAB)
+ABOUT = (
+    "A volume: /grid says where the cells are (its attribute 'order' how they are counted), "
+    "/fields/NAME holds one value per cell in 'units'. Read it with voluminous.open(path)."
+)
+# Fields start at multiples of this: mapped numbers are aligned.
+_ALIGNMENT = 64
 _PACKED: dict[str, Any] = {"chunks": True, "shuffle": True, "compression": "gzip"}
 
 
@@ -35,47 +54,37 @@ class NativeReader(Reader):
     write_options = {"compress": "True to pack the fields (gzip)"}  # noqa: RUF012 - as in Reader
 
     def matches(self, path: Path, head: bytes) -> bool:
-        return layout.is_native(path, head)
+        return holds(path, head, lambda file: text(file.attrs.get("format", "")) == MARK)
 
     def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
         from ...volume import Volume
 
         with opened(path) as file:
-            layout.check_version(file)
-            volume = Volume(_read_grid(_group(file, layout.GRID)))
-            read_extras(file, volume)
-            group = _group(file, layout.FIELDS)
+            _check_version(file)
+            volume = Volume(_read_grid(path, _group(file, GRID)))
+            _read_extras(file, volume)
+            group = _group(file, FIELDS)
             for name, place in chosen_fields({name: name for name in group}, fields).items():
                 volume[name] = _deferred(path, group, place, volume.grid.shape)
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
         with opened(path) as file:
-            layout.check_version(file)
-            group = _group(file, layout.FIELDS)
-            return tuple(_info(name, sound_array(group, name)) for name in group)
+            _check_version(file)
+            group = _group(file, FIELDS)
+            return tuple(_info(name, data_set(path, group, name)) for name in group)
 
     def write(self, volume: Volume, path: Path, *, compress: bool = False) -> None:
-        """Write a volume of any grid.
-
-        Parameters
-        ----------
-        volume : Volume
-        path : Path
-        compress : bool
-            Pack the fields; numbers hardly get smaller, and packed ones cannot be mapped.
-        """
         from ... import __version__
-        from ..hdf5 import created
 
         plain = plain_grid(volume.grid)
-        aligned = {"alignment_threshold": 1024, "alignment_interval": ALIGNMENT}
+        aligned = {"alignment_threshold": 1024, "alignment_interval": _ALIGNMENT}
         with created(path, **aligned) as (file, sink):
-            told = {"format": layout.MARK, "version": layout.VERSION, "about": layout.ABOUT}
-            file.attrs.update({**told, "written_by": f"voluminous {__version__}"})
+            marks = {"format": MARK, "version": VERSION, "about": ABOUT}
+            file.attrs.update({**marks, "written_by": f"voluminous {__version__}"})
             _write_grid(file, plain)
-            write_extras(file, volume)
-            group = file.create_group(layout.FIELDS, track_order=True)
+            _write_extras(file, volume)
+            group = file.create_group(FIELDS, track_order=True)
             for name in volume.fields:
                 options = _PACKED if compress else {}
                 # Of a copy, which forgets what it has read: one field at a time is in memory.
@@ -86,39 +95,127 @@ class NativeReader(Reader):
 
 
 def _info(name: str, item: Any) -> FieldInfo:
-    unit = unit_name(parse_unit(layout.attribute(item, "units")))
+    unit = unit_name(parse_unit(_attribute(item, "units")))
     return FieldInfo(name, name, item.shape, str(item.dtype), unit)
 
 
-def _group(file: Any, name: str) -> Mapping[str, Any]:
+def _check_version(file: h5py.File) -> None:
+    version = file.attrs.get("version")
+    if version != VERSION:
+        raise FileFormatError(
+            f"it is a volume in version {version} of the native format, expected {VERSION}; "
+            "a newer voluminous may read it"
+        )
+
+
+def _attribute(item: Any, name: str) -> str:
+    return text(item.attrs.get(name, ""))
+
+
+def _group(file: h5py.File, name: str) -> h5py.Group:
     import h5py
 
-    link = file.get(name, getlink=True)
-    item = file[name] if isinstance(link, h5py.HardLink) else None
+    item = file[name] if is_own(file, name) else None
     if not isinstance(item, h5py.Group):
         raise FileFormatError(f"expected a group /{name}")
     return item
 
 
-def _write_grid(file: Any, plain: PlainGrid) -> None:
-    group = file.create_group(layout.GRID)
+def _write_grid(file: h5py.File, plain: PlainGrid) -> None:
+    group = file.create_group(GRID)
     group.attrs.update({"type": plain.type, "order": plain.order, **plain.attributes})
     for name, values in plain.arrays.items():
         group[name] = values
 
 
-def _read_grid(group: Any) -> Any:
-    arrays = {name: loaded(group, name) for name in group}
+def _read_grid(path: Path, group: h5py.Group) -> Grid:
+    arrays = {name: read(data_set(path, group, name)) for name in group}
     attributes = {name: value for name, value in group.attrs.items() if name != "unit"}
-    attributes["unit"] = layout.attribute(group, "unit")
-    return grid_of(PlainGrid(layout.attribute(group, "type"), "", arrays, attributes))
+    attributes["unit"] = _attribute(group, "unit")
+    return grid_of(PlainGrid(_attribute(group, "type"), "", arrays, attributes))
 
 
-def _deferred(path: Path, group: Any, name: str, shape: tuple[int, ...]) -> Deferred:
-    item = sound_array(group, name)
+def _deferred(path: Path, group: h5py.Group, name: str, shape: tuple[int, ...]) -> Deferred:
+    item = data_set(path, group, name)
     if item.shape != shape:
         raise FileFormatError(
             f"{item.name} has shape {item.shape}, expected {shape}, one value per cell of the grid"
         )
-    load = functools.partial(field_values, path, layout.FIELDS, name)
-    return Deferred(load, item.dtype, layout.attribute(item, "units"), is_plain(item))
+    load = functools.partial(_field_values, path, name)
+    return Deferred(load, item.dtype, _attribute(item, "units"), _is_plain(item))
+
+
+def _is_plain(item: h5py.Dataset) -> bool:
+    """Return True for an array that lies in the file as it does in memory."""
+    # HDF5 keeps booleans as an enumeration, which is for HDF5 to check.
+    plain = item.dtype.kind != "b" and item.dtype.isnative and item.chunks is None
+    return bool(plain and item.id.get_offset() is not None)
+
+
+def _field_values(path: Path, name: str) -> np.ndarray:
+    with opened(path) as file:
+        item = data_set(path, file[FIELDS], name)
+        if not _is_plain(item):
+            return read(item)
+        offset, shape, dtype = item.id.get_offset(), item.shape, item.dtype
+    return mapped(path, offset, shape, dtype)
+
+
+# What else a volume knows: plain values as JSON, the sky as a FITS header
+
+
+def _write_extras(file: h5py.File, volume: Volume) -> None:
+    if volume.meta:
+        file[META] = json.dumps(volume.meta, default=_json_value, ensure_ascii=False)
+        file[META].attrs["about"] = "what was known of the data, in JSON"
+    if volume.wcs is not None:
+        file[SKY] = _header(volume.wcs)
+        file[SKY].attrs["about"] = "a FITS header with the world coordinates of the grid's axes"
+        for (table, column), values in tables_of(volume.wcs).items():
+            file[f"{TABLES}/{table}/{column}"] = values
+
+
+def _read_extras(file: h5py.File, volume: Volume) -> None:
+    if META in file:
+        meta = json.loads(_text(file, META))
+        if not isinstance(meta, dict):
+            raise FileFormatError(f"/{META} must be a table in JSON, got {meta!r:.40}")
+        volume.meta.update(meta)
+    if SKY in file:
+        volume.wcs = _wcs(_text(file, SKY), file.get(TABLES, {}))
+
+
+def _text(file: h5py.File, name: str) -> str:
+    import h5py
+
+    item = file[name] if is_own(file, name) else None
+    if not isinstance(item, h5py.Dataset) or h5py.check_string_dtype(item.dtype) is None:
+        raise FileFormatError(f"/{name} must be a text")
+    if item.shape != ():
+        raise FileFormatError(f"/{name} must be one text, got an array of shape {item.shape}")
+    return str(item.asstr()[()])
+
+
+def _json_value(value: Any) -> Any:
+    """Return what JSON has no word for: NumPy's numbers as lists and numbers, others as text."""
+    plain = isinstance(value, (np.ndarray, np.generic)) and not hasattr(value, "unit")
+    return value.tolist() if plain else str(value)
+
+
+def _header(wcs: WCS) -> str:
+    from astropy import wcs as astropy_wcs
+
+    # All digits of a double, and all keywords.
+    header = wcs.to_header(relax=astropy_wcs.WCSHDO_all | astropy_wcs.WCSHDO_P17)
+    for axis, count in enumerate(wcs.pixel_shape or (), start=1):
+        header[f"NAXIS{axis}"] = count
+    return str(header.tostring(sep="\n"))
+
+
+def _wcs(header: str, tables: Any) -> WCS:
+    from astropy.io.fits import HDUList, Header, PrimaryHDU
+    from astropy.wcs import WCS
+
+    found = {(name, title): values[()] for name in tables for title, values in tables[name].items()}
+    hdus = HDUList([PrimaryHDU(), *table_hdus(found)])
+    return WCS(Header.fromstring(header, sep="\n"), hdus if found else None)

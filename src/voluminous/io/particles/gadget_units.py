@@ -1,4 +1,4 @@
-"""The units of snapshots like Gadget's: of the code, of cosmology, and of each data set.
+"""The header of snapshots like Gadget's: units, cosmology, time, box.
 
 Powers of the scale factor a and of h where the file does not tell them are Gadget-2's and AREPO's:
 Springel (2005, MNRAS 364, 1105, and the code's user guide), Nelson et al. (2019, Comput.
@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ...units import parse_unit
-from .attributes import number
+from ...errors import FileFormatError, UnitsError
+from ...units import is_quantity, parse_unit, unit_name
+from .common import number
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ _EXPONENTS = ("U_M exponent", "U_L exponent", "U_t exponent")
 
 
 @dataclass(frozen=True)
-class CodeUnits:
+class GadgetUnits:
     """The code's units in cgs, None where the file does not tell; a and h, 1 without cosmology."""
 
     length: float | None = None
@@ -60,33 +61,20 @@ class CodeUnits:
 
     @property
     def known(self) -> bool:
-        """True if all units are known."""
         return None not in (self.length, self.mass, self.velocity)
 
-    def of(self, name: str, attributes: Mapping[str, Any]) -> tuple[float, Any]:
-        """Return the factor from a data set's numbers to a unit, and the unit.
-
-        Parameters
-        ----------
-        name : str
-            Common name of the data set.
-        attributes : mapping
-            Its attributes.
-        """
+    def of(self, name: str, attributes: Mapping[str, Any]) -> tuple[float, str]:
+        """Return the factor from a data set's numbers (by its common name) to a unit, and that."""
         if not self.known:
-            return 1.0, None
+            return 1.0, ""
         if name in _FIXED and not set(_EXPONENTS) <= set(attributes):
-            return 1.0, parse_unit(_FIXED[name])
-        dimension = dimension_of(name, attributes)
-        return self.factor(dimension), parse_unit(dimension.unit)
+            return 1.0, unit_name(parse_unit(_FIXED[name]))
+        dimension = _dimension_of(name, attributes)
+        return self._factor(dimension), unit_name(parse_unit(dimension.unit))
 
-    def factor(self, dimension: Dimension) -> float:
-        """Return the factor from the code's numbers to the unit of a dimension."""
-        if not self.known:
-            return 1.0
+    def _factor(self, d: Dimension) -> float:
         from astropy import units as u
 
-        d = dimension
         bases = (self.mass, self.length, self.velocity, self.a, self.h)
         powers = (d.mass, d.length, d.velocity, d.a, d.h)
         value = float(np.exp(np.dot(powers, np.log(np.array(bases, np.float64)))))
@@ -96,16 +84,16 @@ class CodeUnits:
         return value * float(cgs.to(u.Unit(d.unit)))
 
 
-def dimension_of(name: str, attributes: Mapping[str, Any]) -> Dimension:
+def _dimension_of(name: str, attributes: Mapping[str, Any]) -> Dimension:
     """Return what a data set is: by its name, else by attributes as AREPO and SWIFT give them."""
-    told = _told(attributes)
+    given = _scaling(attributes)
     if name in _KNOWN:
         known = _KNOWN[name]
-        return known if told is None else replace(known, a=told.a, h=told.h)
-    return told or Dimension()
+        return known if given is None else replace(known, a=given.a, h=given.h)
+    return given or Dimension()
 
 
-def _told(attributes: Mapping[str, Any]) -> Dimension | None:
+def _scaling(attributes: Mapping[str, Any]) -> Dimension | None:
     if "a_scaling" in attributes:
         names = ("mass_scaling", "length_scaling", "velocity_scaling", "a_scaling", "h_scaling")
         mass, length, velocity, a, h = (number(attributes, name) or 0.0 for name in names)
@@ -124,3 +112,106 @@ def _composed(mass: float, length: float, velocity: float) -> str:
 
     unit = u.g**mass * u.cm ** (length + velocity) * u.s**-velocity
     return "" if unit == u.dimensionless_unscaled else str(unit)
+
+
+# Sizes of the code's units in SWIFT, and in others.
+_UNITS = {
+    "length": ("Unit length in cgs (U_L)", "UnitLength_in_cm", "UnitLength_In_CGS"),
+    "mass": ("Unit mass in cgs (U_M)", "UnitMass_in_g", "UnitMass_In_CGS"),
+    "velocity": ("", "UnitVelocity_in_cm_per_s", "UnitVelocity_In_CGS"),
+}
+_TIME = "Unit time in cgs (U_t)"
+_CGS = {"length": "cm", "mass": "g", "velocity": "cm / s"}
+
+
+@dataclass(frozen=True)
+class GadgetHeader:
+    """What the header says."""
+
+    units: GadgetUnits
+    box: np.ndarray | None  # widths from 0 on, in the code's unit
+    periodic: bool
+    meta: dict[str, Any]  # time or redshift
+    masses: np.ndarray  # of particles of each type, 0 where each has its own
+
+
+def read_header(file: Any, given: tuple[Any, Any, Any]) -> GadgetHeader:
+    """Return the header of an open file; units that a user gives come first."""
+    header = _attributes(file, "Header")
+    attrs = _attributes(file, "Parameters") | header | _attributes(file, "Units")
+    cosmological = _is_cosmological(file, attrs)
+    redshift = number(attrs, "Redshift") or 0.0
+    units = _units(attrs, given, 1 / (1 + redshift) if cosmological else 1.0, cosmological)
+    masses = np.ravel(header.get("MassTable", np.zeros(0))).astype(np.float64)
+    periodic = number(attrs, "PeriodicBoundariesOn")
+    return GadgetHeader(
+        units,
+        _box(attrs),
+        cosmological if periodic is None else bool(periodic),
+        _meta(attrs, units, redshift if cosmological else None),
+        masses,
+    )
+
+
+def _attributes(file: Any, group: str) -> dict[str, Any]:
+    return dict(file[group].attrs) if group in file else {}
+
+
+def _is_cosmological(file: Any, attrs: dict[str, Any]) -> bool:
+    """Return True if lengths are comoving; where no flag tells, if time is the scale factor."""
+    swift = _attributes(file, "Cosmology")
+    flag = number(attrs | swift, "ComovingIntegrationOn", "Cosmological run")
+    if flag is not None:
+        return bool(flag)
+    matter, time = number(attrs, "Omega0", "Omega_Matter"), number(attrs, "Time")
+    redshift = number(attrs, "Redshift")
+    if not matter or time is None or redshift is None:
+        return False
+    return abs(time * (1 + redshift) - 1) < 1e-3
+
+
+def _units(
+    attrs: dict[str, Any], given: tuple[Any, Any, Any], a: float, cosmological: bool
+) -> GadgetUnits:
+    found = {kind: number(attrs, *(n for n in names if n)) for kind, names in _UNITS.items()}
+    time = number(attrs, _TIME)
+    if found["length"] and time:
+        found["velocity"] = found["length"] / time
+    for kind, unit in zip(_UNITS, given, strict=True):
+        found[kind] = found[kind] if unit is None else _size(unit, kind)
+    for kind, size in found.items():
+        if size is not None and not size > 0:
+            raise FileFormatError(f"the code's unit of {kind} must be positive, got {size}")
+    h = number(attrs, "HubbleParam") if cosmological else None
+    if not a > 0 or not (h is None or h > 0):
+        raise FileFormatError(f"HubbleParam {h} or Redshift {1 / a - 1 if a else a} is impossible")
+    return GadgetUnits(**found, a=a, h=h or 1.0)
+
+
+def _size(unit: Any, kind: str) -> float:
+    from astropy import units as u
+
+    size = unit if is_quantity(unit) else u.Quantity(1.0, parse_unit(unit))
+    try:
+        return float(size.to(_CGS[kind]).value)
+    except u.UnitConversionError as error:
+        raise UnitsError(f"{kind}_unit {unit} is no unit of {kind}") from error
+
+
+def _box(attrs: dict[str, Any]) -> np.ndarray | None:
+    size = np.ravel(attrs.get("BoxSize", 0.0))
+    if size.dtype.kind not in "fiu" or size.size not in (1, 3):
+        raise FileFormatError(f"BoxSize must be one or three numbers, got {attrs['BoxSize']!r}")
+    box = np.broadcast_to(size.astype(np.float64), (3,))
+    return box if np.isfinite(box).all() and (box > 0).all() else None
+
+
+def _meta(attrs: dict[str, Any], units: GadgetUnits, redshift: float | None) -> dict[str, Any]:
+    if redshift is not None:
+        return {"redshift": redshift, "scale_factor": units.a}
+    time = number(attrs, "Time")
+    if time is None:
+        return {}
+    if units.length is None or units.velocity is None:
+        return {"time": time}
+    return {"time": time * units.length / units.velocity, "time_unit": "s"}

@@ -24,7 +24,7 @@ _MOST_ARRAYS = 1 << 12
 
 
 @dataclass(frozen=True)
-class Array:
+class DumpArray:
     """An array in the file: where its values begin, of which type and how many they are."""
 
     offset: int
@@ -33,25 +33,12 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Dump:
-    """What is in a dump.
+class PhantomDump:
+    """What is in a dump."""
 
-    Attributes
-    ----------
-    identity : str
-        What wrote it and when.
-    header : dict of array
-        All numbers of each tag; a tag may be there for several types of numbers.
-    particles, sinks : dict of Array
-    count : int
-        Number of particles.
-    """
-
-    identity: str
-    header: dict[str, np.ndarray]
-    particles: dict[str, Array]
-    sinks: dict[str, Array]
-    count: int
+    header: dict[str, np.ndarray]  # all numbers of each tag
+    particles: dict[str, DumpArray]
+    sinks: dict[str, DumpArray]
 
 
 def byte_order(head: bytes) -> str | None:
@@ -65,14 +52,8 @@ def byte_order(head: bytes) -> str | None:
     return None
 
 
-def read_dump(path: Path) -> Dump:
-    """Return what is in a dump; no values of particles are read.
-
-    Raises
-    ------
-    FileFormatError
-        If it is damaged, of the old format without tags, or of several blocks.
-    """
+def read_dump(path: Path) -> PhantomDump:
+    """Return what is in a dump with tags, of one block; no values of particles are read."""
     with open(path, "rb") as file:
         records = _Records(file, path.stat().st_size)
         order = byte_order(records.start)
@@ -86,8 +67,7 @@ def read_dump(path: Path) -> Dump:
                 f"it is of the format without tags ({identity[:20]!r}); convert it with a newer "
                 "Phantom (phantom2… or moddump)"
             )
-        header = _header(records, types)
-        return _blocks(records, types, identity, header)
+        return _blocks(records, types, _header(records, types))
 
 
 class _Records:
@@ -171,8 +151,8 @@ def _header(records: _Records, types: list[np.dtype[Any]]) -> dict[str, np.ndarr
 
 
 def _blocks(
-    records: _Records, types: list[np.dtype[Any]], identity: str, header: dict[str, np.ndarray]
-) -> Dump:
+    records: _Records, types: list[np.dtype[Any]], header: dict[str, np.ndarray]
+) -> PhantomDump:
     (groups,) = records.numbers(types[0], 1)
     blocks = int(header.get("nblocks", np.ones(1))[0])
     if blocks != 1:
@@ -188,28 +168,30 @@ def _blocks(
     # Magnetic fields and radiation have groups of their own; the second one is of sinks.
     for (other, _), arrays in zip(sizes[2:], found[2:], strict=True):
         particles |= arrays if other == count else {}
-    return Dump(identity, header, particles, found[1] if len(found) > 1 else {}, count)
+    return PhantomDump(header, particles, found[1] if len(found) > 1 else {})
 
 
 def _group(records: _Records) -> tuple[int, np.ndarray]:
     """Return how long the arrays of a group are, and how many there are of each type."""
     order = records.order
-    (told,) = records.numbers([("count", f"{order}i8"), ("numbers", f"{order}i4", _KINDS)], 1)
-    numbers = told["numbers"]
-    if told["count"] < 0 or (numbers < 0).any() or numbers.sum() > _MOST_ARRAYS:
-        raise FileFormatError(f"a group of {told['count']} numbers, in {numbers} arrays, cannot be")
-    return int(told["count"]), numbers
+    (group,) = records.numbers([("count", f"{order}i8"), ("numbers", f"{order}i4", _KINDS)], 1)
+    numbers = group["numbers"]
+    if group["count"] < 0 or (numbers < 0).any() or numbers.sum() > _MOST_ARRAYS:
+        raise FileFormatError(
+            f"a group of {group['count']} numbers, in {numbers} arrays, cannot be"
+        )
+    return int(group["count"]), numbers
 
 
 def _arrays(
     records: _Records, types: list[np.dtype[Any]], count: int, numbers: np.ndarray
-) -> dict[str, Array]:
-    found: dict[str, Array] = {}
+) -> dict[str, DumpArray]:
+    found: dict[str, DumpArray] = {}
     for dtype, many in zip(types, numbers, strict=True):
         for _ in range(int(many)):
             (tag,) = records.tags(1)
             offset, length = records.skip()
             if length != count * dtype.itemsize:
                 raise FileFormatError(f"{tag!r} has {length} bytes, expected {count} of {dtype}")
-            found.setdefault(tag, Array(offset, dtype, count))
+            found.setdefault(tag, DumpArray(offset, dtype, count))
     return found

@@ -72,12 +72,12 @@ class EncodedFile:
         """Return how many values per cell follow; 0 if that is unclear."""
         return 0
 
-    def planes(self, count: int, size: int) -> Planes:
+    def planes(self, count: int, size: int) -> ValuePlanes:
         """Return what is left: `count` planes of `size` numbers."""
         raise NotImplementedError
 
 
-class Planes:
+class ValuePlanes:
     """Values on the cells, one plane of them after the other."""
 
     dtype: np.dtype[Any] = np.dtype(np.float64)
@@ -189,7 +189,7 @@ class TextFile(EncodedFile):
         return TextPlanes(self.path, self._file.tell(), self._line, count * size)
 
 
-class TextPlanes(Planes):
+class TextPlanes(ValuePlanes):
     """All numbers in the rest of a text file: one plane."""
 
     def __init__(self, path: Path, offset: int, line: int, size: int) -> None:
@@ -317,8 +317,8 @@ class BinaryFile(EncodedFile):
         return BinaryPlanes(self.path, offset, size, dtype)
 
 
-class BinaryPlanes(Planes):
-    """Planes of numbers that stay in a binary file."""
+class BinaryPlanes(ValuePlanes):
+    """ValuePlanes of numbers that stay in a binary file."""
 
     mapped = True
 
@@ -428,8 +428,8 @@ class RecordFile(EncodedFile):
         return planes
 
 
-class RecordPlanes(Planes):
-    """Planes of numbers in records of one length; the last one in a plane may be filled up."""
+class RecordPlanes(ValuePlanes):
+    """ValuePlanes of numbers in records of one length; the last one in a plane may be filled up."""
 
     def __init__(
         self, path: Path, offset: int, size: int, per_record: int, dtype: np.dtype[Any]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import FileFormatError, VoluminousError
 from ..guard import placed
 from ..names import chosen_fields, field_name
-from .encodings import BinaryFile, EncodedFile, Planes, RecordFile, TextFile
+from .encodings import BinaryFile, EncodedFile, RecordFile, TextFile, ValuePlanes
 from .grid_file import GridFile, read_grid
 
 GRID = "amr_grid"
@@ -96,7 +96,7 @@ class FieldFile:
     """A file with values on the cells."""
 
     path: Path
-    planes: Planes
+    planes: ValuePlanes
     _wanted: dict[int, int] = field(default_factory=dict)
     _kept: dict[int, NDArray[Any]] = field(default_factory=dict)
 

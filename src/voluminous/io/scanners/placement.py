@@ -23,8 +23,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError
 from ...units import parse_unit, plain
-from ..cartesian import cartesian
-from ..edges import edges_of_centers
+from ..axes import cartesian, edges_of_centers
 from ..unit_texts import known_unit
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ...memory import check_memory
+from ..axes import edges_of_centers, is_even
 from ..contract import FieldInfo, Reader
-from ..edges import edges_of_centers, is_even
 from ..names import chosen_fields, field_name
 from ..scanners.placement import Arrangement, Placement, arranged
 from ..scanners.voxels import COLORS, VECTOR

@@ -75,7 +75,7 @@ def from_pyvista(
     Examples
     --------
     >>> mesh = pyvista.examples.load_uniform()  # doctest: +SKIP
-    >>> volume = vm.from_pyvista(mesh, "Spatial Point Data")  # doctest: +SKIP
+    >>> volume = vm.Volume.from_pyvista(mesh, "Spatial Point Data")  # doctest: +SKIP
     """
     return dataset_of(dataset, resolution).volume(fields, unit).load()
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError
-from ..cartesian import cartesian
+from ..axes import cartesian
 from ..scanners.placement import direction_of
 from ..scanners.voxels import VECTOR
 from .library import heard, vtk

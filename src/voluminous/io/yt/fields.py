@@ -21,23 +21,8 @@ _NOT_CARRIED = {"position", "position_x", "position_y", "position_z", "x", "y", 
 }
 
 
-class Fields:
-    """The fields of a data set.
-
-    Parameters
-    ----------
-    stored : list of tuple
-        Those in the file, under yt's common names where they have one.
-    derived : list of tuple
-        All others, the common ones first.
-    endings : dict, optional
-        Endings of components that our coordinates have another letter for.
-
-    Attributes
-    ----------
-    on_disk : dict
-        Place → name of those that are stored.
-    """
+class YtFields:
+    """The fields of a data set."""
 
     def __init__(
         self, stored: list[Field], derived: list[Field], endings: dict[str, str] | None = None
@@ -47,13 +32,7 @@ class Fields:
         self.on_disk = {"/".join(f): self._names["/".join(f)] for f in stored}
 
     def chosen(self, fields: Any) -> dict[str, Field]:
-        """Return name → field of those asked for; see `voluminous.from_yt`.
-
-        Raises
-        ------
-        UnknownNameError
-            If there is no such field; names the nearest.
-        """
+        """Return name → field of those asked for; see `voluminous.Volume.from_yt`."""
         if fields is None:
             if not self.on_disk:
                 raise InputError("the data set has no field in cells; name one that yt derives")
@@ -97,7 +76,7 @@ def _place(field: Any) -> Any:
     return "/".join(map(str, field)) if isinstance(field, tuple) else field
 
 
-def cell_fields(ds: Any) -> Fields:
+def cell_fields(ds: Any) -> YtFields:
     """Return the fields that have a value in each cell."""
 
     def in_cells(field: Field) -> bool:
@@ -108,15 +87,15 @@ def cell_fields(ds: Any) -> Fields:
     stored = [_common(ds, field, "gas") for field in ds.field_list if in_cells(field)]
     others = sorted(filter(in_cells, ds.derived_field_list), key=_order)
     around_axis = str(ds.geometry) in ("cylindrical", "polar")
-    return Fields(stored, others, _CYLINDRICAL if around_axis else None)
+    return YtFields(stored, others, _CYLINDRICAL if around_axis else None)
 
 
-def particle_fields(ds: Any, kind: str) -> Fields:
+def particle_fields(ds: Any, kind: str) -> YtFields:
     """Return the fields that have a value at each particle of a kind."""
     stored = [_common(ds, field, kind) for field in ds.field_list if field[0] == kind]
     stored = [f for f in stored if f[1].lower().removeprefix("particle_") not in _NOT_CARRIED]
     others = [f for f in ds.derived_field_list if f[0] in ("gas", kind)]
-    return Fields(stored, sorted(others, key=_order))
+    return YtFields(stored, sorted(others, key=_order))
 
 
 def _order(field: Field) -> tuple[bool, Field]:

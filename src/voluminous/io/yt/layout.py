@@ -12,15 +12,15 @@ import numpy as np
 from ...errors import InputError
 from ...grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
 from ...memory import check_memory
+from ..axes import round_unit
 from ..leaves import ABSENT, placed_values, tree_of_leaves
-from ..lengths import round_unit
-from .source import Source, plain_values
+from .source import YtSource, plain_values
 
 _DEGREE = math.pi / 180
 
 
 @dataclass(frozen=True)
-class Axis:
+class YtAxis:
     """A coordinate of ours: which one of yt it is, and how it follows from it."""
 
     name: str
@@ -33,21 +33,21 @@ class Axis:
         return values if self.of is None else self.of(ds, values)
 
 
-_THETA = Axis("latitude", False, True, lambda ds, x: (90 - x) * _DEGREE)
-_PHI = Axis("longitude", False, False, lambda ds, x: x * _DEGREE)
-GEOMETRIES: dict[str, tuple[str, tuple[Axis, ...]]] = {
-    "cartesian": ("cartesian", (Axis("x"), Axis("y"), Axis("z"))),
-    "cylindrical": ("cylindrical", (Axis("r"), Axis("theta", False), Axis("z"))),
-    "polar": ("cylindrical", (Axis("r"), Axis("theta", False), Axis("z"))),
-    "spherical": ("spherical", (Axis("r"), Axis("theta", False), Axis("phi", False))),
+_THETA = YtAxis("latitude", False, True, lambda ds, x: (90 - x) * _DEGREE)
+_PHI = YtAxis("longitude", False, False, lambda ds, x: x * _DEGREE)
+GEOMETRIES: dict[str, tuple[str, tuple[YtAxis, ...]]] = {
+    "cartesian": ("cartesian", (YtAxis("x"), YtAxis("y"), YtAxis("z"))),
+    "cylindrical": ("cylindrical", (YtAxis("r"), YtAxis("theta", False), YtAxis("z"))),
+    "polar": ("cylindrical", (YtAxis("r"), YtAxis("theta", False), YtAxis("z"))),
+    "spherical": ("spherical", (YtAxis("r"), YtAxis("theta", False), YtAxis("phi", False))),
     "geographic": (
         "spherical",
-        (Axis("altitude", of=lambda ds, x: x + _radius(ds, "surface_height", 0)), _THETA, _PHI),
+        (YtAxis("altitude", of=lambda ds, x: x + _radius(ds, "surface_height", 0)), _THETA, _PHI),
     ),
     "internal_geographic": (
         "spherical",
         (
-            Axis("depth", True, True, lambda ds, x: _radius(ds, "outer_radius", x.max()) - x),
+            YtAxis("depth", True, True, lambda ds, x: _radius(ds, "outer_radius", x.max()) - x),
             _THETA,
             _PHI,
         ),
@@ -71,30 +71,15 @@ _ROUNDING = 0.05
 
 
 @dataclass(frozen=True)
-class Lattice:
-    """The cells of all levels, in the coordinates and the order of axes of our grids.
-
-    Attributes
-    ----------
-    kind : {"cartesian", "spherical", "cylindrical"}
-    unit : unit
-        Of lengths.
-    walls : tuple of three float64 arrays
-        The walls of the cells of level 0, ascending.
-    sizes : array of int64, shape (levels, 3)
-        How many cells of each level make one of level 0, along each axis.
-    axes : tuple of int
-        Which axis of yt each of ours is.
-    turned : tuple of bool
-        Which of ours run the other way.
-    """
+class YtLattice:
+    """The cells of all levels, in the coordinates and the order of axes of our grids."""
 
     kind: str
-    unit: Any
-    walls: tuple[np.ndarray, ...]
-    sizes: np.ndarray
-    axes: tuple[int, ...]
-    turned: tuple[bool, ...]
+    unit: Any  # of lengths
+    walls: tuple[np.ndarray, ...]  # the walls of the cells of level 0, ascending
+    sizes: np.ndarray  # how many cells of each level make one of level 0, along each axis
+    axes: tuple[int, ...]  # which axis of yt each of ours is
+    turned: tuple[bool, ...]  # which of ours run the other way
 
     @property
     def counts(self) -> np.ndarray:
@@ -127,20 +112,8 @@ class Lattice:
         return values.transpose(self.axes)[steps]
 
 
-def lattice_of(ds: Any, unit: Any = None) -> Lattice:
-    """Return the lattice of a data set.
-
-    Parameters
-    ----------
-    ds : yt Dataset
-    unit : unit, optional
-        Unit of length; by default one of which the domain is at least one wide.
-
-    Raises
-    ------
-    InputError
-        If its geometry is not known.
-    """
+def lattice_of(ds: Any, unit: Any = None) -> YtLattice:
+    """Return the lattice of a data set."""
     if str(ds.geometry) not in GEOMETRIES:
         raise InputError(f"cells of geometry {str(ds.geometry)!r} cannot be used")
     kind, ours = GEOMETRIES[str(ds.geometry)]
@@ -150,7 +123,7 @@ def lattice_of(ds: Any, unit: Any = None) -> Lattice:
     walls = [axis.walls(ds, _walls(ds, a, widths)) for axis, a in zip(ours, axes, strict=True)]
     lengths = [np.ptp(w) for w, axis in zip(walls, ours, strict=True) if axis.length]
     unit, factor = length_unit(ds, max(lengths), unit)
-    return Lattice(
+    return YtLattice(
         kind,
         unit,
         tuple(
@@ -178,14 +151,8 @@ def length_unit(ds: Any, width: float, unit: Any = None) -> tuple[Any, float]:
         return unit, float(code.to("cm")) * u.cm.to(unit)
 
 
-def grid_boxes(ds: Any, lattice: Lattice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return level (n,), first cell and number of cells (n, 3) of the grids of a data set.
-
-    Raises
-    ------
-    InputError
-        If a grid does not lie on the lattice of its level.
-    """
+def grid_boxes(ds: Any, lattice: YtLattice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return level (n,), first cell and number of cells (n, 3) of the grids of a data set."""
     index = ds.index
     level = np.asarray(index.grid_levels).reshape(-1).astype(np.int64)
     shape = np.asarray(index.grid_dimensions).astype(np.int64)
@@ -259,7 +226,7 @@ _FEW = 1 << 16
 _ADVICE = "choose a smaller region, such as ds.box(left, right)"
 
 
-def layout(source: Source, lattice: Lattice) -> tuple[Any, Load]:
+def layout(source: YtSource, lattice: YtLattice) -> tuple[Any, Load]:
     """Return the grid of a source's cells, and what reads a field onto it.
 
     Nothing is resampled. Cells of one level are a regular grid; grids of several levels are
@@ -282,14 +249,8 @@ def layout(source: Source, lattice: Lattice) -> tuple[Any, Load]:
     return _tree(source, lattice, level - base, index, (base, low, high))
 
 
-def _all_cells(source: Source, lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
-    """Return level and index of all cells.
-
-    Raises
-    ------
-    InputError
-        If there are none.
-    """
+def _all_cells(source: YtSource, lattice: YtLattice) -> tuple[np.ndarray, np.ndarray]:
+    """Return level and index of all cells."""
     found = [(level, lattice.cells(level, index)) for level, index in source.cells()]
     if not sum(len(level) for level, _ in found):
         raise InputError("the region has no cells; is it inside the domain?")
@@ -298,7 +259,7 @@ def _all_cells(source: Source, lattice: Lattice) -> tuple[np.ndarray, np.ndarray
 
 
 def _box(
-    level: np.ndarray, index: np.ndarray, lattice: Lattice
+    level: np.ndarray, index: np.ndarray, lattice: YtLattice
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Return a level, and first and last cells of it, of the box around cells.
 
@@ -316,7 +277,7 @@ def _box(
     return base, low, high
 
 
-def _joined(source: Source, lattice: Lattice, low: np.ndarray) -> tuple[Any, Load]:
+def _joined(source: YtSource, lattice: YtLattice, low: np.ndarray) -> tuple[Any, Load]:
     grid = _REGULAR[lattice.kind](*lattice.walls, unit=lattice.unit)
 
     def load(field: tuple[str, str], unit: Any) -> np.ndarray:
@@ -334,7 +295,7 @@ def _joined(source: Source, lattice: Lattice, low: np.ndarray) -> tuple[Any, Loa
 
 
 def _patches(
-    source: Source, lattice: Lattice, base: int, low: np.ndarray, high: np.ndarray
+    source: YtSource, lattice: YtLattice, base: int, low: np.ndarray, high: np.ndarray
 ) -> tuple[Any, Load]:
     """Return the grids of the levels from `base` on, as far as they are inside a box of cells."""
     level, first, shape = grid_boxes(source.ds, lattice)
@@ -366,8 +327,8 @@ def _patches(
 
 
 def _tree(
-    source: Source,
-    lattice: Lattice,
+    source: YtSource,
+    lattice: YtLattice,
     level: np.ndarray,
     index: np.ndarray,
     box: tuple[int, np.ndarray, np.ndarray],
@@ -393,7 +354,7 @@ def _tree(
     return grid, lambda field, unit: placed_values(source.values(field, unit), order)
 
 
-def _scattered(source: Source, grid: Any, number: np.ndarray) -> tuple[Any, Load]:
+def _scattered(source: YtSource, grid: Any, number: np.ndarray) -> tuple[Any, Load]:
     """Return what reads values of cells of the grid by number; others are missing."""
     if (number < 0).any():
         raise InputError("yt tells of a cell that is in no grid; is the region of this data set?")

@@ -42,20 +42,7 @@ _ENZO_ENDING = re.compile(r"\.(hierarchy|cpu\d{4,})$")
 
 
 def code_output(path: Path, head: bytes) -> Path | None:
-    """Return the path that yt wants for an output of a code it knows, of which `path` is a part.
-
-    Parameters
-    ----------
-    path : Path
-        A file or directory.
-    head : bytes
-        The first bytes of a file.
-
-    Returns
-    -------
-    Path or None
-        None if it is no such output, as far as can be told.
-    """
+    """Return the path that yt wants for an output of a code it knows, of which `path` is a part."""
     for recognise in (_ramses, _enzo, _amrex, _hdf5, _amrvac, _enzo_e):
         try:
             found = recognise(path, head)
@@ -222,13 +209,7 @@ def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
 
 
 def _check_places(path: Path) -> None:
-    """Refuse an output in HDF5 whose cells yt would put in wrong places.
-
-    Raises
-    ------
-    InputError
-        Says what it is.
-    """
+    """Refuse an output in HDF5 whose cells yt would put in wrong places."""
     with opened(path) as file:
         blocks = file["Info"].attrs if "Locations" in file and "Info" in file else {}
         if np.any(blocks.get("IncludesGhost", 0)):

@@ -17,24 +17,13 @@ from ...units import parse_unit, unit_name
 
 
 @dataclass(frozen=True)
-class Source:
-    """Cells of a data set.
-
-    Attributes
-    ----------
-    ds : yt Dataset
-    region : yt data object
-        With the cells; of a whole data set all.
-    whole : bool
-        True if these are all cells there are.
-    kind : {"grids", "octree", "particles", "sampled"}
-        How they are kept: "sampled" is an array that yt makes of any.
-    """
+class YtSource:
+    """Cells of a data set."""
 
     ds: Any
-    region: Any
-    whole: bool
-    kind: str
+    region: Any  # with the cells; of a whole data set all
+    whole: bool  # true if these are all cells there are
+    kind: str  # how they are kept: "sampled" is an array that yt makes of any
 
     def cells(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Yield level (n,) and index (n, 3) of consecutive cells, in yt's order of axes."""
@@ -53,18 +42,12 @@ class Source:
         return np.concatenate(parts)
 
 
-def source_of(data: Any) -> Source:
-    """Return the source that a data set or region is.
-
-    Raises
-    ------
-    InputError
-        If it has no cells in three dimensions.
-    """
+def source_of(data: Any) -> YtSource:
+    """Return the source that a data set or region is."""
     static = require("yt.data_objects.static_output", "yt", "from_yt")
     containers = require("yt.data_objects.selection_objects.data_selection_objects", "yt", "")
     if isinstance(data, static.Dataset):
-        return Source(data, data.all_data(), True, _kind(data))
+        return YtSource(data, data.all_data(), True, _kind(data))
     if not isinstance(data, containers.YTSelectionContainer) or not hasattr(data, "ds"):
         raise InputError(
             f"from_yt needs a data set of yt or a region of one (ds, ds.sphere(…), ds.box(…)), got "
@@ -77,8 +60,8 @@ def source_of(data: Any) -> Source:
         )
     grids = require("yt.data_objects.construction_data_containers", "yt", "from_yt")
     if isinstance(data, grids.YTCoveringGrid):
-        return Source(data.ds, data, False, "sampled")
-    return Source(data.ds, data, False, _kind(data.ds))
+        return YtSource(data.ds, data, False, "sampled")
+    return YtSource(data.ds, data, False, _kind(data.ds))
 
 
 def _kind(ds: Any) -> str:
@@ -93,7 +76,7 @@ def _kind(ds: Any) -> str:
             if kind == "mesh":
                 raise InputError(
                     f"{ds} is an unstructured mesh (or has uneven cells that yt keeps as one); "
-                    "sample it first: vm.from_yt(ds.arbitrary_grid(left, right, dims))"
+                    "sample it first: vm.Volume.from_yt(ds.arbitrary_grid(left, right, dims))"
                 )
             return kind
     return "octree"  # all others have cells that are halved
@@ -111,13 +94,7 @@ _BARS = ("yt", "suppress_stream_logging")
 
 @contextmanager
 def quiet(purpose: str = "reading this file") -> Iterator[Any]:
-    """Give yt, with its log, bars and warnings off; all is as before afterwards.
-
-    Raises
-    ------
-    MissingPackageError
-        If yt is not installed.
-    """
+    """Give yt, with its log, bars and warnings off; all is as before afterwards."""
     yt = require("yt", "yt", purpose)
     logger, config = logging.getLogger("yt"), require("yt.config", "yt", purpose).ytcfg
     level, bars = logger.level, config.get(*_BARS)
@@ -189,13 +166,7 @@ def _in_astropy(unit: Any) -> Any:
 
 
 def converted(field: tuple[str, str], unit: Any, wanted: Any) -> tuple[Any, float]:
-    """Return a unit asked for, and the factor to it.
-
-    Raises
-    ------
-    UnitsError
-        If a field cannot have it.
-    """
+    """Return a unit asked for, and the factor to it."""
     from astropy import units as u
 
     target = parse_unit(wanted) or u.dimensionless_unscaled

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import InputError, unknown_name
-from .fields import Field, Fields, cell_fields, particle_fields
+from .fields import Field, YtFields, cell_fields, particle_fields
 from .layout import lattice_of, length_unit
-from .source import Source, converted, meta_of, plain_values, quiet, source_of, units_of_field
+from .source import YtSource, converted, meta_of, plain_values, quiet, source_of, units_of_field
 
 if TYPE_CHECKING:
     from ...volume import Volume
@@ -33,7 +33,7 @@ def particle_kind(ds: Any) -> str:
 
 
 def volume_of_particles(
-    source: Source, known: Fields, fields: Any, unit: Any, units: dict[str, Any]
+    source: YtSource, known: YtFields, fields: Any, unit: Any, units: dict[str, Any]
 ) -> Volume:
     """Return the volume of particles; see `from_yt`."""
     from ...particles import from_particles, get_kernel
@@ -64,7 +64,7 @@ def volume_of_particles(
     return volume
 
 
-def _sizes(source: Source, kind: str, factor: float, support: float) -> dict[str, Any]:
+def _sizes(source: YtSource, kind: str, factor: float, support: float) -> dict[str, Any]:
     """Return what tells how large particles are: cells by their density, others by h."""
     from astropy import units as u
 
@@ -78,7 +78,7 @@ def _sizes(source: Source, kind: str, factor: float, support: float) -> dict[str
     return {"smoothing_length": radius * factor / support}
 
 
-def _values(source: Source, field: Field, wanted: Any) -> Any:
+def _values(source: YtSource, field: Field, wanted: Any) -> Any:
     """Return what particles carry, as a Quantity, in the unit wanted or yt's."""
     from astropy import units as u
 
@@ -90,7 +90,7 @@ def _values(source: Source, field: Field, wanted: Any) -> Any:
     return u.Quantity(values, unit if unit is not None else u.dimensionless_unscaled)
 
 
-def _plain(source: Source, field: Field, unit: Any) -> np.ndarray:
+def _plain(source: YtSource, field: Field, unit: Any) -> np.ndarray:
     return plain_values(source.region[field], unit)
 
 
@@ -154,13 +154,13 @@ def from_yt(
 
     Notes
     -----
-    Fields of up to 256 MiB in all are read at once; of more each when it is first used. The data
+    YtFields of up to 256 MiB in all are read at once; of more each when it is first used. The data
     set must not be changed until then.
 
     Examples
     --------
     >>> ds = yt.load("output_00080")  # doctest: +SKIP
-    >>> volume = vm.from_yt(ds, ["density", "velocity_x"], unit="kpc")  # doctest: +SKIP
+    >>> volume = vm.Volume.from_yt(ds, ["density", "velocity_x"], unit="kpc")  # doctest: +SKIP
     """
     volume = volume_of(data, fields, unit=unit, units=units)
     return volume.load() if volume.bytes_waiting <= _AT_ONCE else volume
@@ -189,14 +189,14 @@ def volume_of(
     return volume
 
 
-def fields_of(source: Source) -> Fields:
+def fields_of(source: YtSource) -> YtFields:
     """Return the fields that a source has."""
     if source.kind == "particles":
         return particle_fields(source.ds, particle_kind(source.ds))
     return cell_fields(source.ds)
 
 
-def _layout(source: Source, unit: Any) -> tuple[Any, Load]:
+def _layout(source: YtSource, unit: Any) -> tuple[Any, Load]:
     if source.kind == "sampled":
         return _sampled(source, unit)
     from .layout import layout
@@ -204,7 +204,7 @@ def _layout(source: Source, unit: Any) -> tuple[Any, Load]:
     return layout(source, lattice_of(source.ds, unit))
 
 
-def _sampled(source: Source, unit: Any) -> tuple[Any, Load]:
+def _sampled(source: YtSource, unit: Any) -> tuple[Any, Load]:
     from ...grids import CartesianGrid
 
     region = source.region

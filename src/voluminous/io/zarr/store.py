@@ -13,8 +13,8 @@ from ...errors import FileFormatError
 from ...files import url_of
 from ...memory import check_memory
 from ...packages import require
-from ..archives import ZIP, zip_names
 from ..guard import by_library
+from ..payload import ZIP, zip_names
 
 if TYPE_CHECKING:
     import zarr

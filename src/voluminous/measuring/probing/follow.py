@@ -29,13 +29,7 @@ _HALVES = ((0.0, 0.5), (0.5, 1.0))
 
 
 class Tape:
-    """Rows of numbers that a kernel writes, one after another.
-
-    Parameters
-    ----------
-    capacity : int
-        Rows that there is room for; what comes later is lost, though counted.
-    """
+    """Rows of numbers that a kernel writes, one after another."""
 
     def __init__(self, backend: Any, capacity: int) -> None:
         self.backend, self.capacity = backend, capacity
@@ -251,17 +245,7 @@ class _Recording(Drawing):
 def follow(
     job: ProbeJob, place: tuple[int, float, float], names: tuple[str, ...], brightest: float
 ) -> Followed:
-    """Follow one ray, and return all segments that it met.
-
-    Parameters
-    ----------
-    place : (int, float, float)
-        Flat number of the pixel, and where in it the ray goes through, from its centre.
-    names : tuple of str
-        Fields to write down, of schemes that interpolate them.
-    brightest : float
-        The brightest background.
-    """
+    """Follow one ray, and return all segments that it met."""
     drawing = _Recording(job, job.source(brightest), brightest)
     room = _ROOM * int(job.volume.grid.cells_across) + 64
     return drawing.follow(place, names, room)
@@ -296,20 +280,7 @@ class Place:
 
     @classmethod
     def of(cls, pixel: Any, at: Any, frame: Any, unit: Any) -> Place:
-        """Return what a user asks for: one of the two.
-
-        Parameters
-        ----------
-        unit : unit or None
-            Of the image plane.
-
-        Raises
-        ------
-        InputError
-            If both or none are given, or there is no such pixel.
-        UnitsError
-            If `at` is in a unit that does not fit.
-        """
+        """Return what a user asks for: one of the two."""
         if (pixel is None) == (at is None):
             raise InputError("say which ray: pixel=(ix, iy), or at=(u, v) on the image plane")
         if pixel is not None:
@@ -369,13 +340,7 @@ def on_the_ray(expr: Expression, recorded: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def wanted(volume: Any, expressions: Any) -> list[Expression]:
-    """Return expressions that a user asks for.
-
-    Raises
-    ------
-    InputError, UnknownNameError
-        If one is no expression, or names a field that does not exist.
-    """
+    """Return expressions that a user asks for."""
     several = isinstance(expressions, (list, tuple))
     listed = list(expressions) if several else [expressions]
     quantities = [Quantity.of(volume, expr, "also") for expr in listed]

@@ -9,15 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...errors import InputError, unknown_name
+from ...figures import divided, new_figure
+from ...files import replacing
 from ...notebook import page
 from ...notebook import table as html_table
 from ...regrid.table import table
 from ...units import parse_unit
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Column = tuple[np.ndarray, Any]
+# What astropy calls the formats of tables.
+_TABLES = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
+_PLOTS = (".png", ".pdf", ".svg")
+_DPI = 150
 
 
 @dataclass(frozen=True, repr=False)
@@ -173,9 +181,12 @@ class Probe:
         InputError
             If there is no such directory.
         """
-        from .saving import save
-
-        save(self, Path(path))
+        suffix = check_suffix(Path(path))
+        with replacing(Path(path)) as temporary:
+            if suffix in _TABLES:
+                self.table().write(temporary, format=_TABLES[suffix], overwrite=True)
+            else:
+                self.plot().savefig(temporary, dpi=_DPI, format=suffix[1:])
 
     def plot(
         self, figure: Figure | None = None, *, ax: Any = None, show: Sequence[str] | None = None
@@ -201,9 +212,7 @@ class Probe:
         UnknownNameError
             If there is no such field.
         """
-        from .plot import plot
-
-        return plot(self, figure, ax, show)
+        return _plot(self, figure, ax, show)
 
     def text(self, rows: int | None = 20) -> str:
         """Return a table to read.
@@ -213,9 +222,7 @@ class Probe:
         rows : int or None
             The most lines; None for all.
         """
-        from .text import text
-
-        return text(self, rows)
+        return _text(self, rows)
 
     def __str__(self) -> str:
         return self.text()
@@ -245,3 +252,297 @@ def _numbered(name: str, values: np.ndarray, unit: Any) -> dict[str, Column]:
     if values.shape[1] == 1:
         return {name: (values[:, 0], unit)}
     return {f"{name}_{c}": (column, unit) for c, column in enumerate(values.T)}
+
+
+def check_suffix(path: Path) -> str:
+    """Return the suffix of a file of a table or a plot; refuse others."""
+    suffix = path.suffix.lower()
+    if suffix not in (*_TABLES, *_PLOTS):
+        raise unknown_name("suffix of a table or plot", suffix, (*_TABLES, *_PLOTS))
+    return suffix
+
+
+# The most fields and scalars that fit beside the other columns.
+_FIELDS = 3
+
+
+def _text(probe: Probe, rows: int | None) -> str:
+    channel = int(np.argmax(np.abs(probe.intensity)))
+    lines = _heading(probe, channel)
+    if not len(probe):
+        return "\n".join([*lines, "The ray meets nothing."])
+    columns = _text_columns(probe, channel)
+    width = [max(map(len, column)) for column in columns]
+    table = [
+        "  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=True))
+        for row in zip(*columns, strict=True)
+    ]
+    return "\n".join([*lines, "", *table[:2], *_some(table[2:], rows)])
+
+
+def _heading(probe: Probe, channel: int) -> list[str]:
+    unit, how = probe.units["intensity"], probe.provenance
+    scheme = f"{how['scheme']}, {how['precision']} precision"
+    lines = [
+        f"Pixel {probe.pixel}: {len(probe)} segments, {scheme}",
+        f"intensity {_in_parentheses(probe.intensity)}{unit and ' ' + unit}"
+        f" = {_in_parentheses(probe.gathered[-1:].ravel()) or '0'} gathered + "
+        f"{_in_parentheses(probe.transparency)} x {_in_parentheses(probe.background)} behind; "
+        f"optical depth {_in_parentheses(probe.optical_depth)}",
+    ]
+    if len(probe.intensity) > 1:
+        lines.append(f"below: channel {channel} of {len(probe.intensity)}")
+    if probe.stopped:
+        lines.append("stopped early: nothing behind can be seen (cutoff=0 goes on)")
+    return lines
+
+
+def _text_columns(probe: Probe, channel: int) -> list[list[str]]:
+    length, light = probe.units["length"], probe.units["intensity"]
+    extinction = min(channel, probe.tau.shape[1] - 1)
+    columns: list[list[str]] = [
+        ["distance", length, *_numbers(0.5 * (probe.begin + probe.end), digits=6)],
+        ["length", length, *_numbers(probe.end - probe.begin, digits=3)],
+        ["cell", "", *_cell_names(probe)],
+    ]
+    if probe.level.any():
+        columns.append(["level", "", *map(str, probe.level)])
+    shown = {**probe.fields, **probe.scalars}
+    for name in list(shown)[:_FIELDS]:
+        columns.append([name, probe.units[name], *_numbers(shown[name])])
+    columns += [
+        ["j", _per(light, length), *_numbers(probe.j[:, channel])],
+        ["alpha", _per("", length), *_numbers(probe.alpha[:, extinction])],
+        ["tau", "", *_numbers(probe.tau[:, extinction])],
+        ["depth", "", *_numbers(probe.depth[:, extinction])],
+        ["b", light, *_numbers(probe.b[:, channel])],
+        ["gathered", light, *_numbers(probe.gathered[:, channel])],
+        ["arriving", light, *_numbers(probe.arriving[:, channel])],
+    ]
+    return columns
+
+
+def _cell_names(probe: Probe) -> list[str]:
+    where = probe.cell[:, None] if probe.index is None else probe.index
+    names = [",".join(map(str, index)) for index in where]
+    return ["hidden" if h else name for h, name in zip(probe.hidden, names, strict=True)]
+
+
+def _per(unit: str, length: str) -> str:
+    return f"{unit or '1'} / {length}" if length else unit
+
+
+def _numbers(values: Any, digits: int = 4) -> list[str]:
+    return [f"{value:.{digits}g}" for value in values]
+
+
+def _in_parentheses(values: np.ndarray) -> str:
+    texts = _numbers(values, digits=6)
+    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})" if texts else ""
+
+
+def _some(table: list[str], rows: int | None) -> list[str]:
+    if rows is None or len(table) <= rows:
+        return table
+    half = max(1, rows // 2)
+    left_out = f"… {len(table) - 2 * half} segments …"
+    return [*table[:half], left_out.center(len(table[0])).rstrip(), *table[-half:]]
+
+
+_SIZE = (8.0, 9.0)
+# Letters are smaller in panels that are less high than this, in inches.
+_HEIGHT = 1.4
+# Lines of three channels are red, green and blue; others, and fields, follow matplotlib's cycle.
+_RGB = ("#d1342f", "#2c9c3f", "#2f62d1")
+_FIRST, _SECOND = "#1f5fa8", "#b3541e"
+# A quantity that varies by more than this is drawn logarithmically.
+_WIDE = 30.0
+
+
+def _plot(probe: Probe, figure: Figure | None, ax: Any, show: Sequence[str] | None) -> Figure:
+    import matplotlib
+
+    panels = _panels(figure, ax)
+    chosen = _chosen(probe, show)
+    low = panels[0].get_position().height * panels[0].get_figure().get_size_inches()[1]
+    size = matplotlib.rcParams["font.size"] * min(1.0, max(0.7, low / _HEIGHT))
+    with matplotlib.rc_context({"font.size": size}):
+        _draw(panels, probe, chosen)
+    drawn: Figure = panels[0].get_figure()
+    return drawn
+
+
+def _draw(panels: Any, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
+    if len(probe):
+        _draw_fields(panels[0], probe, chosen)
+        _draw_coefficients(panels[1], probe)
+        _draw_depth(panels[2], probe)
+        _draw_light(panels[3], probe)
+    for panel, title in zip(panels, _TITLES, strict=True):
+        panel.set_title(title, loc="left", fontsize="medium")
+        panel.grid(alpha=0.25)
+        _shade_hidden(panel, probe)
+    panels[-1].set_xlabel(_distance_label(probe), fontsize="medium")
+    panels[-1].xaxis.get_offset_text().set_fontsize("medium")
+    panels[-1].margins(x=0.01)
+    panels[-1].tick_params(axis="x", labelsize="medium")
+
+
+def _panels(figure: Figure | None, ax: Any) -> Any:
+    if ax is None:
+        if figure is None:
+            figure = new_figure()
+            figure.set_size_inches(_SIZE)
+        return figure.subplots(4, 1, sharex=True)
+    if figure is not None:
+        raise InputError("give ax or figure, not both")
+    return divided(ax, 4)
+
+
+_TITLES = (
+    "what is there",
+    "what it emits, and what it takes away",
+    "how much is in front",
+    "what the observer gathers, and what arrives from behind",
+)
+
+
+def _chosen(probe: Probe, show: Sequence[str] | None) -> dict[str, np.ndarray]:
+    """Return the fields and scalars to draw.
+
+    By default the medium's expressions; else its fields, without coordinates if there are others.
+    """
+    known = {**probe.fields, **probe.scalars}
+    if show is not None:
+        for name in show:
+            if name not in known:
+                raise unknown_name("field", name, known)
+        return {name: known[name] for name in show}
+    places = ("x", "y", "z", "r", *probe.axes)
+    fields = {name: v for name, v in probe.fields.items() if name not in places}
+    return probe.scalars or fields or probe.fields
+
+
+def _draw_fields(panel: Axes, probe: Probe, chosen: dict[str, np.ndarray]) -> None:
+    """Draw one or two fields with an axis each; more of them by parts of their largest value."""
+    if len(chosen) > 2:
+        for name, values in chosen.items():
+            largest = float(np.nanmax(np.abs(values), initial=0.0)) or 1.0
+            panel.plot(*_steps(probe, values / largest), label=f"{name}  (max {largest:.3g})")
+        panel.set_ylabel("part of the largest")
+        panel.legend(fontsize="small")
+        return
+    colors = (_FIRST, _SECOND)
+    axes = [panel, panel.twinx()] if len(chosen) > 1 else [panel]
+    for axis, (name, values), color in zip(axes, chosen.items(), colors, strict=False):
+        _labelled(axis, _named(name, probe.units[name]), color)
+        axis.plot(*_steps(probe, values), color=color)
+        _set_scale(axis, values)
+
+
+def _draw_coefficients(panel: Axes, probe: Probe) -> None:
+    length = probe.units["length"]
+    light = probe.units["intensity"]
+    unit = f"{light or '1'} / {length}" if length else light
+    _labelled(panel, _named("emissivity j", unit), None)
+    for values, style in _lines(probe.j):
+        panel.plot(*_steps(probe, values), **style)
+    other = panel.twinx()
+    grey = probe.alpha.shape[1] == 1
+    how = "grey" if grey else "dashed"
+    _labelled(other, _named(f"extinction α ({how})", f"1 / {length}" if length else ""), None)
+    for values, style in _lines(probe.alpha):
+        if grey:
+            other.fill_between(*_steps(probe, values), color="0.5", alpha=0.25, linewidth=0)
+        else:
+            other.plot(*_steps(probe, values), **{**style, "linestyle": "--"})
+    for axis in (panel, other):
+        axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
+
+
+def _draw_depth(panel: Axes, probe: Probe) -> None:
+    """Draw optical depth and transparency between the observer and each place."""
+    x = _walls(probe)
+    _labelled(panel, "optical depth τ", _FIRST if probe.depth.shape[1] == 1 else None)
+    other: Any = panel.twinx()
+    _labelled(other, "transparency (dashed)", _SECOND if probe.depth.shape[1] == 1 else None)
+    for values, style in _lines(probe.depth, _FIRST):
+        panel.plot(x, np.append(0.0, values), **style)
+    through = np.cumprod(probe.theta, axis=0)
+    for values, style in _lines(through, _SECOND):
+        other.plot(x, np.append(1.0, values), **{**style, "linestyle": "--"})
+    panel.set_ylim(bottom=0.0)
+    other.set_ylim(-0.03, 1.05)
+    if probe.depth[-1].max() > 1.0:
+        panel.axhline(1.0, color="0.6", linewidth=0.8, linestyle=":")
+        panel.annotate("τ = 1", (x[-1], 1.0), color="0.4", fontsize="small", va="top", ha="right")
+
+
+def _draw_light(panel: Axes, probe: Probe) -> None:
+    """Draw what is gathered from the observer on, and what arrives from behind."""
+    x = _walls(probe)
+    lines = zip(_lines(probe.gathered), probe.arriving.T, probe.background, strict=True)
+    for (gathered, style), arriving, behind in lines:
+        panel.plot(x, np.append(0.0, gathered), **style)
+        panel.plot(x, np.append(arriving, behind), **{**style, "linestyle": "--"})
+        panel.plot(x[:1], arriving[:1], "o", color=style["color"], clip_on=False, zorder=5)
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color="0.3", label="gathered up to here"),
+        Line2D([], [], color="0.3", linestyle="--", label="arriving from behind"),
+        Line2D([], [], color="0.3", linestyle="", marker="o", label="the pixel"),
+    ]
+    low, high = panel.get_ylim()
+    panel.set_ylim(low, high + 0.22 * (high - low))  # room for the legend
+    panel.legend(handles=handles, fontsize="small", loc="upper center", ncols=3)
+    _labelled(panel, _named("intensity", probe.units["intensity"]), None)
+
+
+def _steps(probe: Probe, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a line that is level in each segment, and broken where nothing was visited."""
+    x = np.stack([probe.begin, probe.end, probe.end], axis=1)
+    y = np.repeat(values[:, None], 3, axis=1).astype(float)
+    gap = probe.begin[1:] - probe.end[:-1] > 1e-3 * (probe.end[:-1] - probe.begin[:-1])
+    y[:-1, 2][gap] = np.nan
+    return x.ravel(), y.ravel()
+
+
+def _walls(probe: Probe) -> np.ndarray:
+    return np.append(probe.begin[0], probe.end)
+
+
+def _lines(columns: np.ndarray, alone: str = "0.15") -> list[tuple[np.ndarray, dict[str, Any]]]:
+    count = columns.shape[1]
+    colors: Sequence[str] = [f"C{c}" for c in range(count)]
+    if count in (1, 3):
+        colors = (alone,) if count == 1 else _RGB
+    return [(v, {"color": c}) for v, c in zip(columns.T, colors, strict=True)]
+
+
+def _set_scale(axis: Axes, values: np.ndarray) -> None:
+    known = values[np.isfinite(values)]
+    if known.size and known.min() > 0 and known.max() > _WIDE * known.min():
+        axis.set_yscale("log")
+
+
+def _labelled(axis: Axes, label: str, color: str | None) -> None:
+    label = label.replace(" [" if " [" in label else " (", "\n[" if " [" in label else "\n(")
+    axis.set_ylabel(label, color=color or "black", fontsize="medium")
+    axis.yaxis.get_offset_text().set_fontsize("medium")
+    axis.tick_params(axis="y", colors=color or "black", labelsize="medium")
+
+
+def _shade_hidden(panel: Axes, probe: Probe) -> None:
+    for k in np.flatnonzero(probe.hidden):
+        panel.axvspan(float(probe.begin[k]), float(probe.end[k]), color="0.9", zorder=0, lw=0)
+
+
+def _named(name: str, unit: str) -> str:
+    return f"{name} [{unit}]" if unit else name
+
+
+def _distance_label(probe: Probe) -> str:
+    observer = probe.provenance["camera"].get("type") == "perspective"
+    origin = "from the observer" if observer else "behind the image plane (the observer is left)"
+    return _named(f"distance {origin}", probe.units["length"])

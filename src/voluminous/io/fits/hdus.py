@@ -1,18 +1,144 @@
-"""The numbers in a part of a FITS file: mapped, unpacked, scaled, missing."""
+"""The parts of a FITS file (HDUs): headers, where their data are, and the numbers in them.
+
+FITS Standard 4.0, sections 3 and 4: headers of 80-byte cards and data, in blocks of 2880 bytes.
+"""
 
 from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from ...errors import FileFormatError
 from ..payload import is_packed, mapped, read_exactly, unpacked
-from .blocks import Part, card, shape, start_of
+
+BLOCK = 2880
+_MOST_PARTS = 100_000
+_MOST_AXES = 999
+
+
+@dataclass(frozen=True)
+class HDU:
+    """A header and its data."""
+
+    number: int  # 0 is the primary one
+    header: Any  # its cards
+    start: int  # where the data begin in the (unpacked) file, and their bytes
+    size: int
+    path: Path  # the file
+
+    @property
+    def name(self) -> str:
+        """What it is called in error messages."""
+        title = str(self.header.get("EXTNAME", "")).strip()
+        return f"HDU {self.number}" + (f" ({title})" if title else "")
+
+    def whole(self, key: str, default: int | None = None) -> int:
+        """Return a card that must be a whole number."""
+        value = card(self.header, key, default)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise FileFormatError(f"{self.name}: {key} is {value!r}, expected a whole number")
+        return value
+
+
+def card(header: Any, key: str, default: Any = None) -> Any:
+    """Return the value of a card; the default if there is none, or it cannot be read."""
+    from astropy.io.fits import VerifyError
+    from astropy.io.fits.card import Undefined
+
+    try:
+        value = header.get(key, default)
+    except (VerifyError, ValueError):
+        return default
+    return default if isinstance(value, Undefined) else value
+
+
+def parts(path: Path) -> list[HDU]:
+    """Return all parts of a file; no data are read."""
+    with unpacked(path) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # astropy's, of cards that nobody needs
+        return list(_walk(file, path))
+
+
+def _walk(file: IO[bytes], path: Path) -> Iterator[HDU]:
+    # How long a packed file is shows only when all of it is unpacked.
+    length = None if is_packed(start_of(path)) else path.stat().st_size
+    at = 0
+    for number in range(_MOST_PARTS):
+        header, at = _header(file, number, at)
+        if header is None:
+            return
+        part = HDU(number, header, at, _data_size(HDU(number, header, at, 0, path)), path)
+        end = at + part.size
+        file.seek(end if length is None else min(end, length))
+        # Behind the end of a packed file nothing is found: it stays where that is.
+        if file.tell() < end:
+            raise FileFormatError(
+                f"{part.name} is cut short: its header promises {part.size} bytes of data "
+                f"(BITPIX {header['BITPIX']}, {_times(header)}), there are {file.tell() - at}"
+            )
+        yield part
+        at = end + -end % BLOCK
+        file.seek(at)
+
+
+def start_of(path: Path) -> bytes:
+    """Return the first bytes of a file, as they are on the disk."""
+    with open(path, "rb") as file:
+        return file.read(8)
+
+
+def _header(file: IO[bytes], number: int, at: int) -> tuple[Any, int]:
+    """Return the header that begins here and where it ends; None if no part follows."""
+    from astropy.io import fits
+
+    start = file.read(8)
+    file.seek(at)
+    if number and start != b"XTENSION":
+        return None, at  # the end, or what some programs leave behind the last part
+    try:
+        header = fits.Header.fromfile(file)
+    except (EOFError, OSError, ValueError, fits.VerifyError) as error:
+        raise FileFormatError(
+            f"HDU {number} is cut short or damaged: there is no END card in its header ({error})"
+        ) from error
+    return header, file.tell()
+
+
+def _data_size(part: HDU) -> int:
+    sides = shape(part)
+    if not sides:
+        return 0
+    width = part.whole("BITPIX")
+    if abs(width) not in (8, 16, 32, 64):
+        raise FileFormatError(f"{part.name}: BITPIX is {width}, expected ±8, ±16, ±32 or ±64")
+    groups = card(part.header, "GROUPS") is True and sides[0] == 0
+    values = math.prod(sides[1:] if groups else sides)
+    extra, count = part.whole("PCOUNT", 0), part.whole("GCOUNT", 1)
+    if min(extra, count) < 0:
+        raise FileFormatError(f"{part.name}: PCOUNT {extra} and GCOUNT {count} must not be < 0")
+    return abs(width) // 8 * count * (extra + values)
+
+
+def shape(part: HDU, prefix: str = "") -> tuple[int, ...]:
+    """Return the sides of the data in the order of FITS: the first axis is fastest."""
+    axes = part.whole(f"{prefix}NAXIS")
+    if not 0 <= axes <= _MOST_AXES:
+        raise FileFormatError(f"{part.name}: NAXIS is {axes}, expected 0 to {_MOST_AXES}")
+    sides = tuple(part.whole(f"{prefix}NAXIS{k + 1}") for k in range(axes))
+    if min(sides, default=0) < 0:
+        raise FileFormatError(f"{part.name}: an axis has {min(sides)} pixels")
+    return sides
+
+
+def _times(header: Any) -> str:
+    return " x ".join(str(header[f"NAXIS{k + 1}"]) for k in range(header["NAXIS"])) + " values"
+
 
 _TYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
 # No compressor of images makes more values of a byte; small images need not be looked at.
@@ -89,31 +215,25 @@ def _bits(dtype: np.dtype[Any]) -> int:
     return 8 * dtype.itemsize
 
 
-def is_compressed(part: Part) -> bool:
+def is_compressed(part: HDU) -> bool:
     """Return True for an image in compressed tiles, which FITS keeps in a table."""
     return card(part.header, "ZIMAGE") is True
 
 
-def is_image(part: Part) -> bool:
+def is_image(part: HDU) -> bool:
     """Return True for a part with an image, not a table."""
     if part.number and not is_compressed(part):
         return str(card(part.header, "XTENSION", "")).strip() == "IMAGE"
     return card(part.header, "GROUPS") is not True
 
 
-def image_shape(part: Part) -> tuple[int, ...]:
+def image_shape(part: HDU) -> tuple[int, ...]:
     """Return the sides of an image in the order of FITS, compressed or not."""
     return shape(part, "Z" if is_compressed(part) else "")
 
 
-def scaling(part: Part) -> Scaling:
-    """Return how the numbers of an image are to be understood.
-
-    Raises
-    ------
-    FileFormatError
-        If a card is not the number it should be.
-    """
+def scaling(part: HDU) -> Scaling:
+    """Return how the numbers of an image are to be understood."""
     width = part.whole("ZBITPIX" if is_compressed(part) else "BITPIX")
     if width not in _TYPES:
         raise FileFormatError(f"{part.name}: BITPIX is {width}, expected one of {list(_TYPES)}")
@@ -125,7 +245,7 @@ def scaling(part: Part) -> Scaling:
     return Scaling(stored, number(part, "BSCALE", 1), number(part, "BZERO", 0), blank)
 
 
-def number(part: Part, key: str, default: float) -> float:
+def number(part: HDU, key: str, default: float) -> float:
     """Return a card that must be a finite number."""
     value = card(part.header, key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
@@ -133,7 +253,7 @@ def number(part: Part, key: str, default: float) -> float:
     return value
 
 
-def stored(path: Path, part: Part) -> np.ndarray:
+def stored(path: Path, part: HDU) -> np.ndarray:
     """Return the stored numbers of an image, index in the order of NumPy (last axis of FITS first).
 
     They stay in a plain file. Those of a compressed image are scaled already.
@@ -149,13 +269,13 @@ def stored(path: Path, part: Part) -> np.ndarray:
         return read_exactly(file, sides, dtype, f"the data of {part.name}")
 
 
-def values(path: Path, part: Part, index: tuple[Any, ...], arrange: Any) -> np.ndarray:
+def values(path: Path, part: HDU, index: tuple[Any, ...], arrange: Any) -> np.ndarray:
     """Return the values of a part of an image, arranged by a function of the stored numbers."""
     picked = arrange(stored(path, part)[index])
     return np.asarray(picked if is_compressed(part) else scaling(part).apply(picked))
 
 
-def _decompressed(path: Path, part: Part) -> np.ndarray:
+def _decompressed(path: Path, part: HDU) -> np.ndarray:
     from astropy.io import fits
 
     with warnings.catch_warnings():
@@ -164,15 +284,10 @@ def _decompressed(path: Path, part: Part) -> np.ndarray:
             return np.asarray(hdus[part.number].data)
 
 
-def check_tiles(part: Part) -> None:
+def check_tiles(part: HDU) -> None:
     """Refuse sizes of a compressed image that cannot be true.
 
     Those of plain images are checked against the file when that is looked through.
-
-    Raises
-    ------
-    FileFormatError
-        Before time and memory go into it.
     """
     sides = image_shape(part)
     tiles = [part.whole(f"ZTILE{k + 1}", n if k == 0 else 1) for k, n in enumerate(sides)]

@@ -1,0 +1,114 @@
+"""Axes of grids: their names in files, edges from centres, and units of length."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..grids import CartesianGrid
+    from ..volume import Volume
+
+AXES = "xyz"
+# Whole names of dimensions, as models and instruments write them.
+_NAMES = {
+    "x": r"n?x[a-z]{0,2}([_\d].*)?|n?[rg]?lon(g|s|gitudes?)?([_\d].*)?|n?i|east.*|west_east.*|"
+    r"xi_.*",
+    "y": r"n?y[a-z]{0,2}([_\d].*)?|n?[rg]?lat(s|itudes?)?([_\d].*)?|n?j|north.*|south_north.*|"
+    r"eta_.*",
+    "z": r"n?z[a-z]{0,2}([_\d].*)?|n?[pmi]?lev(s|els?)?([_\d].*)?|n?k|alt(itude)?s?|heights?.*|"
+    r"depths?.*|pres(sure)?s?.*|isobaric.*|bottom_top.*|sigma.*|hybrid.*|s_(rho|w)|layers?",
+    "t": r"n?t|times?([_\d].*)?|dates?|steps?|forecast.*|realization|ensembles?|members?|numbers?",
+}
+# CF standard names (https://cfconventions.org), by what they end or begin with.
+_STANDARD = {
+    "x": r".*longitude|projection_x.*|.*_x_coordinate",
+    "y": r".*latitude|projection_y.*|.*_y_coordinate",
+    "z": r"height.*|altitude.*|depth.*|air_pressure.*|model_level_number|atmosphere_.*|ocean_.*|"
+    r".*_z_coordinate",
+    "t": r"time|forecast_.*|realization",
+}
+_UNITS = {
+    "x": r"degrees?_?e(ast)?",
+    "y": r"degrees?_?n(orth)?",
+    "z": r"[hk]?pa|mb(ar)?|millibars?|dbar",
+    "t": r".* since .*",
+}
+# Centres that are so equally spaced as single precision can tell belong to equal cells.
+_EVEN = 1e-4
+# From small to large; a domain is less than some hundred thousand of one wide, and 1 at least.
+_ROUND = ("nm", "um", "mm", "cm", "m", "km", "solRad", "au", "pc", "kpc", "Mpc", "Gpc")
+
+
+def axis_of(dim: str, attributes: Mapping[str, Any]) -> str:
+    """Return what a dimension is: ``"x"``, ``"y"``, ``"z"``, ``"t"``, or nothing if unknown.
+
+    The CF attributes of its coordinate (`axis`, `standard_name`, `positive`, `units`) go before its
+    name.
+    """
+    given = str(attributes.get("axis", "")).strip().lower()
+    if given in (*AXES, "t"):
+        return given
+    found = _matching(_STANDARD, attributes.get("standard_name"))
+    if not found and str(attributes.get("positive", "")).lower() in ("up", "down"):
+        found = "z"
+    return found or _matching(_UNITS, attributes.get("units")) or _matching(_NAMES, dim)
+
+
+def _matching(patterns: Mapping[str, str], text: Any) -> str:
+    if not isinstance(text, str):
+        return ""
+    lower = text.strip().lower()
+    return next((axis for axis, found in patterns.items() if re.fullmatch(found, lower)), "")
+
+
+def edges_of_centers(centers: np.ndarray) -> np.ndarray:
+    """Return the midpoints between ascending centres, and one beyond each end."""
+    values = np.asarray(centers, np.float64)
+    if len(values) == 1:
+        return values[0] + np.array([-0.5, 0.5])
+    if is_even(values):
+        half = 0.5 * (values[-1] - values[0]) / (len(values) - 1)
+        return np.linspace(values[0] - half, values[-1] + half, len(values) + 1)
+    middles = 0.5 * (values[1:] + values[:-1])
+    ends = 2 * values[0] - middles[0], 2 * values[-1] - middles[-1]
+    return np.concatenate([[ends[0]], middles, [ends[1]]])
+
+
+def is_even(centers: np.ndarray) -> bool:
+    """Return True for coordinates that are equally spaced but for rounding."""
+    even = np.linspace(centers[0], centers[-1], len(centers))
+    step = abs(centers[-1] - centers[0]) / max(len(centers) - 1, 1)
+    return bool(np.max(np.abs(centers - even)) <= _EVEN * step)
+
+
+def round_unit(width: Any) -> Any:
+    """Return the largest unit of length of which a domain is at least one wide.
+
+    Examples
+    --------
+    >>> from astropy import units as u
+    >>> str(round_unit(16 * 1.559e16 * u.cm)), str(round_unit(5e-6 * u.cm))
+    ('AU', 'nm')
+    """
+    from astropy import units as u
+
+    width = u.Quantity(1 * width)
+    fitting = [name for name in _ROUND if width.to_value(name) >= 1 - 1e-9]
+    return u.Unit(fitting[-1] if fitting else _ROUND[0])
+
+
+def cartesian(volume: Volume) -> CartesianGrid:
+    """Return the grid of a volume, which must be Cartesian to be written."""
+    if not volume.grid.is_rectilinear:
+        raise InputError(
+            f"this format holds Cartesian grids only, got {type(volume.grid).__name__}; save it as "
+            ".h5, or resample it first (volume.resample, voluminous convert --resample)"
+        )
+    grid: CartesianGrid = volume.grid
+    return grid
