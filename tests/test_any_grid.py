@@ -8,7 +8,7 @@ from astropy import units as u
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
-from voluminous.rendering.sources import tabulated
+from voluminous.rendering.sources import table as tabulated
 
 EDGES = ([0.0, 1.0, 3.0, 3.5], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 GRID = vm.CartesianGrid(*EDGES, unit="pc")

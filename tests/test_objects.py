@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 from voluminous.backend import get_backend
-from voluminous.rendering.layers.pairs import Pairs, fold
+from voluminous.rendering.layers import Pairs, fold
 from voluminous.scene.sections import build_objects
 
 J, ALPHA, THICK = 2.0, 0.7, 1.5

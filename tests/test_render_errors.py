@@ -86,7 +86,7 @@ def test_negative_extinction_is_refused_and_negative_emissivity_is_not(volume, s
 
 
 def test_a_medium_evaluated_on_the_ray_is_looked_at_afterwards(volume, monkeypatch):
-    monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
+    monkeypatch.setattr("voluminous.rendering.sources.table.fits", lambda needed: False)
     for medium in (vm.Coefficients("density", "0.5 - x"), vm.Coefficients("log(x)", "density")):
         told = "not finite: .* or a negative extinction"
         refused(vm.InputError, told, volume, medium, CAMERA, scheme="first-order")

@@ -7,8 +7,8 @@ import pytest
 
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
-from voluminous.rendering.coefficients.tables import Table
-from voluminous.rendering.rays.kernels import Kernels
+from voluminous.rendering.sources.table import Table
+from voluminous.rendering.tracer import KernelCache
 from voluminous.schemes import SCHEMES
 
 OBLIQUE = vm.Orthographic(57, 213, 31, width=4.0, resolution=(15, 12))
@@ -55,7 +55,7 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
     tabulated = picture(volume, MEDIA[name], **options)
     tables = [thing for thing, _ in volume.tables.values() if isinstance(thing, Table)]
     assert len(tables) == 1
-    monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
+    monkeypatch.setattr("voluminous.rendering.sources.table.fits", lambda needed: False)
     fresh = core(shape=(3, 3, 3))
     np.testing.assert_array_equal(picture(fresh, MEDIA[name], **options), tabulated)
     assert not fresh.tables
@@ -64,7 +64,7 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
 def made(volume):
     """Return what is kept of a volume, but for plain numbers, and kernels of kinds of cameras."""
     things = (thing for thing, _ in volume.tables.values())
-    return {id(thing) for thing in things if not isinstance(thing, (tuple, Kernels))}
+    return {id(thing) for thing in things if not isinstance(thing, (tuple, KernelCache))}
 
 
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))

@@ -9,10 +9,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..media.contract import Medium
-from ..rendering.job import Job
-from ..rendering.rays.drawing import Drawing
-from ..rendering.rays.paths import Paths
-from ..rendering.rays.pixels import BLOCK
+from ..rendering.job import RenderJob
+from ..rendering.pixels import BLOCK
+from ..rendering.tracer import Paths, RayTracer
 from .bracket import Bracket
 from .fields import Bracketed
 from .media import is_bounded
@@ -29,7 +28,7 @@ _TINY = 1e-290
 _SMALLER_BATCHES = 64
 
 
-def check_bounds(bounds: Any, job: Job) -> int:
+def check_bounds(bounds: Any, job: RenderJob) -> int:
     """Return the budget of panels per segment; 0 for no bounds.
 
     Raises
@@ -55,13 +54,13 @@ def check_bounds(bounds: Any, job: Job) -> int:
 
 
 def bracket(
-    job: Job, budget: int, intensity: np.ndarray, background: np.ndarray
+    job: RenderJob, budget: int, intensity: np.ndarray, background: np.ndarray
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return lower and upper bounds of the intensity, shape (ny, nx, channel); None without budget.
 
     Parameters
     ----------
-    job : Job
+    job : RenderJob
         What has been drawn; here in double precision, front to back, and without a cut-off.
     budget : int
         Panels tried per segment, at most.
@@ -88,13 +87,13 @@ def bracket(
     return _intensities(job, paths, source, background)
 
 
-def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
+def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:
     """Return all paths, drawn again with narrower panels where brackets are too wide."""
-    drawing = Drawing(job, source, 0.0)
-    drawing.batch = max(1, drawing.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
+    tracer = RayTracer(job, source, 0.0)
+    tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
     allowed = job.tolerance * brightest
     source.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
-    paths = drawing.frame()
+    paths = tracer.frame()
     for share in _SHARES[1:]:
         lower, upper = _ends(paths, job.medium.channels)
         gap = np.max(upper.emission - lower.emission, axis=0)
@@ -103,12 +102,12 @@ def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
         if not len(wide):
             break
         source.allow(share * allowed, share * job.tolerance)
-        paths.put(wide, drawing.pixels(wide))
+        paths.put(wide, tracer.pixels(wide))
     return paths
 
 
 def _intensities(
-    job: Job, paths: Paths, source: Bracketed, background: np.ndarray
+    job: RenderJob, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of the intensities, moved out by rounding and by what was leapt over."""
     neglected, (nx, ny) = source.neglected, job.frame.pixels

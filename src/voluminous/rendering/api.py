@@ -17,16 +17,15 @@ from ..packages import room
 from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
-from .coefficients.emission_unit import before
-from .first_medium import first_medium
-from .framing import first_camera, framed
-from .job import Job, Planes
-from .layers.objects import channel_count, check_objects, wide_background, with_objects
-from .layers.pairs import with_channels
+from .empty_picture import warn_of_unseen
+from .framing import first_camera, first_medium, framed
+from .job import RenderJob, RenderResult
+from .layers import with_channels
+from .objects import channel_count, check_objects, wide_background, with_objects
 from .options import FINEST_SINGLE, background_array, name_slow_choices, refuse_unusable
 from .prepare import prepare
 from .sky import image_wcs
-from .unseen import warn_of_unseen
+from .sources.channel_layout import before
 
 
 @with_progress
@@ -174,7 +173,7 @@ def _chosen(volume: Any, medium: Any, camera: Any, view: str | None) -> tuple[An
 
 
 def _image(
-    job: Job, planes: Planes, behind: np.ndarray, budget: int, told: dict[str, Any]
+    job: RenderJob, planes: RenderResult, behind: np.ndarray, budget: int, told: dict[str, Any]
 ) -> Image:
     intensity = planes.emission
     if np.any(behind):
@@ -199,13 +198,13 @@ def _image(
     )
 
 
-def _intensity_unit(job: Job) -> str:
+def _intensity_unit(job: RenderJob) -> str:
     volume = job.volume
     context = RangeContext(volume.unit, volume.expression_unit)
     return unit_name(job.medium.intensity_unit(context))
 
 
-def _full_depth(job: Job, planes: Planes) -> Callable[[], np.ndarray]:
+def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:
     """Return what computes the optical depth through everything, for rays that stopped early."""
     channels = planes.emission.shape[2]
 

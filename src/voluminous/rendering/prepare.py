@@ -1,4 +1,4 @@
-"""From what a user asks for to a `Job`: everything is checked, and brought into one form."""
+"""From what a user asks for to a `RenderJob`: everything is checked, and brought into one form."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
 from .cache import Cache
-from .coefficients.classify import check_fields
-from .coefficients.digits import beyond_single, plain_widths
-from .job import Job
+from .job import RenderJob
 from .missing import Completed, complete
 from .options import (
     FINEST_SINGLE,
@@ -32,6 +30,8 @@ from .options import (
     is_recursive,
     sample_count,
 )
+from .precision import needs_double, plain_widths
+from .sources.cells import check_fields
 
 
 def prepare(
@@ -47,7 +47,7 @@ def prepare(
     cutoff: float | None = None,
     samples: Any = 1,
     progress: Progress = None,
-) -> tuple[Job, dict[str, int]]:
+) -> tuple[RenderJob, dict[str, int]]:
     """Return everything a picture is made of, and how many values each field lacks.
 
     See `voluminous.render` for the arguments and errors.
@@ -74,10 +74,10 @@ def prepare(
     if (
         solver.coefficients_at == "field"
         and precision == "single"
-        and _needs_double(completed, medium)
+        and _double_for_fields(completed, medium)
     ):
         precision = "double"
-    job = Job(
+    job = RenderJob(
         volume=completed.volume,
         cache=completed.cache,
         hidden=completed.hidden,
@@ -125,13 +125,13 @@ def _check_units(volume: Volume, medium: Medium) -> None:
             )
 
 
-def _needs_double(completed: Completed, medium: Medium) -> bool:
+def _double_for_fields(completed: Completed, medium: Medium) -> bool:
     """Return True if single precision cannot tell apart what the medium looks at."""
     cache = completed.cache
     widths = plain_widths(completed.volume, medium.known_features())
     told = tuple((expr.text, least) for expr, least in widths)
     key = ("beyond single", told, cache.statistics.digests(medium.names))
-    found: bool = cache.get_or_make(key, lambda: beyond_single(completed.volume, medium))
+    found: bool = cache.get_or_make(key, lambda: needs_double(completed.volume, medium))
     return found
 
 
