@@ -67,7 +67,7 @@ OPTIONS = {
     "first order": {"scheme": "first-order"},
     "second order": {"scheme": "second-order", "samples": 2},
     "one panel": {"tolerance": None, "background": 0.3},
-    "default": {"samples": "adaptive", "tolerance": 1e-2},
+    "default": {"antialias": "adaptive", "tolerance": 1e-2},
     "double": {"precision": "double", "order": "back-to-front", "tolerance": None},
 }
 SCENES = [

@@ -502,7 +502,7 @@ class FluxConserving(RayTracer):
             raise InputError(
                 f"flux conservation needs more than {2**_DEEPEST} x {2**_DEEPEST} rays for a pixel "
                 f"(ix = {where % nx}, iy = {where // nx}): take more pixels, a smaller width, or "
-                "samples='adaptive'"
+                "antialias='adaptive'"
             )
         return large
 
@@ -548,5 +548,5 @@ def _narrowest(job: RenderJob) -> MinCellWidth:
     if grid.base_edges:
         return TreeCellWidth(grid, job.backend)
     raise InputError(
-        f"samples='flux-conserving' is not known on a {type(grid).__name__}; use samples='adaptive'"
+        f"antialias='radmc3d' has no rule for a {type(grid).__name__}; use antialias='adaptive'"
     )

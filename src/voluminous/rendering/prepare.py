@@ -20,14 +20,13 @@ from .job import RenderJob
 from .missing import Completed, complete
 from .options import (
     FINEST_SINGLE,
+    check_antialias,
     check_coordinates,
     check_cutoff,
     check_order,
-    check_parallel,
     check_pixels,
     check_tolerance,
     check_walk,
-    is_recursive,
     sample_count,
 )
 from .precision import needs_double, plain_widths
@@ -45,7 +44,8 @@ def prepare(
     device: str = "auto",
     order: str = "front-to-back",
     cutoff: float | None = None,
-    samples: Any = 1,
+    samples: int = 1,
+    antialias: str | None = None,
     progress: Progress = None,
 ) -> tuple[RenderJob, dict[str, int]]:
     """Return everything a picture is made of, and how many values each field lacks.
@@ -53,7 +53,7 @@ def prepare(
     See `voluminous.render` for the arguments and errors.
     """
     _check_types(volume, medium, camera)
-    check_parallel(samples, camera)
+    check_antialias(samples, antialias, camera)
     scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)
@@ -92,9 +92,9 @@ def prepare(
         progress=progress if callable(progress) else silent,
     )
     check_pixels(job.frame.pixels, medium.channels, job.backend)
-    job.adaptive = isinstance(samples, str) and samples == "adaptive"
-    job.recursive = is_recursive(samples, volume.grid)
-    job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
+    job.adaptive = antialias == "adaptive"
+    job.recursive = antialias == "radmc3d" and not volume.grid.is_rectilinear
+    job.samples = sample_count(samples, antialias, job.frame, volume.grid)
     return job, completed.counts
 
 
