@@ -67,12 +67,6 @@ def test_volumes_of_a_stack_are_chosen(tmp_path):
     check_places(volume, values[1].transpose(), np.zeros(3), np.eye(3) * 2)
 
 
-def test_maps_without_a_size_have_cells_of_unit_length(tmp_path):
-    volume = vm.open(write_mrc(tmp_path / "a.map", width=0))
-    assert volume.unit is None
-    np.testing.assert_allclose(volume.grid.bounds, [(-0.5, 2.5), (-0.5, 3.5), (-0.5, 4.5)])
-
-
 def test_bytes_of_imod_have_no_sign(tmp_path):
     values = (VALUES * 4).astype(np.uint8)
     path = write_mrc(tmp_path / "a.rec", values.view(np.int8))

@@ -151,7 +151,7 @@ def _check(path: Path, group: Any, name: str, item: Any) -> None:
 def _lazy(xarray: Any, item: Any) -> Any:
     indexing = xarray.core.indexing
 
-    class Stored(xarray.backends.BackendArray):
+    class LazyItem(xarray.backends.BackendArray):
         shape, dtype = item.shape, item.dtype.newbyteorder("=")
 
         def __getitem__(self, key: Any) -> Any:
@@ -162,4 +162,4 @@ def _lazy(xarray: Any, item: Any) -> Any:
                 lambda k: item[k].astype(self.dtype),
             )
 
-    return indexing.LazilyIndexedArray(Stored())
+    return indexing.LazilyIndexedArray(LazyItem())

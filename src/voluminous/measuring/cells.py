@@ -118,6 +118,11 @@ class Parts:
     def __init__(self, volume: Any, where: Any, region: Region | None, samples: Any) -> None:
         if not isinstance(samples, Integral) or samples < 1:
             raise InputError(f"samples must be a positive whole number, got {samples!r}")
+        if region is not None and not volume.grid.cells_are_boxes:
+            raise InputError(
+                f"a region needs cells that are boxes, got a {type(volume.grid).__name__}; use "
+                "where= with coordinates, or volume.resample(grid) first"
+            )
         self.volume, self.region, self.samples = volume, region, int(samples)
         self.where = None if where is None else condition(volume, where)
 

@@ -12,8 +12,8 @@ from ..errors import InputError, check_name
 from ..media import Coefficients
 from ..progress import Progress, with_progress
 from ..rendering import prepare
-from ..rendering.rays.drawing import Drawing
-from ..rendering.rays.march import State
+from ..rendering.march import State
+from ..rendering.tracer import RayTracer
 from ..schemes.base import Scheme
 from ..schemes.path import Path
 from .cells import condition as converted_condition
@@ -49,7 +49,7 @@ class Scanner(Scheme):
 NOTHING = Path([], [], [])
 
 
-class Scan(Drawing):
+class Scan(RayTracer):
     """Rays that tell what their scheme, a `Scanner`, carries in the end."""
 
     @property

@@ -14,10 +14,9 @@ from ...errors import InputError
 from ...expressions import Expression, NumpyOps
 from ...grids.two_walks import cell_of
 from ...media.ranges import RangeContext
-from ...rendering.coefficients.emission_unit import before
-from ...rendering.job import Job
-from ...rendering.rays.drawing import Drawing
-from ...rendering.rays.paths import Paths
+from ...rendering.job import RenderJob
+from ...rendering.sources.channel_layout import before
+from ...rendering.tracer import Paths, RayTracer
 from ...schemes.base import Position, Scheme, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
@@ -149,7 +148,7 @@ def _distance(source: Any, segment: Any, t: Any) -> Any:
 _ROOM = 2
 
 
-class Watched(Drawing):
+class Watched(RayTracer):
     """Rays of a picture; remembers to which tolerance one pixel was drawn last."""
 
     watched = -1
@@ -166,15 +165,15 @@ class Watched(Drawing):
 
 
 @dataclass
-class ProbeJob(Job):
+class ProbeJob(RenderJob):
     """A job of which one pixel is looked at closely."""
 
     watched: int = 0
 
     def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Watched:
-        drawing = Watched(self, self._source(faintest), brightest_background)
-        drawing.watched = self.watched
-        return drawing
+        tracer = Watched(self, self._source(faintest), brightest_background)
+        tracer.watched = self.watched
+        return tracer
 
     def source(self, brightest_background: float) -> Any:
         """Return the source that this pixel is drawn with in the end.
@@ -183,9 +182,9 @@ class ProbeJob(Job):
         """
         if not self.scheme.controlled:
             return _everywhere(self._source())
-        drawing: Any = self.run(brightest_background).drawing
-        source = _everywhere(drawing.source)
-        source.tolerance = drawing.allowed
+        tracer: Any = self.run(brightest_background).tracer
+        source = _everywhere(tracer.source)
+        source.tolerance = tracer.allowed
         return source
 
 
@@ -220,7 +219,7 @@ class Followed:
     numbers: Any
 
 
-class _Recording(Drawing):
+class _Recording(RayTracer):
     """Rays that are recorded."""
 
     def follow(self, place: Any, names: tuple[str, ...], capacity: int) -> Followed:
@@ -246,9 +245,9 @@ def follow(
     job: ProbeJob, place: tuple[int, float, float], names: tuple[str, ...], brightest: float
 ) -> Followed:
     """Follow one ray, and return all segments that it met."""
-    drawing = _Recording(job, job.source(brightest), brightest)
+    tracer = _Recording(job, job.source(brightest), brightest)
     room = _ROOM * int(job.volume.grid.cells_across) + 64
-    return drawing.follow(place, names, room)
+    return tracer.follow(place, names, room)
 
 
 def _outwards(rows: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
