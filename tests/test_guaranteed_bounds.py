@@ -256,7 +256,7 @@ def test_the_truth_is_inside_and_the_bracket_is_narrow(name):
     assert_inside(image, truth(name))
     brightest = np.abs(image.intensity).max()
     assert np.max(image.upper - image.lower) <= 1.001 * TOLERANCE * brightest
-    coarse = vm.render(volume(), medium, camera(), bounds=1, tolerance=TOLERANCE)
+    coarse = vm.render(volume(), medium, camera(), bounds=True, max_panels=1, tolerance=TOLERANCE)
     assert_inside(coarse, truth(name))
 
 
@@ -265,7 +265,7 @@ def test_a_spent_budget_widens_and_never_lies(name):
     medium, _ = MEDIA[name]
     gaps = []
     for budget in (1, 8, 64):
-        image = vm.render(volume(), medium, camera(), bounds=budget)
+        image = vm.render(volume(), medium, camera(), bounds=True, max_panels=budget)
         assert_inside(image, truth(name))
         gaps.append(np.max(image.upper - image.lower))
     assert gaps[0] > 1.5 * gaps[1] > 4 * gaps[2]
@@ -370,7 +370,7 @@ def test_a_gaussian_on_a_ramp_is_exact_in_one_panel(sigma, tau):
     """x is linear and j/α constant: b = S (1 - e^{-τ}), and τ is an error function."""
     data, view = ramp()
     medium = vm.Gaussian("x1", 0.5, sigma, 1.0, tau, 1.0)
-    image = vm.render(data, medium, view, bounds=1)
+    image = vm.render(data, medium, view, bounds=True, max_panels=1)
     half = 0.5 - 1 / 12  # beyond the outermost centres x is constant
     area = sigma * math.sqrt(2 * math.pi) * math.erf(half / sigma / math.sqrt(2))
     area += math.exp(-0.5 * (half / sigma) ** 2) / 6
@@ -386,7 +386,7 @@ def test_an_angle_that_jumps_by_a_turn_does_not_pass_what_is_between(budget):
     data, view = ramp()
     center, sigma = -2.5, 0.3
     medium = vm.Gaussian("atan2(x1 - 0.43, -0.5)", center, sigma, 1.0, 0.0, 1.0)
-    image = vm.render(data, medium, view, bounds=budget)
+    image = vm.render(data, medium, view, bounds=True, max_panels=budget)
     place = (np.arange(100_000) + 0.5) / 100_000
     angle = np.arctan2(np.clip(place, 1 / 12, 11 / 12) - 0.43, -0.5)
     truth = gaussian(angle, center, sigma).mean()
@@ -403,7 +403,7 @@ def test_one_panel_per_cell_is_of_second_order():
     for cells in (48, 96):
         data = vm.Volume(vm.CartesianGrid.uniform(cells, (-1, 1)))
         data["u"], data["w"] = "sin(2 * x + y)", "cos(x - 2 * z) + 2"
-        image = vm.render(data, medium, view, bounds=1)
+        image = vm.render(data, medium, view, bounds=True, max_panels=1)
         gaps.append(np.mean(image.upper - image.lower))
     order = np.log2(gaps[0] / gaps[1])
     assert abs(order - 2) < 0.1  # the next term is of third order
@@ -411,7 +411,9 @@ def test_one_panel_per_cell_is_of_second_order():
 
 def test_bounds_do_not_depend_on_the_precision_of_the_picture():
     found = [
-        vm.render(volume(), MEDIA["pair"][0], camera(), bounds=1, precision=precision)
+        vm.render(
+            volume(), MEDIA["pair"][0], camera(), bounds=True, max_panels=1, precision=precision
+        )
         for precision in ("single", "double")
     ]
     assert np.array_equal(found[0].lower, found[1].lower)
@@ -448,10 +450,10 @@ def test_functions_that_cannot_be_read_have_no_bounds():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"bounds": 0}, "True, False, or the most panels"),
-        ({"bounds": "yes"}, "True, False, or the most panels"),
+        ({"bounds": 64}, "bounds=True, max_panels=64"),
+        ({"bounds": True, "max_panels": 0}, "whole number from 1"),
         ({"bounds": True, "scheme": "second-order"}, "scheme='post-classified'"),
-        ({"bounds": True, "samples": "adaptive"}, "whole number"),
+        ({"bounds": True, "antialias": "adaptive"}, "leave out antialias"),
     ],
 )
 def test_what_cannot_be_bounded_is_refused(options, message):
@@ -470,8 +472,8 @@ def test_scene_files_ask_for_bounds():
     )
     image = scene.render()
     assert np.all(image.lower <= image.upper)
-    assert scene.replaced({"render.bounds": 16}).render_options["bounds"] == 16
-    with pytest.raises(InputError, match="bounds: expected true, false or a whole number"):
+    assert scene.replaced({"render.max_panels": 16}).render_options["max_panels"] == 16
+    with pytest.raises(InputError, match="bounds: expected true or false"):
         scene.replaced({"render.bounds": "no"})
 
 

@@ -7,8 +7,8 @@ import pytest
 
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
-from voluminous.rendering.coefficients.tables import Table
-from voluminous.rendering.rays.kernels import Kernels
+from voluminous.rendering.sources.table import Table
+from voluminous.rendering.tracer import KernelCache
 from voluminous.schemes import SCHEMES
 
 OBLIQUE = vm.Orthographic(57, 213, 31, width=4.0, resolution=(15, 12))
@@ -55,7 +55,7 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
     tabulated = picture(volume, MEDIA[name], **options)
     tables = [thing for thing, _ in volume.tables.values() if isinstance(thing, Table)]
     assert len(tables) == 1
-    monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
+    monkeypatch.setattr("voluminous.rendering.sources.table.fits", lambda needed: False)
     fresh = core(shape=(3, 3, 3))
     np.testing.assert_array_equal(picture(fresh, MEDIA[name], **options), tabulated)
     assert not fresh.tables
@@ -67,14 +67,14 @@ def test_classifying_on_the_ray_knows_all_kinds_of_numbers(dtype, monkeypatch):
     volumes = [vm.Volume(vm.CartesianGrid.uniform((5, 4, 3), (-1, 1)), f=field) for _ in "ab"]
     medium, options = vm.Coefficients("f", "0.1*f"), {"scheme": "first-order"}
     tabulated = picture(volumes[0], medium, **options)
-    monkeypatch.setattr("voluminous.rendering.sources.tabulated.fits", lambda needed: False)
+    monkeypatch.setattr("voluminous.rendering.sources.table.fits", lambda needed: False)
     np.testing.assert_array_equal(picture(volumes[1], medium, **options), tabulated)
 
 
 def made(volume):
     """Return what is kept of a volume, but for plain numbers, and kernels of kinds of cameras."""
     things = (thing for thing, _ in volume.tables.values())
-    return {id(thing) for thing in things if not isinstance(thing, (tuple, Kernels))}
+    return {id(thing) for thing in things if not isinstance(thing, (tuple, KernelCache))}
 
 
 @pytest.mark.parametrize("scheme", sorted(SCHEMES))
@@ -144,9 +144,11 @@ TURNS = {
 @pytest.mark.parametrize("turn", sorted(TURNS))
 def test_turning_anything_compiles_nothing(scheme, turn, kernels, monkeypatch):
     # Whether there is empty space, and whether pixels have to be mended, are other kernels.
-    monkeypatch.setattr("voluminous.rendering.sources.kept.worthwhile_blocks", lambda *_: None)
+    monkeypatch.setattr(
+        "voluminous.rendering.sources.empty_space.worthwhile_blocks", lambda *_: None
+    )
     none = np.array([], int)
-    monkeypatch.setattr("voluminous.rendering.rays.control._too_wrong", lambda *_: none)
+    monkeypatch.setattr("voluminous.rendering.tolerance._too_wrong", lambda *_: none)
     options = {"scheme": scheme}
     # With and without a table at hand: two sets of kernels.
     volume = core()

@@ -199,7 +199,9 @@ def test_errors_are_honest_on_noise(name):
     """Bounds are certain: 99 % of pixels are as near to them as they say."""
     volume, medium = noise(), MEDIA[name]
     image = vm.render(volume, medium, OBLIQUE)
-    sure = vm.render(volume, medium, OBLIQUE, tolerance=1e-4, precision="double", bounds=64)
+    sure = vm.render(
+        volume, medium, OBLIQUE, tolerance=1e-4, precision="double", bounds=True, max_panels=64
+    )
     off = np.maximum(image.intensity - sure.upper, sure.lower - image.intensity).max(axis=-1)
     assert np.mean(off > image.error) <= 0.01
     brightest = image.intensity.max()

@@ -10,7 +10,7 @@ import pytest
 
 import voluminous as vm
 from voluminous.cameras.orthographic import Orthographic
-from voluminous.rendering.rays import kernels as kept
+from voluminous.rendering import tracer as kept
 from voluminous.schemes.first_order import FirstOrder
 
 AXIS = np.linspace(-1, 1, 5)
@@ -54,13 +54,13 @@ def same(found, expected):
 @pytest.fixture
 def launches(monkeypatch):
     """Return a list that grows whenever something is drawn without tracing it."""
-    drawn, plain = [], kept._Traced.draw
+    drawn, plain = [], kept.CompiledBatch.draw
 
     def draw(self, drawing, batch, rows):
         drawn.append(len(batch.lanes.target))
         return plain(self, drawing, batch, rows)
 
-    monkeypatch.setattr(kept._Traced, "draw", draw)
+    monkeypatch.setattr(kept.CompiledBatch, "draw", draw)
     return drawn
 
 
@@ -68,7 +68,7 @@ OPTIONS = {
     "first order": {"scheme": "first-order"},
     "second order": {"scheme": "second-order", "samples": 2},
     "one panel": {"tolerance": None, "background": 0.3},
-    "default": {"samples": "adaptive", "tolerance": 1e-2},
+    "default": {"antialias": "adaptive", "tolerance": 1e-2},
     "double": {"precision": "double", "order": "back-to-front", "tolerance": None},
 }
 SCENES = [

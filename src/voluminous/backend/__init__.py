@@ -5,7 +5,7 @@ from .check import llvm_version
 from .device import Backend, available_devices, get_backend
 from .host import aligned, from_host
 from .jit import dr
-from .twins import overwrite, twin
+from .twins import clone_inputs, copy_into
 from .types import Float, Int, Mask
 
 __all__ = [
@@ -15,11 +15,11 @@ __all__ = [
     "Mask",
     "aligned",
     "available_devices",
+    "clone_inputs",
+    "copy_into",
     "dr",
     "ensure_llvm",
     "from_host",
     "get_backend",
     "llvm_version",
-    "overwrite",
-    "twin",
 ]

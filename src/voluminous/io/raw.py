@@ -161,6 +161,11 @@ def _numbers(path: Path, options: Mapping[str, Any]) -> RawNumbers:
     source = "the file's name"
     if options.get("shape") is not None:
         shape, source = _given_shape(options["shape"]), "the option shape"
+    elif shape is not None and shape[0] != shape[2]:
+        raise InputError(
+            f"its name has {_times(shape)}, which may be x first or z first; give shape={shape} or "
+            f"shape={shape[::-1]}, which is (nx, ny, nz)"
+        )
     if options.get("dtype") is not None:
         dtype = _given_dtype(options["dtype"])
     offset = options.get("offset") or 0

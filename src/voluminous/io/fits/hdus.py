@@ -27,10 +27,10 @@ class HDU:
     """A header and its data."""
 
     number: int  # 0 is the primary one
-    header: Any  # its cards
-    start: int  # where the data begin in the (unpacked) file, and their bytes
-    size: int
-    path: Path  # the file
+    header: Any  # astropy.io.fits.Header
+    start: int  # where the data begin in the (unpacked) file
+    size: int  # bytes of data
+    path: Path
 
     @property
     def name(self) -> str:
