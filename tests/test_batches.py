@@ -39,7 +39,9 @@ def test_batches_add_up_to_the_picture(name):
     image = vm.render(VOLUME, MEDIUM, CAMERA, **OPTIONS[name])
     if "samples" not in OPTIONS[name]:  # each batch holds one ray per pixel
         np.testing.assert_array_equal(intensity.reshape(150, 200, 3), image.intensity)
-        np.testing.assert_array_equal(transparency.reshape(150, 200, 1), image.transparency[..., :1])
+        np.testing.assert_array_equal(
+            transparency.reshape(150, 200, 1), image.transparency[..., :1]
+        )
 
 
 def test_a_picture_is_cancelled_by_asking_no_more():

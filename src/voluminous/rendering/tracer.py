@@ -173,7 +173,7 @@ def _mapped(function: Callable[..., np.ndarray], paths: Sequence[Paths]) -> Path
 class Traced:
     """What a batch has traced: flat numbers of pixels, and the paths of the whole picture so far.
 
-    Paths of pixels that have not been traced yet hold no meaningful numbers.
+    Paths of pixels that have not been traced yet hold zeros.
     """
 
     pixel: np.ndarray
@@ -258,7 +258,7 @@ class RayTracer:
         focus: tuple[float, float] | None,
     ) -> Generator[Traced, None, Paths]:
         pixels, order = self.job.frame.pixels, PixelOrder(self.job.frame.pixels, focus)
-        buffers = OutputBuffers(self, pixels[0] * pixels[1])
+        buffers = OutputBuffers(self, pixels[0] * pixels[1], partial=seconds is not None)
         size = self.batch if seconds is None else min(self.batch, _FIRST_LANES)
         whole = seconds is None and order.count <= min(size, MOST_KEPT)
         first = 0
@@ -395,14 +395,15 @@ def _share_of_steps(blocks: Any) -> float:
 class OutputBuffers:
     """Numbers of paths, one device array each, and at last where rays stopped early.
 
-    Every place is written once: there is nothing to set to zero before.
+    Every place is written once: only those that are read before that need zeros (`partial`).
     """
 
-    def __init__(self, tracer: RayTracer, count: int) -> None:
+    def __init__(self, tracer: RayTracer, count: int, *, partial: bool = False) -> None:
         self.counts, self.ending = tracer.counts, tracer.ending
         emissions, extinctions, errors = self.counts
         total = emissions + 2 * extinctions + errors + 1
-        self.rows = [dr.empty(tracer.backend.Float, count) for _ in range(total)]
+        make = dr.zeros if partial else dr.empty
+        self.rows = [make(tracer.backend.Float, count) for _ in range(total)]
 
     def paths(self) -> Paths:
         """Return all of them."""
