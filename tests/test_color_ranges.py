@@ -60,16 +60,6 @@ def test_gates_count_and_99_percent_are_between(medium):
     np.testing.assert_allclose([low, high], [50, 100], atol=4)
 
 
-def test_a_logarithm_looks_at_what_is_positive():
-    volume = cube(24, t="where(y > 0, 10**(3 * y), 0)")
-    for norm in ("log", colors.LogNorm()):
-        found = ends(vm.Gaussian("x", 0, 0.2, vm.ColorBy("t", "inferno", norm=norm), 1.0), volume)
-        np.testing.assert_allclose(np.log10(found), [0, 3], atol=0.15)
-    dark = vm.Gaussian("x", 0, 0.2, vm.ColorBy("-abs(y)", "inferno", norm="log"), 1.0)
-    with pytest.raises(vm.InputError, match=r"-abs\(y\) has no positive value in this volume"):
-        vm.render(volume, dark, CAMERA)
-
-
 def test_what_is_given_stays_and_what_is_measured_has_the_unit_of_the_field():
     volume = cube(24)
     volume["t"] = volume.evaluate("300 + 100 * y") * u.K
@@ -128,20 +118,6 @@ def test_a_colormap_takes_the_range_of_its_own_expression(norm):
 
 def told_range(told):
     return told["vmin"], told["vmax"]
-
-
-def test_sums_and_unknown_fields():
-    volume = cube(16, t="y")
-    parts = [
-        vm.Gaussian("x", c, 0.1, vm.ColorBy(e, "plasma"), 1.0) for c, e in ((0, "t"), (0.5, "3*t"))
-    ]
-    shown = [
-        part.modulation.color.scale.values[-1]
-        for part in sum(parts).calibrated(volume).components()
-    ]
-    np.testing.assert_allclose(shown, [1, 3], rtol=0.1)
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown field 'tt'; did you mean 't'"):
-        vm.render(volume, vm.Gaussian("x", 0, 0.1, vm.ColorBy("tt", "plasma"), 1.0), CAMERA)
 
 
 def test_mistakes_are_told_at_once_and_colours_without_a_range_when_they_are_needed():

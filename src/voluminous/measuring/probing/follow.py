@@ -328,7 +328,7 @@ def _point(at: Any, unit: Any) -> tuple[float, float]:
 def looked_at(medium: Medium) -> tuple[list[Expression], list[Expression]]:
     """Return a medium's fields, and its expressions that are more than a field."""
     fields = [Expression(name) for name in medium.names]
-    known = [expr for expr, _ in medium.known_expressions()]
+    known = [feature.expr for feature in medium.known_features()]
     texts = {expr.text for expr in fields}
     more = {e.text: e for e in known if e.text not in texts and e.names}
     return fields, list(more.values())
