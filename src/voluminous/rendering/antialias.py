@@ -91,15 +91,7 @@ class Means:
 
 
 def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
-    """Replace the paths of pixels where the picture is not smooth by means over more rays.
-
-    Parameters
-    ----------
-    paths : Paths
-        One ray through the centre of every pixel.
-    tolerance : float
-        Differences that matter, as a fraction of the brightest pixel (of transparencies: as such).
-    """
+    """Replace the paths of pixels where the picture is not smooth by means over more rays."""
     seen, pixels = _seen(tracer, paths), tracer.job.frame.pixels
     scale = _scale(seen, len(paths.transparency))
     seen = seen / scale
@@ -538,13 +530,7 @@ class _PathMeans:
 
 
 def _narrowest(job: RenderJob) -> MinCellWidth:
-    """Return what finds the narrowest cells that a job's rays meet.
-
-    Raises
-    ------
-    InputError
-        If there is no rule for such a grid.
-    """
+    """Return what finds the narrowest cells that a job's rays meet."""
     grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
     if kind == SPHERICAL:
         return SphericalCellWidth(grid, job.backend, job.backward)

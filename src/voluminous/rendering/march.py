@@ -79,19 +79,6 @@ def march(
     """Follow rays through the volume and return where they end, and what they have gathered.
 
     The cursor of a ray that stopped early is still inside.
-
-    Parameters
-    ----------
-    walk, source, scheme
-        How to step, what the medium is, and how one segment is solved.
-    ray : Ray
-        Rays to follow; they run towards the camera if `backward`.
-    before : RayState
-        What the rays bring along from the piece of the domain before this one.
-    cutoff : Cutoff or None
-        When to stop early (only away from the camera).
-    backward : bool
-        Fold back to front.
     """
     track, cursor = walk.enter(ray)
     never = cursor.inside & False

@@ -106,22 +106,7 @@ class Completed:
 
 
 def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
-    """Return the volume with values in place of those that are missing; itself if none is.
-
-    Parameters
-    ----------
-    cache : Cache
-        What is kept of the volume.
-    names : iterable of str
-        What the medium looks at.
-    hashed : bool
-        All fields are going to be hashed in any case.
-
-    Raises
-    ------
-    InputError
-        If a field has infinite values, or nothing but missing ones.
-    """
+    """Return the volume with values in place of those that are missing; itself if none is."""
     volume = cache.volume
     fields = sorted(volume.given(names))
     if hashed:
@@ -180,11 +165,6 @@ def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     """Return a field with the mean of what touches them in its missing cells.
 
     Cells that touch none with a value get the mean of the field: nothing shows it.
-
-    Parameters
-    ----------
-    array : array, of the grid's shape
-    missing : array of bool, flat
     """
     out = array.copy()
     flat = out.reshape(-1)

@@ -25,23 +25,7 @@ def get_source(
     cache: Cache,
     whole: bool = True,
 ) -> Any:
-    """Return the coefficients for a scheme.
-
-    Parameters
-    ----------
-    steps : float
-        About how many cells the rays will cross in all.
-    report : callable
-        Called as ``report(done, total)`` while classifying.
-    tolerance : float
-        What a scheme that controls its error is to keep to.
-    faintest : bool
-        Leave nothing out, however faint.
-    cache : Cache
-        What was made of the volume before.
-    whole : bool
-        No cell is hidden: rays may cross several at once.
-    """
+    """Return the coefficients for a scheme."""
     numbers = choose_layout(medium, scheme, backend)
     evaluator = CellEvaluator(volume, medium, numbers, backend, cache.statistics)
     if scheme.coefficients_at == "field":

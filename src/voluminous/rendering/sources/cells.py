@@ -166,13 +166,7 @@ class CellEvaluator:
         return self.backend.Wide(device_array(aligned(_floating(flat)), self.backend))
 
     def refuse(self, values: list[Any], bad: Any, first: int) -> None:
-        """Raise the error that names the first cell with unusable coefficients.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+        """Raise the error that names the first cell with unusable coefficients."""
         bad = np.asarray(bad)
         place = int(np.flatnonzero(bad)[0])
         cell = tuple(int(i) for i in np.unravel_index(first + place, self.grid.shape))

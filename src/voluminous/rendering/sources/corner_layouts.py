@@ -116,15 +116,7 @@ def faces_size(shape: Any) -> int:
 
 
 def _check_size(count: int, backend: Any) -> None:
-    """Refuse a field that cannot be held beside the volume, as so many numbers.
-
-    Raises
-    ------
-    InputError
-        If it has more values than an array can hold.
-    MemoryNeededError
-        If there is not enough memory for a copy.
-    """
+    """Refuse a field that cannot be held beside the volume, as so many numbers."""
     if count > LARGEST:
         raise InputError(
             f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "

@@ -192,15 +192,7 @@ class Neglected:
 def empty_blocks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
 ) -> tuple[Any, Neglected]:
-    """Return blocks to leap over, None if there are few empty ones, and what is missed by that.
-
-    Parameters
-    ----------
-    ranges : dict of str to Interval
-        The values of all fields in each block.
-    tolerance : float
-        How wide brackets may be, as a fraction of the brightest pixel.
-    """
+    """Return blocks to leap over, None if there are few empty ones, and what is missed by that."""
     volume, grid = evaluator.volume, evaluator.grid
     if not grid.has_blocks:
         return None, Neglected(np.zeros(evaluator.medium.channels), 0.0)

@@ -85,15 +85,7 @@ class Table:
 
 
 def cell_table(evaluator: Any, backend: Any, report: Any) -> Table:
-    """Return the coefficients of all cells.
-
-    Parameters
-    ----------
-    evaluator : CellEvaluator
-        Evaluates the medium on ranges of cells.
-    report : callable
-        Called as ``report(done, total)``; may raise to interrupt.
-    """
+    """Return the coefficients of all cells."""
     return _cells(evaluator, backend, 0, evaluator.grid.size, report)
 
 

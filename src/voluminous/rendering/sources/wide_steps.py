@@ -134,17 +134,7 @@ def wide_steps(
     ranges: dict[str, Interval],
     limits: tuple[Limit, ...],
 ) -> np.ndarray | None:
-    """Return log2 of how wide steps may be in each block, or None if few may be wide.
-
-    Parameters
-    ----------
-    visible : bool array, shape (nx, ny, nz) in blocks
-        Blocks that are not empty.
-    ranges : dict of str to Interval
-        The values of all fields in each block.
-    limits : tuple of Limit
-        How far expressions may be off.
-    """
+    """Return log2 of how wide steps may be in each block, or None if few may be wide."""
     backend, volume = evaluator.backend, evaluator.volume
     names = evaluator.medium.names
     data = {n: device_array(volume.array(n).reshape(-1), backend) for n in names}
