@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr, from_host
+from ..backend.types import Int
 from ..grids.contract import Ray
 from ..objects.contract import Layers
 from .antialias import left_of_edges
@@ -60,7 +61,7 @@ class Pairs:
         ]
         return np.stack(error, axis=1)
 
-    def some(self, index: Any) -> Pairs:
+    def some(self, index: Int) -> Pairs:
         """Return some of them."""
         return Pairs(*(part.take(index, axis=0) for part in self.parts))
 

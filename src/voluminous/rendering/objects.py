@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..objects import SceneObject
 from ..objects.contract import REACH, Layers, PointLights, View
@@ -224,7 +225,7 @@ def with_objects(
     return planes
 
 
-def _widened(planes: RenderResult, medium: Any, total: int) -> RenderResult:
+def _widened(planes: RenderResult, medium: Medium, total: int) -> RenderResult:
     more = total - int(medium.channels)
     if not more:
         return planes

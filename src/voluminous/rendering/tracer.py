@@ -16,7 +16,7 @@ from ..backend import clone_inputs, copy_into, dr
 from ..backend.functions import flush_subnormal
 from ..grids.contract import Ray
 from ..schemes.path import Path, empty_path
-from .march import Cutoff, RayState, State, march
+from .march import Cutoff, MarchState, RayState, march
 from .missing import Hiding, through_cells
 from .pixels import BLOCK, MOST_KEPT, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
 
@@ -321,7 +321,7 @@ class RayTracer:
             other.source.tolerance = numbers.tolerance
         return other
 
-    def _followed(self, ray: Ray) -> State:
+    def _followed(self, ray: Ray) -> MarchState:
         before, backward = RayState(self.nothing()), self.job.backward
         try:
             return march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)

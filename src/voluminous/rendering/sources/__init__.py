@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ...backend import Backend
+from ...media.contract import Medium
+from ...schemes.base import Scheme
+from ...volume import Volume
 from ..cache import Cache
 from .cells import CellEvaluator
 from .channel_layout import choose_layout
@@ -13,10 +17,10 @@ from .table import tabulated
 
 
 def get_source(
-    volume: Any,
-    medium: Any,
-    scheme: Any,
-    backend: Any,
+    volume: Volume,
+    medium: Medium,
+    scheme: Scheme,
+    backend: Backend,
     steps: float,
     report: Callable[..., None],
     tolerance: float = 1e-3,

@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import Backend, dr
 from ...backend.functions import any_attenuation
+from ...backend.types import Float
 from ...expressions.interval import Interval
 from ...media import Shaped
 from ...media.context import Context
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
 from ...media.stretch import Panel, Stretch
+from ...schemes.base import Scheme
 from ...schemes.path import Path, most
 
 
@@ -106,7 +108,7 @@ class PerChannel:
         """Return mean, first and last values of a stretch, and how far the means may be off."""
         return [own.listed() for own in self.medium.sampled(stretch, context, fine=fine)]
 
-    def brightness(self, emission: list[Any]) -> Any:
+    def brightness(self, emission: list[Float]) -> Any:
         """Return the magnitude of the brightest channel."""
         return most([dr.abs(b) for b in emission])
 
@@ -133,7 +135,7 @@ class PerChannel:
     def inputs(self) -> Any:
         return ()
 
-    def split(self, values: list[Any]) -> tuple[list[Any], list[Any]]:
+    def split(self, values: list[Float]) -> tuple[list[Any], list[Any]]:
         """Return j and α from the values (traced in the loop)."""
         return values[: self.emissions], values[self.emissions :]
 
@@ -233,7 +235,7 @@ class SharedProfiles:
         found = [part.sampled_per_length(stretch, context, fine=fine) for part in self.parts]
         return [list(own) for own in zip(*found, strict=True)]
 
-    def brightness(self, emission: list[Any]) -> Any:
+    def brightness(self, emission: list[Float]) -> Any:
         total = dr.abs(emission[0]) * self.peak[0]
         for b, weight in zip(emission[1:], self.peak[1:], strict=True):
             total = dr.fma(dr.abs(b), weight, total)
@@ -255,7 +257,7 @@ class SharedProfiles:
     def inputs(self) -> Any:
         return self.opacity, self.peak
 
-    def split(self, values: list[Any]) -> tuple[list[Any], list[Any]]:
+    def split(self, values: list[Float]) -> tuple[list[Any], list[Any]]:
         alpha = self.opacity[0] * values[0]
         for h, value in zip(self.opacity[1:], values[1:], strict=True):
             alpha = dr.fma(h, value, alpha)
@@ -314,7 +316,7 @@ def _mix(emission: list[np.ndarray], heights: np.ndarray, out: np.ndarray) -> No
         out += np.multiply(values, height, out=part)
 
 
-def choose_layout(medium: Medium, scheme: Any, backend: Any) -> PerChannel | SharedProfiles:
+def choose_layout(medium: Medium, scheme: Scheme, backend: Backend) -> PerChannel | SharedProfiles:
     """Return what to tabulate for a medium: shapes where that is possible and fewer."""
     parts = tuple(part for part in medium.components() if isinstance(part, Shaped) and part.mixes)
     mixed = len(parts) < len(medium.components())
