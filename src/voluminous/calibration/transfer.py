@@ -15,6 +15,7 @@ from ..image.lengths import pretty_unit
 from ..media import Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
 from ..media.profiles import Shaped
+from ..media.sum import with_each
 from ..notebook import png
 from ..units import is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume
@@ -123,7 +124,7 @@ class _Panel:
 def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
     """Draw a medium; see `Medium.plot`."""
     if volume is None:
-        medium = medium.with_each(one_path_length)
+        medium = with_each(medium, one_path_length)
     else:
         check_volume("medium.plot", "first", volume)
         medium = calibrate(medium, volume)
@@ -150,7 +151,7 @@ def swatch(medium: Medium) -> bytes | None:
     a volume.
     """
     try:
-        panels, _ = _panels(medium.with_each(_closed), None)
+        panels, _ = _panels(with_each(medium, _closed), None)
         strips = [_strip(panel) for panel in panels]
     except Exception:  # anybody's medium may raise anything
         return None
@@ -161,7 +162,7 @@ def swatch(medium: Medium) -> bytes | None:
 
 def swatch_title(medium: Medium) -> str:
     """Return over which values the strips of a swatch are."""
-    panels, _ = _panels(medium.with_each(_closed), None)
+    panels, _ = _panels(with_each(medium, _closed), None)
     free = [scalar_of(part) for part in medium.components() if _is_open(part)]
     told = []
     for panel in panels:

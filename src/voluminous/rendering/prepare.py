@@ -11,6 +11,7 @@ from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.shading import on_rays
+from ..media.sum import with_each
 from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
@@ -61,7 +62,7 @@ def prepare(
     cache = Cache(volume)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))
     if solver.coefficients_at == "field":
-        medium = medium.with_each(on_rays)
+        medium = with_each(medium, on_rays)
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):
@@ -116,7 +117,7 @@ def _check_units(volume: Volume, medium: Medium) -> None:
     UnitsError
         If their units cannot be derived, or numbers would have to be converted.
     """
-    for expr, _ in medium.known_expressions():
+    for expr in (feature.expr for feature in medium.known_features()):
         if volume.without_units(expr) is not expr:
             raise UnitsError(
                 f"{expr.text!r} combines numbers in different units, which this kind of medium "
@@ -127,7 +128,7 @@ def _check_units(volume: Volume, medium: Medium) -> None:
 def _double_for_fields(completed: Completed, medium: Medium) -> bool:
     """Return True if single precision cannot tell apart what the medium looks at."""
     cache = completed.cache
-    widths = plain_widths(completed.volume, medium.known_expressions())
+    widths = plain_widths(completed.volume, medium.known_features())
     told = tuple((expr.text, least) for expr, least in widths)
     key = ("beyond single", told, cache.statistics.digests(medium.names))
     found: bool = cache.get_or_make(key, lambda: needs_double(completed.volume, medium))
