@@ -19,7 +19,7 @@ from ..units import is_quantity, parse_unit, unit_name
 from .plain import in_plain_numbers
 
 
-class _Values(Evaluation):
+class GivenValues(Evaluation):
     """Arrays of values by the names of fields, or of whole expressions, in place of a volume."""
 
     coordinates: tuple[str, ...] = ()
@@ -81,7 +81,7 @@ def evaluate(medium: Medium, values: Any) -> tuple[Any, Any]:
     medium = _per_path_length(medium)
     given = values if isinstance(values, Mapping) else {_only(medium).text: values}
     _check_given(medium, given)
-    fields = _Values(given)
+    fields = GivenValues(given)
     fields.unit = _length_unit(medium, fields)
     medium = in_plain_numbers(medium, fields)  # type: ignore[arg-type]
     j, alpha = coefficients(medium, fields.arrays(), fields.unit, fields.expression_unit)
@@ -167,7 +167,7 @@ def _per_path_length(medium: Medium) -> Medium:
     return with_each(medium, one_path_length)
 
 
-def _length_unit(medium: Medium, fields: _Values) -> Any:
+def _length_unit(medium: Medium, fields: GivenValues) -> Any:
     parts = medium.components()
     found = [p.path_length.unit for p in parts if is_quantity(p.path_length)]
     for part in parts:

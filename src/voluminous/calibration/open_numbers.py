@@ -25,7 +25,7 @@ from .thickness import Profile, thicknesses
 _MOST = 100
 
 
-def check_volume(function: str, place: str, volume: Any) -> None:
+def check_volume(function: str, place: str, volume: Volume) -> None:
     """Refuse what is no volume."""
     if not isinstance(volume, Volume):
         raise InputError(

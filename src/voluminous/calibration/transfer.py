@@ -42,7 +42,7 @@ class _Panel:
 
     expr: Expression
     parts: list[Any]
-    volume: Any
+    volume: Volume | None
     unit: Any = None
     values: Any = None
     low: float = 0.0
@@ -121,7 +121,7 @@ class _Panel:
         return x, sums[0], sums[1]
 
 
-def plot(medium: Medium, volume: Any = None, ax: Any = None) -> Any:
+def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
     """Draw a medium; see `Medium.plot`."""
     if volume is None:
         medium = with_each(medium, one_path_length)
@@ -139,6 +139,7 @@ def plot(medium: Medium, volume: Any = None, ax: Any = None) -> Any:
     for panel, own in zip(panels, axes[: len(panels)], strict=True):
         _draw(own, panel, medium)
     for (part, name), own in zip(several, axes[len(panels) :], strict=True):
+        assert volume is not None  # else `_panels` refuses
         _draw_means(own, part, name, volume)
     return axes[0] if count == 1 else np.array(axes, dtype=object)
 
@@ -196,7 +197,7 @@ def _strip(panel: _Panel) -> np.ndarray:
     return found
 
 
-def _panels(medium: Medium, volume: Any) -> tuple[list[_Panel], list[tuple[Medium, str]]]:
+def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[tuple[Medium, str]]]:
     """Return a panel for each expression; parts of several fields, with each of these."""
     groups: dict[str, list[Medium]] = {}
     several: list[tuple[Medium, str]] = []
