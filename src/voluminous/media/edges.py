@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import horner, precision_of, unit_interval
-from ..backend.types import Float
+from ..backend.types import Float, Mask
 from ..expressions.taylor import TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval
 from .context import completed
