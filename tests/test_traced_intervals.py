@@ -19,8 +19,7 @@ from voluminous.bounds.scalars import TracedRangeContext
 from voluminous.errors import UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
-from voluminous.expressions.traced_interval import TracedInterval, traced
-from voluminous.expressions.traced_interval_ops import TracedIntervalOps
+from voluminous.expressions.traced_interval import TracedInterval, TracedIntervalOps, traced
 from voluminous.media import Colormap, Context, Gaussian, Medium, Rectangle, Table
 from voluminous.media.context import no_unit
 

@@ -16,8 +16,15 @@ import numpy as np
 from ..backend import dr
 from ..errors import InputError
 from ..expressions import Expression
-from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_rounding import float_info, larger, lowered, positive, raised, smaller
+from ..expressions.traced_interval import (
+    TracedInterval,
+    float_info,
+    larger,
+    lowered,
+    positive,
+    raised,
+    smaller,
+)
 from ..media.arguments import depth_of, length_in
 from ..media.coefficients import Coefficients
 from ..media.contract import Medium, MediumSample

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..backend import dr
 from ..expressions import DrjitOps, Expression, Margin, Ops
-from ..expressions.drjit_ops import interpolate
+from ..expressions.interpolation import interpolate
 
 
 def _same(value: Any) -> Any:
