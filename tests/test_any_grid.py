@@ -8,7 +8,7 @@ from astropy import units as u
 
 import voluminous as vm
 from toy_grids import ShuffledGrid
-from voluminous.rendering.sources import tabulated
+from voluminous.rendering.sources import table as tabulated
 
 EDGES = ([0.0, 1.0, 3.0, 3.5], [-1.0, 0.0, 1.0, 2.0, 2.5], [-1.0, 0.0, 1.0, 2.0, 4.0, 5.0])
 GRID = vm.CartesianGrid(*EDGES, unit="pc")
@@ -167,11 +167,11 @@ def test_the_picture_of_a_shell_on_a_spherical_grid(precision):
 
 def test_flux_conserving_samples_need_a_rule():
     _, flat = both(a=VALUES)
-    with pytest.raises(vm.InputError, match=r"use samples='adaptive'"):
+    with pytest.raises(vm.InputError, match=r"use antialias='adaptive'"):
         vm.render(
             flat,
             vm.Coefficients("a", "a"),
             CAMERA,
             scheme="first-order",
-            samples="flux-conserving",
+            antialias="radmc3d",
         )

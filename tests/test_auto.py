@@ -401,9 +401,9 @@ def test_a_first_picture_needs_a_volume_only():
 
 def test_the_medium_of_first_pictures_is_found_once_and_anew_where_a_field_has_changed(monkeypatch):
     counted = []
-    found = rendering.first_medium.suggest_medium
+    found = rendering.framing.suggest_medium
     monkeypatch.setattr(
-        rendering.first_medium, "suggest_medium", lambda volume: counted.append(1) or found(volume)
+        rendering.framing, "suggest_medium", lambda volume: counted.append(1) or found(volume)
     )
     values = cube(boundary(0.5, (0.0, 1.0)), 24).array("a").copy()
     volume = vm.Volume(vm.CartesianGrid.uniform(24, (-1, 1)), a=values)

@@ -15,8 +15,8 @@ from voluminous.expressions import Expression
 from voluminous.grids.cartesian.coarse_walk import WIDEST
 from voluminous.grids.cartesian.leap import BITS, Way, leap, make_blocks
 from voluminous.media.context import Context, no_unit
-from voluminous.rendering.empty_space.blocks import DUAL
-from voluminous.rendering.interpolants.limits import Limit
+from voluminous.rendering.sources.empty_space import DUAL
+from voluminous.rendering.sources.wide_steps import Limit
 from voluminous.schemes.pre_integrated import PreIntegrated
 
 CAMERA = vm.Orthographic(50, 20, width=3.6, resolution=40)

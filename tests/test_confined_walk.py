@@ -12,9 +12,9 @@ import voluminous as vm
 from voluminous.backend import dr, from_host, get_backend
 from voluminous.errors import InputError
 from voluminous.grids.contract import Box
+from voluminous.rendering.march import RayState, hand_on, march
+from voluminous.rendering.pixels import PixelOrder
 from voluminous.rendering.prepare import prepare
-from voluminous.rendering.rays.march import RayState, hand_on, march
-from voluminous.rendering.rays.pixels import PixelOrder
 
 SHAPE = (9, 7, 8)
 UNIFORM = vm.CartesianGrid.uniform(SHAPE, [(-1, 1), (-0.8, 0.9), (-1.1, 1)])

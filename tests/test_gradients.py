@@ -8,8 +8,8 @@ import pytest
 import voluminous as vm
 from voluminous.backend import dr, get_backend
 from voluminous.backend.functions import split_log
+from voluminous.rendering.pixels import whole_picture
 from voluminous.rendering.prepare import prepare
-from voluminous.rendering.rays.pixels import whole_picture
 
 AXIS = np.linspace(-1, 1, 5)
 GRIDS = {

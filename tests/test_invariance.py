@@ -11,7 +11,7 @@ from astropy import units as u
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
 from voluminous.backend import dr
-from voluminous.rendering.sources import tabulated
+from voluminous.rendering.sources import table as tabulated
 from voluminous.schemes import SCHEMES
 
 PARSEC = 3.0856775814913674e18

@@ -177,12 +177,6 @@ def test_values_are_where_they_were_written(name, tmp_path):
     assert volume.fields == ("density", "pressure", *(f"velocity_{c}" for c in names), "r0")
 
 
-def test_uneven_cells_that_are_refined_are_told(tmp_path):
-    what = dict(FILES["refined"][1], ratio=(1.05, 1.0, 1.0))
-    with pytest.warns(UserWarning, match="x1f"):
-        vm.open(write(tmp_path / "x.athdf", **what))
-
-
 def test_units(tmp_path):
     path = write(tmp_path / "x.athdf", **FILES["refined"][1])
     plain = vm.open(path)
@@ -210,12 +204,6 @@ def test_units(tmp_path):
         vm.open(path, **both)
 
 
-def test_fields_by_their_names_in_the_file(tmp_path):
-    path = write(tmp_path / "x.athdf", **FILES["one level"][1])
-    assert vm.open(path, "velocity").fields == ("velocity_x", "velocity_y", "velocity_z")
-    assert vm.open(path, {"n": "rho"}).fields == ("n",)
-
-
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
@@ -230,16 +218,6 @@ def test_fields_by_their_names_in_the_file(tmp_path):
 def test_headers_at_odds_with_the_data(changed, told, tmp_path):
     path = write(tmp_path / "x.athdf", **FILES["refined"][1], **changed)
     with pytest.raises(vm.FileFormatError, match=told):
-        vm.open(path)
-
-
-def test_a_promise_of_terabytes_takes_no_memory(tmp_path):
-    path = write(tmp_path / "x.athdf", **FILES["refined"][1], NumMeshBlocks=np.int32(1 << 30))
-    with h5py.File(path, "r+") as file:
-        del file["Levels"], file["LogicalLocations"]
-        file.create_dataset("Levels", (1 << 30,), "i4", chunks=(1 << 20,), compression="gzip")
-        file.create_dataset("LogicalLocations", (1 << 30, 3), "i8", chunks=(1 << 18, 3))
-    with pytest.raises(vm.FileFormatError, match="promises"):
         vm.open(path)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bz2
 import gzip
 import shutil
 
@@ -158,22 +157,6 @@ def test_compressed_images_are_what_astropy_unpacks(tmp_path, kind, dtype):
     assert volume.unit == u.arcsec
 
 
-def test_packed_by_bzip2(tmp_path):
-    path = written(tmp_path / "cube.fits")
-    (tmp_path / "cube.bz2").write_bytes(bz2.compress(path.read_bytes()))
-    np.testing.assert_array_equal(
-        vm.open(tmp_path / "cube.bz2").array("intensity"), vm.open(path).array("intensity")
-    )
-
-
-def test_large_files_wait_until_they_are_used(tmp_path, monkeypatch):
-    monkeypatch.setattr(vm.io.registry, "AT_ONCE", 0)
-    volume = vm.open(written(tmp_path / "cube.fits"))
-    assert volume.waiting == ("intensity", "velocity")
-    np.testing.assert_array_equal(volume.array("intensity"), numbers().T)
-    assert volume.waiting == ("velocity",)
-
-
 @pytest.mark.parametrize(
     ("text", "unit"),
     [
@@ -201,13 +184,6 @@ def test_units_are_read_as_they_are_meant(text, unit):
     assert (found is None) == (unit is None)
     if unit is not None:
         assert (1 * found).to_value(unit) == pytest.approx(1, rel=1e-12)
-
-
-def test_the_unit_as_it_was_written_is_kept(tmp_path):
-    cards = header(SKY, VELOCITY, BUNIT="K (Ta*)", OBJECT="L1448")
-    volume = vm.open(written(tmp_path / "cube.fits", cards=cards))
-    assert volume.units["intensity"] == "K"
-    assert (volume.meta["bunit"], volume.meta["object"]) == ("K (Ta*)", "L1448")
 
 
 # Places: each cell is where astropy sees it in the file, east to the left, north up
@@ -416,24 +392,6 @@ def test_a_cube_in_space_has_its_own_lengths(tmp_path):
     np.testing.assert_allclose(in_au.grid.bounds * u.AU.to(u.pc), volume.grid.bounds)
 
 
-def test_places_and_a_velocity(tmp_path):
-    cards = {f"CUNIT{k}": "pc" for k in (1, 2)} | {"CDELT1": 1.0, "CDELT2": 1.0}
-    volume = vm.open(written(tmp_path / "cube.fits", numbers((3, 4, 5)), header(cards, VELOCITY)))
-    assert (volume.unit, volume.units["velocity"]) == (u.pc, "km / s")
-    np.testing.assert_allclose(np.ptp(volume.grid.bounds, axis=1), (5, 4, 5))
-
-
-@pytest.mark.parametrize("options", [{}, {"wcs": False}, {"bounds": (-1, 1), "unit": "kpc"}])
-def test_cells_without_coordinates(tmp_path, options):
-    cards = header() if not options else header(SKY, VELOCITY)
-    data = numbers((3, 4, 5))
-    volume = vm.open(written(tmp_path / "cube.fits", data, cards), **options)
-    expected = [(-1, 1)] * 3 if "bounds" in options else [(0, 5), (0, 4), (0, 3)]
-    np.testing.assert_array_equal(volume.grid.bounds, expected)
-    np.testing.assert_array_equal(volume.array("intensity"), data.T)
-    assert volume.wcs is None
-
-
 @pytest.mark.parametrize(
     "cards",
     [
@@ -555,21 +513,6 @@ def test_skirt_has_the_third_axis_in_a_table(tmp_path, name, unit, shown, center
         )
 
 
-def test_skirts_table_goes_before_a_kind_of_axis_in_the_header(tmp_path):
-    skirt(tmp_path / "cube.fits", [1.0, 2.0, 4.0, 8.0], "micron")
-    with fits.open(tmp_path / "cube.fits", mode="update") as hdus:
-        hdus[0].header["CTYPE3"] = "WAVELENGTH"
-    volume = vm.open(tmp_path / "cube.fits")
-    np.testing.assert_allclose(volume.array("wavelength")[0, 0], [1, 2, 4, 8])
-
-
-@pytest.mark.parametrize("centers", [[1.0, 2.0, 2.0, 3.0], [1.0, np.nan, 2.0, 3.0]])
-def test_a_table_that_is_no_axis_is_refused(tmp_path, centers):
-    skirt(tmp_path / "cube.fits", centers, "micron")
-    with pytest.raises(vm.FileFormatError, match="that rise or fall"):
-        vm.open(tmp_path / "cube.fits")
-
-
 def tabled(path, centers, index=None, **cards):
     """Write a cube with a ``-TAB`` axis of FITS paper III, section 6."""
     third = {"CTYPE3": "WAVE-TAB", "CRVAL3": 1.0, "CRPIX3": 1.0, "CDELT3": 1.0, "CUNIT3": "um"}
@@ -610,14 +553,6 @@ def test_tables_of_the_standard(tmp_path, falling, index):
         again = vm.open(copy)
         np.testing.assert_allclose(again.array("wavelength"), volume.array("wavelength"))
         np.testing.assert_allclose(sky_of_cells(again), sky_of_cells(volume))
-
-
-def test_a_missing_table_is_told(tmp_path):
-    tabled(tmp_path / "cube.fits", [1.0, 2.0, 4.0, 8.0, 16.0])
-    with fits.open(tmp_path / "cube.fits") as hdus:
-        hdus[0].writeto(tmp_path / "alone.fits")
-    with pytest.raises(vm.FileFormatError, match="WCS-TABLE"):
-        vm.open(tmp_path / "alone.fits")
 
 
 # Axes and parts
@@ -753,37 +688,6 @@ def sky_at(volume, points):
     return volume.wcs.celestial.wcs_pix2world(np.transpose(pixels), 0)
 
 
-@pytest.mark.parametrize("name", ["usual", "east to the right", "turned by -40", "galactic"])
-@pytest.mark.parametrize("posang", [0.0, 30.0])
-@pytest.mark.parametrize("incl", [0.0, 180.0])
-def test_a_picture_along_the_spectrum_knows_the_sky(tmp_path, name, posang, incl):
-    path = written(tmp_path / "cube.fits", numbers((6, 7, 8)), HEADERS[name])
-    camera = vm.Orthographic(incl, 0, posang, resolution=(11, 9), shift=(20.0, -7.0))
-    volume, image = seen(path, camera)
-    px, py = (a.ravel() for a in np.meshgrid(image.x, image.y))
-    c, s = np.cos(np.deg2rad(posang)), np.sin(np.deg2rad(posang))
-    down = 1.0 if incl == 0 else -1.0
-    # RADMC-3D's rotations: the position angle, then half a turn about x.
-    x, y = c * px + s * py, down * (c * py - s * px)
-    rows, columns = np.divmod(np.arange(px.size), 11)
-    found = image.wcs.wcs_pix2world(np.transpose([columns, rows]), 0)
-    np.testing.assert_allclose(found, sky_at(volume, (x, y)), rtol=0, atol=1e-10)
-
-
-def test_the_picture_of_a_whole_cube_has_its_wcs(tmp_path):
-    data = np.ones((6, 8, 8), np.float32)
-    path = written(tmp_path / "cube.fits", data, header(SKY, VELOCITY))
-    _, image = seen(path, vm.Orthographic(0, 0, resolution=8))
-    wcs, pixels = WCS(fits.getheader(path)).celestial, np.indices((8, 8)).reshape(2, -1).T
-    np.testing.assert_allclose(
-        image.wcs.wcs_pix2world(pixels, 0), wcs.wcs_pix2world(pixels, 0), rtol=0, atol=1e-11
-    )
-    # The pixel in the upper left is north-east of the middle.
-    lon, lat = image.wcs.wcs_pix2world([[0, 7], [3.5, 3.5]], 0).T
-    assert lon[0] > lon[1]
-    assert lat[0] > lat[1]
-
-
 @pytest.mark.parametrize("posang", [0.0, 90.0, 180.0])
 @pytest.mark.parametrize("phi", [0.0, 35.0])
 @pytest.mark.parametrize("cards", [VELOCITY, {**FREQUENCY, "CDELT3": 1e9, "RESTFRQ": REST}])
@@ -800,84 +704,6 @@ def test_a_picture_across_the_spectrum_has_positions_and_velocities(tmp_path, po
     velocity, depth = volume.array("velocity")[0, 0], volume.grid.centers[2]
     expected = np.polyval(np.polyfit(depth, velocity, 1), z)
     np.testing.assert_allclose(found[:, 1 - across] / 1e3, expected, rtol=1e-5, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    "camera",
-    [vm.Orthographic(60, 30, resolution=4), vm.Perspective((0, 0, 900), (0, 0, 0), resolution=4)],
-)
-def test_other_pictures_have_plain_axes(tmp_path, camera):
-    _, image = seen(written(tmp_path / "cube.fits"), camera)
-    assert image.wcs is None
-    assert image.unit == (camera.plane_unit or "arcsec")
-
-
-@pytest.mark.parametrize("suffix", [".fits", ".npz", ".png", ".tif"])
-@pytest.mark.parametrize("incl", [0.0, 90.0])
-def test_the_sky_is_saved_with_the_picture(tmp_path, suffix, incl):
-    _, image = seen(written(tmp_path / "cube.fits"), vm.Orthographic(incl, resolution=(9, 7)))
-    image.save(tmp_path / f"picture{suffix}")
-    again = vm.Image.load(tmp_path / f"picture{suffix}")
-    np.testing.assert_array_equal(again.x, image.x)
-    np.testing.assert_array_equal(again.y, image.y)
-    assert (again.unit, again.pixel_size) == (image.unit, image.pixel_size)
-    pixels = np.indices((9, 7)).reshape(2, -1).T
-    expected = image.wcs.wcs_pix2world(pixels, 0)
-    # Cards hold twelve digits.
-    np.testing.assert_allclose(again.wcs.wcs_pix2world(pixels, 0), expected, rtol=1e-9, atol=1e-9)
-    if suffix == ".fits":
-        found = WCS(fits.getheader(tmp_path / "picture.fits")).sub(2)
-        np.testing.assert_allclose(found.wcs_pix2world(pixels, 0), expected, rtol=1e-9, atol=1e-9)
-
-
-def test_a_picture_that_was_cut_keeps_the_sky(tmp_path):
-    _, image = seen(written(tmp_path / "cube.fits"), vm.Orthographic(0, resolution=8))
-    image.save(tmp_path / "picture.fits")
-    with fits.open(tmp_path / "picture.fits", mode="update") as hdus:
-        hdus[0].data = hdus[0].data[2:]
-        hdus[0].header["CRPIX2"] -= 2
-    again = vm.Image.load(tmp_path / "picture.fits")
-    np.testing.assert_allclose(
-        again.wcs.wcs_pix2world([[1, 0]], 0), image.wcs.wcs_pix2world([[1, 2]], 0), rtol=1e-11
-    )
-
-
-def test_plots_show_the_sky(tmp_path):
-    from matplotlib.figure import Figure
-
-    path = written(tmp_path / "cube.fits")
-    _, image = seen(path, vm.Orthographic(0, resolution=8))
-    axes = image.plot(scale_bar=True)
-    assert axes.get_xlabel() == "right ascension"
-    assert axes.get_ylabel() == "declination"
-    # The axes count in pixels; a bar of L arcsec is L / pixel_size of them.
-    (bar,) = [line for line in axes.lines if line.get_gid() == "scale-bar"]
-    length = float(axes.texts[0].get_text().split()[0])
-    assert np.ptp(bar.get_xdata()) == pytest.approx(length / image.pixel_size[0])
-    plain = image.plot(Figure().add_subplot())
-    assert plain.get_xlabel() == "x [arcsec]"
-    _, slit = seen(path, vm.Orthographic(90, resolution=8))
-    axes = slit.plot()
-    assert (axes.get_xlabel(), axes.get_ylabel()) == (
-        "offset [arcsec]",
-        "velocity (radio) [km / s]",
-    )
-    plain = slit.plot(Figure().add_subplot())
-    assert plain.get_ylabel() == "velocity (radio) [km / s]"
-    # 10 channels of 0.25 km/s from -2.25 on; the picture is as high as wide.
-    np.testing.assert_allclose(plain.get_ylim(), (-2.375, 0.125), atol=1e-6)
-    assert plain.get_aspect() == pytest.approx(np.ptp(slit.extent[:2]) / 2.5)
-
-
-def test_a_wcs_must_fit_the_picture():
-    with pytest.raises(vm.InputError, match="two axes"):
-        vm.Image(np.ones((4, 5)), wcs=WCS(naxis=3))
-    with pytest.raises(vm.InputError, match="two axes"):
-        vm.Image(np.ones((4, 5)), wcs=3)
-    wcs = WCS(naxis=2)
-    wcs.pixel_shape = (4, 5)
-    with pytest.raises(vm.InputError, match="the image has 5 x 4"):
-        vm.Image(np.ones((4, 5)), wcs=wcs)
 
 
 # Writing
@@ -954,52 +780,12 @@ def test_headers_that_cannot_be_true(tmp_path, old, new, message):
     assert str(path) in str(failure.value)
 
 
-def test_a_wcs_of_too_many_axes(tmp_path):
-    path = written(tmp_path / "cube.fits", cards=header({"WCSAXES": 999_999_999}, SKY, VELOCITY))
-    with pytest.raises(vm.FileFormatError, match="999999999 axes"):
-        vm.open(path)
-
-
-def test_a_header_without_an_end(tmp_path):
-    path = tmp_path / "cube.fits"
-    lines = card_line("SIMPLE  =                    T") + card_line("COMMENT") * 71
-    path.write_bytes(lines)
-    with pytest.raises(vm.FileFormatError, match="no END"):
-        vm.open(path)
-    # Packed, it could be endless.
-    packed = tmp_path / "cube.fits.gz"
-    packed.write_bytes(gzip.compress(lines[:80] + card_line("COMMENT") * 400_000, 1))
-    with pytest.raises(vm.FileFormatError, match="no END"):
-        vm.open(packed)
-
-
 def test_packed_data_that_end_early(tmp_path):
     content = written(tmp_path / "cube.fits").read_bytes()
     path = tmp_path / "cube.fits.gz"
     path.write_bytes(gzip.compress(content[:-2880]))
     with pytest.raises(vm.FileFormatError, match="cut short"):
         vm.open(path)
-
-
-def test_compressed_images_that_are_too_large_to_be_true(tmp_path):
-    hdu = fits.CompImageHDU(np.zeros((4, 5, 6), np.int16), compression_type="RICE_1")
-    path = tmp_path / "cube.fits"
-    fits.HDUList([fits.PrimaryHDU(), hdu]).writeto(path)
-    content = path.read_bytes()
-    for old, new in (("ZNAXIS1", "6"), ("ZTILE1 ", "6")):
-        line = f"{old:8}= {new:>20}".encode()
-        assert line in content
-        content = content.replace(line, f"{old:8}= {600_000_000:>20}".encode())
-    path.write_bytes(content)
-    with pytest.raises(vm.FileFormatError, match="cannot hold"):
-        vm.open(path)
-
-
-def test_what_follows_the_last_part_is_left(tmp_path):
-    path = written(tmp_path / "cube.fits")
-    with open(path, "ab") as file:
-        file.write(b"junk" * 1000)
-    np.testing.assert_array_equal(vm.open(path).array("intensity"), numbers().T)
 
 
 # Real data, and CASA
@@ -1028,13 +814,6 @@ def test_l1448_cell_by_cell(l1448):
     np.testing.assert_allclose(volume.grid.bounds[:2], [(-1207.5, 1207.5)] * 2, atol=1e-3)
 
 
-def test_levels_are_above_the_noise_of_l1448(l1448):
-    medium = vm.suggest_medium(vm.open(l1448))
-    # The negative values have an rms of 0.12.
-    assert [part.expr.text for part in medium.components()] == ["intensity"] * 4
-    assert min(part.center for part in medium.components()) > 4 * 0.12
-
-
 def test_casa_images_are_read_as_what_they_export(tmp_path):
     images = pytest.importorskip("casacore.images")
     cards = header(SKY, FREQUENCY, RESTFRQ=REST, SPECSYS="LSRK", BUNIT="JY/BEAM", BTYPE="Intensity")
@@ -1057,14 +836,6 @@ def test_a_casa_image_says_what_it_needs(tmp_path, monkeypatch):
     assert find_reader(tmp_path).name == "casa"
     with pytest.raises(vm.errors.MissingPackageError, match=r"exportfits(.|\n)*voluminous\[casa\]"):
         vm.open(tmp_path)
-
-
-def test_a_name_that_no_card_can_hold_is_refused(tmp_path):
-    volume = vm.models.sphere(4)
-    volume["ρ"] = "inside"
-    with pytest.raises(vm.InputError, match=r"a\.fits: .* up to 68 ASCII characters, not .* 'ρ'"):
-        volume.save(tmp_path / "a.fits")
-    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("shape", [(3, 2, 1), (1, 4, 1), (1, 1, 1)])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -56,15 +54,6 @@ def test_messages_of_several_kinds_must_be_chosen(tmp_path):
     for kind in ("heightAboveGround", "isobaricInhPa"):
         volume = vm.open(path, filter_by_keys={"typeOfLevel": kind})
         assert volume.meta["axes"]["z"]["name"] == kind
-
-
-def test_without_cfgrib_its_name_is_told(tmp_path, monkeypatch):
-    pytest.importorskip("xarray")
-    monkeypatch.setitem(sys.modules, "cfgrib", None)
-    path = tmp_path / "air.grb2"
-    path.write_bytes(b"GRIB\0\0\0\2" + bytes(100))
-    with pytest.raises(vm.errors.MissingPackageError, match=r"'cfgrib'(.|\n)*voluminous\[grib\]"):
-        vm.open(path)
 
 
 def test_a_cut_file_is_an_error(tmp_path):

@@ -31,16 +31,6 @@ def write_mrc(path, values=FLOATS, width=1.5, order="<", **fields):
     return path
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.float32, np.uint16, np.float16])
-def test_modes(tmp_path, dtype, order):
-    path = write_mrc(tmp_path / "map.mrc", VALUES.astype(dtype), order=order)
-    volume = vm.open(path)
-    assert volume.unit == "Angstrom"
-    assert volume.array("map").dtype == (np.float32 if dtype == np.float16 else dtype)
-    check_places(volume, VALUES.transpose().astype(dtype), np.zeros(3), np.eye(3) * 1.5)
-
-
 def test_axes_in_another_order_and_the_number_of_the_first_voxel(tmp_path):
     # Columns run along z, rows along x, sections along y.
     fields = {"mapc": 3, "mapr": 1, "maps": 2, "nxstart": 7, "nystart": -8, "nzstart": 9}
@@ -65,12 +55,6 @@ def test_volumes_of_a_stack_are_chosen(tmp_path):
     volume = vm.open(tmp_path / "a.mrc", time=1)
     assert volume.meta["times"] == 2
     check_places(volume, values[1].transpose(), np.zeros(3), np.eye(3) * 2)
-
-
-def test_maps_without_a_size_have_cells_of_unit_length(tmp_path):
-    volume = vm.open(write_mrc(tmp_path / "a.map", width=0))
-    assert volume.unit is None
-    np.testing.assert_allclose(volume.grid.bounds, [(-0.5, 2.5), (-0.5, 3.5), (-0.5, 4.5)])
 
 
 def test_bytes_of_imod_have_no_sign(tmp_path):

@@ -215,14 +215,6 @@ def test_the_sky_comes_back(tmp_path):
     assert (again.pixel_shape, again.wcs.restfrq) == (wcs.pixel_shape, wcs.wcs.restfrq)
 
 
-def test_values_of_numpy_in_meta_become_plain(tmp_path):
-    volume = vm.models.sphere(4)
-    volume.meta.update(time=np.float32(0.5), box=np.arange(3), width=2 * u.pc, names=("a", "b"))
-    volume.save(tmp_path / "a.h5")
-    told = vm.open(tmp_path / "a.h5").meta
-    assert told == {"time": 0.5, "box": [0, 1, 2], "width": "2.0 pc", "names": ["a", "b"]}
-
-
 # The layout is a promise: h5py is enough to read it.
 
 
@@ -274,13 +266,6 @@ def test_large_fields_stay_in_the_file(tmp_path):
     while array.base is not None and not isinstance(array, np.memmap):
         array = array.base
     assert isinstance(array, np.memmap)
-
-
-def test_writing_holds_one_field_at_a_time(tmp_path):
-    vm.models.sphere(8).save(tmp_path / "a.h5", compress=True)
-    opened = vm.io.registry.open_lazily(tmp_path / "a.h5")
-    opened.save(tmp_path / "b.h5")
-    assert opened.waiting == opened.fields
 
 
 # Damage
@@ -381,31 +366,3 @@ def test_what_does_not_fit_is_named(saved, name):
     with pytest.raises(vm.FileFormatError, match=expected) as failure:
         vm.open(saved(change))
     assert "a.h5" in str(failure.value)
-
-
-def test_a_virtual_array_is_refused(saved, tmp_path):
-    def change(file):
-        del file["fields/density"]
-        layout = h5py.VirtualLayout((71,), "f8")
-        layout[:] = h5py.VirtualSource(tmp_path.parent / "b.h5", "x", (71,))
-        file.create_virtual_dataset("fields/density", layout)
-
-    with pytest.raises(vm.FileFormatError, match="outside of its directory"):
-        vm.open(saved(change))
-
-
-def test_grids_of_others_are_refused(tmp_path):
-    class Strange:
-        shape, size, unit, coordinates = (1,), 1, None, ("x", "y", "z")
-
-        def pack(self, value):
-            return np.asarray(value)
-
-    with pytest.raises(vm.InputError, match="got Strange"):
-        vm.Volume(Strange(), a=[1.0]).save(tmp_path / "a.h5")
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_unknown_option_names_the_nearest(tmp_path):
-    with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'compress'"):
-        vm.models.sphere(4).save(tmp_path / "a.h5", compres=True)

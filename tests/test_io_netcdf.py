@@ -106,14 +106,6 @@ def test_groups(tmp_path):
         vm.open(path, group="model/see")
 
 
-def test_an_odd_calendar_does_no_harm(tmp_path):
-    path = tmp_path / "a.nc"
-    odd = data()
-    odd["time"] = ("time", [1.0, 2.0], {"units": "days since the flood"})
-    odd.to_netcdf(path, engine="scipy")
-    assert vm.open(path, "T", isel={"time": 0}).meta["time"] == 1.0
-
-
 def test_large_files_are_read_field_by_field(tmp_path, monkeypatch):
     path = written(tmp_path / "a.nc")
     for module in (vm.io.registry, vm.io.labelled.convert):

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from contracts import ReaderContract
-from scanner_files import ORIGIN, SAGITTAL, TO_RAS, UPRIGHT, VALUES, WIDTHS, check_places
+from scanner_files import VALUES, check_places
 from voluminous.io import find_reader
 
 nibabel = pytest.importorskip("nibabel")
@@ -91,36 +90,6 @@ def test_minc_in_hdf5_has_axes_widths_and_true_values(tmp_path):
     assert volume.grid.shape == (4, 3, 2)
 
 
-@pytest.mark.parametrize("ending", ["mgh", "mgz"])
-@pytest.mark.parametrize("steps", [UPRIGHT, SAGITTAL], ids=["axial", "sagittal"])
-def test_mgh_images(tmp_path, ending, steps):
-    affine = np.eye(4)
-    affine[:3] = np.column_stack([TO_RAS @ np.transpose(steps), TO_RAS @ ORIGIN])
-    path = tmp_path / f"t1.{ending}"
-    nibabel.save(nibabel.MGHImage(VALUES, affine), path)
-    volume = vm.open(path)
-    assert volume.array("t1").dtype == np.int16
-    check_places(volume, VALUES, ORIGIN, steps)
-
-
-@pytest.mark.parametrize("name", ["pet.hdr", "pet.img"])
-@pytest.mark.parametrize("slope", [0, 0.5])
-def test_analyze_images_are_scaled_and_without_orientation(tmp_path, name, slope):
-    image = nibabel.Spm2AnalyzeImage(VALUES, None)
-    image.header.set_zooms(WIDTHS)
-    nibabel.save(image, tmp_path / "pet.img")
-    head = bytearray((tmp_path / "pet.hdr").read_bytes())
-    head[112:116] = np.float32(slope).tobytes()
-    (tmp_path / "pet.hdr").write_bytes(head)
-    volume = vm.open(tmp_path / name)
-    assert "orientation" not in volume.meta
-    np.testing.assert_array_equal(volume.array("pet"), VALUES * (slope or 1))
-    np.testing.assert_allclose(np.diff(volume.grid.bounds)[:, 0], WIDTHS * VALUES.shape)
-    (tmp_path / "pet.img").write_bytes((tmp_path / "pet.img").read_bytes()[:-1])
-    with pytest.raises(vm.FileFormatError, match="cut short"):
-        vm.open(tmp_path / name)
-
-
 @pytest.mark.parametrize(
     ("name", "damaged"),
     [
@@ -143,43 +112,3 @@ def test_images_cut_short_are_refused(tmp_path, name, damaged, part):
     (tmp_path / damaged).write_bytes(content[: int(part * len(content))])
     with pytest.raises(vm.FileFormatError):
         vm.open(tmp_path / name).load()
-
-
-class TestMINC2(ReaderContract):
-    """Recognised by its group."""
-
-    @pytest.fixture
-    def sample(self):
-        return lambda directory: write_minc2(directory / "head.mnc")
-
-
-class TestMGH(ReaderContract):
-    """Recognised by its first numbers."""
-
-    @pytest.fixture
-    def sample(self):
-        def write(directory):
-            nibabel.save(nibabel.MGHImage(VALUES, np.eye(4)), directory / "head.mgh")
-            # The numbers behind the values may be missing.
-            data = (directory / "head.mgh").read_bytes()
-            (directory / "head.mgh").write_bytes(data[: 284 + VALUES.nbytes])
-            return directory / "head.mgh"
-
-        return write
-
-
-def test_files_named_like_data_without_a_head(tmp_path):
-    for name in ("a+orig.BRIK", "b.REC", "c.img"):
-        (tmp_path / name).write_bytes(bytes(100))
-        with pytest.raises(vm.VoluminousError):
-            vm.open(tmp_path / name)
-
-
-def test_a_head_whose_data_are_missing_is_not_called_damaged(tmp_path):
-    source = SAMPLES / "phantom_varscale.PAR"
-    if not source.exists():
-        pytest.skip("nibabel was installed without its samples")
-    (tmp_path / source.name).write_bytes(source.read_bytes())
-    with pytest.raises(vm.FileFormatError, match="cannot be opened") as caught:
-        vm.open(tmp_path / source.name)
-    assert "damaged" not in str(caught.value)

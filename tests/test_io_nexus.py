@@ -64,21 +64,6 @@ def test_axes_are_centres_or_edges_of_cells(tmp_path, ending):
     np.testing.assert_allclose(volume.array("counts"), expected(volume))
 
 
-def test_names_that_end_in_x_y_z_and_others(tmp_path):
-    volume = vm.open(write(tmp_path / "a.h5", axes=("stage_z", "stage_y", "stage_x")))
-    np.testing.assert_allclose(volume.array("counts"), expected(volume))
-    volume = vm.open(write(tmp_path / "a.h5", axes=("h", "k", "l"), unit=""))
-    np.testing.assert_allclose(volume.array("counts"), VALUES)
-    with pytest.warns(UserWarning, match="different kinds"):
-        vm.open(_with_unit(write(tmp_path / "a.h5"), "z", "keV"))
-
-
-def _with_unit(path, name, unit):
-    with h5py.File(path, "a") as file:
-        file[f"entry/plot/{name}"].attrs["units"] = unit
-    return path
-
-
 def test_the_default_is_shown_and_others_are_chosen(tmp_path):
     path = write(tmp_path / "a.h5")
     with h5py.File(path, "a") as file:
@@ -116,35 +101,3 @@ def test_older_files_and_linked_data(tmp_path):
             file[f"entry/data/{name}"].attrs["axis"] = number + 1
     volume = vm.open(tmp_path / "a.h5")
     np.testing.assert_allclose(volume.array("counts"), expected(volume))
-
-
-def test_more_dimensions_and_what_is_scaled(tmp_path):
-    path = write(
-        tmp_path / "a.h5",
-        axes=("time", "z", "y", "x"),
-        ticks=(None, Z, Y, X),
-        values=np.stack([VALUES, 2 * VALUES]),
-    )
-    volume = vm.open(path, isel={"time": 1})
-    np.testing.assert_allclose(volume.array("counts"), 2 * expected(volume))
-    path = write(tmp_path / "b.h5")
-    with h5py.File(path, "a") as file:
-        file["entry/plot/counts_scaling_factor"] = 2.0
-    with pytest.raises(vm.FileFormatError, match=r"counts_scaling_factor.*format='hdf5'"):
-        vm.open(path)
-
-
-def test_nexus_without_a_volume_is_left_to_others(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_group("entry").attrs["NX_class"] = "NXentry"
-        file["entry/raw"] = VALUES
-    assert find_reader(tmp_path / "a.h5").name == "hdf5"
-
-
-def test_errors_are_no_fields_unless_they_are_asked_for(tmp_path):
-    path = write(tmp_path / "a.nxs")
-    with h5py.File(path, "r+") as file:
-        file["entry/plot/counts_errors"] = np.ones(VALUES.shape)
-        file["entry/plot/more"] = np.ones(VALUES.shape)
-    assert vm.open(path).fields == ("counts", "more")
-    assert vm.open(path, "counts_errors").fields == ("counts_errors",)

@@ -103,33 +103,6 @@ def test_values_are_where_the_standard_puts_them(tmp_path, labels, order, positi
     assert volume.meta["time"] == pytest.approx(2e-15)
 
 
-TEXTS = {
-    "bytes": np.bytes_,
-    "variable": str,
-    "array": lambda text: np.array([text.encode()]),
-    "variable array": lambda text: np.array([text], h5py.string_dtype()),
-}
-
-
-@pytest.mark.parametrize("form", TEXTS)
-def test_texts_of_all_kinds(tmp_path, form):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = place(file)
-        vector(group, labels="xyz", order="F")
-        for item in (file, group["E"]):
-            for name, value in list(item.attrs.items()):
-                if isinstance(value, bytes):
-                    item.attrs[name] = TEXTS[form](value.decode())
-        group["E"].attrs["axisLabels"] = (
-            np.array(list("xyz"), h5py.string_dtype()) if "var" in form else [b"x", b"y", b"z"]
-        )
-        for name in ("gridUnitSI",):
-            group["E"].attrs[name] = [group["E"].attrs[name]]
-        group["E/x"].attrs["unitSI"] = [4.0]
-    volume = vm.open(tmp_path / "a.h5")
-    np.testing.assert_allclose(volume.array("E_x"), expected(volume.grid), rtol=1e-12)
-
-
 @pytest.mark.parametrize("meshes", ["fields", "fields/", "/meshes/", "deep/meshes/"])
 def test_a_series_in_groups(tmp_path, meshes):
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -143,15 +116,6 @@ def test_a_series_in_groups(tmp_path, meshes):
     assert earlier.meta["iteration"] == 20
     with pytest.raises(vm.errors.UnknownNameError, match=r"iteration '21'.*20"):
         vm.open(tmp_path / "a.h5", iteration=21)
-
-
-def test_a_variable_based_series(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        vector(place(file, "/data/", version="2.0.0", iterationEncoding="variableBased"))
-        file["data"].attrs["snapshot"] = np.array([7])
-    volume = vm.open(tmp_path / "a.h5")
-    assert volume.meta["iteration"] == 7
-    np.testing.assert_allclose(volume.array("E_z"), expected(volume.grid), rtol=1e-12)
 
 
 @pytest.mark.parametrize("order", "CF")
@@ -176,47 +140,6 @@ def test_scalars_constants_and_numbers_as_they_are(tmp_path, order):
     assert volume.units["T"] == ""
     assert volume.array("rho").dtype == np.float32
     np.testing.assert_allclose(volume.array("rho"), expected(volume.grid), rtol=1e-6)
-
-
-YEE = {"x": (0.5, 0.0, 0.0), "y": (0.0, 0.5, 0.0), "z": (0.0, 0.0, 0.5)}
-
-
-def test_staggered_components_are_named(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = place(file)
-        vector(group, "E", "xyz", positions=YEE)
-        vector(group, "B", "xyz")
-    with pytest.warns(UserWarning, match=r"read B_x, B_y, B_z only.*E_x \| E_y \| E_z"):
-        volume = vm.open(tmp_path / "a.h5")
-    assert volume.fields == ("B_x", "B_y", "B_z")
-    with pytest.raises(vm.InputError, match=r"E_x \| E_y \| E_z.*centred=True"):
-        vm.open(tmp_path / "a.h5", "E")
-    for part in "xyz":
-        alone = vm.open(tmp_path / "a.h5", f"E_{part}")
-        np.testing.assert_allclose(alone.array(f"E_{part}"), expected(alone.grid), rtol=1e-12)
-    together = vm.open(tmp_path / "a.h5", centred=True)
-    assert len(together.fields) == 6
-    assert together.grid.bounds[0, 0] == OFFSET["x"]
-
-
-def test_units_of_the_second_version(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = place(file, version="2.0.0")
-        del file.attrs["openPMDextension"]
-        vector(group, labels="zyx", unit=[1e-3, 1e-6, 1e-6])
-        del group["E"].attrs["dataOrder"]
-        group["E"].attrs["gridUnitDimension"] = [1.0, 0, 0, 0, 0, 0, 0] * 3
-    volume = vm.open(tmp_path / "a.h5", unit="um")
-    np.testing.assert_allclose(volume.grid.bounds[2], [10e3, 20e3])
-    np.testing.assert_allclose(volume.grid.bounds[0], [-1, 0.5])
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        del (
-            file["data/100/fields/E"].attrs["gridUnitSI"],
-            file["data/100/fields/E/x"].attrs["unitSI"],
-        )
-    volume = vm.open(tmp_path / "a.h5")
-    assert volume.unit is None
-    assert volume.units["E_x"] == ""
 
 
 def modes(group, name="E", labels="rz", order="C", sign="+", geometry="thetaMode"):
@@ -259,71 +182,6 @@ def test_modes_around_an_axis(tmp_path, labels, order, sign):
     assert few.grid.shape == (3, 8, 5)
     with pytest.raises(vm.InputError, match="azimuths"):
         vm.open(tmp_path / "a.h5", "E/z", azimuths=4)
-
-
-def test_a_single_mode_is_one_cell_around_and_nodes_on_the_axis(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = place(file)
-        modes(group)
-        for part in "rtz":
-            values = group[f"E/{part}"][:1]
-            del group[f"E/{part}"]
-            group[f"E/{part}"] = values
-            # The standard's own example has a position along the modes, too.
-            group[f"E/{part}"].attrs.update(unitSI=1.0, position=[0.0, 0.0, 0.5])
-    volume = vm.open(tmp_path / "a.h5", "E/r")
-    assert volume.grid.shape == (3, 1, 5)
-    np.testing.assert_allclose(volume.grid.edges[0], [0, 0.25, 0.75, 1.25])
-
-
-def test_what_can_be_no_field_is_said(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        group = place(file)
-        modes(group, "S", geometry="spherical")
-    with pytest.raises(vm.InputError, match=r"S/r: geometry 'spherical', expected .* thetaMode"):
-        vm.open(tmp_path / "a.h5")
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        group = file["data/100/fields"]
-        vector(group, "B")
-        vector(group, "C")
-        for part in "xyz":
-            del group[f"C/{part}"]
-            group[f"C/{part}"] = np.zeros((5, 4, 3), complex)
-            group[f"C/{part}"].attrs.update(unitSI=1.0, position=[0.5] * 3)
-        group["flat"] = np.zeros((4, 3))
-        describe(group["flat"], "yx")
-        group["flat"].attrs.update(unitSI=1.0, position=[0.5] * 2)
-    volume = vm.open(tmp_path / "a.h5")
-    assert volume.fields == ("B_x", "B_y", "B_z")
-    left = volume.meta["left_out"]
-    assert "complex" in left["C/x"]
-    assert "['y', 'x']" in left["flat"]
-    assert "spherical" in left["S/r"]
-    with pytest.raises(vm.errors.UnknownNameError, match="complex"):
-        vm.open(tmp_path / "a.h5", "C_x")
-
-
-@pytest.mark.parametrize(
-    ("options", "kind", "words"),
-    [
-        ({"centred": "yes"}, vm.InputError, "True or False"),
-        ({"iteration": "5"}, vm.InputError, "whole number"),
-        ({"unit": "K"}, vm.UnitsError, "not convertible"),
-    ],
-)
-def test_options_that_are_none(tmp_path, options, kind, words):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        vector(place(file))
-    with pytest.raises(kind, match=words):
-        vm.open(tmp_path / "a.h5", **options)
-
-
-def test_particles_alone_are_no_meshes(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        place(file)
-        del file.attrs["meshesPath"]
-    with pytest.raises(vm.InputError, match=r"expected meshes.*from_particles"):
-        vm.open(tmp_path / "a.h5")
 
 
 @pytest.mark.parametrize("encoding", ["group_based", "file_based", "variable_based"])

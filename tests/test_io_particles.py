@@ -71,13 +71,6 @@ class TestGadget(ReaderContract):
         return lambda directory: gadget(directory / "snapshot_000.hdf5", smoothed())
 
 
-class TestArepo(ReaderContract):
-    @pytest.fixture
-    def sample(self):
-        sets = data(Density=MASSES / LENGTHS**3, InternalEnergy=None)
-        return lambda directory: gadget(directory / "snap.hdf5", sets)
-
-
 def same(one, other):
     """The same cells and the same values, to the rounding of single-precision weights."""
     np.testing.assert_array_equal(one.grid.levels, other.grid.levels)
@@ -219,29 +212,6 @@ def test_swift_tells_units_powers_and_kernel(tmp_path):
     same(volume, expected)
 
 
-def test_units_that_the_file_does_not_tell_can_be_given(tmp_path):
-    path = gadget(tmp_path / "s.hdf5", smoothed(), header={})
-    plain = vm.open(path)
-    assert plain.unit is None
-    assert set(plain.units.values()) == {""}
-    assert float(total(plain)) == pytest.approx(MASSES.sum(), rel=1e-12)
-    own = {"length_unit": "kpc", "mass_unit": 1e10 * u.solMass, "velocity_unit": "km/s"}
-    volume = vm.open(path, unit="pc", **own)
-    assert str(volume.unit) == "pc"
-    assert total(volume).to_value("1e10 solMass") == pytest.approx(MASSES.sum(), rel=1e-12)
-    with pytest.raises(vm.UnitsError, match="length_unit"):
-        vm.open(path, length_unit="g")
-
-
-def test_options_of_placing(tmp_path):
-    path = gadget(tmp_path / "s.hdf5", smoothed())
-    volume = vm.open(path, bounds=((2, 6), (2, 6), (2, 8)), cell_width=0.5, empty=np.nan)
-    np.testing.assert_allclose(volume.grid.bounds, [[2, 6], [2, 6], [2, 8]])
-    assert volume.grid.size > vm.open(path, bounds=(2, 8)).grid.size
-    empty = volume.array("density") == 0
-    assert np.isnan(volume.array("velocity_x")[empty]).all()
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -278,17 +248,6 @@ def _promise(file, name):
     """A data set that says it is large, and has nothing in the file."""
     del file[f"PartType0/{name}"]
     file["PartType0"].create_dataset(name, (COUNT, 10**12), "f8", chunks=(1, 1 << 20))
-
-
-def test_another_file_is_not_read(tmp_path):
-    path = gadget(tmp_path / "s.hdf5", smoothed())
-    with h5py.File(tmp_path / "other.h5", "w") as other:
-        other["secret"] = MASSES
-    with h5py.File(path, "a") as file:
-        del file["PartType0/Masses"]
-        file["PartType0/Masses"] = h5py.ExternalLink("other.h5", "secret")
-    with pytest.raises(vm.FileFormatError, match="Masses"):
-        vm.open(path)
 
 
 @pytest.mark.parametrize(
@@ -432,12 +391,6 @@ def test_phantom_dust_and_magnetic_fields(tmp_path):
         vm.open(path, particle_type="dusk")
 
 
-def test_phantom_without_units(tmp_path):
-    volume = vm.open(phantom(tmp_path / "dump", units={}))
-    assert volume.unit is None
-    assert set(volume.units.values()) == {""}
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -449,16 +402,6 @@ def test_phantom_that_is_refused(tmp_path, change, words):
     with pytest.raises(vm.FileFormatError, match=words) as failure:
         vm.open(phantom(tmp_path / "dump_00002", **change))
     assert "dump_00002" in str(failure.value)
-
-
-def test_phantom_with_records_of_several_parts_is_refused(tmp_path):
-    path = phantom(tmp_path / "dump")
-    content = bytearray(path.read_bytes())
-    place = content.index(b"x".ljust(16)) + 20
-    content[place : place + 4] = struct.pack("<i", -COUNT * 8)
-    path.write_bytes(bytes(content))
-    with pytest.raises(vm.FileFormatError, match="2 GiB"):
-        vm.open(path)
 
 
 def phantom_hdf5(path):
@@ -482,32 +425,6 @@ def phantom_hdf5(path):
         dust["dustfrac"], dust["deltav"] = np.ones((COUNT, 1)), VELOCITIES
         file.create_group("sinks")["words"] = "none"
     return path
-
-
-def test_phantom_in_hdf5_with_texts_groups_and_columns(tmp_path):
-    volume = vm.open(phantom_hdf5(tmp_path / "dump.h5"), cell_width=3)
-    fields = {"density", "smoothing_length", "dustfrac"}
-    fields |= {f"{v}_{a}" for v in ("velocity", "deltav") for a in "xyz"}
-    assert set(volume.fields) == fields | {f"abundance_{k}" for k in range(5)}
-    dense = volume.array("density") > 0
-    np.testing.assert_allclose(volume.array("abundance_3")[dense], 3, rtol=1e-12)
-    left = volume.meta["left_out"]
-    assert left.keys() == {"label", "words", "empty", "none", "deeper", "tensor", "short", "alias"}
-    assert "(9, 3, 3)" in left["tensor"]
-
-
-def test_what_a_snapshot_has_besides_is_left_out_by_name(tmp_path):
-    path = gadget(tmp_path / "s.hdf5", smoothed())
-    with h5py.File(path, "a") as file:
-        gas = file["PartType0"]
-        gas["Words"], gas["Empty"], gas["Short"] = "words", h5py.Empty("f8"), np.ones(3)
-        gas["Table"], gas["Wide"] = np.ones((COUNT, 2, 2)), np.ones((COUNT, 65))
-        gas["Metals"] = np.ones((COUNT, 2))
-        gas.create_group("Deeper")
-    volume = vm.open(path)
-    assert {"metals_0", "metals_1", "internal_energy"} < set(volume.fields)
-    left = volume.meta["left_out"]
-    assert left.keys() == {"Words", "Empty", "Short", "Table", "Wide", "Deeper"}
 
 
 # --- real data --------------------------------------------------------------------------------

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from voluminous.io import find_reader, readers
-from voluminous.io.vtk.anything import PyVistaReader
+from voluminous.io import find_reader
 
 pv = pytest.importorskip("pyvista")
 
@@ -58,16 +57,6 @@ def test_outside_of_a_mesh_is_nothing():
     assert np.isfinite(values[radius < 0.95]).all()
 
 
-def test_what_fills_no_space_is_refused():
-    with pytest.raises(vm.InputError, match="fill no space"):
-        vm.Volume.from_pyvista(pv.PolyData(np.random.default_rng(0).random((9, 3))), resolution=8)
-    with pytest.raises(vm.InputError, match="none of the cells' centres"):
-        vm.Volume.from_pyvista(pv.Sphere(), resolution=3)
-    for wrong in (0, 2.5, (1, 2), "many"):
-        with pytest.raises(vm.InputError, match="resolution must be"):
-            vm.Volume.from_pyvista(mesh(), resolution=wrong)
-
-
 def test_exodus_keeps_its_times(tmp_path):
     parallel = pytest.importorskip("vtkmodules.vtkIOExodus")
     writer = parallel.vtkExodusIIWriter()
@@ -80,15 +69,6 @@ def test_exodus_keeps_its_times(tmp_path):
     check(volume, (8, 4, 2))
     with pytest.raises(vm.InputError, match=r"give resolution=64"):
         vm.open(tmp_path / "a.exo")
-
-
-def test_gaussian_cubes_are_image_data(tmp_path):
-    path = tmp_path / "a.cube"
-    head = "t\nd\n 1 0 0 0\n 2 1 0 0\n 3 0 1 0\n 4 0 0 1\n 1 1 0 0 0\n"
-    path.write_text(head + "\n".join(f" {n}.0" for n in range(24)) + "\n")
-    volume = vm.open(path)
-    assert volume.grid.shape == (2, 3, 4)
-    np.testing.assert_array_equal(volume.array(volume.fields[0]).ravel(), np.arange(24))
 
 
 @pytest.mark.parametrize(
@@ -116,10 +96,3 @@ def test_what_vtk_crashes_on_is_an_error(tmp_path, name):
     (tmp_path / name).write_bytes(b"1 2 3 4 5\n" * 300)
     with pytest.raises(vm.FileFormatError, match="VTK crashes on it"):
         vm.open(tmp_path / name, resolution=4)
-
-
-def test_no_file_of_another_reader_is_taken():
-    own = set(PyVistaReader.suffixes)
-    for reader in readers():
-        if not isinstance(reader, PyVistaReader):
-            assert not own & set(reader.suffixes), reader.name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import warnings
 
 import numpy as np
@@ -28,7 +27,6 @@ from radmc3d_models import (
     tree,
     values,
 )
-from voluminous.io.radmc3d import RADMC3DReader
 
 # What is in the files comes out, to the last bit
 
@@ -93,13 +91,6 @@ def test_single_precision_and_the_other_byte_order(tmp_path):
         swapped.data(np.stack(columns, axis=1))
         path_of(tmp_path, stem, "binary").write_bytes(swapped.content)
     same(in_file_order(vm.open(tmp_path).array("gas_density")), values(240))
-
-
-def test_octree_values_stay_in_a_binary_file(tmp_path):
-    tree(tmp_path, "binary")
-    array = vm.open(tmp_path).array("dust_density_2")
-    while not isinstance(array, np.memmap):
-        array = array.base  # fails with None
 
 
 # Which grid is meant
@@ -202,18 +193,6 @@ def refined(walls, level):
     return walls
 
 
-def test_slabs_without_end(tmp_path):
-    """Plane-parallel models: RADMC-3D's walls along x and y are at 1e90."""
-    far = np.array([-1e90, 1e90])
-    put_grid(tmp_path, [far, far, X[2]], coordinates=10, active=(0, 0, 1))
-    put_field(tmp_path, "gas_density", values(6))
-    with pytest.warns(UserWarning, match="no end along x and y"):
-        volume = vm.open(tmp_path)
-    np.testing.assert_array_equal(volume.grid.edges[0], [-1.5e15, 1.5e15])
-    same(volume.array("gas_density").ravel(), values(6))
-    assert volume.meta["coordsystem"] == 10
-
-
 def test_trees_that_are_not_split_along_all_axes(tmp_path):
     walls = [np.array([0.0, 8.0]), np.arange(3.0), np.arange(3.0)]
     flags = [0, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0]
@@ -251,12 +230,6 @@ def test_a_path_in_the_directory(tmp_path):
     assert len(vm.open(tmp_path).fields) == 4
     with pytest.raises(vm.FileFormatError, match="no values on the grid"):
         vm.open(tmp_path / "wavelength_micron.inp")
-
-
-def test_species_by_the_name_of_their_file(tmp_path):
-    tree(tmp_path)
-    assert vm.open(tmp_path, "dust_density").fields == ("dust_density_1", "dust_density_2")
-    assert vm.open(tmp_path, ["dust_temperature"]).fields == ("dust_temperature",)
 
 
 def test_any_file_with_values_on_the_grid_is_a_field(tmp_path):
@@ -318,29 +291,3 @@ def test_a_vector_in_text_is_read_once(tmp_path, monkeypatch):
     for axis, expected in zip("xyz", values((3, 240), 1), strict=True):
         same(in_file_order(volume.array(f"gas_velocity_{axis}")), expected)
     assert len(read) == 1
-
-
-def test_other_directories_are_left_alone(tmp_path):
-    def matches(path):
-        return RADMC3DReader().matches(path, path.read_bytes() if path.is_file() else b"")
-
-    put_field(tmp_path, "gas_density", values(8))
-    assert not matches(tmp_path)
-    assert not matches(tmp_path / "gas_density.inp")
-    put_grid(tmp_path, X)
-    assert matches(tmp_path)
-    assert matches(tmp_path / "gas_density.inp")
-    (tmp_path / "notes.dat").write_text("nothing to do with it")
-    np.save(tmp_path / "cube.npy", np.zeros((2, 2, 2)))
-    assert not matches(tmp_path / "notes.dat")
-    assert not matches(tmp_path / "cube.npy")
-
-
-def test_the_name_of_the_directory_does_not_matter(tmp_path):
-    regular(tmp_path)
-    other = tmp_path / "model.inp"
-    other.mkdir()
-    for file in list(tmp_path.glob("*.inp")):
-        if file.is_file():
-            shutil.copy(file, other)
-    assert len(vm.open(other).fields) == 4

@@ -38,14 +38,6 @@ def image_of(directory, medium, case):
     return np.abs(image - case.image).max() / np.abs(case.image).max()
 
 
-def test_a_cartesian_model_is_drawn_as_by_radmc3d(tmp_path):
-    model = reference.load_model("random32")
-    put_grid(tmp_path, model.edges)
-    put_field(tmp_path, "gas_density", model.fields["n"].transpose(2, 1, 0).ravel())
-    # For τ <= 1e-4 RADMC-3D takes 1 - exp(-τ) = τ in first order.
-    assert image_of(tmp_path, medium_of(model), model.cases["first_edge"]) <= 2e-5
-
-
 def test_an_octree_is_drawn_as_by_radmc3d(tmp_path):
     model, grid = octree()
     put_grid(tmp_path, model.edges, flags=grid.refined)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import voluminous as vm
-from radmc3d_models import LAYERS, MODELS, same
+from radmc3d_models import LAYERS, same
 from voluminous.io.radmc3d import write
 
 PI = np.pi
@@ -117,31 +117,6 @@ def test_a_model_comes_back(tmp_path_factory, kind, n, seed, binary):
         same(again.array(name), volume.array(name))
 
 
-@pytest.mark.parametrize("kind", MODELS)
-@pytest.mark.parametrize("binary", [False, True])
-def test_what_was_read_is_written(tmp_path, kind, binary):
-    """Files written by hand, read, written and read again."""
-    (first := tmp_path / "first").mkdir()
-    volume = vm.open(MODELS[kind](first))
-    second = tmp_path / "second"
-    quietly(write, volume, second, binary=binary)
-    again = vm.open(second)
-    same_grid(again.grid, volume.grid)
-    assert again.units == volume.units
-    for name in volume.fields:
-        same(again.array(name), volume.array(name))
-
-
-def test_single_precision_stays_in_binary_files(tmp_path):
-    grid = vm.CartesianGrid(*CUBES, unit="cm")
-    density = np.random.default_rng(0).random(grid.shape, np.float32)
-    volume = vm.Volume(grid, density=density * u.g / u.cm**3)
-    write(volume, tmp_path / "b", binary=True)
-    same(vm.open(tmp_path / "b").array("gas_density"), density)
-    write(volume, tmp_path / "t")
-    same(vm.open(tmp_path / "t").array("gas_density"), density.astype(np.float64))
-
-
 def test_units_are_radmc3ds(tmp_path):
     grid = vm.CartesianGrid(*CUBES, unit="pc")
     volume = vm.Volume(grid, rho=np.ones(grid.shape) * u.kg / u.m**3, v_x=np.ones(grid.shape))
@@ -164,18 +139,6 @@ def test_units_are_radmc3ds(tmp_path):
     with pytest.raises(vm.UnitsError, match="gas_temperature must be in K, but 'T' is in km"):
         write(volume, tmp_path / "n", fields)
     assert not (tmp_path / "n").exists()
-
-
-def test_components_are_turned_to_the_grid(tmp_path):
-    """A velocity in x, y and z is written along r, theta and phi, which spherical grids want."""
-    grid = vm.SphericalGrid([1.0, 2.0, 3.0], np.linspace(0, PI, 5), np.linspace(0, 2 * PI, 5))
-    ones, zeros = np.ones(grid.shape), np.zeros(grid.shape)
-    volume = vm.Volume(grid, velocity_x=zeros, velocity_y=zeros, velocity_z=ones)
-    write(volume, tmp_path / "m", {"gas_velocity": "velocity"})
-    again = vm.open(tmp_path / "m")
-    _, theta, _ = grid.native_centers().reshape(3, *grid.shape)
-    np.testing.assert_allclose(again.array("gas_velocity_r"), np.cos(theta), atol=1e-15)
-    np.testing.assert_allclose(again.array("gas_velocity_theta"), -np.sin(theta), atol=1e-15)
 
 
 def test_names_tell_files_and_others_are_left_out(tmp_path):
@@ -206,19 +169,6 @@ def test_nothing_is_replaced_unless_told(tmp_path):
     # Of no file there are two forms: RADMC-3D would stop.
     left = sorted(path.name for path in (tmp_path / "m").iterdir())
     assert left == ["amr_grid.binp", "gas_density.binp", "gas_temperature.inp"]
-
-
-def test_an_interrupted_file_is_not_there(tmp_path, monkeypatch):
-    from voluminous.io.radmc3d import encodings
-
-    def interrupted(self, columns):
-        raise KeyboardInterrupt
-
-    grid = vm.CartesianGrid(*CUBES, unit="cm")
-    monkeypatch.setattr(encodings.TextOut, "rows", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write(vm.Volume(grid, density=np.ones(grid.shape)), tmp_path / "m")
-    assert list((tmp_path / "m").iterdir()) == []
 
 
 def test_patches_become_layers_or_an_octree(tmp_path):
@@ -267,14 +217,6 @@ def test_radmc3d_would_refuse(tmp_path):
     for k, (grid, told) in enumerate(grids):
         with pytest.warns(UserWarning, match=f"RADMC-3D will refuse.*{told}"):
             write(vm.Volume(grid, density=np.ones(grid.shape)), tmp_path / str(k))
-
-
-def test_deep_trees_are_refused(tmp_path):
-    grid = vm.OctreeGrid([0, 1], [0, 1], [0, 1], unit="cm")
-    for _ in range(21):
-        grid = grid.refine(np.arange(grid.size) == 0)
-    with pytest.raises(vm.InputError, match="21 levels deep"):
-        write(vm.Volume(grid, density=np.ones(grid.size)), tmp_path / "m")
 
 
 @pytest.mark.parametrize(

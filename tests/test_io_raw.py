@@ -65,10 +65,15 @@ def test_axes_and_offset(tmp_path):
 
 
 def test_names_suffice(tmp_path):
-    path = write(tmp_path / "box_5x4x3_uint16be.dat", ">u2")
-    volume = vm.open(path)
-    np.testing.assert_array_equal(volume.array("box"), CELLS)
+    numbers = np.arange(64, dtype=">u2").reshape(4, 4, 4)
+    (tmp_path / "cube_4x4x4_uint16be.dat").write_bytes(numbers.tobytes())
+    volume = vm.open(tmp_path / "cube_4x4x4_uint16be.dat")
+    np.testing.assert_array_equal(volume.array("cube"), numbers.T)
     assert volume.meta["shape_from"] == "the file's name"
+    path = write(tmp_path / "box_5x4x3_uint16be.raw", ">u2")
+    with pytest.raises(vm.InputError, match=r"shape=\(5, 4, 3\) or shape=\(3, 4, 5\)"):
+        vm.open(path)  # x first or z first
+    np.testing.assert_array_equal(vm.open(path, shape=SHAPE).array("box"), CELLS)
     write(tmp_path / "box.dat", ">u2")
     with pytest.raises(vm.FileFormatError, match="does not know"):
         vm.open(tmp_path / "box.dat")  # any file may be called so
@@ -123,6 +128,8 @@ def test_packed_files_hold_what_is_announced(tmp_path):
 
 
 class TestRaw(ReaderContract):
+    options = {"shape": SHAPE}  # noqa: RUF012
+
     @pytest.fixture(params=["a_5x4x3_int16.raw", "a_5x4x3_int16.raw.gz"])
     def sample(self, request):
         packed = request.param.endswith(".gz")

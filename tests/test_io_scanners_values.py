@@ -33,66 +33,6 @@ def test_nrrd_in_every_encoding(tmp_path, dtype, endian, encoding):
     np.testing.assert_array_equal(volume.grid.bounds[:, 0], -0.5)
 
 
-@pytest.mark.parametrize(
-    ("kind", "endings"),
-    [("vector", "xyz"), ("RGB-color", ("red", "green", "blue")), ("list", "012")],
-)
-@pytest.mark.parametrize("axis", [0, 1, 3])
-def test_nrrd_components(tmp_path, kind, endings, axis):
-    nrrd = pytest.importorskip("nrrd")
-    parts = RNG.random((3, 4, 5, 6)).astype(np.float32)
-    kinds = ["domain"] * 3
-    kinds.insert(axis, kind)
-    spacings = [2.0] * 3
-    spacings.insert(axis, np.nan)
-    path = tmp_path / "v.nrrd"
-    nrrd.write(str(path), np.moveaxis(parts, 0, axis), {"kinds": kinds, "spacings": spacings})
-    volume = vm.open(path)
-    assert volume.fields == tuple(f"v_{ending}" for ending in endings)
-    for name, part in zip(volume.fields, parts, strict=True):
-        np.testing.assert_array_equal(volume.array(name), part)
-    np.testing.assert_array_equal(volume.grid.bounds[:, 0], -1.0)
-
-
-@pytest.mark.parametrize(
-    ("count", "dtype", "endings"),
-    [
-        (1, "f4", ("",)),
-        (2, "f4", ("_0", "_1")),
-        (3, "f4", ("_x", "_y", "_z")),
-        (3, "u1", ("_red", "_green", "_blue")),
-        (4, "u1", ("_red", "_green", "_blue", "_alpha")),
-    ],
-)
-@pytest.mark.parametrize("axis", [0, 3])
-def test_a_short_axis_without_a_kind_is_components(tmp_path, count, dtype, endings, axis):
-    nrrd = pytest.importorskip("nrrd")
-    parts = RNG.integers(0, 255, (count, 5, 6, 7)).astype(dtype)
-    nrrd.write(str(tmp_path / "v.nrrd"), np.moveaxis(parts, 0, axis))
-    volume = vm.open(tmp_path / "v.nrrd")
-    assert volume.fields == tuple(f"v{ending}" for ending in endings)
-    for name, part in zip(volume.fields, parts, strict=True):
-        np.testing.assert_array_equal(volume.array(name), part)
-
-
-def test_four_axes_of_which_nothing_is_told(tmp_path):
-    nrrd = pytest.importorskip("nrrd")
-    values = RNG.random((5, 6, 7, 8)).astype(np.float32)
-    path = tmp_path / "v.nrrd"
-    nrrd.write(str(path), values)
-    with pytest.raises(vm.InputError, match=r"four axes.*one of its 8 steps with time=0.*kinds:"):
-        vm.open(path)
-    volume = vm.open(path, time=-1)
-    np.testing.assert_array_equal(volume.array("v"), values[..., 7])
-    assert volume.meta["times"] == 8
-    # A user who knows better than the sizes.
-    nrrd.write(str(path), values[..., :3])
-    np.testing.assert_array_equal(vm.open(path, time=1).array("v"), values[..., 1])
-    nrrd.write(str(path), values[:4, :3, :4, :3])  # either could be
-    with pytest.raises(vm.InputError, match="four axes"):
-        vm.open(path)
-
-
 @pytest.mark.parametrize("space", ["4", "left-posterior-superior-time", "LPST"])
 def test_nrrd_in_space_and_time(tmp_path, space):
     values = RNG.random((4, 5, 6, 3)).astype(np.float32)
@@ -129,17 +69,6 @@ def test_vectors_turn_with_the_coordinates(tmp_path):
     # The file says x to the right, y to the front: LPS has both the other way round.
     for name, part, sign in zip(("v_x", "v_y", "v_z"), parts, np.diag(TO_RAS), strict=True):
         check_places(volume, sign * part, ORIGIN, UPRIGHT, name)
-
-
-def test_nrrd_places_by_spacings_minima_and_units(tmp_path):
-    path = tmp_path / "a.nrrd"
-    placed = {"spacings": "1 2 3", "axis_mins": "10 20 30", "centers": "cell node cell"}
-    units = {"units": '"mm" "um" "mm"'}
-    head = nrrd_text(**placed, **units)
-    path.write_bytes(head.encode() + b"\n" + VALUES.tobytes("F"))
-    grid = vm.open(path).grid
-    np.testing.assert_allclose(grid.bounds, [[10, 14], [0.019, 0.029], [30, 48]], rtol=1e-12)
-    assert grid.unit == "mm"
 
 
 @pytest.mark.parametrize("way", ["one", "list", "pattern", "skip", "end", "lines"])
@@ -224,21 +153,6 @@ def test_nifti_scales_to_floats_only_where_it_must(tmp_path):
     )
 
 
-@pytest.mark.parametrize("ending", ["nii", "nii.gz"])
-def test_nifti_time_steps(tmp_path, ending):
-    nib = pytest.importorskip("nibabel")
-    series = RNG.random((4, 5, 6, 3)).astype(np.float32)
-    nib.save(nib.Nifti1Image(series, np.diag([-1.0, -1, 1, 1])), tmp_path / f"bold.{ending}")
-    for time, step in [(None, 0), (2, 2), (-1, 2)]:
-        options = {} if time is None else {"time": time}
-        volume = vm.open(tmp_path / f"bold.{ending}", **options)
-        np.testing.assert_array_equal(volume.array("bold"), series[..., step])
-        assert (volume.meta["times"], volume.meta["time_step"]) == (3, step)
-    for wrong in (3, -4, 1.5, True, "1"):
-        with pytest.raises(vm.InputError, match="time"):
-            vm.open(tmp_path / f"bold.{ending}", time=wrong)
-
-
 def test_nifti_vectors_and_colors(tmp_path):
     nib = pytest.importorskip("nibabel")
     parts = RNG.random((4, 5, 6, 1, 3)).astype(np.float32)
@@ -254,81 +168,3 @@ def test_nifti_vectors_and_colors(tmp_path):
     volume = vm.open(tmp_path / "rgb.nii")
     assert volume.fields == ("rgb_red", "rgb_green", "rgb_blue")
     np.testing.assert_array_equal(volume.array("rgb_green"), colors[..., 1])
-
-
-def test_nifti_without_orientation_has_no_space(tmp_path):
-    nib = pytest.importorskip("nibabel")
-    image = nib.Nifti1Image(VALUES, None)
-    image.header.set_zooms((1, 2, 3))
-    image.header.set_xyzt_units("micron")
-    image.set_sform(None, code=0)
-    image.set_qform(None, code=0)
-    nib.save(image, tmp_path / "cell.nii")
-    volume = vm.open(tmp_path / "cell.nii")
-    assert "orientation" not in volume.meta
-    assert volume.unit == "um"
-    np.testing.assert_array_equal(volume.array("cell"), VALUES)
-    np.testing.assert_array_equal(volume.grid.bounds, [[-0.5, 3.5], [-1, 9], [-1.5, 16.5]])
-
-
-@pytest.mark.parametrize(
-    ("lines", "orientation"),
-    [
-        ("AnatomicalOrientation = RAI\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n", "LPS"),
-        ("AnatomicalOrientation = ASL\nTransformMatrix = 0 1 0 0 0 -1 -1 0 0\n", "LPS"),
-        ("AnatomicalOrientation = RAI\n", "LPS"),
-        ("AnatomicalOrientation = ILP\n", None),  # which ends are meant, nobody says
-        ("AnatomicalOrientation = ???\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n", None),
-        ("TransformMatrix = 1 0 0 0 1 0 0 0 1\n", None),
-    ],
-)
-def test_metaimages_are_patients_where_they_say_so(tmp_path, lines, orientation):
-    head = "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\n"
-    path = tmp_path / "scan.mha"
-    path.write_bytes(f"{head}{lines}ElementDataFile = LOCAL\n".encode() + bytes(range(8)))
-    volume = vm.open(path)
-    assert volume.meta.get("orientation") == orientation
-    volume.save(tmp_path / "again.mha")
-    assert vm.open(tmp_path / "again.mha").meta.get("orientation") == orientation
-
-
-@pytest.mark.parametrize(
-    ("fields", "bounds"),
-    [
-        # Walls of cells: 4, 5 and 6 of them between these positions.
-        ({"centers": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
-        ({"centerings": "cell cell cell"}, [(0, 8), (10, 15), (-3, 3)]),
-        ({}, [(0, 8), (10, 15), (-3, 3)]),  # Teem's default
-        # First and last nodes: cells reach half a step beyond.
-        ({"centers": "node node node"}, [(-4 / 3, 28 / 3), (9.375, 15.625), (-3.6, 3.6)]),
-        ({"centers": "node cell ???"}, [(-4 / 3, 28 / 3), (10, 15), (-3, 3)]),
-        ({"centers": "node cell cell", "spacings": "2 3 4"}, [(-1, 7), (10, 25), (-3, 21)]),
-        ({"axis_mins": "nan nan nan", "spacings": "2 3 4"}, [(0, 8), (0, 15), (-21, 3)]),
-    ],
-)
-def test_nrrd_axes_between_positions(tmp_path, fields, bounds):
-    fields = {"axis_mins": "0 10 -3", "axis_maxs": "8 15 3"} | fields
-    path = tmp_path / "box.nrrd"
-    path.write_bytes(nrrd_text(**fields).encode() + b"\n" + VALUES.tobytes("F"))
-    volume = vm.open(path)
-    np.testing.assert_allclose(volume.grid.bounds, bounds, atol=1e-12)
-    np.testing.assert_array_equal(volume.array("box"), VALUES)
-
-
-def test_nrrd_axes_that_run_backwards_are_flipped(tmp_path):
-    path = tmp_path / "box.nrrd"
-    head = nrrd_text(axis_mins="8 10 -3", axis_maxs="0 15 3", centers="cell cell cell")
-    path.write_bytes(head.encode() + b"\n" + VALUES.tobytes("F"))
-    volume = vm.open(path)
-    np.testing.assert_allclose(volume.grid.bounds, [(0, 8), (10, 15), (-3, 3)])
-    np.testing.assert_array_equal(volume.array("box"), VALUES[::-1])
-
-
-def test_nrrd_axes_with_a_range_in_place_of_a_spacing(tmp_path):
-    head = (
-        "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 2 3 4\nencoding: raw\n"
-        "axis mins: nan 0 1\naxis maxs: nan 3 9\nspacings: 1 nan nan\n\n"
-    )
-    (tmp_path / "a.nrrd").write_bytes(head.encode() + bytes(range(24)))
-    ends = [(edges[0], edges[-1]) for edges in vm.open(tmp_path / "a.nrrd").grid.edges]
-    np.testing.assert_allclose(ends, [(-0.5, 1.5), (0, 3), (1, 9)])

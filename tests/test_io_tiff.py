@@ -46,27 +46,6 @@ def test_tiff_stacks(tmp_path, options, dtype):
     np.testing.assert_array_equal(volume.grid.bounds, [[0, 30], [0, 20], [0, 5]])
 
 
-def test_pillow_writes_stacks_too(tmp_path):
-    from PIL import Image
-
-    values = RNG.integers(0, 200, (5, 20, 30)).astype(np.uint8)
-    first, *others = [Image.fromarray(page) for page in values]
-    path = tmp_path / "stack.tif"
-    first.save(path, save_all=True, append_images=others, compression="tiff_adobe_deflate")
-    np.testing.assert_array_equal(vm.open(path).array("stack"), of_pages(values))
-
-
-@pytest.mark.parametrize("packing", ["lzw", "zstd"])
-def test_other_packings_need_a_package(tmp_path, packing, monkeypatch):
-    pytest.importorskip("imagecodecs")
-    values = RNG.integers(0, 200, (5, 20, 30)).astype(np.uint8)
-    path = tiff(tmp_path / "stack.tif", values, compression=packing)
-    np.testing.assert_array_equal(vm.open(path).array("stack"), of_pages(values))
-    monkeypatch.setitem(__import__("sys").modules, "imagecodecs", None)
-    with pytest.raises(vm.errors.MissingPackageError, match=r"voluminous\[tiff\]"):
-        vm.open(path)
-
-
 def test_imagej_and_ome_tell_the_size_of_voxels(tmp_path):
     values = RNG.integers(0, 200, (2, 5, 3, 20, 30)).astype(np.uint16)
     axes = {"axes": "TZCYX"}
@@ -120,54 +99,6 @@ def test_ome_channels_have_names_and_colours(tmp_path):
     assert vm.open(tmp_path / "kept.h5").meta == volume.meta
 
 
-def test_named_channels_are_no_slices(tmp_path):
-    values = RNG.integers(0, 200, (3, 20, 30)).astype(np.uint16)
-    plain = tiff(tmp_path / "a.ome.tif", values, ome=True, metadata={"axes": "CYX"})
-    np.testing.assert_array_equal(vm.open(plain).array("a"), of_pages(values))  # so called only
-    told = {"axes": "CYX", "Channel": {"Name": ["DAPI", "GFP", "RFP"]}}
-    path = tiff(tmp_path / "b.ome.tif", values, ome=True, metadata=told)
-    with pytest.raises(vm.FileFormatError, match=r"of 3 channels \(DAPI, GFP, RFP\)"):
-        vm.open(path)
-
-
-def test_equal_names_of_channels_are_numbered(tmp_path):
-    values = RNG.integers(0, 200, (5, 2, 20, 30)).astype(np.uint16)
-    told = {"axes": "ZCYX", "Channel": {"Name": ["GFP+", "GFP-"]}}
-    volume = vm.open(tiff(tmp_path / "cell.ome.tif", values, ome=True, metadata=told))
-    assert volume.meta["channels"] == {"cell_0": {"label": "GFP+"}, "cell_1": {"label": "GFP-"}}
-
-
-def test_voxels_and_channels_of_the_series_that_is_read(tmp_path):
-    import tifffile
-
-    path, stack = tmp_path / "cell.ome.tif", VALUES.astype(np.uint16)
-    with tifffile.TiffWriter(path, ome=True) as file:
-        file.write(stack[0], metadata={"PhysicalSizeX": 9.0, "Channel": {"Name": ["overview"]}})
-        file.write(stack, metadata={"axes": "ZYX", "PhysicalSizeX": 0.5, "Channel": {"Name": "a"}})
-    volume = vm.open(path)
-    assert volume.fields == ("a",)
-    assert volume.grid.bounds[0].tolist() == [0, 0.5 * stack.shape[2]]
-
-
-def test_imagej_colours_and_ranges(tmp_path):
-    values = RNG.integers(0, 200, (5, 3, 20, 30)).astype(np.uint16)
-    tables = np.zeros((3, 3, 256), np.uint8)
-    tables[0, 0] = np.arange(256)
-    tables[1, 1:] = np.arange(256)
-    tables[2] = RNG.integers(0, 256, (3, 256))  # no ramp: it stands for no single colour
-    told = {"axes": "ZCYX", "mode": "composite", "LUTs": list(tables)}
-    told["Ranges"] = (0.0, 100.0, 5.0, 150.0, 7.0, 7.0)
-    volume = vm.open(tiff(tmp_path / "cell.tif", values, imagej=True, metadata=told))
-    assert volume.meta["channels"] == {
-        "cell_0": {"color": [1, 0, 0], "window": [0, 100]},
-        "cell_1": {"color": [0, 1, 1], "window": [5, 150]},
-        "cell_2": {},
-    }
-    told = {"axes": "ZYX", "min": 3.0, "max": 99.0}
-    single = vm.open(tiff(tmp_path / "one.tif", values[:, 0], imagej=True, metadata=told))
-    assert single.meta["channels"] == {"one": {"window": [3, 99]}}
-
-
 @pytest.mark.parametrize("planes", ["contig", "separate"])
 @pytest.mark.parametrize("packing", [None, "zlib"])
 def test_colored_stacks(tmp_path, planes, packing):
@@ -180,12 +111,6 @@ def test_colored_stacks(tmp_path, planes, packing):
     for k, name in enumerate(("red", "green", "blue")):
         np.testing.assert_array_equal(volume.array(f"c_{name}"), of_pages(values[..., k]))
         assert volume.meta["channels"][f"c_{name}"] == {"color": [float(k == n) for n in range(3)]}
-
-
-def test_two_axes_without_names_are_refused(tmp_path):
-    path = tiff(tmp_path / "a.tif", np.zeros((5, 2, 20, 30), np.uint8))
-    with pytest.raises(vm.FileFormatError, match="got QQYX"):
-        vm.open(path)
 
 
 def test_a_picture_is_no_volume(tmp_path):
@@ -230,27 +155,6 @@ def test_a_directory_of_numbered_pictures(tmp_path, ending, dtype):
     assert volume.array("tooth").dtype == dtype
     np.testing.assert_array_equal(volume.array("tooth"), of_pages(pages))
     np.testing.assert_array_equal(volume.grid.bounds, [[0, 15], [0, 10], [0, 2.5]])
-
-
-@pytest.mark.parametrize("ending", ["tif", "png"])
-def test_a_directory_of_colored_pictures(tmp_path, ending):
-    pages = RNG.integers(0, 255, (5, 20, 30, 3)).astype(np.uint8)
-    volume = vm.open(write_pictures(tmp_path / "frog", pages, ending))
-    assert volume.fields == ("frog_red", "frog_green", "frog_blue")
-    np.testing.assert_array_equal(volume.array("frog_blue"), of_pages(pages[..., 2]))
-
-
-def test_pictures_of_other_sizes_and_other_directories(tmp_path):
-    pages = RNG.integers(0, 255, (5, 20, 30)).astype(np.uint8)
-    path = write_pictures(tmp_path / "tooth", pages, "tif")
-    tiff(path / "scan_9.tif", pages[0, :, :-1])
-    with pytest.raises(vm.FileFormatError, match=r"scan_9\.tif is a picture of \(20, 29, 1\)"):
-        vm.open(path)
-    (path / "data.bin").write_bytes(b"1")
-    with pytest.raises(vm.FileFormatError, match="no reader knows"):
-        vm.open(path)
-    with pytest.raises(vm.FileFormatError, match="nothing else in it but notes"):
-        vm.open(path, format="pictures")
 
 
 def test_a_chain_of_pictures_that_bites_its_tail(tmp_path):

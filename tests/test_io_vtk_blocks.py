@@ -27,13 +27,6 @@ def saved(path, **blocks):
     return path
 
 
-def test_a_single_block_is_what_is_in_it(tmp_path):
-    path = saved(tmp_path / "a.vtm", one=block((3, 2, 1)), none=None)
-    volume, alone = vm.open(path), vm.open(next(tmp_path.glob("a/*.vti")))
-    np.testing.assert_array_equal(volume.array("c"), alone.array("c"))
-    assert volume.grid.bounds.tolist() == alone.grid.bounds.tolist() == [[3, 7], [2, 5], [1, 5]]
-
-
 @pytest.mark.parametrize("field", ["c", "p"])
 def test_blocks_that_fill_a_box_are_joined(tmp_path, field):
     images = {"b": block((4, 0, 0)), "a": block((0, 0, 0))}
@@ -127,14 +120,6 @@ def test_blocks_that_are_several_volumes_are_named(tmp_path, other, told):
         vm.open(path)
 
 
-def test_uneven_blocks_are_named(tmp_path):
-    uneven = pv.RectilinearGrid([4, 5, 8], [0, 3], [0, 4])
-    uneven.cell_data["c"] = np.arange(2.0)
-    path = saved(tmp_path / "a.vtm", ct=block((0, 0, 0)), dose=uneven)
-    with pytest.raises(vm.InputError, match=r"expected equal cells(.|\n)*  ct \((.|\n)*  dose \("):
-        vm.open(path)
-
-
 def test_a_series_names_its_times(tmp_path):
     block((0, 0, 0)).save(tmp_path / "a.vti")
     block((0, 0, 0), first=1.0).save(tmp_path / "b.vti")
@@ -153,16 +138,6 @@ def test_a_series_names_its_times(tmp_path):
         vm.open(series((0.5, "../a.vti")))
     with pytest.raises(vm.FileFormatError, match="names no files"):
         vm.open(series())
-
-
-def test_a_file_that_names_itself(tmp_path):
-    path = tmp_path / "a.vtm"
-    path.write_text(
-        '<VTKFile type="vtkMultiBlockDataSet"><vtkMultiBlockDataSet>'
-        '<DataSet index="0" file="a.vtm"/></vtkMultiBlockDataSet></VTKFile>'
-    )
-    with pytest.raises(vm.InputError, match="holds vtkMultiBlockDataSet"):
-        vm.open(path)
 
 
 class TestBlocks(ReaderContract):

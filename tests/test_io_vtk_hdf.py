@@ -42,19 +42,6 @@ def test_places_and_values(tmp_path):
     assert str(cells.unit) == "pc"
 
 
-def test_it_is_as_in_other_files_of_vtk(tmp_path):
-    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
-
-    data = image(origin=(1, 2, 3), spacing=(1, 2, 3))
-    data.SetDirectionMatrix(0.6, -0.8, 0, 0.8, 0.6, 0, 0, 0, 1)
-    add(data, "f", random_values("f4"))
-    one = vm.open(write(vtkHDFWriter(), data, tmp_path / "a.vtkhdf"))
-    other = vm.open(write(vtkXMLImageDataWriter(), data, tmp_path / "a.vti"))
-    assert one.meta["direction"] == other.meta["direction"]
-    np.testing.assert_array_equal(one.array("f"), other.array("f"))
-    np.testing.assert_array_equal(one.grid.bounds, other.grid.bounds)
-
-
 @pytest.mark.parametrize(
     ("change", "told"),
     [

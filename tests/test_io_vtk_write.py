@@ -11,8 +11,7 @@ import voluminous as vm
 pytest.importorskip("vtkmodules", reason="VTK's own readers judge the files")
 
 from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkDataArray, vtkUnsignedCharArray
-from vtkmodules.vtkCommonDataModel import vtkImageData, vtkPolyData, vtkUniformGrid
+from vtkmodules.vtkCommonCore import vtkDataArray
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLRectilinearGridReader
 
 from vtk_files import (
@@ -20,11 +19,7 @@ from vtk_files import (
     LINES,
     POINTS,
     TYPES,
-    add,
-    image,
     random_values,
-    rectilinear,
-    structured,
 )
 
 READERS = {".vti": vtkXMLImageDataReader, ".vtr": vtkXMLRectilinearGridReader}
@@ -109,58 +104,7 @@ def test_vectors_truths_and_remarks(tmp_path):
     np.testing.assert_array_equal(ours.array("truth"), volume.array("truth"))
 
 
-def test_image_data_have_equal_cells(tmp_path):
-    volume = vm.Volume(vm.CartesianGrid([0, 1, 3], [0, 1], [0, 1]), a=np.ones((2, 1, 1)))
-    with pytest.raises(vm.InputError, match=r"equal cells.*write a \.vtr"):
-        volume.save(tmp_path / "a.vti")
-    assert not list(tmp_path.iterdir())
-
-
 # Objects
-
-
-@pytest.mark.parametrize("make", [image, rectilinear, structured])
-def test_objects_of_vtk(make):
-    data = make()
-    values = {name: random_values(name) for name in TYPES}
-    for name, array in values.items():
-        add(data, name, array)
-    add(data, "v", random_values("f4", (*POINTS, 3)))
-    add(data, "c", random_values("f8", CELLS), cells=True)
-    data.GetPointData().SetActiveScalars("f4")
-    volume = vm.Volume.from_pyvista(data, unit="mm")
-    assert volume.fields == (*TYPES, "v_x", "v_y", "v_z")
-    assert str(volume.unit) == "mm"
-    for name, array in values.items():
-        np.testing.assert_array_equal(volume.array(name), array)
-        assert volume.array(name).dtype == array.dtype
-    cells = vm.Volume.from_pyvista(data, {"rho": "cell/c"})
-    np.testing.assert_array_equal(cells.array("rho"), random_values("f8", CELLS))
-    np.testing.assert_allclose(cells.grid.bounds.ravel(), data.GetBounds())
-    if make is not image:
-        np.testing.assert_array_equal(cells.grid.edges[0], LINES[0])
-
-
-def test_an_image_in_its_own_place():
-    data = image(origin=(1, 2, 3), spacing=(1, 2, 4), low=(5, 0, -1))
-    data.SetDirectionMatrix(0, -1, 0, 1, 0, 0, 0, 0, 1)
-    add(data, "f", random_values("f4")).GetInformation().Set(vtkDataArray.UNITS_LABEL(), "K")
-    add(data, "c", random_values("f4", CELLS), cells=True)
-    volume = vm.Volume.from_pyvista(data, "c")
-    np.testing.assert_allclose(volume.grid.bounds.ravel(), data.GetBounds())
-    np.testing.assert_array_equal(
-        volume.array("c"), random_values("f4", CELLS).transpose(1, 0, 2)[::-1]
-    )
-    assert vm.Volume.from_pyvista(data, "f").units == {"f": "K"}
-
-
-def test_values_are_copied():
-    data = vtkUniformGrid()
-    data.SetDimensions(2, 2, 2)
-    array = add(data, "f", random_values("f4", (2, 2, 2)))
-    volume = vm.Volume.from_pyvista(data)
-    vtk_to_numpy(array)[:] = 0
-    np.testing.assert_array_equal(volume.array("f"), random_values("f4", (2, 2, 2)))
 
 
 def test_objects_of_pyvista():
@@ -182,39 +126,3 @@ def test_objects_of_pyvista():
     assert volume.fields == ("rho",)
     assert volume.grid.shape == (7, 6, 8)
     assert np.isfinite(volume.array("rho")).all()
-
-
-def test_objects_that_are_no_volume():
-    for other in (vtkPolyData(), np.ones(3), vtkImageData()):
-        with pytest.raises(vm.InputError, match=r"expected (image data|an object)|is empty"):
-            vm.Volume.from_pyvista(other)
-    with pytest.raises(vm.FileFormatError, match="there are none"):
-        vm.Volume.from_pyvista(image())
-    data, (x, y, z) = structured(), LINES
-    data.GetPoints().SetPoint(3, x[0], y[1] + 0.1, z[2])
-    add(data, "f", random_values("f4"))
-    with pytest.raises(vm.InputError, match="curved or oblique"):
-        vm.Volume.from_pyvista(data)
-
-
-def test_hidden_cells_of_objects():
-    data = image()
-    add(data, "c", random_values("f4", CELLS), cells=True)
-    ghosts = vtkUnsignedCharArray()
-    ghosts.SetName("vtkGhostType")
-    for n in range(data.GetNumberOfCells()):
-        ghosts.InsertNextValue(32 if n == 3 else 0)
-    data.GetCellData().AddArray(ghosts)
-    hidden = np.isnan(vm.Volume.from_pyvista(data).array("c"))
-    assert np.flatnonzero(hidden.T).tolist() == [3]
-
-
-def test_what_a_rectilinear_grid_cannot_say_is_said(tmp_path):
-    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)), a=np.ones((2, 2, 2)))
-    volume.meta["direction"] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    with pytest.warns(UserWarning, match=r"cannot be turned.*\.vti file keeps it"):
-        volume.save(tmp_path / "a.vtr")
-    volume.meta["direction"] = [1, 0, 0, 0, 1, 0, 0, 0, 1]
-    for suffix in (".vti", ".vtr"):
-        with pytest.raises(vm.InputError, match="matrix of 3 x 3"):
-            volume.save(tmp_path / f"a{suffix}")

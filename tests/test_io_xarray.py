@@ -14,9 +14,6 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 import voluminous.xarray
-from voluminous.io import find_reader
-from voluminous.io.axes import axis_of, edges_of_centers
-from voluminous.io.unit_texts import known_unit
 
 xr = pytest.importorskip("xarray")
 
@@ -54,22 +51,6 @@ def test_values_stay_at_their_coordinates(cube):
         assert edges[0] < line[0] < edges[1]
 
 
-@given(st.lists(st.floats(0.01, 100.0), min_size=2, max_size=30), st.floats(-1e3, 1e3))
-def test_edges_enclose_their_centres(steps, start):
-    centers = start + np.cumsum(steps)
-    edges = edges_of_centers(centers)
-    assert np.all(np.diff(edges) > 0)
-    assert np.all((edges[:-1] < centers) & (centers < edges[1:]))
-
-
-@pytest.mark.parametrize("dtype", ["f4", "f8"])
-def test_equal_steps_give_equal_cells(dtype):
-    centers = (0.1 * np.arange(7) + 0.05).astype(dtype)
-    edges = edges_of_centers(centers)
-    np.testing.assert_allclose(edges, 0.1 * np.arange(8), atol=1e-7)  # single precision of 0.65
-    assert np.ptp(np.diff(edges)) < 1e-15
-
-
 def cube(dims=("z", "y", "x"), **options):
     values = np.arange(24.0).reshape([N[d] for d in ("z", "y", "x")])
     return xr.DataArray(values, dims=dims, name="rho", **options)
@@ -80,37 +61,6 @@ def test_without_coordinates_cells_are_counted():
     assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
     np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
     assert volume.meta["axes"]["x"]["name"] == "x"
-
-
-def test_dimensions_that_tell_nothing_are_in_order():
-    values = np.arange(24.0).reshape(2, 3, 4)
-    volume = vm.Volume.from_xarray(xr.DataArray(values))
-    assert volume.fields == ("data",)
-    np.testing.assert_array_equal(volume.array("data"), values)
-
-
-@pytest.mark.parametrize(
-    ("dim", "attributes", "axis"),
-    [
-        ("lon", {}, "x"),
-        ("nlat", {}, "y"),
-        ("level", {}, "z"),
-        ("xi_rho", {}, "x"),
-        ("south_north", {}, "y"),
-        ("bottom_top", {}, "z"),
-        ("time", {}, "t"),
-        ("foo", {"standard_name": "grid_longitude"}, "x"),
-        ("foo", {"axis": "Y"}, "y"),
-        ("x", {"axis": "Z"}, "z"),
-        ("foo", {"positive": "down"}, "z"),
-        ("foo", {"units": "degrees_north"}, "y"),
-        ("foo", {"units": "hours since 1900-01-01"}, "t"),
-        ("band", {}, ""),
-        ("other", {}, ""),
-    ],
-)
-def test_what_a_dimension_is(dim, attributes, axis):
-    assert axis_of(dim, attributes) == axis
 
 
 def test_dims_say_it_otherwise():
@@ -134,27 +84,6 @@ def test_bounds_of_cells_go_before_midpoints():
     # Those that do not join up are no edges.
     data["z_bnds"] = (("z", "nv"), [[0.0, 2.0], [3.0, 8.0]])
     assert vm.Volume.from_xarray(data).grid.edges[2].tolist() == [-1, 3, 7]
-
-
-def test_bounds_of_descending_cells():
-    data = cube(coords={"z": ("z", [5.0, 1.0], {"bounds": "z_bnds"})}).to_dataset()
-    data["z_bnds"] = (("z", "nv"), [[8.0, 2.0], [2.0, 0.0]])
-    volume = vm.Volume.from_xarray(data)
-    assert volume.grid.edges[2].tolist() == [0, 2, 8]
-    np.testing.assert_array_equal(
-        volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T[..., ::-1]
-    )
-
-
-def test_lengths_of_different_units_are_converted():
-    coords = {
-        "x": ("x", np.arange(4.0), {"units": "km"}),
-        "y": ("y", np.arange(3.0), {"units": "metres"}),
-        "z": ("z", np.arange(2.0), {"units": "km"}),
-    }
-    grid = vm.Volume.from_xarray(cube(coords=coords)).grid
-    assert grid.unit == u.km
-    np.testing.assert_allclose(grid.bounds, [[-0.5, 3.5], [-0.0005, 0.0025], [-0.5, 1.5]])
 
 
 def test_depth_grows_downwards():
@@ -213,14 +142,6 @@ def test_the_sides_of_the_box_can_be_said():
         vm.Volume.from_xarray(atmosphere(), "u", aspect=(1, 1, 0), **chosen)
 
 
-def test_a_coordinate_that_turns_back_is_refused():
-    with pytest.raises(vm.InputError, match=r"'y' must ascend or descend.*sortby\('y'\)"):
-        vm.Volume.from_xarray(cube(coords={"y": [0.0, 2.0, 1.0]}))
-    with pytest.raises(vm.InputError, match="'y' must ascend"):
-        vm.Volume.from_xarray(cube(coords={"y": [0.0, np.nan, 1.0]}))
-    assert vm.Volume.from_xarray(cube(coords={"y": list("abc")})).grid.bounds[1].tolist() == [0, 3]
-
-
 # Which part, which fields
 
 
@@ -264,43 +185,7 @@ def test_fields_that_lie_elsewhere_are_left_out_and_named():
         vm.Volume.from_xarray(data, "q", **options)
 
 
-def test_a_time_is_an_axis_only_if_told():
-    with pytest.raises(vm.InputError, match=r"say dims=\('lon', 'lat', 'time'\)"):
-        vm.Volume.from_xarray(atmosphere().ps)
-    volume = vm.Volume.from_xarray(atmosphere().ps, dims=("lon", "lat", "time"), aspect=(2, 1, 1))
-    assert volume.meta["axes"]["z"] == {"name": "time", "unit": "h", "from": -372.0, "to": 1116.0}
-    # An array of three dimensions is preferred to one of times.
-    data = xr.Dataset({"ps": atmosphere().ps, "rho": cube()})
-    with pytest.warns(UserWarning, match="left out"):
-        assert vm.Volume.from_xarray(data).fields == ("rho",)
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (xr.DataArray(np.zeros((2, 3))), "expected a variable of three dimensions.*data "),
-        (xr.DataArray(np.zeros((2, 3, 4), complex)), "three dimensions and of numbers"),
-        (xr.DataArray(np.zeros((2, 0, 4))), r"dim_1: 0.*no cells"),
-        (xr.Dataset(), "there are none"),
-        (np.zeros((2, 3, 4)), "takes an xarray.DataArray or Dataset, got ndarray"),
-    ],
-)
-def test_what_makes_no_volume(data, message):
-    with pytest.raises(vm.InputError, match=message):
-        vm.Volume.from_xarray(data)
-
-
 # Values
-
-
-@pytest.mark.parametrize("dtype", ["u1", "i2", "u2", "i4", "f4", "f8", "?", ">f4"])
-def test_types_stay(dtype):
-    volume = vm.Volume.from_xarray(cube().astype(dtype))
-    assert volume.array("rho").dtype == np.dtype(dtype).newbyteorder("=")
-
-
-def test_missing_values_are_nan():
-    assert np.isnan(vm.Volume.from_xarray(cube().where(cube() > 5)).array("rho")).sum() == 6
 
 
 def test_pieces_are_computed_when_they_are_used(monkeypatch):
@@ -323,35 +208,6 @@ def test_pieces_are_computed_when_they_are_used(monkeypatch):
     assert volume.waiting == ("a",)
 
 
-@pytest.mark.parametrize(
-    ("text", "unit"),
-    [
-        ("degrees_north", u.deg),
-        ("degC", u.deg_C),
-        ("mb", u.mbar),  # to astropy a millibit
-        ("kg m-2 s-1", u.kg / u.m**2 / u.s),
-        ("m s**-1", u.m / u.s),
-        ("Kelvin", u.K),
-        ("hours", u.hour),
-        ("micrometer", u.um),
-        ("seconds since 2000-01-01", None),
-        ("dBZ", None),
-        ("dex", None),
-        ("sigma_level", None),
-        ("1", None),
-        ("", None),
-    ],
-)
-def test_units_as_files_write_them(text, unit):
-    assert known_unit(text) == ("" if unit is None else str(unit.to_string()))
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.text())
-def test_no_text_breaks_the_units(text):
-    known_unit(text)
-
-
 # The accessor
 
 
@@ -369,12 +225,6 @@ def ball():
     z, y, x = np.meshgrid(*[np.linspace(-1, 1, 12)] * 3, indexing="ij")
     density = np.exp(-4 * (x**2 + y**2 + z**2))
     return xr.DataArray(density, dims=("z", "y", "x"), name="rho")
-
-
-def test_pictures_of_arrays(ball):
-    image = ball.voluminous.render(bounds=(-1, 1))
-    assert image.intensity.max() > 0.1
-    assert image.unit == ""
 
 
 def test_a_picture_is_that_of_the_volume(ball):
@@ -395,130 +245,7 @@ def test_a_picture_is_that_of_the_volume(ball):
     )
 
 
-def test_axes_in_another_order_are_refused_where_shapes_do_not_tell():
-    grid = vm.CartesianGrid.uniform(3, (0, 1))
-    array = xr.DataArray(np.arange(27.0).reshape(3, 3, 3), dims=("z", "y", "x"))
-    with pytest.raises(vm.InputError, match=r"order \(z, y, x\), expected \(x, y, z\): .transpose"):
-        vm.Volume(grid, f=array)
-    volume = vm.Volume(grid, f=array.transpose("x", "y", "z"), g=array.rename(x="u"))
-    np.testing.assert_array_equal(volume.array("f"), array.values.transpose(2, 1, 0))
-    np.testing.assert_array_equal(volume.array("g"), array.values)
-
-
-def test_a_slash_in_a_name_is_no_path():
-    array = xr.DataArray(np.ones((2, 2, 2)), dims=("x", "y", "z"))
-    volume = vm.Volume.from_xarray(xr.Dataset({"rho (g/cc)": array}))
-    assert volume.fields == ("rho__g_cc_",)
-    assert vm.Volume.from_xarray(xr.Dataset({"a/b": array}), fields="a_b").fields == ("a_b",)
-
-
-@pytest.mark.parametrize(
-    ("take", "told"),
-    [
-        (lambda array: vm.render(array), "got DataArray; vm.Volume.from_xarray"),
-        (lambda array: vm.open(array), "got DataArray; vm.Volume.from_xarray"),
-        (lambda array: vm.Volume(array), "got DataArray first; vm.Volume.from_xarray"),
-        (lambda array: vm.Volume.from_xarray(array.values), r"got ndarray; vm.Volume\("),
-        (lambda array: vm.render(array.values), r"got ndarray; vm.Volume\("),
-        (
-            lambda array: vm.Volume.from_xarray(array.to_dataframe()),
-            r"got DataFrame; of points vm.Volume.from_particles\(.*of cells vm.Volume.from_xarray",
-        ),
-    ],
-)
-def test_what_makes_a_volume_of_it_is_told(take, told):
-    array = xr.DataArray(np.ones((2, 2, 2)), dims=("x", "y", "z"), name="f")
-    with pytest.raises(vm.InputError, match=told):
-        take(array)
-
-
-def test_a_table_of_cells_is_a_volume_as_the_error_says():
-    pytest.importorskip("pandas")
-    array = xr.DataArray(np.arange(24.0).reshape(2, 3, 4), dims=("x", "y", "z"), name="f")
-    array = array.assign_coords(x=[0.0, 1.0], y=[0.0, 1.0, 2.0], z=[0.0, 1.0, 2.0, 3.0])
-    table = array.to_dataframe().reset_index().sample(frac=1, random_state=1)
-    volume = vm.Volume.from_xarray(table.set_index(["x", "y", "z"]).to_xarray())
-    np.testing.assert_array_equal(volume.array("f"), array.values)
-
-
 # Variables that describe others, quantities, packed numbers
-
-
-def described():
-    """Return a field and all kinds of variables that CF lets it name."""
-    rng, dims = np.random.default_rng(3), ("z", "y", "x")
-    told = {"cell_measures": "volume: vol", "ancillary_variables": "error flag"}
-    told |= {"coordinates": "height lat", "grid_mapping": "crs", "units": "K"}
-    variables = {
-        "temperature": (dims, rng.random((3, 4, 5)), told),
-        "height": (dims, rng.random((3, 4, 5)), {"bounds": "height_bounds"}),
-        "height_bounds": ((*dims, "corner"), rng.random((3, 4, 5, 8))),
-        "lat": (dims[1:], rng.random((4, 5)), {"bounds": "lat_bounds"}),
-        "lat_bounds": ((*dims[1:], "four"), rng.random((4, 5, 4))),
-        "crs": ((), 0),
-        "z_bounds": (("z", "two"), np.array([[0.0, 1], [1, 3], [3, 7]])),
-        **{name: (dims, rng.random((3, 4, 5))) for name in ("vol", "error", "flag", "pressure")},
-    }
-    z = {"units": "m", "bounds": "z_bounds", "formula_terms": "a: a p: pressure"}
-    coords = {"z": ("z", [0.5, 2.0, 5.0], z)}
-    coords |= {d: (d, np.arange(float(n)), {"units": "m"}) for d, n in (("y", 4), ("x", 5))}
-    return xr.Dataset(variables, coords)
-
-
-@pytest.mark.parametrize("kind", ["memory", "nc", "zarr"])
-def test_variables_that_describe_others_are_no_fields(tmp_path, kind):
-    data, path = described(), tmp_path / f"a.{kind}"
-    if kind == "nc":
-        pytest.importorskip("h5netcdf")
-        data.to_netcdf(path, engine="h5netcdf")
-    elif kind == "zarr":
-        pytest.importorskip("zarr")
-        data.to_zarr(path, consolidated=False)
-
-    def opened(fields=None):
-        return vm.Volume.from_xarray(data, fields) if kind == "memory" else vm.open(path, fields)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", UserWarning)
-        volume = opened()
-    assert volume.fields == ("temperature",)
-    assert volume.grid.edges[2].tolist() == [0, 1, 3, 7]
-    asked = opened(["vol", "error"])
-    np.testing.assert_array_equal(asked.array("vol"), data.vol.values.T)
-    if kind != "memory":
-        assert [field.name for field in find_reader(path).info(path)] == ["temperature"]
-
-
-def quantities():
-    values = np.random.default_rng(5).random((2, 3, 4))
-    pint = pytest.importorskip("pint")
-    unyt = pytest.importorskip("unyt")
-    yield pint.UnitRegistry().Quantity(values, "g/cm**3"), "g / cm3", values
-    yield pint.UnitRegistry().Quantity(values, "degC"), "deg_C", values
-    yield unyt.unyt_array(values, "g/cm**3"), "g / cm3", values
-    yield values * u.Unit("Msun/pc3"), "solMass / pc3", values
-
-
-def test_quantities_in_arrays_keep_their_unit():
-    for quantity, unit, values in quantities():
-        volume = vm.Volume.from_xarray(xr.DataArray(quantity, dims=("z", "y", "x"), name="q"))
-        assert volume.units["q"] == unit
-        np.testing.assert_array_equal(volume.array("q"), values.T)
-
-
-def test_a_unit_that_astropy_lacks_is_not_dropped():
-    pint = pytest.importorskip("pint")
-    registry = pint.UnitRegistry()
-    registry.define("smoot = 1.7018 m")
-    values = registry.Quantity(np.ones((2, 3, 4)), "smoot")
-    with pytest.raises(vm.UnitsError, match="smoot"):
-        vm.Volume.from_xarray(xr.DataArray(values, dims=("z", "y", "x"), name="q"))
-
-
-def test_units_in_attributes_may_be_objects():
-    for unit in ("kg/m3", u.Unit("kg/m3")):
-        data = xr.DataArray(np.ones((2, 3, 4)), dims=("z", "y", "x"), attrs={"units": unit})
-        assert vm.Volume.from_xarray(data).units["data"] == "kg / m3"
 
 
 def test_packed_numbers_are_unpacked_though_xarray_was_told_not_to():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import logging
 
 import numpy as np
 import pytest
@@ -237,46 +236,6 @@ def test_curvilinear_coordinates(name):
     check_cells(vm.Volume.from_yt(part, ["density"]), part, ds, ["density"])
 
 
-def test_refined_spherical_coordinates():
-    boxes = [([1, 0, 0], [2, np.pi, AROUND], 0, [4, 4, 8])]
-    boxes.append(([1.25, np.pi / 4, np.pi], [1.75, np.pi / 2, 1.5 * np.pi], 1, [4, 2, 4]))
-    ds = yt.load_amr_grids(
-        grids(boxes),
-        [4, 4, 8],
-        geometry="spherical",
-        bbox=np.array([[1, 2], [0, np.pi], [0, AROUND]]),
-    )
-    volume = vm.Volume.from_yt(ds, "density")
-    assert isinstance(volume.grid, vm.SphericalGrid)
-    assert len(check_cells(volume, ds.all_data(), ds, ["density"])) == volume.grid.size
-
-
-def test_a_meridional_plane_goes_around_the_axis():
-    """Refinement does not halve the azimuth of one cell."""
-    boxes = [([1, 0, 0], [2, np.pi, AROUND], 0, [4, 4, 1])]
-    boxes.append(([1.25, np.pi / 4, 0], [1.75, np.pi / 2, AROUND], 1, [4, 2, 1]))
-    box = np.array([[1, 2], [0, np.pi], [0, AROUND]])
-    ds = yt.load_amr_grids(grids(boxes), [4, 4, 1], geometry="spherical", bbox=box)
-    volume = vm.Volume.from_yt(ds, "density")
-    assert len(check_cells(volume, ds.all_data(), ds, ["density"])) == volume.grid.size == 22
-
-
-def test_components_in_cylindrical_coordinates_have_our_letters():
-    fields = {f"velocity_{c}": (np.full((4, 6, 8), k), "cm/s") for k, c in enumerate("123")}
-    names = dict(zip(fields, ("velocity_r", "velocity_theta", "velocity_z"), strict=True))
-    ds = yt.load_uniform_grid(
-        {names[name]: value for name, value in fields.items()},
-        [4, 6, 8],
-        geometry="polar",
-        bbox=np.array([[1, 2], [0, AROUND], [-1, 1]]),
-    )
-    volume = vm.Volume.from_yt(ds, "velocity")
-    assert volume.fields == ("velocity_R", "velocity_phi", "velocity_z")
-    for value, name in enumerate(volume.fields):
-        assert (volume.array(name) == value).all()
-    assert "velocity_x" in volume  # made of them
-
-
 def test_sampled_arrays():
     ds = dataset("nested")
     for data in (
@@ -314,19 +273,6 @@ def test_fields_go_by_many_names():
     np.testing.assert_array_equal(derived.array("velocity_magnitude").reshape(-1), speed)
 
 
-def test_fields_that_a_user_defines():
-    ds = DATASETS["octree"]()
-    ds.add_field(
-        ("gas", "twice"),
-        function=lambda field, data: 2 * data["gas", "density"],
-        sampling_type="cell",
-        units="kg/m**3",
-    )
-    volume = vm.Volume.from_yt(ds, ["density", "twice"])
-    assert volume.units["twice"] == "kg / m3"
-    np.testing.assert_allclose(volume.array("twice"), 2e3 * volume.array("density"), rtol=1e-15)
-
-
 def test_an_unknown_field_is_told_with_the_nearest():
     ds = dataset("uniform")
     with pytest.raises(vm.errors.UnknownNameError, match="did you mean 'density'") as failure:
@@ -358,20 +304,6 @@ def test_the_unit_of_length_suits_the_domain(width, unit):
     assert str(round_unit(u.Quantity(width))) == unit
 
 
-def test_lengths_are_to_the_last_digit_those_of_yt():
-    ds = uniform(bbox=np.array([[0, 1]] * 3) * 5, length_unit="kpc")
-    np.testing.assert_array_equal(vm.Volume.from_yt(ds, "density").grid.bounds, [[0, 5]] * 3)
-
-
-def test_what_is_known_besides():
-    ds = uniform(sim_time=3.0, time_unit="yr")
-    meta = vm.Volume.from_yt(ds, "density").meta
-    assert meta["time"] == pytest.approx(3 * 3.15576e7, rel=1e-4)
-    assert meta["time_unit"] == "s"
-    assert meta["code"] == "stream"
-    assert "redshift" not in meta
-
-
 def test_what_is_no_volume_is_refused():
     ds = dataset("uniform")
     for data, told in ((ds.slice(0, 0.5), "three dimensions"), (3.0, "float")):
@@ -386,20 +318,6 @@ def test_what_is_no_volume_is_refused():
     )
     with pytest.raises(vm.InputError, match="unstructured"):
         vm.Volume.from_yt(mesh)
-
-
-def test_yt_is_left_as_it_was(capsys):
-    ds = dataset("nested")
-    region = ds.sphere([0.5] * 3, 0.3)
-    region["gas", "density"]
-    kept, level = set(region.field_data), logging.getLogger("yt").level
-    bars = yt.config.ytcfg.get("yt", "suppress_stream_logging")
-    vm.Volume.from_yt(region, ["temperature", "velocity_magnitude"])
-    vm.Volume.from_yt(dataset("pieces"), "temperature")
-    assert set(region.field_data) == kept
-    assert logging.getLogger("yt").level == level
-    assert yt.config.ytcfg.get("yt", "suppress_stream_logging") == bars
-    assert capsys.readouterr() == ("", "")
 
 
 @settings(max_examples=40, deadline=None)

@@ -134,26 +134,6 @@ def test_amrex_levels_of_different_ratios(tmp_path, ratios):
     np.testing.assert_array_equal(levels[-1], boxes[-1])
 
 
-def test_any_kind_of_yt_is_known_in_a_fresh_process(tmp_path):
-    """yt registers its kinds when it first loads; one that fails must not hide the others."""
-    (tmp_path / "any.abc").write_bytes(bytes(range(256)))
-    program = (
-        "import voluminous.io.yt.reader as r; from pathlib import Path\n"
-        "import yt.utilities.object_registries as o\n"
-        f"path = Path({str(tmp_path / 'any.abc')!r})\n"
-        "r._kinds(path); print(len(o.output_type_registry))\n"
-        "from yt.data_objects.static_output import Dataset\n"
-        "class Failing(Dataset):\n    def _is_valid(filename, *a, **k): raise IndexError\n"
-        "class Mine(Dataset):\n    def _is_valid(filename, *a, **k): return True\n"
-        "print(r._kinds(path) == [Mine])\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
-    assert int(done.stdout.split()[0]) > 60, done.stderr
-    assert done.stdout.split()[1] == "True"
-
-
 def write_parthenon(path, ghosts=0):
     """Write eight blocks in place of one of eight: values x + 10 y + 100 z, times 1 to 5."""
     corners = [(i, j, k) for k in range(2) for j in range(2) for i in range(2)]
@@ -216,35 +196,6 @@ def test_chombo_grids_of_pluto_that_are_bent(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("error", "told", "untold"),
-    [
-        (OSError("truncated file"), "damaged", "report"),
-        (EOFError("end"), "damaged", "report"),
-        (
-            IndexError("index 3 is out"),
-            "voluminous failed on it with IndexError.*report",
-            "damaged",
-        ),
-        (KeyError("Header"), "failed on it with KeyError.*report", "damaged"),
-        (FileNotFoundError("piece 2"), "cannot be opened", "damaged"),
-    ],
-)
-def test_only_damage_is_called_damage(tmp_path, error, told, untold):
-    from voluminous.io.guard import reading
-
-    with pytest.raises(vm.FileFormatError, match=told) as failure, reading(tmp_path, "a file"):
-        raise error
-    assert untold not in str(failure.value)
-    assert failure.value.__cause__ is error
-
-
-def test_failures_of_yt_are_called_so(tmp_path):
-    path, _ = write_amrex(tmp_path / "plt00010", (4, 3))
-    with pytest.raises(vm.FileFormatError, match=r"yt's amrex frontend failed.*report"):
-        vm.open(path)
-
-
-@pytest.mark.parametrize(
     ("items", "attributes"),
     [
         (("bounding box", "node type"), {}),
@@ -281,13 +232,6 @@ def test_without_yt_it_is_said_how_to_get_it(tmp_path):
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )
     assert 'pip install "voluminous[yt]"' in done.stdout, done.stderr
-
-
-def test_unknown_files_stay_unknown(tmp_path):
-    path = tmp_path / "notes.xyz"
-    path.write_bytes(b"nothing that anybody knows" * 20)
-    with pytest.raises(vm.FileFormatError, match="does not know"):
-        vm.open(path)
 
 
 def real(place):
@@ -336,15 +280,6 @@ def test_a_ramses_output():
     np.testing.assert_allclose(sums, expected, rtol=1e-9)  # rounding of sums over 1e5 cells
 
 
-def test_parts_of_a_ramses_output_lead_to_it():
-    path = real(RAMSES)
-    for part in ("info_00003.txt", "amr_00003.out00001", "hydro_00003.out00001"):
-        head = (path / part).read_bytes()[:100]
-        assert code_output(path / part, head) == path / "info_00003.txt"
-    derived = vm.open(path / "info_00003.txt", ["temperature", "velocity_magnitude"])
-    assert derived.units == {"temperature": "K", "velocity_magnitude": "cm / s"}
-
-
 ENZO = "enzo_minihalo/moving7_0010"
 
 
@@ -369,56 +304,3 @@ def enzo_names(directory, *stems):
         for ending in ("", ".hierarchy", ".boundary", ".cpu0000"):
             (directory / (stem + ending)).write_text("InitialCycleNumber = 1\n")
     return directory
-
-
-def test_the_directory_of_an_enzo_output_leads_to_it(tmp_path):
-    path = enzo_names(tmp_path / "DD0010", "data0010")
-    assert code_output(path, b"") == path / "data0010"
-    several = enzo_names(tmp_path / "run", "DD0010", "DD0011")
-    assert code_output(several, b"") is None
-    # Of several the user has to choose, and is told of which.
-    with pytest.raises(vm.FileFormatError, match=r"open what is in it:(.|\n)*DD0010: an output"):
-        vm.open(several)
-    with pytest.raises(vm.FileFormatError, match=r"open what is in it:(.|\n)*DD0010: an output"):
-        vm.open(tmp_path)
-
-
-def test_the_directory_of_an_enzo_e_output_leads_to_it(tmp_path):
-    (tmp_path / "Dir_0010").mkdir()
-    path = tmp_path / "Dir_0010" / "Dir_0010.block_list"
-    path.write_text("B0_0 Dir_0010.h5\n")
-    (tmp_path / "Dir_0010" / "Dir_0010.h5").touch()
-    assert code_output(path.parent, b"") == code_output(path, path.read_bytes()) == path
-
-
-def test_a_directory_of_real_data_is_its_output():
-    path = real(ENZO)
-    volume = vm.open(path.parent, "density")
-    np.testing.assert_array_equal(volume.array("density"), vm.open(path).array("density"))
-
-
-def test_parts_of_an_enzo_output_lead_to_it(tmp_path):
-    path = copied(real(ENZO).parent, tmp_path / "data") / "moving7_0010"
-    hierarchy = path.with_name("moving7_0010.hierarchy")
-    for part in (hierarchy, path.with_name("moving7_0010.cpu0000")):
-        assert code_output(part, b"") == path
-    text = hierarchy.read_text()
-    for share in (0.3, 0.7, 0.99):
-        hierarchy.write_text(text[: int(share * len(text))])
-        with pytest.raises(vm.FileFormatError, match="moving7_0010"):
-            vm.open(path)
-
-
-def test_particles_keep_their_masses_and_momenta(tmp_path):
-    path = real("arepo_galaxies/galaxy_interaction.hdf5")
-    shutil.copy(path, tmp_path)  # yt writes what it found of neighbours beside the file
-    ds = yt.load(str(tmp_path / path.name))
-    volume = vm.Volume.from_yt(ds, ["density", "velocity"])
-    gas = ds.all_data()
-    mass = gas["PartType0", "particle_mass"].to("g").d
-    cells = volume.array("density") * volume.grid.cell_volumes * volume.unit.to("cm") ** 3
-    assert cells.sum() == pytest.approx(mass.sum(), rel=1e-9)  # the kiloparsec of two packages
-    for axis in "xyz":
-        speed = gas["PartType0", f"particle_velocity_{axis}"].to("cm/s").d
-        total = (cells * volume.array(f"velocity_{axis}")).sum()
-        assert total == pytest.approx((mass * speed).sum(), abs=1e-9 * (mass * abs(speed)).sum())

@@ -220,27 +220,12 @@ def test_images_that_bio_formats_wrote(tmp_path):
     assert vm.open(tmp_path / "a.zarr", time=0, image=1).fields[0] == "DAPI"
 
 
-def test_old_images_have_no_axes(tmp_path):
-    path = microscope(tmp_path / "a.zarr", 2)
-    told = json.loads((path / ".zattrs").read_text())
-    image = told["multiscales"][0]
-    del image["axes"]
-    image["datasets"] = [{"path": "0"}]
-    (path / ".zattrs").write_text(json.dumps(told))
-    assert vm.open(path, time=0).grid.bounds.tolist() == [[-0.5, 7.5], [-0.5, 5.5], [-0.5, 3.5]]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda image: image.update(axes=["y", "x"]), "not as OME-Zarr has them|expected an image"),
         (lambda image: image.update(datasets=[]), "expected an image with axes"),
-        (lambda image: image.update(datasets=3), "not as OME-Zarr"),
-        (lambda image: image["datasets"][0].pop("path"), r"not as OME-Zarr.*KeyError: 'path'"),
         (lambda image: _scale(image, [1, 1, 0, 1, 1]), "have size 0.0 along z.*give spacing"),
         (lambda image: _scale(image, [1, 1]), "expected 5 numbers, got 2"),
-        (lambda image: image["axes"].pop(0), "expected 4 numbers, got 5"),
-        (lambda image: _without_time(image), r"shape \(2, 3, 4, 6, 8\), expected axes c, z"),
     ],
 )
 def test_what_cannot_be_told(tmp_path, change, message):
@@ -252,39 +237,12 @@ def test_what_cannot_be_told(tmp_path, change, message):
         vm.open(path, time=0)
 
 
-def _without_time(image):
-    image["axes"].pop(0)
-    image["datasets"] = [{"path": "0"}]
-
-
 def _scale(image, numbers):
     for data in image["datasets"]:
         data["coordinateTransformations"] = [{"type": "scale", "scale": numbers}]
 
 
 # Damage
-
-
-def test_pieces_that_no_memory_holds(tmp_path):
-    path = tmp_path / "a.zarr"
-    plain(path, 2)
-    (place,) = path.rglob(".zarray")
-    told = json.loads(place.read_text())
-    place.write_text(json.dumps({**told, "shape": [2, 3, 10**6], "chunks": [10**4] * 3}))
-    with pytest.raises(vm.errors.MemoryNeededError, match=r"one piece \(10000, 10000, 10000\)"):
-        vm.open(path)
-    place.write_text(json.dumps({**told, "shape": [10**5] * 3}))
-    with pytest.raises(vm.errors.MemoryNeededError, match="2000000000000000 bytes"):
-        vm.open(path)
-
-
-@pytest.mark.parametrize("text", ["", "[1]", '{"zarr_format": 2}'])
-def test_descriptions_that_are_none(tmp_path, text):
-    path = plain(tmp_path / "a.zarr", 2)
-    (place,) = path.rglob(".zarray")
-    place.write_text(text)
-    with pytest.raises(vm.FileFormatError, match=r"a\.zarr"):
-        vm.open(path)
 
 
 class _Contract(ReaderContract):
@@ -316,13 +274,3 @@ class TestMicroscope(_Contract):
     @pytest.fixture
     def sample(self):
         return lambda directory: microscope(directory / "a.ome.zarr", 3)
-
-
-class TestZipped(ReaderContract):
-    @pytest.fixture
-    def sample(self, tmp_path_factory):
-        def write(directory):
-            made = plain(tmp_path_factory.mktemp("made") / "a.zarr", 2)
-            return type(directory)(shutil.move(zipped(made), directory / "a.zarr.zip"))
-
-        return write

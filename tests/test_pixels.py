@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from voluminous.backend import get_backend
-from voluminous.rendering.rays.pixels import BLOCK, PixelOrder
+from voluminous.rendering.pixels import BLOCK, PixelOrder
 
 NOBODY = 0xFFFFFFFF
 

@@ -470,7 +470,9 @@ def test_leaping_over_what_is_empty_changes_nothing(name, monkeypatch):
     camera = vm.Orthographic(incl=50, phi=30, resolution=48)
     leaping = vm.render(volume, medium, camera)
     volume.tables.clear()
-    monkeypatch.setattr("voluminous.rendering.sources.kept.worthwhile_blocks", lambda *_: None)
+    monkeypatch.setattr(
+        "voluminous.rendering.sources.empty_space.worthwhile_blocks", lambda *_: None
+    )
     walking = vm.render(volume, medium, camera)
     volume.tables.clear()
     # Also panels are cut anew behind what was leapt over: scalars are rounded afresh there.

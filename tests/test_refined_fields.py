@@ -13,7 +13,7 @@ from curvilinear_rays import adversarial_rays
 from random_trees import random_flags
 from test_spherical_refined import CIRCLE, GRIDS, RADII
 from voluminous.backend import get_backend
-from voluminous.rendering.interpolants.corner_values import CornerValues
+from voluminous.rendering.sources.vertex_values import CornerValues
 
 PI = np.pi
 BITS = np.indices((2, 2, 2)).reshape(3, 8)

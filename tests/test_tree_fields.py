@@ -13,7 +13,7 @@ from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import get_backend
 from voluminous.derivatives.neighbours import NeighbourDifferences
-from voluminous.rendering.interpolants.corner_values import CornerValues
+from voluminous.rendering.sources.vertex_values import CornerValues
 
 UNEVEN = ([-1.0, -0.3, 0.1, 0.8], [0.0, 0.5, 0.75, 2.0], [-1.0, -0.8, 1.0])
 ONES = [np.arange(4.0)] * 3

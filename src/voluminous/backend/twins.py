@@ -8,24 +8,24 @@ from typing import Any
 from .jit import dr
 
 
-def twin(tree: Any) -> Any:
+def clone_inputs(tree: Any) -> Any:
     """Return a copy of arrays, in lists, tuples and dataclasses, in memory of its own.
 
     On the CPU alone: there NumPy sees the memory that kernels read.
     """
     if isinstance(tree, dr.ArrayBase):
         copy = dr.empty(type(tree), len(tree))
-        overwrite(copy, tree)
+        copy_into(copy, tree)
         return copy
     parts = _parts(tree)
-    copies = {key: twin(part) for key, part in parts.items()}
+    copies = {key: clone_inputs(part) for key, part in parts.items()}
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return dataclasses.replace(tree, **copies)
     return type(tree)(copies.values()) if parts else tree
 
 
-def overwrite(copy: Any, tree: Any) -> None:
-    """Put the numbers of arrays into a `twin` of some like them.
+def copy_into(copy: Any, tree: Any) -> None:
+    """Put the numbers of arrays into a `clone_inputs` of some like them.
 
     No kernel may be running that reads it.
     """
@@ -35,7 +35,7 @@ def overwrite(copy: Any, tree: Any) -> None:
         return
     old = _parts(copy)
     for key, part in _parts(tree).items():
-        overwrite(old[key], part)
+        copy_into(old[key], part)
 
 
 def _parts(tree: Any) -> dict[Any, Any]:

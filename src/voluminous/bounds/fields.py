@@ -17,12 +17,10 @@ from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..media.stretch import control_point, shifted
 from ..rendering.cache import Cache
-from ..rendering.coefficients.classify import Classifier
-from ..rendering.coefficients.direct import Direct
-from ..rendering.coefficients.own_coordinates import ray_coordinates
-from ..rendering.empty_space.blocks import DUAL
-from ..rendering.empty_space.neglected import empty_blocks
-from ..rendering.sources.kept import get_lattices, get_ranges
+from ..rendering.sources.cells import CellEvaluator, ray_coordinates
+from ..rendering.sources.channel_layout import PerChannel
+from ..rendering.sources.corner_layouts import get_lattices
+from ..rendering.sources.empty_space import DUAL, empty_blocks, get_ranges
 from .curved import CurvedField
 from .media import PartBounds, bounds_on_panel
 from .scalars import CourseContext, Courses, CubicPiece
@@ -74,9 +72,9 @@ class Bracketed:
     """
 
     def __init__(self, volume: Any, medium: Medium, backend: Any, tolerance: float) -> None:
-        classifier, cache = Classifier(volume, medium, Direct(medium), backend), Cache(volume)
+        evaluator, cache = CellEvaluator(volume, medium, PerChannel(medium), backend), Cache(volume)
         self.medium, self.backend, grid = medium, backend, volume.grid
-        self.lattices, ranges = get_lattices(classifier, cache), get_ranges(classifier, cache, DUAL)
+        self.lattices, ranges = get_lattices(evaluator, cache), get_ranges(evaluator, cache, DUAL)
         self.signed = not all(_not_negative(part, volume, ranges) for part in medium.components())
         count = medium.channels * (4 if self.signed else 2)
         self.numbers = Numbers(count, count)
@@ -91,7 +89,7 @@ class Bracketed:
         every = "r" in names or bool(self.context.coordinates)
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
         self.tolerance: tuple[Any, Any] = (opaque(0.0), opaque(0.0))
-        self.blocks, self.neglected = empty_blocks(classifier, ranges, tolerance)
+        self.blocks, self.neglected = empty_blocks(evaluator, ranges, tolerance)
 
     def allow(self, emission: float, transparency: float) -> None:
         """Set how wide brackets may be per panel."""

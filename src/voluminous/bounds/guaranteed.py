@@ -9,16 +9,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..media.contract import Medium
-from ..rendering.job import Job
-from ..rendering.rays.drawing import Drawing
-from ..rendering.rays.paths import Paths
-from ..rendering.rays.pixels import BLOCK
+from ..rendering.job import RenderJob
+from ..rendering.pixels import BLOCK
+from ..rendering.tracer import Paths, RayTracer
 from .bracket import Bracket
 from .fields import Bracketed
 from .media import is_bounded
 
-# Panels tried per segment, at most, unless the caller says how many.
-BUDGET = 1024
 # How wide the bracket of one panel may be, of what a pixel's may; lower in every round.
 _SHARES = (0.03, 0.004, 0.0005)
 # What one panel loses by rounding, in ε of what has been gathered.
@@ -29,39 +26,41 @@ _TINY = 1e-290
 _SMALLER_BATCHES = 64
 
 
-def check_bounds(bounds: Any, job: Job) -> int:
+def check_bounds(bounds: Any, max_panels: Any, job: RenderJob) -> int:
     """Return the budget of panels per segment; 0 for no bounds.
 
     Raises
     ------
     InputError
-        If it is neither true, false nor a positive number, or the scheme has no bounds.
+        If these are not a truth value and a positive number, or the scheme has no bounds.
     """
-    if bounds is False:
-        return 0
-    if bounds is not True and (not isinstance(bounds, (int, np.integer)) or bounds < 1):
+    if not isinstance(bounds, bool):
         raise InputError(
-            "bounds must be True, False, or the most panels per segment (a whole number from 1), "
-            f"got {bounds!r}"
+            f"bounds must be True or False, got {bounds!r}; max_panels limits the panels per "
+            "segment, as in bounds=True, max_panels=64"
         )
+    if not isinstance(max_panels, (int, np.integer)) or max_panels < 1:
+        raise InputError(f"max_panels must be a whole number from 1, got {max_panels!r}")
+    if not bounds:
+        return 0
     if job.scheme.coefficients_at != "field":
         raise InputError(
             "bounds are of fields interpolated between cell centres: take "
             f"scheme='post-classified', got {job.scheme.name!r}"
         )
     if job.adaptive or job.recursive:
-        raise InputError("bounds need to know the rays of a pixel: give samples as a whole number")
-    return BUDGET if bounds is True else min(int(bounds), 1 << 31)
+        raise InputError("bounds need to know the rays of a pixel: leave out antialias")
+    return min(int(max_panels), 1 << 31)
 
 
 def bracket(
-    job: Job, budget: int, intensity: np.ndarray, background: np.ndarray
+    job: RenderJob, budget: int, intensity: np.ndarray, background: np.ndarray
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return lower and upper bounds of the intensity, shape (ny, nx, channel); None without budget.
 
     Parameters
     ----------
-    job : Job
+    job : RenderJob
         What has been drawn; here in double precision, front to back, and without a cut-off.
     budget : int
         Panels tried per segment, at most.
@@ -88,13 +87,13 @@ def bracket(
     return _intensities(job, paths, source, background)
 
 
-def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
+def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> Paths:
     """Return all paths, drawn again with narrower panels where brackets are too wide."""
-    drawing = Drawing(job, source, 0.0)
-    drawing.batch = max(1, drawing.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
+    tracer = RayTracer(job, source, 0.0)
+    tracer.batch = max(1, tracer.batch // _SMALLER_BATCHES // BLOCK**2) * BLOCK**2
     allowed = job.tolerance * brightest
     source.allow(_SHARES[0] * allowed, _SHARES[0] * job.tolerance)
-    paths = drawing.frame()
+    paths = tracer.frame()
     for share in _SHARES[1:]:
         lower, upper = _ends(paths, job.medium.channels)
         gap = np.max(upper.emission - lower.emission, axis=0)
@@ -103,12 +102,12 @@ def _narrowed(job: Job, source: Any, brightest: float, behind: float) -> Paths:
         if not len(wide):
             break
         source.allow(share * allowed, share * job.tolerance)
-        paths.put(wide, drawing.pixels(wide))
+        paths.put(wide, tracer.pixels(wide))
     return paths
 
 
 def _intensities(
-    job: Job, paths: Paths, source: Bracketed, background: np.ndarray
+    job: RenderJob, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds of the intensities, moved out by rounding and by what was leapt over."""
     neglected, (nx, ny) = source.neglected, job.frame.pixels

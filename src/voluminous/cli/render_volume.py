@@ -89,7 +89,7 @@ def scene_of(
     """
     from ..calibration import presets, suggest_medium
     from ..rendering import framed
-    from ..rendering.first_medium import has_channels
+    from ..rendering.framing import has_channels
     from ..scene import Scene
     from .data import first_field
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import InputError
 from ..expressions import DerivedField, Expression, is_dex, required_names
 from ..geometry import CARTESIAN
 from ..memory import fits
@@ -35,6 +36,11 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
     array
         Of the grid's shape; float32 if the argument is, and its range allows.
     """
+    if not volume.grid.cells_are_boxes:
+        raise InputError(
+            f"{operation} needs cells that are boxes, got a {type(volume.grid).__name__}; resample "
+            "the volume first: volume.resample(vm.CartesianGrid.uniform(...))"
+        )
     if volume.grid.is_structured:
         return _along_axes(volume, operation, argument)
 

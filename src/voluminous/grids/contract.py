@@ -477,6 +477,9 @@ class Grid:
             "unit": unit_name(self.unit),
         }
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.size} cells {unit_name(self.unit)}".rstrip() + ">"
+
     def on_device(self, backend: Backend, what: str, make: Callable[[], Made]) -> Made:
         """Return what `make` returned the first time for a backend: once made, it is kept."""
         kept: dict[Any, Any] = self.__dict__.setdefault("_on_devices", {})

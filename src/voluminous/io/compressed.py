@@ -34,7 +34,7 @@ class _Any(dict[str, str]):
 
 
 class PackedReader(Reader):
-    """What another reader makes of the file inside."""
+    """What another reader makes of the file inside: `find` returns it, `check` its options."""
 
     name = "packed"
     description = "a packed file (gzip, bzip2 or xz)"
@@ -42,9 +42,9 @@ class PackedReader(Reader):
     options = _Any()
 
     def __init__(
-        self, find: Callable[[Path], Reader], check_options: Callable[[Reader, Any], None]
+        self, find: Callable[[Path], Reader], check: Callable[[Reader, dict[str, Any]], None]
     ) -> None:
-        self._find, self._check_options = find, check_options
+        self._find, self._check = find, check
 
     def matches(self, path: Path, head: bytes) -> bool:
         return is_packed(head)
@@ -60,34 +60,32 @@ class PackedReader(Reader):
             return reader.info(inner, **options)
 
     @contextmanager
-    def _inside(self, path: Path, options: Any) -> Iterator[tuple[Reader, Path]]:
+    def _inside(self, path: Path, options: dict[str, Any]) -> Iterator[tuple[Reader, Path]]:
         """Give the reader for the file inside, and the file, which disappears afterwards."""
         with tempfile.TemporaryDirectory(prefix="voluminous-") as directory:
             inner = Path(directory, path.stem)
             _unpack(path, inner)
-            reader = self._reader(inner)
-            self._check_options(reader, options)
+            try:
+                reader = self._find(inner)
+            except FileFormatError as error:  # the user knows nothing of our directory
+                raise FileFormatError(str(error).replace(f"{inner.parent}/", "")) from error
+            if reader is self:
+                raise FileFormatError(
+                    f"{inner.name} inside is packed once more; unpack it yourself"
+                )
+            self._check(reader, options)
             with reading(Path(inner.name), reader.description):
                 yield reader, inner
 
-    def _reader(self, inner: Path) -> Reader:
-        try:
-            reader = self._find(inner)
-        except FileFormatError as error:  # the user knows nothing of our directory
-            raise FileFormatError(str(error).replace(f"{inner.parent}/", "")) from error
-        if reader is self:
-            raise FileFormatError(f"{inner.name} inside is packed once more; unpack it yourself")
-        return reader
-
 
 def _is_mapped(array: Any) -> bool:
-    while array is not None and not isinstance(array, np.memmap):
-        array = getattr(array, "base", None)
-    return array is not None
+    while isinstance(array, np.ndarray) and not isinstance(array, np.memmap):
+        array = array.base
+    return isinstance(array, np.memmap)
 
 
 def _unpack(path: Path, target: Path) -> None:
-    """Write what is in a packed file."""
+    """Write what is in a packed file, unless it is suspiciously much or does not fit."""
     most = max(_SMALL, _RATIO * path.stat().st_size)
     room = min(available_memory(), shutil.disk_usage(target.parent).free)
     written = 0

@@ -30,7 +30,7 @@ _NAMED = ("V / m", "T", "C / m3", "A / m2", "C", "V", "A", "N", "J", "J / m3", "
 _LENGTH = [1.0, *[0.0] * 6]
 
 
-class Points(NamedTuple):
+class MeshPoints(NamedTuple):
     """Where the values of a mesh are: `low` is half a spacing before the first, in metres."""
 
     geometry: str
@@ -41,7 +41,7 @@ class Points(NamedTuple):
     is_length: bool
 
 
-class Mesh(NamedTuple):
+class MeshPart(NamedTuple):
     """A component of a mesh; `factor` leads to its unit, `sign` is that of imaginary parts."""
 
     name: str
@@ -51,7 +51,7 @@ class Mesh(NamedTuple):
     unit: Any
     factor: float
     sign: int
-    points: Points
+    points: MeshPoints
 
 
 class OpenPMDReader(Reader):
@@ -98,10 +98,10 @@ class OpenPMDReader(Reader):
 
 def _meshes(
     path: Path, iteration: Any = None, centred: bool = False
-) -> tuple[list[Mesh], dict[str, Any]]:
+) -> tuple[list[MeshPart], dict[str, Any]]:
     if not isinstance(centred, bool):
         raise InputError(f"centred must be True or False, got {centred!r}")
-    found: list[Mesh] = []
+    found: list[MeshPart] = []
     with opened(path) as file:
         base, meta = _iteration(file, iteration)
         place = text(file.attrs.get("meshesPath")).strip("/")
@@ -118,13 +118,13 @@ def _meshes(
                     left[f"{name}/{part}".rstrip("/")] = str(error)
     if not found:
         raise InputError(
-            f"expected meshes that can be fields{_told(left) or '; there are none'}. Particles can "
-            "be read with h5py, and put on a grid with vm.Volume.from_particles"
+            f"expected meshes that can be fields{_left_out(left) or '; there are none'}. Particles "
+            "can be read with h5py, and put on a grid with vm.Volume.from_particles"
         )
     return found, meta | ({"left_out": left} if left else {})
 
 
-def _told(left: dict[str, str]) -> str:
+def _left_out(left: dict[str, str]) -> str:
     return "".join(f"; left out is {place}: {why}" for place, why in left.items())
 
 
@@ -153,8 +153,8 @@ def _iteration(file: Any, wanted: Any) -> tuple[Any, dict[str, Any]]:
 
 def _mesh(
     path: Path, group: Any, name: str, part: str, record: Any, item: Any, centred: bool
-) -> Mesh:
-    """Return what is to be known of a component; an error tells why it can be no field."""
+) -> MeshPart:
+    """Return a component; an error says why it cannot be a field."""
     place = f"{name}/{part}".rstrip("/")
     geometry = text(record.attrs.get("geometry", "cartesian"))
     if geometry not in _AXES:
@@ -177,8 +177,8 @@ def _mesh(
     if len(shape) != 3 or min(shape) < 1 or (geometry == "thetaMode" and shape[0] % 2 == 0):
         raise FileFormatError(f"shape {shape}, expected that of a {geometry} mesh")
     along = np.argsort(labels)
-    told = item if "position" in item.attrs else record
-    position = 0.5 if centred else _numbers(told, "position", len(labels))[along]
+    holder = item if "position" in item.attrs else record
+    position = 0.5 if centred else _numbers(holder, "position", len(labels))[along]
     spacing = _numbers(record, "gridSpacing", len(labels))[along]
     low = _numbers(record, "gridGlobalOffset", len(labels))[along] + (position - 0.5) * spacing
     is_length = "gridUnitSI" in record.attrs
@@ -190,7 +190,7 @@ def _mesh(
     is_si = "unitSI" in item.attrs
     mode_sign = -1 if "imag=-" in text(record.attrs.get("geometryParameters")) else 1
     ending = _AROUND.get(part, part) if geometry == "thetaMode" else part
-    return Mesh(
+    return MeshPart(
         field_name(f"{name}_{ending}" if part else name),
         place,
         item.name,
@@ -198,12 +198,8 @@ def _mesh(
         _unit(record.attrs.get("unitDimension", ())) if is_si else None,
         float(_numbers(item, "unitSI", 1)[0]) if is_si else 1.0,
         mode_sign,
-        Points(geometry, axes, shape, _metres(low, scale), _metres(spacing, scale), is_length),
+        MeshPoints(geometry, axes, shape, tuple(low * scale), tuple(spacing * scale), is_length),
     )
-
-
-def _metres(lengths: np.ndarray, scale: Any) -> tuple[float, ...]:
-    return tuple((lengths * scale).tolist())
 
 
 def _numbers(item: Any, name: str, count: int) -> np.ndarray:
@@ -227,7 +223,7 @@ def _unit(powers: Any) -> Any:
     return next((unit for unit in named if unit.decompose() == base), base)
 
 
-def _on_one_grid(meshes: list[Mesh], fields: Any, left: dict[str, str]) -> dict[str, Mesh]:
+def _on_one_grid(meshes: list[MeshPart], fields: Any, left: dict[str, str]) -> dict[str, MeshPart]:
     """Return name → component of those asked for, or of the most that have the same points."""
     by_place = {mesh.place: mesh for mesh in meshes}
     points = Counter(mesh.points for mesh in meshes).most_common(1)[0][0]
@@ -235,8 +231,8 @@ def _on_one_grid(meshes: list[Mesh], fields: Any, left: dict[str, str]) -> dict[
     try:
         chosen = {name: by_place[place] for name, place in chosen_fields(known, fields).items()}
     except UnknownNameError as error:
-        raise UnknownNameError(f"{error.args[0]}{_told(left)}") from error
-    groups: dict[Points, list[str]] = {}
+        raise UnknownNameError(f"{error.args[0]}{_left_out(left)}") from error
+    groups: dict[MeshPoints, list[str]] = {}
     for mesh in meshes if fields is None else chosen.values():
         groups.setdefault(mesh.points, []).append(mesh.name)
     if len(groups) == 1:
@@ -252,7 +248,7 @@ def _on_one_grid(meshes: list[Mesh], fields: Any, left: dict[str, str]) -> dict[
     return chosen
 
 
-def _grid(points: Points, unit: Any, azimuths: Any) -> tuple[Any, np.ndarray]:
+def _grid(points: MeshPoints, unit: Any, azimuths: Any) -> tuple[Any, np.ndarray]:
     """Return the grid with a point in each cell, and the azimuths of its cells."""
     from astropy import units as u
 
@@ -278,7 +274,7 @@ def _grid(points: Points, unit: Any, azimuths: Any) -> tuple[Any, np.ndarray]:
     return CylindricalGrid(np.maximum(R, 0), phi, z, unit=unit), (phi[1:] + phi[:-1]) / 2
 
 
-def _load(path: Path, mesh: Mesh, angles: np.ndarray) -> np.ndarray:
+def _load(path: Path, mesh: MeshPart, angles: np.ndarray) -> np.ndarray:
     points = mesh.points
     count = int(np.prod(points.shape[1:])) * max(points.shape[0], len(angles))
     check_memory(8 * count, f"reading {mesh.place}", "take fewer azimuths, or a coarser mesh")

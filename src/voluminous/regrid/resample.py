@@ -317,7 +317,8 @@ def _resample_means(
 def _sampled(
     fields: Mapping[str, np.ndarray], source: Any, target: Any, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
-    sums, shared = _sums(fields, target, sampled_overlaps(source, target, samples))
+    overlapping = sampled_overlaps if source.cells_are_boxes else _located
+    sums, shared = _sums(fields, target, overlapping(source, target, samples))
     inside = _inside(source, target, samples)
     met = shared > 0
     nearest = source.locate(np.ascontiguousarray(target.cell_centers(0, target.size).T))
@@ -374,7 +375,15 @@ def _share(fill: float, rest: np.ndarray) -> np.ndarray:
 
 
 def _is_boxes(grid: Any) -> bool:
-    return tuple(grid.coordinates) == CARTESIAN
+    return grid.cells_are_boxes and tuple(grid.coordinates) == CARTESIAN
+
+
+def _located(source: Any, target: Any, samples: int) -> Iterator[Overlap]:
+    """Yield the cells of the source at points in those of the target."""
+    for into, points, volume in points_in(target, samples):
+        own = source.locate(points)
+        there = own >= 0
+        yield own[there], into[there], volume[there]
 
 
 def _has_holes(grid: Any) -> bool:
@@ -389,6 +398,10 @@ def _double(values: np.ndarray) -> np.ndarray:
 def _check(source: Any, target: Any, samples: Any) -> None:
     if not hasattr(target, "locate"):
         raise InputError(f"resample needs a grid such as vm.CartesianGrid, got {target!r}")
+    if not target.cells_are_boxes:
+        raise InputError(
+            f"fields cannot be resampled onto a {type(target).__name__}, whose cells are no boxes"
+        )
     if not is_count(samples, MOST):
         raise InputError(f"samples must be a positive whole number, got {shown(samples)}")
     if source.unit != target.unit:

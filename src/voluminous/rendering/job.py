@@ -12,29 +12,26 @@ import numpy as np
 from ..backend import dr
 from ..schemes.base import Scheme
 from ..volume import Volume
+from .antialias import FluxConserving, refine
 from .cache import Cache
-from .coefficients.digits import beyond_single_sums
-from .coefficients.emission_unit import channels_last, in_units_of
+from .missing import HiddenCells
 from .options import DEFAULT_ERROR
-from .rays.adaptive import refine
-from .rays.control import add_floor, controlled, in_kernel_unit, total_error
-from .rays.drawing import Drawing
-from .rays.flux_conserving import FluxConserving
-from .rays.hidden import Hidden
-from .rays.kernels import Kernels
-from .rays.paths import Paths
-from .sources.choice import get_source
+from .precision import sums_need_double
+from .sources import get_source
+from .sources.channel_layout import channels_last, in_units_of
+from .tolerance import add_rounding_error, controlled, in_kernel_unit, total_error
+from .tracer import KernelCache, Paths, RayTracer
 
 
 @dataclass
-class Planes:
+class RenderResult:
     """The pixels' paths as NumPy arrays (ny, nx, channel or 1), and whether rays stopped early.
 
     Attributes
     ----------
     error : array, shape (ny, nx), or None
         How far an intensity may be off in its worst channel.
-    drawing : Drawing
+    tracer : RayTracer
         What drew them, for rays still to come.
     """
 
@@ -43,7 +40,7 @@ class Planes:
     depth: np.ndarray
     error: np.ndarray | None
     stopped: bool
-    drawing: Drawing
+    tracer: RayTracer
 
     @functools.cached_property
     def brightest(self) -> float:
@@ -69,14 +66,14 @@ class Planes:
 
 
 @dataclass
-class Job:
+class RenderJob:
     """Everything one render is made of.
 
     Attributes
     ----------
     cache : Cache
         What was made of the volume before.
-    hidden : Hidden, optional
+    hidden : HiddenCells, optional
         Cells that hold no value.
     """
 
@@ -91,7 +88,7 @@ class Job:
     tolerance: float
     progress: Callable[[int, int], None]
     cache: Cache
-    hidden: Hidden | None = None
+    hidden: HiddenCells | None = None
     samples: int = 1
     adaptive: bool = False
     recursive: bool = False
@@ -126,7 +123,7 @@ class Job:
         """What may be left out where a ray stops, as a fraction of what it has gathered."""
         return min(DEFAULT_ERROR, 0.1 * self.tolerance) if self.scheme.controlled else DEFAULT_ERROR
 
-    def drawn(self, kind: type[Drawing]) -> tuple[Paths, Any]:
+    def drawn(self, kind: type[RayTracer]) -> tuple[Paths, Any]:
         """Return what rays of a kind of their own find, and the numbers of their source."""
         source = self._source()
         return kind(self, source, 0.0).frame(), source.numbers
@@ -137,7 +134,7 @@ class Job:
         nx, ny = self.frame.pixels
         return float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
 
-    def run(self, brightest_background: float) -> Planes:
+    def run(self, brightest_background: float) -> RenderResult:
         """Render all pixels.
 
         In double precision where single is not enough: of a quotient of two fields that vanish in
@@ -149,49 +146,49 @@ class Job:
             planes = self._run(brightest_background)
         return planes
 
-    def _run(self, brightest_background: float) -> Planes:
-        drawing = self._drawing(brightest_background)
+    def _run(self, brightest_background: float) -> RenderResult:
+        tracer = self._drawing(brightest_background)
         if self.scheme.controlled:
-            paths, enough = controlled(drawing, self.tolerance, brightest_background)
+            paths, enough = controlled(tracer, self.tolerance, brightest_background)
             if not enough:  # all there is to see is as faint as what was left out
-                drawing = self._drawing(brightest_background, faintest=True)
-                paths, _ = controlled(drawing, self.tolerance, brightest_background)
+                tracer = self._drawing(brightest_background, faintest=True)
+                paths, _ = controlled(tracer, self.tolerance, brightest_background)
         else:
-            paths = drawing.frame()
+            paths = tracer.frame()
         if self.adaptive:
-            refine(drawing, paths, self.tolerance)
+            refine(tracer, paths, self.tolerance)
         if self.scheme.controlled:
-            add_floor(drawing, paths)
-        return self._planes(paths, drawing, brightest_background)
+            add_rounding_error(tracer, paths)
+        return self._planes(paths, tracer, brightest_background)
 
-    def _drawing(self, brightest_background: float, *, faintest: bool = False) -> Drawing:
-        kind = FluxConserving if self.recursive else Drawing
-        drawing = kind(self, self._source(faintest), brightest_background)
-        drawing.kernels = self._kernels(drawing, faintest)
-        return drawing
+    def _drawing(self, brightest_background: float, *, faintest: bool = False) -> RayTracer:
+        kind = FluxConserving if self.recursive else RayTracer
+        tracer = kind(self, self._source(faintest), brightest_background)
+        tracer.kernels = self._kernels(tracer, faintest)
+        return tracer
 
-    def _kernels(self, drawing: Drawing, faintest: bool) -> Kernels | None:
+    def _kernels(self, tracer: RayTracer, faintest: bool) -> KernelCache | None:
         """Return where what is traced is kept: with the volume, if all that steers it is known."""
         if self.backend.device != "cpu" or self.backend.derivatives:
             return None
         parts = self.medium.key(), self.camera.key(), self.scheme.key()
         if None in parts or not self.cache.statistics.is_hashed(self.medium.names):
-            return Kernels()
-        source, ending = drawing.source, drawing.ending
+            return KernelCache()
+        source, ending = tracer.source, tracer.ending
         key = (
             "kernels",
             *parts,
             self.cache.statistics.digests(self.medium.names),
             (self.backend, self.backward, self.tolerance, faintest, self.hidden is None),
-            (type(source), type(drawing.walk), None if ending is None else len(ending.weights)),
+            (type(source), type(tracer.walk), None if ending is None else len(ending.weights)),
         )
-        kernels: Kernels = self.cache.get_or_make(key, Kernels)
+        kernels: KernelCache = self.cache.get_or_make(key, KernelCache)
         return kernels
 
     def _source(self, faintest: bool = False) -> Any:
         source = self._make_source(faintest)
         single = self.backend.precision == "single"
-        if single and beyond_single_sums(source.numbers, source.bounds):
+        if single and sums_need_double(source.numbers, source.bounds):
             self._take_double()
             source = self._make_source(faintest)
         return source
@@ -241,8 +238,8 @@ class Job:
     def _classifying(self, done: int, total: int) -> None:
         self.progress(0, 1)
 
-    def _planes(self, paths: Paths, drawing: Drawing, brightest_background: float) -> Planes:
-        (nx, ny), source = self.frame.pixels, drawing.source
+    def _planes(self, paths: Paths, tracer: RayTracer, brightest_background: float) -> RenderResult:
+        (nx, ny), source = self.frame.pixels, tracer.source
 
         def stacked(rows: list[np.ndarray]) -> np.ndarray:
             return channels_last([row.reshape(ny, nx) for row in rows])
@@ -255,11 +252,11 @@ class Job:
             )
             error = error.reshape(ny, nx)
         emission = source.numbers.mix([row.reshape(ny, nx) for row in paths.emission])
-        return Planes(
+        return RenderResult(
             emission,
             stacked(paths.transparency),
             stacked(paths.depth),
             error,
             paths.stopped,
-            drawing,
+            tracer,
         )

@@ -167,7 +167,7 @@ class CartesianGrid(CartesianCells, Grid):
         return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
-        lattices: list[Any] = room("rendering.interpolants.lattice").cartesian_lattices(
+        lattices: list[Any] = room("rendering.sources.corner_layouts").cartesian_lattices(
             arrays, backend
         )
         return lattices

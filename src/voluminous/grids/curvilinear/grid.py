@@ -158,7 +158,7 @@ class CurvilinearGrid(Grid):
         return cells_around(self, lane, backend)
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
-        module = room("rendering.interpolants.lattice")
+        module = room("rendering.sources.corner_layouts")
         make = module.curvilinear_lattices if self.is_structured else module.tree_lattices
         lattices: list[Any] = make(self, arrays, backend)
         return lattices

@@ -1,7 +1,7 @@
 """The walk through a refined curvilinear grid, with fields multilinear between corners of leaves.
 
 Values at corners are chosen such that neighbours of any size agree on what is between them
-(`rendering.interpolants.corner_values`). In a leaf a field is linear in each of the grid's own
+(`rendering.sources.vertex_values`). In a leaf a field is linear in each of the grid's own
 coordinates; along a ray the cubic through four of its values stands for it, as in
 `curvilinear.field_walk`.
 """

@@ -218,7 +218,7 @@ class TreeCells(Grid):
         return self.surroundings(backend)
 
     def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
-        lattices: list[Any] = room("rendering.interpolants.lattice").tree_lattices(
+        lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
             self, arrays, backend
         )
         return lattices

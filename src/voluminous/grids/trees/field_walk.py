@@ -1,7 +1,7 @@
 """The walk of rays through a tree's cells, with fields trilinear between the corners of each.
 
 Values at corners are chosen such that neighbours of any size agree on what is between them
-(`rendering.interpolants.corner_values`): fields are continuous, and a cubic along a ray in each
+(`rendering.sources.vertex_values`): fields are continuous, and a cubic along a ray in each
 cell.
 """
 

@@ -11,7 +11,7 @@ from ...errors import FileFormatError
 from ...memory import check_memory
 from ...packages import require
 from ..guard import by_library
-from ..hdf5 import is_hdf5, opened
+from ..hdf5 import holds
 from ..payload import checked_shape
 from .placement import Placement
 from .stored import unpacked_start
@@ -19,7 +19,7 @@ from .voxels import VoxelReader, Voxels, time_step, times_meta
 
 
 class _ByNibabel(VoxelReader):
-    """An image of three dimensions, perhaps with time; a format adds `matches` and `library`."""
+    """An image of three dimensions, perhaps with time, by a class of nibabel."""
 
     packages = ("nibabel",)
     extra = "medical"
@@ -27,9 +27,7 @@ class _ByNibabel(VoxelReader):
         **VoxelReader.options,
         "time": "number of the time step or sub-volume, from 0, of a file with several",
     }
-
-    def library(self, path: Path) -> str:
-        raise NotImplementedError
+    library = ""
 
     def voxels(self, path: Path, *, time: int = 0) -> Voxels:
         with by_library("nibabel"):
@@ -38,7 +36,7 @@ class _ByNibabel(VoxelReader):
         sizes = checked_shape(image.shape)
         if len(sizes) not in (3, 4):
             raise FileFormatError(f"expected three dimensions, and time at most, got {sizes}")
-        axis = _axis_of_time(image) if len(sizes) == 4 else None
+        axis = self.axis_of_time(image) if len(sizes) == 4 else None
         times = 1 if axis is None else sizes[axis]
         step = time_step(time, times)
         chosen = tuple(step if k == axis else slice(None) for k in range(len(sizes)))
@@ -57,37 +55,34 @@ class _ByNibabel(VoxelReader):
             meta=times_meta(times, step),
         )
 
+    def axis_of_time(self, image: Any) -> int:
+        """Return the axis that is not space."""
+        return 3
+
     def _image(self, path: Path) -> Any:
-        module, _, kind = self.library(path).rpartition(".")
+        module, _, kind = self.library.rpartition(".")
         library = require(f"nibabel.{module}", self.extra, f"reading {self.description}")
         image = getattr(library, kind)
         if len(image.files_types) > 1:
             return image.from_filename(path)
-        # Of a single file the content tells what it is, not its name.
+        # The name of a single file need not have the usual ending.
         holders = require("nibabel.fileholders", self.extra, f"reading {self.description}")
         return image.from_file_map({"image": holders.FileHolder(str(path))})
-
-
-def _axis_of_time(image: Any) -> int:
-    """Return the axis that is not space: the last, but of MINC one of those that have a name."""
-    names = getattr(getattr(image.dataobj, "minc_file", None), "_dim_names", "xyzt")
-    (axis,) = (k for k, name in enumerate(names) if not name.endswith(("x", "y", "z", "space")))
-    return axis
 
 
 def _dtype(path: Path, image: Any) -> np.dtype[Any]:
     """Return the type of true values: as stored, or real numbers where they are scaled.
 
-    The last value is read for that, which finds out files that are cut short; of packed ones the
+    The last value is read for that, which reveals files that are cut short; of packed ones the
     first.
     """
     packed = path.suffix.lower() in (".gz", ".mgz", ".bz2", ".z")
     last = tuple(0 if packed else n - 1 for n in image.shape)
-    found = np.asarray(image.dataobj[last]).dtype.newbyteorder("=")
+    true = np.asarray(image.dataobj[last]).dtype.newbyteorder("=")
     stored = np.dtype(image.get_data_dtype()).newbyteorder("=")
     if stored.kind not in "iuf":
         raise FileFormatError(f"expected real numbers, got {stored}")
-    return found if found == stored or stored.itemsize == 8 else np.dtype(np.float32)
+    return true if true == stored or stored.itemsize == 8 else np.dtype(np.float32)
 
 
 class MINCReader(_ByNibabel):
@@ -100,17 +95,20 @@ class MINCReader(_ByNibabel):
     def matches(self, path: Path, head: bytes) -> bool:
         if head.startswith(b"CDF\x01"):
             return all(word in head for word in (b"xspace", b"yspace", b"zspace"))
-        if not is_hdf5(head):
-            return False
-        try:
-            with opened(path) as file:
-                return "minc-2.0" in file
-        except Exception:  # damaged: whoever reads it says so
-            return False
+        return holds(path, head, lambda file: "minc-2.0" in file)
 
-    def library(self, path: Path) -> str:
+    def axis_of_time(self, image: Any) -> int:
+        """Return the axis whose name is no direction of space."""
+        names = image.dataobj.minc_file._dim_names
+        return next(k for k, name in enumerate(names) if not name.endswith("space"))
+
+    def _image(self, path: Path) -> Any:
         with open(path, "rb") as file:
-            return "minc1.Minc1Image" if file.read(3) == b"CDF" else "minc2.Minc2Image"
+            version = 1 if file.read(3) == b"CDF" else 2
+        module = require(f"nibabel.minc{version}", self.extra, f"reading {self.description}")
+        holders = require("nibabel.fileholders", self.extra, f"reading {self.description}")
+        image = getattr(module, f"Minc{version}Image")
+        return image.from_file_map({"image": holders.FileHolder(str(path))})
 
 
 class MGHReader(_ByNibabel):
@@ -119,6 +117,7 @@ class MGHReader(_ByNibabel):
     name = "mgh"
     description = "a FreeSurfer image (.mgh, .mgz)"
     suffixes = (".mgh", ".mgz")
+    library = "freesurfer.mghformat.MGHImage"
 
     def matches(self, path: Path, head: bytes) -> bool:
         start = unpacked_start(head, 30)[:30]
@@ -128,16 +127,14 @@ class MGHReader(_ByNibabel):
         good = int.from_bytes(start[28:30], "big")
         return all(0 < n < 1 << 20 for n in sizes) and kind in (0, 1, 3, 4, 10) and good in (0, 1)
 
-    def library(self, path: Path) -> str:
-        return "freesurfer.mghformat.MGHImage"
-
 
 class AFNIReader(_ByNibabel):
-    """A head of text, and sub-bricks beside it, which are taken for time steps."""
+    """A text header, and sub-bricks beside it, which are taken for time steps."""
 
     name = "afni"
     description = "an AFNI image (.HEAD with .BRIK)"
     suffixes = (".head", ".brik", ".brik.gz")
+    library = "brikhead.AFNIImage"
 
     def matches(self, path: Path, head: bytes) -> bool:
         if b"-attribute" in head[:100] and head.lstrip().startswith(b"type"):
@@ -145,22 +142,17 @@ class AFNIReader(_ByNibabel):
         name, dot, _ = path.name.rpartition(".BRIK")
         return bool(dot) and path.with_name(f"{name}.HEAD").is_file()
 
-    def library(self, path: Path) -> str:
-        return "brikhead.AFNIImage"
-
 
 class PARRECReader(_ByNibabel):
-    """A head of text, and slices beside it."""
+    """A text header, and slices beside it."""
 
     name = "parrec"
     description = "a Philips image (.PAR with .REC)"
     suffixes = (".par", ".rec")
+    library = "parrec.PARRECImage"
 
     def matches(self, path: Path, head: bytes) -> bool:
         if b"DATA DESCRIPTION FILE" in head[:200]:
             return True
         pair = {".rec": ".par", ".REC": ".PAR"}.get(path.suffix)
         return pair is not None and path.with_suffix(pair).is_file()
-
-    def library(self, path: Path) -> str:
-        return "parrec.PARRECImage"

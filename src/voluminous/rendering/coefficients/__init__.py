@@ -1,1 +1,0 @@
-"""A medium put before a volume: coefficients per cell, per vertex, or on the ray."""

@@ -1,1 +1,0 @@
-"""What rays may leap over: blocks and leaves that show nothing."""

@@ -1,1 +1,0 @@
-"""Fields between the points where they are known, as rays gather them."""

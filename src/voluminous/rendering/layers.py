@@ -1,0 +1,346 @@
+"""Layers put into pixels: rays are followed anew up to them; what is behind is known already.
+
+Let a ray gather E and dim by θ up to a layer (b, t), and let E∞ be what the whole ray gathers. Then
+it shows ``E + θ b + t (E∞ - E)``: a mean of the ray that ends at the layer and the one that does
+not. Nothing needs to be solved behind, and a layer that shows nothing changes nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..backend import dr, from_host
+from ..grids.contract import Ray
+from ..objects.contract import Layers
+from .antialias import left_of_edges
+from .pixels import subpixel_offsets
+from .tolerance import fixed_relative_error
+from .tracer import BatchResult, OutputBuffers, Paths, RayTracer
+
+if TYPE_CHECKING:
+    from .job import RenderJob, RenderResult
+
+
+@dataclass
+class Pairs:
+    """Stretches of rays, in double precision.
+
+    Attributes
+    ----------
+    emission : array, shape (n, channel)
+    transparency : array, shape (n, channel or 1)
+    error : array, shape (n, 3) or (n, 0)
+        How far b may be off, how far θ may be off, and the brightness of b; or nothing is known.
+    """
+
+    emission: np.ndarray
+    transparency: np.ndarray
+    error: np.ndarray
+
+    def over(self, back: Pairs) -> Pairs:
+        """Return each of these in front of one of the others, as `schemes.path.over` does."""
+        return Pairs(
+            self.emission + self.transparency * back.emission,
+            self.transparency * back.transparency,
+            self._errors(back) if self.error.size else self.error,
+        )
+
+    def _errors(self, back: Pairs) -> np.ndarray:
+        wrong, dim, bright = self.error.T
+        wrong_back, dim_back, bright_back = back.error.T
+        through = self.transparency.max(axis=1)
+        error = [
+            wrong + through * wrong_back + dim * bright_back,
+            dim * back.transparency.max(axis=1) + through * dim_back,
+            bright + through * bright_back,
+        ]
+        return np.stack(error, axis=1)
+
+    def some(self, index: Any) -> Pairs:
+        """Return some of them."""
+        return Pairs(*(part.take(index, axis=0) for part in self.parts))
+
+    @property
+    def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Emission, transparency and error."""
+        return self.emission, self.transparency, self.error
+
+    @classmethod
+    def mean(cls, found: list[Pairs]) -> Pairs:
+        """Return the means of several sets."""
+        if len(found) == 1:
+            return found[0]
+        return cls(
+            *(np.mean(parts, axis=0) for parts in zip(*(one.parts for one in found), strict=True))
+        )
+
+
+def fold(pairs: Pairs, count: np.ndarray) -> Pairs:
+    """Return one pair per group: all of it, the first one in front.
+
+    Folding is associative: neighbours are joined in each round, so that there are few rounds,
+    however many pairs one pixel has.
+
+    Parameters
+    ----------
+    pairs : Pairs
+        Group after group.
+    count : int array
+        How many pairs each group has, at least one.
+    """
+    count = np.asarray(count)
+    several = np.flatnonzero(count > 1)
+    if not len(several):
+        return pairs
+    start = np.cumsum(count) - count
+    found = pairs.some(start)
+    more = np.repeat(count > 1, count)
+    joined = _joined(pairs.some(np.flatnonzero(more)), count[several])
+    for part, whole in zip(found.parts, joined.parts, strict=True):
+        part[several] = whole
+    return found
+
+
+def _joined(pairs: Pairs, count: np.ndarray) -> Pairs:
+    while np.any(count > 1):
+        start = np.cumsum(count) - count
+        place = np.arange(int(count.sum())) - np.repeat(start, count)
+        front = place % 2 == 0
+        alone = front & (place == np.repeat(count, count) - 1)
+        joined = pairs.some(np.flatnonzero(front))
+        partner = np.flatnonzero(front & ~alone)
+        where = np.flatnonzero(~alone[front])
+        both = pairs.some(partner).over(pairs.some(partner + 1))
+        for part, whole in zip(joined.parts, both.parts, strict=True):
+            part[where] = whole
+        pairs, count = joined, (count + 1) // 2
+    return pairs
+
+
+def with_channels(values: np.ndarray, channels: int, fill: float) -> np.ndarray:
+    """Return values (…, own) with one for each channel, unless there is one for all of them."""
+    own = values.shape[-1]
+    if own == 1 or own == channels:
+        return values
+    more = np.full((*values.shape[:-1], channels - own), fill, values.dtype)
+    return np.concatenate([values, more], axis=-1)
+
+
+class Stretches(RayTracer):
+    """A job's rays, confined to parts of their way.
+
+    Parameters
+    ----------
+    brightest_background : float
+        The brightest thing that may be behind a stretch: rays must not stop before they know how
+        much of it comes through.
+    """
+
+    def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
+        super().__init__(job, source, brightest_background)
+        if job.reckoned:  # these begin outside of the domain, whatever they are told
+            self.walk = job.volume.grid.walk(job.backend, "cells")
+
+    def up_to(
+        self,
+        layers: Layers,
+        order: np.ndarray,
+        first: np.ndarray,
+        offsets: list[tuple[float, float]],
+    ) -> list[Pairs]:
+        """Return the stretches in front of layers: from the observer, or from the layer before.
+
+        Rays are followed in the order of `layers`, where neighbours cross the same cells.
+
+        Parameters
+        ----------
+        order : array of int
+            The order of the result: layers of one pixel after one another, the nearest first.
+        first : array of int
+            Where in that order a pixel's first one is.
+        offsets : list of (float, float)
+            Where in pixels rays go through, from their centres: each gives stretches of its own.
+        """
+        before = np.roll(layers.depth.take(order), 1)
+        before[first] = -np.inf
+        begin = np.empty_like(before)
+        begin[order] = before
+        du, dv = (np.repeat(d, len(order)) for d in np.transpose(offsets))
+        rays, begin, end = (np.tile(a, len(offsets)) for a in (layers.pixel, begin, layers.depth))
+        found = self.between(rays, du, dv, begin, end, layers.emission.shape[1])
+        return [found.some(order + k * len(order)) for k in range(len(offsets))]
+
+    def to(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, depth: np.ndarray) -> Pairs:
+        """Return the stretches from the observer to depths."""
+        begin = np.full(len(pixel), -np.inf)
+        return self.between(pixel, du, dv, begin, depth, self.job.medium.channels)
+
+    def between(
+        self,
+        pixel: np.ndarray,
+        du: np.ndarray,
+        dv: np.ndarray,
+        begin: np.ndarray,
+        end: np.ndarray,
+        channels: int,
+    ) -> Pairs:
+        """Return the pairs of rays between two depths each, in intensities of all channels."""
+        gathered = OutputBuffers(self, len(pixel))
+        for first in range(0, len(pixel), self.batch):
+            part = slice(first, first + self.batch)
+            lanes = self._lanes(pixel[part], du[part], dv[part])
+            ray = self._confined(self._ray(lanes), begin[part], end[part])
+            state = self._followed(ray)
+            found = BatchResult(state.path, state.cursor.inside, lanes)
+            found.write(gathered.rows, first)
+        return self._pairs(gathered.paths(), channels)
+
+    def _confined(self, ray: Ray, begin: np.ndarray, end: np.ndarray) -> Ray:
+        """Return rays between depths, which count from the observer whichever way they run."""
+        lanes = dr.width(ray.active)
+        first, last = (from_host(self.backend.Wide, np.resize(d, lanes)) for d in (begin, end))
+        if self.job.backward:
+            first, last = -last, -first
+        if ray.first is not None:
+            first = dr.select(ray.first > first, ray.first, first)
+        if ray.last is not None:
+            last = dr.select(ray.last < last, ray.last, last)
+        return replace(ray, first=first, last=last)
+
+    def _pairs(self, paths: Paths, channels: int) -> Pairs:
+        numbers = self.source.numbers
+        emission = numbers.mix(paths.emission).astype(np.float64)
+        transparency = with_channels(_columns(paths.transparency), channels, 1.0)
+        error = np.empty((len(emission), 0))
+        if paths.error:
+            error = _columns(paths.error)
+            error[:, ::2] *= numbers.unit
+        if emission.shape[1] < channels:
+            emission = np.pad(emission, ((0, 0), (0, channels - emission.shape[1])))
+        return Pairs(emission, transparency, error)
+
+
+def _columns(rows: list[np.ndarray]) -> np.ndarray:
+    return np.stack(rows, axis=-1).astype(np.float64)
+
+
+# Rays per side of a pixel where the picture itself takes as many as it needs.
+_SAMPLES = 4
+# Stretches followed together, of several rays per pixel.
+_TOGETHER = 1 << 20
+
+
+@dataclass
+class Groups:
+    """Layers of each pixel together, the nearest first.
+
+    Attributes
+    ----------
+    order : int array, shape (n,)
+        Numbers of layers, group after group.
+    pixel : int array, shape (groups,)
+        Flat numbers of pixels, each once.
+    count : int array, shape (groups,)
+        How many layers each has.
+    """
+
+    order: np.ndarray
+    pixel: np.ndarray
+    count: np.ndarray
+
+    @classmethod
+    def of(cls, layers: Layers, pixels: int) -> Groups:
+        """Return the groups of layers in a picture of so many pixels."""
+        occurs = np.bincount(layers.pixel, minlength=pixels)
+        alone = occurs.take(layers.pixel) == 1  # most are: only the others need to be sorted
+        single, several = np.flatnonzero(alone), np.flatnonzero(~alone)
+        several = several[np.lexsort((layers.depth[several], layers.pixel[several]))]
+        pixel, count = np.unique(layers.pixel[several], return_counts=True)
+        return cls(
+            np.concatenate([single, several]),
+            np.concatenate([layers.pixel[single], pixel]),
+            np.concatenate([np.ones(len(single), count.dtype), count]),
+        )
+
+    @property
+    def first(self) -> np.ndarray:
+        """Where in `order` each group begins."""
+        return np.asarray(np.cumsum(self.count) - self.count)
+
+
+def lay(planes: RenderResult, layers: Layers, tracer: Stretches) -> None:
+    """Put layers at their depths into the pixels that they cover."""
+    if not len(layers.pixel):
+        return
+    groups, job = Groups.of(layers, planes.emission[..., 0].size), tracer.job
+    placed = layers.some(groups.order)
+    offsets = subpixel_offsets(_SAMPLES if job.adaptive or job.recursive else job.samples)
+    together = max(1, _TOGETHER // len(layers.pixel))
+    found = [
+        _folded(placed, groups.count, ways)
+        for first in range(0, len(offsets), together)
+        for ways in tracer.up_to(layers, groups.order, groups.first, offsets[first:][:together])
+    ]
+    shown, bare = (Pairs.mean(list(parts)) for parts in zip(*found, strict=True))
+    through = np.multiply.reduceat(1.0 - placed.opacity, groups.first)
+    _put(planes, groups.pixel, shown, bare, through, tracer)
+    if job.adaptive and planes.error is not None:
+        planes.error.reshape(-1)[groups.pixel] += _scatter(found, through)
+
+
+def _scatter(found: list[tuple[Pairs, Pairs]], through: np.ndarray) -> np.ndarray:
+    """Return by how much means over the rays of a pixel may be off: what is in front has edges."""
+    seen = [shown.emission - through[:, None] * bare.emission for shown, bare in found]
+    low, high = (functools.reduce(extreme, seen) for extreme in (np.minimum, np.maximum))
+    return left_of_edges((high - low).max(axis=1), len(found))
+
+
+def _folded(placed: Layers, count: np.ndarray, ways: Pairs) -> tuple[Pairs, Pairs]:
+    """Return what is seen up to the last layer of each pixel, with layers, and without any.
+
+    Errors of the first are those of the light of layers alone: of how much of it comes through.
+    """
+    dim, bright = np.zeros_like(ways.error), np.zeros_like(ways.error)
+    dim[:, 1:2] = ways.error[:, 1:2]
+    bright[:, 2:] = np.abs(placed.emission).max(axis=1, keepdims=True)
+    pairs = Pairs(placed.emission, (1.0 - placed.opacity)[:, None], bright)
+    lit = Pairs(ways.emission, ways.transparency, dim).over(pairs)
+    return fold(lit, count), fold(ways, count)
+
+
+def _put(
+    planes: RenderResult,
+    pixel: np.ndarray,
+    shown: Pairs,
+    bare: Pairs,
+    through: np.ndarray,
+    tracer: Stretches,
+) -> None:
+    """Put what layers show into pixels, in front of what they let through of the rest.
+
+    Every way to a layer counts by at most 1 - `through`, and so do its errors. To them comes how
+    far the light of layers may be off, since it is dimmed on its way.
+    """
+    (ny, nx, channels), (*_, dims) = planes.emission.shape, planes.transparency.shape
+    whole, clear = planes.emission.reshape(-1, channels), planes.transparency.reshape(-1, dims)
+    seen = whole.take(pixel, axis=0) - bare.emission
+    seen *= through[:, None]
+    seen += shown.emission
+    for plane, values in zip(whole.T, seen.T, strict=True):  # NumPy puts triples half as fast
+        plane[pixel] = values
+    for plane in clear.T:
+        plane[pixel] *= through
+    planes.emission = whole.reshape(ny, nx, channels)
+    planes.transparency = clear.reshape(ny, nx, dims)
+    if planes.error is not None:
+        wrong, _, bright = bare.error.T
+        lost = wrong + fixed_relative_error(tracer) * bright
+        if tracer.job.scheme.controlled:
+            lost += tracer.source.neglected * tracer.source.numbers.unit
+        error = planes.error.reshape(-1)
+        error[pixel] = (1.0 - through) * lost + through * error.take(pixel) + shown.error[:, 0]
+        planes.error = error.reshape(ny, nx)

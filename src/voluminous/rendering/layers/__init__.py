@@ -1,1 +1,0 @@
-"""Stars, lines and other things, each at its depth in a picture."""

@@ -1,0 +1,150 @@
+"""The one ray loop: grid walk → scheme ← medium, folded into a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..backend import dr
+from ..backend.types import Mask
+from ..grids.cartesian.leap import Way, leap
+from ..grids.contract import Landing, Ray
+from ..schemes.base import Position, Scheme, Source
+from ..schemes.path import Path, most, over
+
+
+@dataclass
+class Cutoff:
+    """When a front-to-back ray stops: what is behind can no longer matter.
+
+    A ray stops where ``transparency · behind < Σ weight · emission + least``: `behind` bounds what
+    can come from behind, and the sum is an allowed fraction of what the ray has gathered. With
+    ``behind = 1`` and no weights it stops at transparency `least`.
+    """
+
+    behind: Any
+    weights: list[Any]
+    least: Any
+
+    def reached(self, path: Path) -> Any:
+        """Return the lanes that may stop."""
+        brightest = most(path.transparency)
+        enough = self.least
+        for weight, b in zip(self.weights, path.emission, strict=False):
+            enough = dr.fma(weight, b, enough)
+        return brightest * self.behind < enough
+
+
+@dataclass
+class RayState:
+    """What rays have gathered, handed from one piece of a domain to the next.
+
+    Attributes
+    ----------
+    path : Path
+        Emission and transparency so far.
+    carried : list of arrays or None
+        What the scheme carries from segment to segment; None before the first piece.
+    begun : array of Bool or None
+        Lanes that have entered a piece; the scheme starts the others where they enter.
+    over : array of Bool or None
+        Lanes that have reached the cut-off; None if there are none.
+    """
+
+    path: Path
+    carried: list[Any] | None = None
+    begun: Mask = None
+    over: Mask = None
+
+
+@dataclass
+class State:
+    """The state of the loop; `over` are the lanes that reached the cut-off."""
+
+    cursor: Any
+    carried: list[Any]
+    path: Path
+    over: Mask
+
+
+def march(
+    walk: Any,
+    source: Source,
+    scheme: Scheme,
+    ray: Ray,
+    before: RayState,
+    cutoff: Cutoff | None,
+    backward: bool,
+) -> State:
+    """Follow rays through the volume and return where they end, and what they have gathered.
+
+    The cursor of a ray that stopped early is still inside.
+
+    Parameters
+    ----------
+    walk, source, scheme
+        How to step, what the medium is, and how one segment is solved.
+    ray : Ray
+        Rays to follow; they run towards the camera if `backward`.
+    before : RayState
+        What the rays bring along from the piece of the domain before this one.
+    cutoff : Cutoff or None
+        When to stop early (only away from the camera).
+    backward : bool
+        Fold back to front.
+    """
+    track, cursor = walk.enter(ray)
+    never = cursor.inside & False
+    carried = scheme.start(Position(walk, track, cursor), source)
+    if before.carried is not None:
+        carried = dr.select(before.begun, before.carried, carried)
+    state = State(cursor, carried, before.path, never if before.over is None else before.over)
+
+    def going_on(state: State) -> Any:
+        return state.cursor.inside & ~state.over
+
+    def step(state: State) -> tuple[State]:
+        segment, cursor = walk.next(track, state.cursor)
+        segment.ray, segment.walk, segment.track = ray, walk, track
+        segment.backward = backward
+        solution, carried = scheme.solve(segment, source, state.carried)
+        front, back = (solution, state.path) if backward else (state.path, solution)
+        # The path BEFORE this segment is tested: the next look-up then need not wait for this
+        # segment's exponential (first order: 32 instead of 43 ms; one segment more is harmless).
+        reached = never if cutoff is None else cutoff.reached(state.path)
+        return (State(cursor, carried, over(front, back), reached),)
+
+    leaps = walk.leaps and source.blocks is not None
+    way = Way(walk, track, source.blocks) if leaps else None
+
+    def visit(state: State) -> tuple[State]:
+        """Cross what is empty, then the block, or the cells up to a gap, where something is."""
+        found: Landing
+        if way is not None:
+            found = leap(way, state.cursor)
+        else:
+            found = walk.cross(track, state.cursor)
+        here = Position(walk, track, found.cursor)
+        carried = scheme.after_skip(here, source, state.carried, found.moved)
+
+        def within(state: State) -> Any:
+            return going_on(state) & found.holds(state.cursor)
+
+        entered = State(found.cursor, carried, state.path, state.over)
+        if leaps and source.blocks.coarse:
+            # One step crosses most blocks: a loop over them takes longer than looking again where
+            # it does not (core, 100³: 20 ms with it, 17 ms without).
+            (left,) = step(entered)
+            return (dr.select(going_on(entered), left, entered),)
+        (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} cells")
+        return (left,)
+
+    body = visit if leaps or walk.has_gaps else step
+    (state,) = dr.while_loop((state,), going_on, body, label=f"{scheme.name} march")
+    return state
+
+
+def hand_on(before: RayState, entered: Mask, after: State) -> RayState:
+    """Return what rays take to the next piece, with the lanes that `entered` this one."""
+    begun = entered if before.begun is None else before.begun | entered
+    return RayState(after.path, after.carried, begun, after.over)

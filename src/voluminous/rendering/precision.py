@@ -1,0 +1,171 @@
+"""Which precision a medium needs: single, or double where that loses too many digits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import UnitsError
+from ..expressions import Expression, NumpyOps
+from ..expressions.expression import on_one_side
+from ..fields import coordinates
+from ..media.contract import Feature, Medium
+from ..units import is_quantity, plain
+from ..volume import Volume
+
+Sample = dict[str, np.ndarray]
+
+# Cells of a sample, and how many of them are consecutive where coordinates are computed.
+_SAMPLE, _RUN = 4096, 64
+# Digits that may be lost: of the range of values, of the width of a structure, and of the range
+# alone (fields of 500 ± 1 are still drawn in single precision).
+_LOST, _LOST_OF_WIDTH, _LOST_OF_SPAN = 1e-5, 0.01, 3e-5
+# Sizes that leave room in single precision for products with widths and lengths.
+_TINY, _HUGE = 1e-30, 1e30
+# Sums below 1e-27 count as zero: the relative error of sums this large is small.
+_TINY_SUM = 1e-22
+# The inverse and the square of such optical depths have room as well.
+_DENSE = 1e12
+# The contrast of media that name no expressions.
+_UNKNOWN = 10.0
+_EPS = float(np.finfo(np.float32).eps)
+
+
+class Exactness(NamedTuple):
+    """How exactly the expressions of a medium must be evaluated.
+
+    Attributes
+    ----------
+    single : bool
+        Single precision gives nearly the same values as double.
+    contrast : float
+        Range of an expression over the width of the medium's structures: errors of fields, relative
+        to their range, are amplified by this.
+    """
+
+    single: bool
+    contrast: float
+
+
+def exactness(volume: Volume, medium: Medium) -> Exactness:
+    """Return how exactly a medium's expressions must be evaluated, from a sample of cells.
+
+    Overflow, underflow (squares of lengths in cm), cancellation, and shells narrower than the
+    spacing of single-precision numbers all show there.
+    """
+    expressions = plain_widths(volume, medium.features())
+    if not expressions:
+        return Exactness(False, _UNKNOWN)
+    sample = _sample(volume, medium.names)
+    # Coefficients are multiplied by the scale.
+    single, contrast = not _tiny_or_huge(np.array(volume.grid.scale)), 1.0
+    with np.errstate(all="ignore"):
+        for expr, width in expressions:
+            exact, rounded = (_values(expr, sample, kind) for kind in (np.float64, np.float32))
+            defined = np.isfinite(exact)
+            single = single and np.array_equal(defined, np.isfinite(rounded))
+            single = single and _same(exact[defined], rounded[defined], width)
+            if width > 0.0:
+                contrast = max(contrast, _span(exact[defined]) / width)
+    return Exactness(single, contrast * medium.sensitivity)
+
+
+def needs_double(volume: Volume, medium: Medium) -> bool:
+    """Return whether the fields of a medium have too few digits in single precision.
+
+    Too small or too large, or small differences of large numbers: fields are rounded before they
+    are interpolated, and no care taken afterwards brings digits back. Expressions with comparisons
+    are not tested.
+    """
+    sample = _sample(volume, medium.names)
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), size=len(next(iter(sample.values()), [])))
+    off = {n: v * (1.0 + 0.5 * _EPS * signs) if n in volume else v for n, v in sample.items()}
+    scalars = {expr.text for expr in medium.scalars()}
+    with np.errstate(all="ignore"):
+        for expr, width in plain_widths(volume, medium.known_features()):
+            is_scalar = expr.text in scalars
+            if not is_scalar and on_one_side((expr,))[1]:
+                continue
+            exact, disturbed = (_values(expr, fields, np.float64) for fields in (sample, off))
+            defined = np.isfinite(exact) & np.isfinite(disturbed)
+            lost, span = np.abs(exact - disturbed)[defined], _span(exact[defined])
+            if is_scalar:
+                most = float(np.max(lost, initial=0.0))
+                few = most > _LOST_OF_SPAN * span > 0.0 or most > _LOST_OF_WIDTH * width > 0.0
+                few = few or _tiny_or_huge(exact)
+            else:  # in the mean: beside a pole some are always off by much
+                few = span > 0.0 and float(np.mean(lost)) > _LOST_OF_SPAN * span
+            if few:
+                return True
+    return False
+
+
+def sums_need_double(numbers: Any, bounds: list[float]) -> bool:
+    """Return whether sums along rays exceed single precision.
+
+    Optical depths, and emission compared with the colours: where path lengths are very short or
+    very long, or only the tails of shells are there.
+
+    Parameters
+    ----------
+    numbers : PerChannel or SharedProfiles
+    bounds : list of float
+        Bounds of the numbers, as they are in kernels.
+    """
+    emission = np.array(bounds[: numbers.emissions])
+    return _tiny_or_huge(emission, _TINY_SUM) or bool(numbers.densest(bounds) > _DENSE)
+
+
+def plain_widths(
+    volume: Volume, features: Iterable[Feature]
+) -> tuple[tuple[Expression, float], ...]:
+    """Return expressions with the widths of their structures, in the volume's units."""
+    return tuple((f.expr, _plain_width(volume, f.expr, f.width)) for f in features)
+
+
+def _plain_width(volume: Volume, expr: Expression, width: Any) -> float:
+    if not is_quantity(width):
+        return float(width)
+    try:
+        return float(plain(width, volume.expression_unit(expr), "width"))
+    except UnitsError:
+        return 0.0  # refused, by its own name, where the medium is evaluated
+
+
+def _tiny_or_huge(values: np.ndarray, tiny: float = _TINY) -> bool:
+    size = float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+    return 0.0 < size < tiny or size > _HUGE
+
+
+def _sample(volume: Volume, names: Iterable[str]) -> Sample:
+    """Return all fields at cells spread over the volume, in double precision."""
+    names, size = list(names), volume.grid.size
+    run = 1 if all(name in volume for name in names) else min(_RUN, size)
+    starts = np.linspace(0, size - run, min(_SAMPLE, size) // run).astype(np.int64)
+    chosen = (starts[:, None] + np.arange(run)).ravel()
+    sample = {n: volume.array(n).reshape(-1)[chosen].astype(float) for n in names if n in volume}
+    others = [name for name in names if name not in sample]
+    if others:
+        parts = [coordinates(volume.grid, others, first, first + run) for first in starts.tolist()]
+        sample |= {name: np.concatenate([part[name] for part in parts]) for name in others}
+    return sample
+
+
+def _same(exact: np.ndarray, rounded: np.ndarray, width: float) -> bool:
+    lost = float(np.max(np.abs(exact - rounded), initial=0.0))
+    size = float(np.max(np.abs(exact), initial=0.0))
+    # Rounding of the values themselves, which the sample may show none of.
+    lost = max(lost, size * _EPS)
+    few = lost <= _LOST * max(_span(exact), size)
+    return not _tiny_or_huge(exact) and few and not 0 < width * _LOST_OF_WIDTH < lost
+
+
+def _span(values: np.ndarray) -> float:
+    return float(np.ptp(values)) if values.size else 0.0
+
+
+def _values(expr: Expression, sample: Sample, kind: type) -> np.ndarray:
+    used: Any = {name: sample[name].astype(kind) for name in expr.names}
+    return np.atleast_1d(np.asarray(expr.evaluate(NumpyOps(kind), used), dtype=np.float64))

@@ -1,0 +1,362 @@
+"""Fields at cell centres as rays gather them: the eight values around a dual cell."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr, from_host
+from ...errors import InputError
+from ...grids.cartesian.coarse_walk import CoarseChord, padded_count
+from ...grids.cartesian.dual_walk import Chord
+from ...grids.curvilinear.field_walk import dual_values
+from ...grids.trilinear import trilinear
+from ...memory import check_memory, fits
+from ..cache import Cache
+from .cells import LARGEST, SLAB, CellEvaluator, device_array
+from .channel_layout import unit_near
+
+# Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
+# with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.
+_LARGEST_QUADS = 1 << 29
+
+# Fields at the corners of cells of trees that are computed at once: four take 0.4 of the time that
+# one after the other takes.
+_FIELDS = 4
+
+# Corners of a dual cell: values[x][y][z].
+Corners = list[list[list[Any]]]
+
+
+class Lattice:
+    """A field as rays gather it: what a grid's `lattice` returns for each array.
+
+    Attributes
+    ----------
+    unit : float
+        What its values are divided by.
+    """
+
+    unit: float
+
+    def corners(self, chord: Any, active: Any) -> Corners:
+        """Return the values around the dual cell of a segment."""
+        raise NotImplementedError
+
+    def at(self, chord: Any, corners: Corners, s: float) -> Any:
+        """Return the field at the beginning (0) or the end (1) of a segment."""
+        return trilinear(corners, chord.end if s else chord.start)
+
+    def along(self, chord: Any, corners: Corners, *, rough: bool = False) -> list[Any]:
+        """Return the field along a segment, as a polynomial of s from 0 to 1."""
+        return list(chord.parabola(corners) if rough else chord.cubic(corners))
+
+
+@dataclass
+class FacePackets(Lattice):
+    """Values of faces of constant x: f[i, j, k], f[i, j, k+1], f[i, j+1, k], f[i, j+1, k+1]."""
+
+    data: Any
+    unit: float
+    stride: Any
+    packet: Any
+
+    def corners(self, chord: Chord, active: Any) -> Corners:
+        """Return the eight values around a dual cell."""
+        return faces(self.packet, self.data, chord.cell, self.stride, active)
+
+
+@dataclass
+class NodalValues(Lattice):
+    """Every value once."""
+
+    data: Any
+    unit: float
+    strides: tuple[Any, Any]
+
+    def corners(self, chord: Chord, active: Any) -> Corners:
+        """Return the eight values around a dual cell."""
+        x, y = self.strides
+        return [
+            [[self._value(chord.corner + a + b + c, active) for c in (0, 1)] for b in (0, y)]
+            for a in (0, x)
+        ]
+
+    def _value(self, index: Any, active: Any) -> Any:
+        return dr.gather(type(self.data), self.data, index, active)
+
+
+@dataclass
+class CornerPackets(Lattice):
+    """The eight values of every cell of a tree side by side (`corner_values`)."""
+
+    data: Any
+    unit: float
+    packet: Any
+
+    def corners(self, chord: Any, active: Any) -> Corners:
+        """Return the eight values at the corners of a cell."""
+        return faces(self.packet, self.data, 2 * chord.cell, 1, active)
+
+
+def faces(packet: Any, data: Any, index: Any, stride: Any, active: Any) -> Corners:
+    """Return the eight values around a dual cell, from the quads of its two faces."""
+    found = [list(dr.gather(packet, data, k, active)) for k in (index, index + stride)]
+    return [[f[0:2], f[2:4]] for f in found]
+
+
+def faces_size(shape: Any) -> int:
+    """Return how many numbers `FacePackets` holds for a volume of this shape."""
+    nx, ny, nz = (int(n) for n in shape)
+    return 4 * (nx + 2) * (ny + 1) * (nz + 1)
+
+
+def _check_size(count: int, backend: Any) -> None:
+    """Refuse a field that cannot be held beside the volume, as so many numbers.
+
+    Raises
+    ------
+    InputError
+        If it has more values than an array can hold.
+    MemoryNeededError
+        If there is not enough memory for a copy.
+    """
+    if count > LARGEST:
+        raise InputError(
+            f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "
+            "render the volume in parts, or with scheme='first-order'"
+        )
+    advice = "use scheme='first-order', which needs no copy, or a coarser or smaller volume"
+    check_memory(count * backend.dtype.itemsize, "a field between cell centres", advice)
+
+
+def field_unit(array: np.ndarray, backend: Any) -> float:
+    """Return the number a field is divided by so that single precision can hold it, mostly 1."""
+    ends = np.fmin.reduce(array, axis=None), np.fmax.reduce(array, axis=None)
+    most = max(abs(float(end)) for end in ends)
+    if backend.precision == "double" or not 0.0 < most < np.inf or 1e-25 < most < 1e25:
+        return 1.0
+    return unit_near(most)
+
+
+def make_faces(array: np.ndarray, backend: Any, unit: float) -> FacePackets:
+    """Return the quads of a field, divided by a unit.
+
+    Faces are gathered from the array itself, some layers of it at a time.
+    """
+    nx, ny, nz = array.shape
+    plane = (ny + 1) * (nz + 1)
+    data = dr.empty(backend.Float, faces_size(array.shape))
+    layers = max(1, SLAB // plane)
+    for first in range(0, nx + 2, layers):
+        last = min(first + layers, nx + 2)
+        low, high = min(max(first - 1, 0), nx - 1), min(max(last - 1, 1), nx)
+        part = device_array(array[low:high].reshape(-1), backend)
+        _fill(data, part, (first, last), (low, high), array.shape, backend, unit)
+    stride = dr.opaque(backend.UInt, plane)
+    return FacePackets(data, unit, stride, backend.packet(4))
+
+
+def _fill(
+    data: Any,
+    part: Any,
+    layers: tuple[int, int],
+    held: tuple[int, int],
+    shape: Any,
+    backend: Any,
+    unit: float,
+) -> None:
+    """Write the quads of some layers, from the layers of the field that are held."""
+    Int, UInt = backend.Int, backend.UInt
+    first, last = layers
+    _, ny, nz = shape
+    lane = dr.arange(UInt, (last - first) * (ny + 1) * (nz + 1))
+    row = backend.quotient(lane, dr.opaque(UInt, nz + 1))
+    i = backend.quotient(row, dr.opaque(UInt, ny + 1))
+    j, k = Int(row - i * dr.opaque(UInt, ny + 1)), Int(lane - row * dr.opaque(UInt, nz + 1))
+    layer = dr.clip(
+        Int(i) + dr.opaque(Int, first - 1), dr.opaque(Int, held[0]), dr.opaque(Int, held[1] - 1)
+    ) - dr.opaque(Int, held[0])
+    base = layer * dr.opaque(Int, ny)
+    inside = dr.opaque(Int, ny - 1)
+    lines = [(base + dr.clip(j + a, 0, inside)) * dr.opaque(Int, nz) for a in (-1, 0)]
+    zs = [dr.clip(k + a, 0, dr.opaque(Int, nz - 1)) for a in (-1, 0)]
+    scale = backend.wide(1.0 / unit)
+    values = [
+        backend.Float(backend.Wide(dr.gather(type(part), part, UInt(line + z))) * scale)
+        for line in lines
+        for z in zs
+    ]
+    target = lane + dr.opaque(UInt, first * (ny + 1) * (nz + 1))
+    dr.scatter(data, backend.packet(4)(values), target)
+    dr.eval(data)
+
+
+def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> NodalValues:
+    """Return values at the vertices of a dual grid, divided by a unit."""
+    if unit != 1.0 or padded.dtype != backend.dtype:
+        padded = (
+            (padded / unit).astype(backend.dtype) if unit != 1.0 else padded.astype(backend.dtype)
+        )
+    _, ny, nz = padded.shape
+    data = backend.Float(padded.reshape(-1))
+    return NodalValues(data, unit, (dr.opaque(backend.UInt, ny * nz), dr.opaque(backend.UInt, nz)))
+
+
+def make_corner_packets(
+    grid: Any, arrays: Sequence[np.ndarray], backend: Any
+) -> list[CornerPackets]:
+    """Return the values of fields at the corners of a tree's cells, each divided by a unit.
+
+    Some at a time, where there is memory for them.
+    """
+    from .vertex_values import CornerValues, corner_bytes
+
+    made: list[CornerPackets] = []
+    while left := arrays[len(made) :]:
+        many = left[:_FIELDS] if fits(2 * corner_bytes(grid, _FIELDS, backend)) else left[:1]
+        units = [field_unit(array, backend) for array in many]
+        scaled = [array / unit for array, unit in zip(many, units, strict=True)]
+        data = CornerValues(grid, scaled, backend).compute()
+        made += [CornerPackets(d, u, backend.packet(4)) for d, u in zip(data, units, strict=True)]
+    return made
+
+
+def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[CornerPackets]:
+    """Return the `Grid.lattice` of trees: values at the corners of their cells."""
+    _check_size(8 * grid.size, backend)
+    return make_corner_packets(grid, arrays, backend)
+
+
+def curvilinear_lattices(
+    grid: Any, arrays: Sequence[np.ndarray], backend: Any
+) -> list[NodalValues]:
+    """Return the `Grid.lattice` of curvilinear grids."""
+    return [
+        make_nodes(dual_values(array, grid), backend, _checked_unit(array, backend))
+        for array in arrays
+    ]
+
+
+def cartesian_lattices(
+    arrays: Sequence[np.ndarray], backend: Any
+) -> list[FacePackets | NodalValues]:
+    """Return the `Grid.lattice` of Cartesian grids, each in the layout that pays."""
+    return [_cartesian_lattice(array, backend) for array in arrays]
+
+
+def _checked_unit(array: np.ndarray, backend: Any) -> float:
+    _check_size(int(np.prod([n + 2 for n in array.shape], dtype=object)), backend)
+    return field_unit(array, backend)
+
+
+def _cartesian_lattice(array: np.ndarray, backend: Any) -> FacePackets | NodalValues:
+    unit = _checked_unit(array, backend)
+    size = faces_size(array.shape) * backend.dtype.itemsize
+    small = size <= _LARGEST_QUADS and fits(4 * size)
+    if small:
+        return make_faces(array, backend, unit)
+    return make_nodes(np.pad(array, 1, mode="edge"), backend, unit)
+
+
+@dataclass
+class Pyramid(Lattice):
+    """FacePackets of every 2nd, 4th and 8th centre, one after the other, and all centres.
+
+    Attributes
+    ----------
+    fine : FacePackets or NodalValues
+        All centres.
+    data : array
+        The quads of the coarser levels: an eighth of all for each level, or less.
+    levels : list of tuples
+        Per level, log2 of the cubes' size, where its quads begin, and how many there are along y
+        and z.
+    """
+
+    fine: FacePackets | NodalValues
+    data: Any
+    levels: list[tuple[Any, ...]]
+    packet: Any
+
+    def __post_init__(self) -> None:
+        """Take the unit of the finest values."""
+        self.unit = self.fine.unit
+
+    def corners(self, chord: CoarseChord, active: Any) -> Corners:
+        """Return the eight values around a cube of dual cells."""
+        found: Corners = dr.if_stmt(
+            args=(active,),
+            cond=chord.width > 1.0,
+            true_fn=functools.partial(self._coarse, chord),
+            false_fn=functools.partial(self.fine.corners, chord),
+        )
+        return found
+
+    def _coarse(self, chord: CoarseChord, active: Any) -> Corners:
+        UInt = type(self.levels[0][0])
+        wide = UInt(chord.width)
+        step, first, ny, nz = self.levels[0]
+        for level in self.levels[1:]:
+            here = wide == (1 << level[0])
+            step, first, ny, nz = (
+                dr.select(here, a, b) for a, b in zip(level, (step, first, ny, nz), strict=True)
+            )
+        i, j, k = (UInt(b) >> step for b in chord.base)
+        return faces(self.packet, self.data, first + (i * ny + j) * nz + k, ny * nz, active)
+
+
+def make_pyramid(
+    array: np.ndarray, fine: FacePackets | NodalValues, steps: tuple[int, ...], backend: Any
+) -> Pyramid:
+    """Return the pyramid of a field, for steps of 2^k cells."""
+    parts, levels, total = [], [], 0
+    for step in steps:
+        quads = _quads(array, step, backend.dtype, fine.unit)
+        numbers = (step, total, *quads.shape[1:3])
+        levels.append(tuple(dr.opaque(backend.UInt, n) for n in numbers))
+        parts.append(quads.reshape(-1))
+        total += parts[-1].size // 4
+    # An array of Dr.Jit's own making: packets of one that NumPy made are not always aligned, and
+    # then gathered number by number (core, 100³: 17 ms instead of 10).
+    data = from_host(backend.Float, np.concatenate(parts))
+    dr.eval(data)
+    return Pyramid(fine, data, levels, backend.packet(4))
+
+
+def _quads(array: np.ndarray, step: int, dtype: Any, unit: float) -> np.ndarray:
+    cells = [padded_count(n) >> step for n in array.shape]
+    place = [
+        np.clip((np.arange(m + 1) << step) - 1, 0, n - 1)
+        for m, n in zip(cells, array.shape, strict=True)
+    ]
+    nodes = array[np.ix_(*place)]
+    nodes = (nodes / unit if unit != 1.0 else nodes).astype(dtype)
+    quads = np.empty((cells[0] + 1, cells[1], cells[2], 4), dtype)
+    for k, (y, z) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        quads[..., k] = nodes[:, y : y + cells[1], z : z + cells[2]]
+    return quads
+
+
+def get_lattices(evaluator: CellEvaluator, cache: Cache, blocks: Any = None) -> dict[str, Any]:
+    """Return all fields as rays gather them; kept with the volume."""
+    volume, backend = evaluator.volume, evaluator.backend
+    steps = blocks.steps if blocks is not None else ()
+    names = [name for name in evaluator.medium.names if name in volume]
+    keys = {n: ("lattice", n, backend, cache.statistics.digest(n)) for n in names}
+    found = {name: cache.get(key) for name, key in keys.items()}
+    lacking = [name for name in names if found[name] is None]
+    made = volume.grid.lattice([volume.array(name) for name in lacking], backend)
+    for name, lattice in zip(lacking, made, strict=True):
+        found[name] = cache.put(keys[name], lattice)
+    if not steps:
+        return found
+
+    def pyramid(name: str) -> Any:
+        return make_pyramid(volume.array(name), found[name], steps, backend)
+
+    return {n: cache.get_or_make((*keys[n], steps), functools.partial(pyramid, n)) for n in names}

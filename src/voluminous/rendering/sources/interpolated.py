@@ -1,0 +1,351 @@
+"""Fields interpolated along rays, and a medium that classifies them there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...backend import dr
+from ...backend.types import Float
+from ...expressions import Expression
+from ...grids.cartesian.dual_walk import Chord
+from ...grids.contract import Segment
+from ...media.context import Context
+from ...media.edges import Level
+from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
+from ...schemes.path import Path, layer
+from ..cache import Cache
+from ..precision import Exactness, exactness
+from .cells import CellEvaluator, ray_coordinates
+from .corner_layouts import Corners, get_lattices
+from .empty_space import DUAL, can_be_pruned, get_blocks, interpolated, pruned_walk
+
+
+@dataclass
+class FieldsAlong:
+    """All fields along a segment, from their values at the corners of its dual cell."""
+
+    source: Interpolated
+    chord: Chord
+    corners: dict[str, Corners]
+
+    def at_begin(self) -> dict[str, Float]:
+        """Return every field at the beginning of the segment."""
+        return self.source.values(self.chord, self.corners, 0.0)
+
+    def at_end(self) -> dict[str, Float]:
+        """Return every field at the end of the segment."""
+        return self.source.values(self.chord, self.corners, 1.0)
+
+    def polynomials(self, *, rough: bool = False) -> dict[str, list[Float]]:
+        """Return every field as a polynomial of s from 0 to 1; see `Interpolated.cubics`."""
+        return self.source.cubics(self.chord, self.corners, rough=rough)
+
+
+class Interpolated:
+    """What a scheme on interpolated fields gets its coefficients from.
+
+    Attributes
+    ----------
+    numbers : PerChannel or SharedProfiles
+        What is integrated.
+    scalars : tuple of Expression
+        What is carried from one stretch to the next.
+    tolerance : tuple of arrays
+        The errors of emission and transparency allowed in the first stretch of a ray, and what part
+        of a pixel's those are (`schemes.in_front`).
+    neglected, neglected_depth : float
+        What faint places that are left out may emit and absorb along a ray, in all.
+    lost : float
+        The part of a pixel that the interpolation itself may be off by.
+    """
+
+    def __init__(
+        self,
+        evaluator: CellEvaluator,
+        lattices: dict[str, Any],
+        context: Context,
+        blocks: Any,
+        paths: float,
+    ) -> None:
+        self.evaluator, self.lattices, self.context = evaluator, lattices, context
+        self.numbers, self.backend = evaluator.numbers, evaluator.backend
+        self.blocks = blocks
+        self.walk: Any = None  # through less than the whole grid, or in other steps
+        self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
+        self.tolerance: tuple[Any, ...] = ()
+        self.lost = 0.0
+        # A ray that never comes nearer to a shell than where it is neglected may pass along it
+        # all the way.
+        most = 1e-3 * float(np.finfo(self.backend.dtype).max)
+        self.neglected = min(paths * context.faint * self.numbers.one_path(), most)
+        self.neglected_depth = min(paths * context.faint * self.numbers.one_depth(), 1.0)
+        self.largest = self.bounds = self.numbers.in_units(evaluator.largest())
+        self.looks_inside = evaluator.medium.looks_inside
+        self.scalars: tuple[Expression, ...] = evaluator.medium.scalars()
+        self.units = {
+            name: context.number(lattice.unit)
+            for name, lattice in lattices.items()
+            if lattice.unit != 1.0
+        }
+        names = evaluator.medium.names
+        every = "r" in names or bool(context.coordinates)
+        self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
+
+    def allow(self, emission: float, transparency: float, share: float) -> None:
+        """Set the errors allowed in a pixel, and a segment's share; infinite ones never are."""
+        o = self.backend.opaque
+        most = 0.5 * float(np.finfo(self.backend.dtype).max)
+        allowed = (min(share * error, most) for error in (emission, transparency))
+        self.tolerance = (*map(o, allowed), o(share))
+
+    def inputs(self) -> Any:
+        return self.lattices, self.units, self.context.limits, self.tolerance, self.numbers.inputs()
+
+    def along(self, segment: Segment) -> FieldsAlong:
+        """Return the fields around the dual cell of a segment."""
+        chord = segment.walk.chord(segment.track, segment)
+        active = segment.active
+        corners = {name: lattice.corners(chord, active) for name, lattice in self.lattices.items()}
+        return FieldsAlong(self, chord, corners)
+
+    def values(self, chord: Chord, corners: dict[str, Corners], s: float) -> dict[str, Any]:
+        """Return every field at the beginning (0) or the end (1) of a segment."""
+        found = {
+            name: self._value(name, self.lattices[name].at(chord, c, s))
+            for name, c in corners.items()
+        }
+        for a in self.coordinates:
+            here = chord.position[a] + chord.step[a] if s else chord.position[a]
+            found["xyz"[a]] = self.context.real(here)
+        return with_coordinates(within_limits(found, self.context), self.context)
+
+    def cubics(
+        self, chord: Chord, corners: dict[str, Corners], *, rough: bool = False
+    ) -> dict[str, list[Any]]:
+        """Return every field along a segment, as a polynomial of s from 0 to 1.
+
+        Where it is none, it is one to fourth order, or to third if that is enough (`rough`).
+        """
+        found = {
+            name: self.lattices[name].along(chord, c, rough=rough) for name, c in corners.items()
+        }
+        for a in self.coordinates:
+            found["xyz"[a]] = [chord.position[a], chord.step[a]]
+        return found
+
+    def stretch(self, cubics: dict[str, list[Any]], length: Any, *, rough: bool = False) -> Stretch:
+        """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
+        return Stretch(self._own(cubics), self.context, length, rough=rough)
+
+    def straight(self, cubics: dict[str, list[Any]], length: Any) -> Straight:
+        """Return the same with scalars taken as linear."""
+        return Straight(self._own(cubics), self.context, length)
+
+    def _own(self, cubics: dict[str, list[Any]]) -> dict[str, list[Any]]:
+        return {name: [self._value(name, v) for v in c] for name, c in cubics.items()}
+
+    def _value(self, name: str, value: Any) -> Any:
+        value = self.context.real(value)
+        return value * self.units[name] if name in self.units else value
+
+    def means(self, panel: Panel) -> tuple[list[Any], list[Any]]:
+        """Return mean j and α over a panel, per length of the grid's scale."""
+        j, alpha = self.numbers.split(self.numbers.means(panel, self.context))
+        # What no physics can use becomes NaN, which the picture shows: it is looked at afterwards.
+        return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
+
+    @property
+    def smooth(self) -> bool:
+        """Whether means of samples will do for some stretches, and it is known for which.
+
+        Double precision is for those who want digits: panels have all of them in linear fields.
+        """
+        return self.backend.precision == "single" and self.evaluator.medium.sampling.smooth
+
+    @property
+    def edges(self) -> list[Level]:
+        """Where the medium jumps."""
+        return self.evaluator.medium.discontinuities(self.context)
+
+    @property
+    def linear(self) -> bool:
+        """Whether closed forms are best where scalars are linear."""
+        return self.evaluator.medium.sampling.linear
+
+    @property
+    def hollow(self) -> bool:
+        """Whether there is nothing between edges."""
+        return self.evaluator.medium.surface_only
+
+    @property
+    def layered(self) -> bool:
+        """Whether something is without width."""
+        return any(part.surface_only for part in self.evaluator.medium.components())
+
+    def layer(self, stretch: Stretch, place: Any) -> Path:
+        """Return what has no width and is passed on a stretch, as it is at a place."""
+        found = self.evaluator.medium.layer(stretch, self.context, place)
+        assert found is not None  # `layered`
+        return layer(*self.numbers.split(found.listed()))
+
+    @property
+    def quick(self) -> bool:
+        """Whether there is a rule of fewer samples."""
+        return self.evaluator.medium.sampling.quick
+
+    @property
+    def finer(self) -> bool:
+        """Whether samples will do for parts of the others."""
+        return self.evaluator.medium.sampling.finer
+
+    def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
+        """Return mean, first and last j and α of a stretch, and how far the means may be off."""
+        found = self.numbers.sampled(stretch, self.context, fine=fine)
+        return [self.numbers.split(own) for own in found]
+
+    def cores(self, stretch: Stretch) -> list[list[Any]]:
+        """Return how many structures are in each half of a stretch, for each part of a sum."""
+        return [part.cores(stretch, self.context) for part in self.evaluator.medium.components()]
+
+    def shares(self, path: Path, panel: Panel) -> list[tuple[Any, Any]]:
+        """Return the brightness and the optical depth of each part of a sum on a solved panel."""
+        return self.numbers.shares(path, panel, self.context)
+
+    @property
+    def steady(self) -> bool:
+        """Whether what an opaque medium shows is the same everywhere."""
+        parts = self.evaluator.medium.components()
+        return len(parts) == 1 and parts[0].constant_source_function
+
+    def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
+        """Return how thin the medium's structures are, and how far bends may put means off."""
+        return self.evaluator.medium.sharpness(stretch, self.context)
+
+    def visible(self, stretch: Stretch) -> tuple[Any, Any]:
+        """Return where the medium may be noticeable, and where panels may not show that."""
+        return self.evaluator.medium.visible(stretch, self.context)
+
+
+# The least that a precision can tell of a peak.
+_FAINTEST = {"single": 1e-37, "double": 1e-300}
+# Rays that pass along a shell where it is faint do so for some path lengths at least. For more than
+# the second number nothing need be known: the faintest part of a peak is of a width as before.
+_SOME_PATHS, _MOST_PATHS = 10.0, 1e12
+# What pictures on curvilinear grids are off by, of the tolerance: nearly all of them by less.
+_LOST_BY_CUBICS = 0.1
+# What places lose, in ε: seen of a shell with σ = 1e-4 dex in a field of 3 dex, and at most.
+_LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
+
+
+def interpolated_fields(
+    evaluator: CellEvaluator,
+    cache: Cache,
+    scheme: Any,
+    tolerance: float,
+    faintest: bool,
+    whole: bool,
+) -> Interpolated:
+    """Return the medium on interpolated fields; their lattices are kept with the volume."""
+    volume, backend = evaluator.volume, evaluator.backend
+    needed = _remember(evaluator, cache)
+    evaluator.numbers.normalise(evaluator.largest())
+    # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
+    dense = float(evaluator.numbers.densest(evaluator.largest()))
+    faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * dense)
+    # Without error control nobody asks what is left out.
+    paths = _path_lengths(evaluator) if scheme.controlled else _SOME_PATHS
+    faint *= _SOME_PATHS / paths
+    least = _FAINTEST[backend.precision]
+    faint = least if faintest else max(faint, least)
+    real = backend.Float if needed.single else backend.Wide
+    context = replace(
+        evaluator.context(real),
+        narrow=backend.Float,
+        scale=volume.grid.scale,
+        radiance=evaluator.numbers.unit,
+        limits=_limits(evaluator, real),
+        faint=faint,
+        tolerance=tolerance,
+        coordinates=ray_coordinates(volume, evaluator.medium.names),
+    )
+    blocks = get_blocks(evaluator, cache, faint, DUAL, scheme.coarseness if whole else 0.0)
+    lattices = get_lattices(evaluator, cache, blocks)
+    source = Interpolated(evaluator, lattices, context, blocks, paths)
+    if whole:
+        source.walk = _pruned(evaluator, cache, lattices, faint)
+    if scheme.controlled:
+        source.lost = _lost_by_places(backend, needed.contrast)
+        _keep_walk(source, tolerance, needed.contrast)
+    return source
+
+
+def _lost_by_places(backend: Any, contrast: float) -> float:
+    """Return the part of a pixel that is lost because places are rounded.
+
+    By as much, in parts of their range, scalars are off: a shell that is grazed shows more or less.
+    """
+    return min(_LOST_PER_EPS * float(np.finfo(backend.dtype).eps) * contrast, _MOST_LOST)
+
+
+def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
+    """Where fields along a segment are no polynomials, have them near enough to one."""
+    walk = source.walk or source.evaluator.grid.walk(source.backend, source.walk_kind)
+    if walk.approximate:
+        source.walk = walk.kept_to(tolerance / contrast)
+        source.lost += _LOST_BY_CUBICS * tolerance
+
+
+def _path_lengths(evaluator: CellEvaluator) -> float:
+    """Return how many path lengths a ray may follow a shell for: some, or all the way across."""
+    grid, largest = evaluator.grid, evaluator.largest()
+    diagonal = float(np.linalg.norm(np.ptp(grid.bounds, axis=1))) / grid.scale
+    return float(np.clip(evaluator.numbers.paths(largest) * diagonal, _SOME_PATHS, _MOST_PATHS))
+
+
+def _pruned(evaluator: CellEvaluator, cache: Cache, lattices: dict[str, Any], faint: float) -> Any:
+    """Return the walk through the leaves that may show something, or None; kept."""
+    medium, backend = evaluator.medium, evaluator.backend
+    if not can_be_pruned(evaluator):
+        return None
+
+    def make() -> Any:
+        visible = interpolated(evaluator, lattices, faint)
+        return pruned_walk(evaluator.grid, visible, backend, "dual")
+
+    own = medium.visible_key()
+    if own is None:
+        return make()
+    return cache.get_or_make(
+        ("pruned", own, faint, cache.statistics.digests(medium.names), backend), make
+    )
+
+
+def _remember(evaluator: CellEvaluator, cache: Cache) -> Exactness:
+    """Have what was found for the same medium before, and return how exact expressions must be."""
+    own = evaluator.medium.key()
+
+    def make() -> tuple[list[float], Exactness]:
+        return evaluator.largest(), exactness(evaluator.volume, evaluator.medium)
+
+    if own is None:
+        return make()[1]
+    # Shapes have other numbers than what is made of all their colours.
+    kind = type(evaluator.numbers).__name__
+    key = ("numbers", kind, own, cache.statistics.digests(evaluator.medium.names))
+    found: tuple[list[float], Exactness] = cache.get_or_make(key, make)
+    evaluator.expect(found[0])
+    return found[1]
+
+
+def _limits(evaluator: CellEvaluator, real: Any) -> dict[str, tuple[Any, Any]]:
+    """Return the least and largest values of all fields, as numbers of a kernel."""
+    volume = evaluator.volume
+    extremes = {n: evaluator.statistics.extremes(n) for n in evaluator.medium.names if n in volume}
+    return {
+        name: (dr.opaque(real, low), dr.opaque(real, high))
+        for name, (low, high) in extremes.items()
+    }
