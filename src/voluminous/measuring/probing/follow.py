@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import numbers
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from ...grids.two_walks import cell_of
 from ...media.ranges import RangeContext
 from ...rendering.job import RenderJob
 from ...rendering.sources.channel_layout import before
-from ...rendering.tracer import Paths, RayTracer
+from ...rendering.tracer import Paths, RayTracer, Traced
 from ...schemes.base import Position, Scheme, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
@@ -164,9 +165,11 @@ class Watched(RayTracer):
     watched = -1
     allowed: Any = ()
 
-    def frame(self) -> Paths:
-        self.allowed = getattr(self.source, "tolerance", ())
-        return super().frame()
+    def batches(
+        self, seconds: float | None = None, focus: tuple[float, float] | None = None
+    ) -> Generator[Traced, None, Paths]:
+        self.allowed = self.source.tolerance
+        return super().batches(seconds, focus)
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         if self.watched in pixel:
