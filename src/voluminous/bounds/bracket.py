@@ -20,8 +20,7 @@ from typing import Any
 from ..backend import dr
 from ..backend.functions import any_attenuation
 from ..backend.types import Float, Mask
-from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_rounding import positive
+from ..expressions.traced_interval import TracedInterval, positive
 from ..grids.contract import Segment
 from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import Path, empty_path, most, over

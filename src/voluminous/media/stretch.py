@@ -20,10 +20,8 @@ from ..backend.types import Float, Mask
 from ..expressions import Expression, Margin
 from ..expressions.analysis import Monotonicity
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interval import TracedInterval
+from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, larger, smaller
 from ..expressions.traced_interval import extremes as without_nan
-from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_rounding import larger, smaller
 from .context import Context, completed
 
 # Intervals tell something of a stretch if they tell of one place so much more.
