@@ -57,7 +57,7 @@ class CartesianGrid(CartesianCells, Grid):
     """
 
     kind = "cartesian"
-    walk_kinds = ("cells", "reckoned", "dual", "coarse")
+    walk_kinds = ("cells", "dual", "coarse")
     has_blocks = cells_are_boxes = is_rectilinear = has_vertices = has_traced_centers = True
 
     def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
@@ -137,9 +137,9 @@ class CartesianGrid(CartesianCells, Grid):
         ----------
         backend : Backend
             Device and precision.
-        kind : {"cells", "reckoned", "dual", "coarse"}
-            Through the cells; through the cells, rounding as RADMC-3D does; through the dual
-            cells, whose corners are the centres of the cells; or through cubes of those.
+        kind : {"cells", "dual", "coarse"}
+            Through the cells; through the dual cells, whose corners are the centres of the cells;
+            or through cubes of those.
         box : Box, optional
             Confine a walk through ``"cells"`` or ``"dual"`` to these cells; of dual cells, to those
             with their upper corners there, and the ones beyond the domain's last centres.
@@ -151,12 +151,10 @@ class CartesianGrid(CartesianCells, Grid):
         """
         from .coarse_walk import CoarseWalk
         from .dual_walk import DualWalk
-        from .reckoned_walk import ReckonedWalk
         from .walk import CartesianWalk
 
         kinds = {
             "cells": CartesianWalk,
-            "reckoned": ReckonedWalk,
             "dual": DualWalk,
             "coarse": CoarseWalk,
         }

@@ -34,7 +34,7 @@ class CurvilinearGrid(Grid):
     """
 
     coordinates: tuple[str, str, str]
-    walk_kinds: tuple[str, ...] = ("cells", "reckoned", "dual")
+    walk_kinds: tuple[str, ...] = ("cells", "substeps", "dual")
     cells_are_boxes = has_vertices = True
     edges: tuple[np.ndarray, np.ndarray, np.ndarray]
     unit: Any
@@ -170,7 +170,7 @@ class CurvilinearGrid(Grid):
         ----------
         backend : Backend
             Device and precision.
-        kind : {"cells", "reckoned", "dual"}
+        kind : {"cells", "substeps", "dual"}
             Through the cells; through the cells in the sub-steps that RADMC-3D takes; or through
             the dual cells between their centres.
 

@@ -168,7 +168,7 @@ class RefinedCells(CurvilinearGrid):
         ----------
         backend : Backend
             Device and precision.
-        kind : {"cells", "reckoned", "dual"}
+        kind : {"cells", "substeps", "dual"}
             Through the leaves; the same in RADMC-3D's sub-steps; or the same where fields are
             known between the corners of each.
         """
@@ -197,7 +197,7 @@ class RefinedCells(CurvilinearGrid):
 class RefinedSphericalGrid(RefinedCells, SphericalGrid):
     """A spherical grid with cells that are split; made by ``SphericalGrid(..., refined=...)``."""
 
-    walk_kinds = ("cells", "reckoned", "dual")
+    walk_kinds = ("cells", "substeps", "dual")
 
 
 class RefinedCylindricalGrid(RefinedCells, CylindricalGrid):

@@ -16,7 +16,7 @@ from .surfaces_plane import Planes
 from .surfaces_round import Shells, Tubes
 from .walk import CurvilinearWalk
 
-KINDS = {"cells": CurvilinearWalk, "reckoned": SteppedWalk, "dual": CurvilinearFieldWalk}
+KINDS = {"cells": CurvilinearWalk, "substeps": SteppedWalk, "dual": CurvilinearFieldWalk}
 
 
 def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
@@ -54,7 +54,7 @@ def _refined_walk(grid: Any, backend: Any, kind: str) -> RefinedWalk:
         backend,
         axes=axes,
         grid=grid,
-        stepped=kind == "reckoned",
+        stepped=kind == "substeps",
     )
 
 
