@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...backend import dr
-from ..axes import NEVER, AxisTrack, Side, make_axis
-from ..box_walk import BoxWalk
+from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
 from ..contract import Box, Corners, Segment
 from ..wall_corners import bilinear, pick, trilinear
 

@@ -13,8 +13,8 @@ from ...geometry import span
 from ...packages import room
 from ...units import unit_name
 from ..contract import Box, Grid
+from .corners import cells_around
 from .edges import FULL_CIRCLE, is_closed
-from .vertices import cells_around
 
 # Single precision must tell this many points apart across the thinnest cell.
 _POINTS_PER_CELL = 256

@@ -62,8 +62,7 @@ def _octree(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
 def _flat_tree(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
     """Return a tree that is not refined along all axes: each leaf is a patch."""
     from ...grids import PatchGrid
-    from ...grids.trees.octree_order import levels_from_flags
-    from ...grids.trees.octree_places import Places
+    from ...grids.trees.octree_order import Places, levels_from_flags
 
     assert found.flags is not None
     axes = tuple(np.flatnonzero(found.active).tolist())
