@@ -77,7 +77,7 @@ def isosurfaces(target: Path, pixels: int) -> None:
         "opacity=1, shading=0.8": vm.Isosurface("density", 0.4, BLUE, 1, shading=0.8),
     }
     panels = {
-        title: vm.render(volume, medium, camera, samples="adaptive")
+        title: vm.render(volume, medium, camera, antialias="adaptive")
         for title, medium in media.items()
     }
     row(target, panels, (11, 3.1))
@@ -89,8 +89,8 @@ def antialiasing(target: Path, pixels: int) -> None:
     camera = vm.Orthographic(60, 30, width=0.9, shift=(0.2, 0.2), resolution=max(16, pixels // 6))
     surface = vm.Isosurface("density", levels=[0.2, 0.5, 0.8], color="plasma", opacity=0.35)
     panels = {
-        f"samples={samples!r}": vm.render(volume, surface, camera, samples=samples)
-        for samples in (1, "adaptive")
+        f"antialias={way!r}": vm.render(volume, surface, camera, antialias=way)
+        for way in (None, "adaptive")
     }
     row(target, panels, (7, 3.7))
 

@@ -76,7 +76,7 @@ def raw_or_derived(target: Path, pixels: int) -> None:
     camera = vm.Orthographic(20, 30, width=1.25, resolution=pixels)
     for place, expr in zip(places, ("log10(density)", "logn"), strict=True):
         surface = vm.Isosurface(expr, 2.0, (0.65, 0.8, 1.0), opacity=1, shading=1)
-        vm.render(volume, surface, camera, samples="adaptive").plot(
+        vm.render(volume, surface, camera, antialias="adaptive").plot(
             place, exposure=1, colorbar=False
         )
         angle = np.linspace(0, 2 * np.pi, 200)

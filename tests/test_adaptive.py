@@ -17,7 +17,7 @@ def view(resolution):
 
 
 def picture(medium, **options):
-    return vm.render(NOISE, medium, view(PIXELS), samples="adaptive", tolerance=1e-2, **options)
+    return vm.render(NOISE, medium, view(PIXELS), antialias="adaptive", tolerance=1e-2, **options)
 
 
 def mean_over_pixels(medium, **options):
@@ -77,7 +77,7 @@ def test_one_pixel_is_more_than_its_centre(resolution):
     """It has no neighbours that would tell whether the picture is smooth."""
     surface = vm.Isosurface("a", 0.6, 1.0, 0.8)
     camera = vm.Orthographic(37, 61, 20, width=2.4, resolution=resolution, center=(0, 0, 0))
-    image = vm.render(NOISE, surface, camera, samples="adaptive", tolerance=1e-2)
+    image = vm.render(NOISE, surface, camera, antialias="adaptive", tolerance=1e-2)
     exact = vm.render(NOISE, surface, camera, samples=64)
     off = np.abs(image.intensity - exact.intensity)[..., 0]
     assert np.all(off <= 0.04)
@@ -89,7 +89,7 @@ def test_pixels_that_pass_for_smooth_are_off_by_no_more_than_told(where):
     """Where neighbours differ by less than is allowed no rays are added, and means differ still."""
     shell = vm.Gaussian("a", 0.6, 0.2, 1.0, 1.0, 0.5, where=where)
     pixels, finer = 32, 16
-    image = vm.render(NOISE, shell, view(pixels), samples="adaptive", tolerance=0.1)
+    image = vm.render(NOISE, shell, view(pixels), antialias="adaptive", tolerance=0.1)
     fine = vm.render(NOISE, shell, view(pixels * finer)).intensity[..., 0]
     exact = fine.reshape(pixels, finer, pixels, finer).mean(axis=(1, 3), dtype=np.float64)
     off = np.abs(image.intensity[..., 0] - exact)

@@ -167,11 +167,11 @@ def test_the_picture_of_a_shell_on_a_spherical_grid(precision):
 
 def test_flux_conserving_samples_need_a_rule():
     _, flat = both(a=VALUES)
-    with pytest.raises(vm.InputError, match=r"use samples='adaptive'"):
+    with pytest.raises(vm.InputError, match=r"use antialias='adaptive'"):
         vm.render(
             flat,
             vm.Coefficients("a", "a"),
             CAMERA,
             scheme="first-order",
-            samples="flux-conserving",
+            antialias="radmc3d",
         )

@@ -81,7 +81,8 @@ def test_arguments_are_taken_or_refused_by_name(name, argument):
             make(**{**given, argument: strange})
 
 
-OPTIONS = ("scheme", "tolerance", "background", "device", "order", "cutoff", "samples", "bounds")
+OPTIONS = ("scheme", "tolerance", "background", "device", "order", "cutoff", "samples")
+OPTIONS += ("antialias", "bounds", "max_panels")
 
 
 @pytest.mark.parametrize("option", OPTIONS)

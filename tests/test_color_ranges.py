@@ -60,16 +60,6 @@ def test_gates_count_and_99_percent_are_between(medium):
     np.testing.assert_allclose([low, high], [50, 100], atol=4)
 
 
-def test_a_logarithm_looks_at_what_is_positive():
-    volume = cube(24, t="where(y > 0, 10**(3 * y), 0)")
-    for norm in ("log", colors.LogNorm()):
-        found = ends(vm.Gaussian("x", 0, 0.2, vm.ColorBy("t", "inferno", norm=norm), 1.0), volume)
-        np.testing.assert_allclose(np.log10(found), [0, 3], atol=0.15)
-    dark = vm.Gaussian("x", 0, 0.2, vm.ColorBy("-abs(y)", "inferno", norm="log"), 1.0)
-    with pytest.raises(vm.InputError, match=r"-abs\(y\) has no positive value in this volume"):
-        vm.render(volume, dark, CAMERA)
-
-
 def test_what_is_given_stays_and_what_is_measured_has_the_unit_of_the_field():
     volume = cube(24)
     volume["t"] = volume.evaluate("300 + 100 * y") * u.K
@@ -82,28 +72,6 @@ def test_what_is_given_stays_and_what_is_measured_has_the_unit_of_the_field():
     norm = colors.Normalize(vmin=100, vmax=500)
     assert vm.ColorBy("t", "inferno", norm=norm).describe()["vmax"] == 500
     assert vm.ColorBy("t", "inferno", 1, 10, "log").describe()["norm"] == "log"
-
-
-@pytest.mark.parametrize("value", [0.0, 5.0, -1e30])
-def test_a_constant_is_in_the_middle_of_the_map(value):
-    volume = cube(8, t=f"{value} + 0 * x")
-    low, high = ends(vm.Gaussian("x", 0, 0.2, vm.ColorBy("t", "inferno"), 1.0), volume)
-    assert low < value < high
-    assert (low + high) / 2 == pytest.approx(value)
-
-
-def test_of_what_is_nowhere_all_colours_are_known_and_of_missing_values_none():
-    volume = cube(24, t="y")
-    np.testing.assert_allclose(
-        ends(vm.Gaussian("x", 7, 0.1, vm.ColorBy("t", "inferno"), 1.0), volume), [-1, 1], atol=0.1
-    )
-    values = np.where(volume.evaluate("y") > 0.5, np.nan, volume.evaluate("y"))
-    volume["t"] = values
-    shell = vm.Gaussian("x", 0, 0.1, vm.ColorBy("t", "inferno"), 1.0)
-    np.testing.assert_allclose(ends(shell, volume), [-1, 0.5], atol=0.1)
-    volume["t"] = np.full_like(values, np.nan)
-    with pytest.raises(vm.InputError, match="t has no finite value in this volume"):
-        vm.render(volume, shell, CAMERA)
 
 
 def test_a_picture_has_the_measured_range_and_measures_it_once(monkeypatch):
@@ -150,34 +118,6 @@ def test_a_colormap_takes_the_range_of_its_own_expression(norm):
 
 def told_range(told):
     return told["vmin"], told["vmax"]
-
-
-def test_sums_and_unknown_fields():
-    volume = cube(16, t="y")
-    parts = [
-        vm.Gaussian("x", c, 0.1, vm.ColorBy(e, "plasma"), 1.0) for c, e in ((0, "t"), (0.5, "3*t"))
-    ]
-    shown = [
-        part.modulation.color.scale.values[-1]
-        for part in sum(parts).calibrated(volume).components()
-    ]
-    np.testing.assert_allclose(shown, [1, 3], rtol=0.1)
-    with pytest.raises(vm.errors.UnknownNameError, match="unknown field 'tt'; did you mean 't'"):
-        vm.render(volume, vm.Gaussian("x", 0, 0.1, vm.ColorBy("tt", "plasma"), 1.0), CAMERA)
-
-
-def test_small_differences_of_large_numbers_have_a_range_and_rounding_has_none():
-    noise = np.random.default_rng(0).normal(size=(12, 12, 12))
-    grid = vm.CartesianGrid.uniform(12, (-1, 1))
-    volume = vm.Volume(grid, a=noise, b=1e9 + noise, c=np.float32(1e9) + np.float32(noise))
-    small, large = (
-        vm.render(volume, vm.Colormap(name, "viridis", opacity=0.5, path_length=0.5), CAMERA)
-        for name in "ab"
-    )
-    # The ends have three digits of what is between them: 1e-3 of the colours, and as much of light.
-    np.testing.assert_allclose(large.intensity, small.intensity, rtol=0, atol=4e-3)
-    with pytest.raises(vm.InputError, match=r"c is 1e\+09 everywhere"):
-        vm.Colormap("c", "viridis").calibrated(volume)  # single precision knows one value
 
 
 def test_mistakes_are_told_at_once_and_colours_without_a_range_when_they_are_needed():

@@ -87,43 +87,6 @@ def test_a_list_of_four_is_four_channels_unless_it_ends_in_one():
     assert vm.Table("a", [1, 2, 3, 4], (0.1, 0.2, 0.3, 1.0), 1).channels == 1
 
 
-@pytest.mark.parametrize(
-    ("value", "told"),
-    [
-        (0.0, "density is 0 everywhere: there is nothing to see"),
-        (3.5, "density is 3.5 everywhere: there is nothing to see"),
-    ],
-)
-def test_a_constant_volume_has_nothing_to_show(value, told):
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), density=np.full((4, 4, 4), value))
-    for draw in (
-        lambda: vm.render(volume),
-        lambda: vm.suggest_medium(volume),
-        lambda: vm.render(volume, vm.Colormap("density", "viridis"), CAMERA),
-    ):
-        with pytest.raises(InputError, match=told):
-            draw()
-    vm.render(volume, vm.Colormap("density", "viridis", 0, 4, path_length=1.0), CAMERA)
-
-
-def test_a_volume_without_values_has_nothing_to_show():
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), density=np.full((4, 4, 4), np.nan))
-    for draw in (
-        lambda: vm.render(volume),
-        lambda: vm.render(volume, vm.Colormap("density", "viridis"), CAMERA),
-    ):
-        with pytest.raises(InputError, match="density has no finite value"):
-            draw()
-
-
 def test_one_emissivity_for_several_extinctions():
     with pytest.raises(InputError, match="give three emissivities"):
         vm.Coefficients(0, ["a", "b", "c"])
-
-
-def test_names_of_colours_are_colours_behind_and_in_mixtures():
-    red = [1.0, 0.0, 0.0]
-    assert np.array_equal(drawn(background="red"), drawn(background=red))
-    image = vm.Image(np.random.default_rng(0).random((3, 3, 2)))
-    by_name = image.to_rgb(mix=["red", "#0000ff"])
-    assert np.array_equal(by_name, image.to_rgb(mix=[red, (0, 0, 1)]))

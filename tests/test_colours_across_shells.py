@@ -55,32 +55,3 @@ def test_what_is_seen_of_a_slab():
     off = abs(image.intensity[0, 0, 0] - exact)
     assert off < 1.1e-4 * exact
     assert off < image.error.item()
-
-
-ROUGH = {
-    "surface": lambda by: vm.Isosurface("a", 0.6, by, 0.9999, 0.004),
-    "shaded": lambda by: vm.Isosurface("a", 0.6, by, 0.9999, 0.01, shading=0.6),
-    "gaussian": lambda by: vm.Gaussian("a", 0.6, 0.004, by, 300.0, 0.1),
-    "rectangle": lambda by: vm.Rectangle("a", 0.6, 0.01, by, 200.0, 0.1),
-}
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("kind", ROUGH)
-def test_errors_are_honest_where_colours_are_noise(kind, precision):
-    """One side of an opaque shell hides the other, however thin it is."""
-    beyond, lit = 0, 0
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        fields = {name: rng.random(GRID.shape) for name in "ab"}
-        medium = ROUGH[kind](vm.ColorBy("b", "jet", 0.2, 0.8))
-        image = vm.render(vm.Volume(GRID, fields), medium, CAMERA, precision=precision)
-        exact = vm.render(
-            vm.Volume(GRID, fields), medium, CAMERA, precision="double", tolerance=1e-5
-        )
-        off = np.abs(image.intensity - exact.intensity).max(axis=2)
-        beyond += np.sum(off > image.error + exact.error)
-        lit += np.sum(exact.intensity.max(axis=2) > 0)
-    # Of shaded surfaces 0.027 were, of Gaussians 0.004.
-    assert beyond <= 0.003 * lit

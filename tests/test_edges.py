@@ -12,7 +12,7 @@ from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression, NumpyOps
 from voluminous.expressions.expression import on_one_side
 from voluminous.media.context import Context
-from voluminous.media.edges import Edge, edges_ahead, first_edge, passing
+from voluminous.media.edges import Level, edges_ahead, first_edge
 from voluminous.media.stretch import Stretch
 
 # Rounding of places, and of what is added up.
@@ -118,10 +118,10 @@ def test_edges_are_counted_and_the_first_is_found(precision):
     stretch, number = stretch_of(precision, **rows)
     a, b = (Expression(n) for n in "ab")
     cases = [
-        ([Edge(a, number(0.6)), Edge(a, number(0.3))], 2, 0.3),
-        ([Edge(a, number(0.6)), Edge(b, number(0.25))], 3, 0.25),
-        ([Edge(a, number(0.1)), Edge(b, number(0.25))], 3, 0.1),
-        ([Edge(a, number(1.6))], 0, 1.0),
+        ([Level(a, number(0.6)), Level(a, number(0.3))], 2, 0.3),
+        ([Level(a, number(0.6)), Level(b, number(0.25))], 3, 0.25),
+        ([Level(a, number(0.1)), Level(b, number(0.25))], 3, 0.1),
+        ([Level(a, number(1.6))], 0, 1.0),
     ]
     for edges, count, place in cases:
         found, hidden = edges_ahead(stretch, edges)
@@ -130,38 +130,8 @@ def test_edges_are_counted_and_the_first_is_found(precision):
         first = first_edge(stretch, edges).numpy().item()
         assert first == pytest.approx(place, abs=EXACT[precision])
     # Both ends and the middle show none of it.
-    count, hidden = edges_ahead(stretch, [Edge(Expression("4*a*a - 4*a"), number(-0.999))])
+    count, hidden = edges_ahead(stretch, [Level(Expression("4*a*a - 4*a"), number(-0.999))])
     assert hidden.numpy().item() or count.numpy().item() == 2
-
-
-@pytest.mark.parametrize("precision", EXACT)
-@pytest.mark.parametrize("begin", [0.0, 1e-7, 1e-4])
-def test_what_is_just_behind_one_passage_is_not_the_next(begin, precision):
-    """(s + begin) (0.48 - s): nearly on the level at first, then above it, and at 0.48 below."""
-    rows = {"a": [[0.48 * begin], [0.48 - begin], [-1.0]]}
-    stretch, number = stretch_of(precision, **rows)
-    found = passing(stretch, Expression("a"), number(0.0 if begin else -1e-12))
-    assert found.numpy().item() == pytest.approx(0.48, abs=EXACT[precision])
-
-
-@pytest.mark.parametrize("precision", EXACT)
-@pytest.mark.parametrize("end", [0.0, 1e-7, 1e-4])
-def test_what_is_just_before_one_passage_is_not_it(end, precision):
-    """(s - 0.7) (1 + end - s): above the level from 0.7 on, and nearly on it where it ends."""
-    rows = {"a": [[-0.7 * (1 + end)], [1.7 + end], [-1.0]]}
-    stretch, number = stretch_of(precision, **rows)
-    found = passing(stretch, Expression("a"), number(0.0 if end else -1e-12))
-    assert found.numpy().item() == pytest.approx(0.7, abs=EXACT[precision])
-
-
-@pytest.mark.parametrize("precision", EXACT)
-def test_edges_are_counted_where_a_logarithm_begins_at_nothing(precision):
-    """s (1 - s) is above 0.1 in the middle; its logarithm is infinite at both ends."""
-    stretch, number = stretch_of(precision, a=[[0.0], [1.0], [-1.0]])
-    (margin,) = Expression("log10(a) > -1").margins()
-    for part, expected in ((stretch, 2), (stretch.part(0.5, 0.5), 1), (stretch.part(0.0, 0.5), 1)):
-        count, hidden = edges_ahead(part, [Edge(margin, number(0.0))])
-        assert hidden.numpy().item() or count.numpy().item() == expected
 
 
 def test_masks_and_labels_as_gates():
@@ -254,18 +224,6 @@ def test_gates_in_noise_agree_with_many_small_steps(precision):
         assert found == pytest.approx(exact, abs=5e-4)
 
 
-@pytest.mark.parametrize("kind", GATED)
-def test_errors_are_honest_behind_gates(kind):
-    """Both precisions, which cut segments at other places: none is off by more than it tells."""
-    volume, view = noise((10, 10, 10), 5), vm.Orthographic(37, 23, width=2.4, resolution=48)
-    image = vm.render(volume, GATED[kind], view)
-    truth = vm.render(volume, GATED[kind], view, tolerance=1e-6, precision="double")
-    assert truth.error.max() <= 2e-5 * truth.intensity.max()
-    off = np.abs(image.intensity - truth.intensity).max(axis=-1)
-    assert np.mean(off > image.error + truth.error) <= 0.005
-    assert off.max() <= 5e-3 * truth.intensity.max()
-
-
 def test_expressions_on_one_side_of_what_they_compare():
     first, second = Expression("where(a > 1, b, 0) * c"), Expression("(a > 1) + (b < 2)")
     pieces, sides = on_one_side([first, second])
@@ -276,26 +234,3 @@ def test_expressions_on_one_side_of_what_they_compare():
     assert [float(v.evaluate(NumpyOps(), values)) for v in pieces] == [35.0, 1.0]
     values["%side 0"] = np.array(0.0)
     assert float(pieces[0].evaluate(NumpyOps(), values)) == 0.0
-
-
-def test_functions_that_jump_are_cut_where_they_do():
-    volume, view = noise((10, 10, 10), 6), vm.Orthographic(37, 23, width=2.4, resolution=32)
-
-    def hot(a, b, c):
-        hot = a > 0.3
-        return np.where(hot & (c < 1), b * b, 0.0), np.where(hot, 1.0, 0.1)
-
-    medium = vm.Medium.from_function(hot, ["a", "b", "c"], channels=1)
-    image = vm.render(volume, medium, view)
-    truth = vm.render(volume, medium, view, tolerance=1e-6, precision="double")
-    assert truth.error.max() <= 2e-5 * truth.intensity.max()
-    off = np.abs(image.intensity - truth.intensity).max(axis=-1)
-    assert np.mean(off > image.error + truth.error) <= 0.005
-
-    def coefficients(fields):
-        j, alpha = hot(*(fields[n] for n in "abc"))
-        return j, alpha
-
-    for pixel in ((16, 16), (9, 20)):
-        exact = summed(volume, pixel, view, coefficients)
-        assert truth.intensity[pixel[1], pixel[0], 0] == pytest.approx(exact, rel=1e-3)

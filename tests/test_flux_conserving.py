@@ -27,7 +27,7 @@ def test_pixels_are_divided_where_cells_are_small():
     camera = vm.Orthographic(width=(6, 2), resolution=(3, 1), center=(1, 0.5, 0.5))
     options = {"scheme": "first-order", "precision": "double"}
     medium = vm.Coefficients("a", "a")
-    image = vm.render(volume, medium, camera, samples="flux-conserving", **options)
+    image = vm.render(volume, medium, camera, antialias="radmc3d", **options)
     # Two wide, it is quartered for cells one wide, and again where a quarter's ray meets halves.
     assert image.intensity[0, 0] == image.intensity[0, 2] == 0
     fine, coarse = (
@@ -47,7 +47,7 @@ def test_flux_conservation_is_the_mean_over_pixels(scheme):
         vm.Orthographic(57, 33, 20, width=3.2, resolution=n, center=(0, 0, 0)) for n in (6, 192)
     )
     options = {"scheme": scheme, "precision": "double"}
-    image = vm.render(volume, medium, coarse, samples="flux-conserving", background=0.3, **options)
+    image = vm.render(volume, medium, coarse, antialias="radmc3d", background=0.3, **options)
     exact = vm.render(volume, medium, fine, background=0.3, **options)
     for name in ("intensity", "transparency", "optical_depth"):
         mean = getattr(exact, name).reshape(6, 32, 6, 32, -1).mean(axis=(1, 3))
@@ -57,7 +57,7 @@ def test_flux_conservation_is_the_mean_over_pixels(scheme):
 @pytest.mark.parametrize("scheme", ["first-order", "post-classified"])
 def test_progress_is_told_by_the_area_that_is_done(scheme):
     camera, reports = vm.Orthographic(57, 33, width=3.2, resolution=6, center=(0, 0, 0)), []
-    options = {"scheme": scheme, "samples": "flux-conserving"}
+    options = {"scheme": scheme, "antialias": "radmc3d"}
     vm.render(noise(), WIDE, camera, progress=lambda *told: reports.append(told), **options)
     fractions = [done / total for done, total in reports]
     assert fractions == sorted(fractions)
@@ -69,10 +69,10 @@ def test_flux_conservation_needs_parallel_rays_and_pixels_that_are_not_huge():
     even = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=np.ones((4, 4, 4)))
     for each in (volume, even):  # angles are not compared with widths, in no unit of length
         with pytest.raises(vm.InputError, match="parallel rays"):
-            vm.render(each, medium, INSIDE, samples="flux-conserving")
+            vm.render(each, medium, INSIDE, antialias="radmc3d")
     huge = vm.Orthographic(width=1e5, resolution=1, center=(0, 0, 0))
     with pytest.raises(vm.InputError, match="needs more than 4096 x 4096 rays for a pixel"):
-        vm.render(volume, medium, huge, samples="flux-conserving", scheme="first-order")
+        vm.render(volume, medium, huge, antialias="radmc3d", scheme="first-order")
 
 
 @pytest.mark.parametrize("case_id", ["first_fluxcons", "second_fluxcons"])
@@ -89,7 +89,7 @@ def test_flux_conservation_on_spherical_grids_is_radmc3d(name, case_id):
         scheme={1: "first-order", 2: "olson-kunasz"}[case.order],
         precision="double",
         cutoff=0,
-        samples="flux-conserving",
+        antialias="radmc3d",
     )
     # For τ <= 1e-4 RADMC-3D takes 1 - exp(-τ) = τ in first order.
     off = np.abs(image.intensity - case.image).max() / case.image.max()
@@ -105,7 +105,7 @@ def test_flux_conservation_on_a_refined_sphere_is_that_of_the_finer_one(scheme, 
     values = np.random.default_rng(4).random(finer.shape)
     leaves = values.ravel()[finer.locate(refined.cell_centers().T)]
     camera = vm.Orthographic(60, 30, width=11, resolution=5, center=(0, 0, 0))
-    options = {"scheme": scheme, "samples": "flux-conserving", "precision": "double"}
+    options = {"scheme": scheme, "antialias": "radmc3d", "precision": "double"}
     images = [
         vm.render(volume, WIDE, camera, **options).intensity
         for volume in (vm.Volume(finer, a=values), vm.Volume(refined, a=leaves))
@@ -121,8 +121,8 @@ def test_pixels_are_divided_for_the_cells_of_cylinders(refined):
     camera = vm.Orthographic(70, 20, width=30, resolution=30, center=(0, 0, 0))
     options = {"scheme": "first-order", "precision": "double"}
     image, expected = (
-        vm.render(volume, WIDE, camera, samples=samples, **options).intensity
-        for samples in ("flux-conserving", 1 if refined is None else 2)
+        vm.render(volume, WIDE, camera, **rays, **options).intensity
+        for rays in ({"antialias": "radmc3d"}, {"samples": 1 if refined is None else 2})
     )
     np.testing.assert_allclose(image, expected, rtol=1e-12)
     assert np.mean(expected > 0) > 0.1
@@ -133,9 +133,7 @@ def test_flux_conservation_on_cylinders_keeps_the_sum():
     volume = vm.Volume(grid, a=np.random.default_rng(1).random(grid.shape))
     camera = vm.Orthographic(60, 30, width=6.4, resolution=16, center=(0, 0, 0))
     options = {"scheme": "first-order", "precision": "double"}
-    image = vm.render(
-        volume, vm.Coefficients("a", "0"), camera, samples="flux-conserving", **options
-    )
+    image = vm.render(volume, vm.Coefficients("a", "0"), camera, antialias="radmc3d", **options)
     total = image.intensity.sum() * (6.4 / 16) ** 2
     # Rays are a fraction of a cell apart: a hundred thousand of them, and cells' edges.
     assert total == pytest.approx(np.sum(volume["a"] * grid.cell_volumes), rel=2e-3)

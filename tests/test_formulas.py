@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from astropy import units as u
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +14,6 @@ import voluminous as vm
 from voluminous.backend import dr
 from voluminous.expressions import NumpyOps
 from voluminous.media import Coefficients, Function
-from voluminous.media.function import Formulas
 
 GRID = vm.CartesianGrid.uniform(16, (-1, 1))
 CAMERA = vm.Orthographic(40, 30, width=3, resolution=32)
@@ -103,39 +101,6 @@ def test_any_sequence_of_steps_is_read(data):
     np.testing.assert_allclose(values(run, a, b, scale=1.5), run(a, b, 1.5), rtol=1e-12, atol=1e-12)
 
 
-def test_augmented_assignment_changes_nothing_else():
-    def function(a):
-        b = a
-        b += 1.0
-        b *= 2.0
-        return a + b
-
-    assert values(function, np.array(3.0)) == 3.0 + 8.0
-
-
-def test_what_is_used_often_is_one_step():
-    def function(a):
-        for _ in range(200):
-            a = a * a - a
-        return a
-
-    medium = Function(lambda a: (function(a), 0.0), "a", 1)
-    assert medium.formulas().emissivity[0].text.count(";") == 400
-    assert values(function, np.array(2.0)) == 2.0
-
-
-def test_colours_may_be_arrays():
-    colour = np.array([1.0, 0.5, 0.25])
-    medium = Function(lambda n: (colour * n * np.exp(-n), 0.1 * n), "n", 3)
-    j = medium.formulas().emissivity
-    fields = {"n": np.array([0.5, 2.0])}
-    for part, tint in zip(j, colour, strict=True):
-        expected = tint * fields["n"] * np.exp(-fields["n"])
-        np.testing.assert_allclose(part.evaluate(NumpyOps(), fields), expected, rtol=1e-15)
-    image = vm.render(volume(), medium, CAMERA)
-    np.testing.assert_allclose(image.intensity[..., 1], 0.5 * image.intensity[..., 0], rtol=1e-5)
-
-
 UNREADABLE = {
     "erf": lambda n, t: (vm.math.erf(n), t),
     "kernels' functions": lambda n, t: (dr.sqrt(n), t),
@@ -187,15 +152,6 @@ def test_jumps_are_found_as_those_of_expressions_are(precision):
     assert np.abs(read.intensity - written.intensity).max() < 1e-5 * brightest
 
 
-def test_errors_are_honest_where_functions_jump():
-    scene = volume()
-    image = vm.render(scene, function_medium(), CAMERA)
-    truth = vm.render(scene, function_medium(), CAMERA, tolerance=1e-6, precision="double")
-    off = np.abs(image.intensity - truth.intensity).max(axis=-1)
-    assert np.mean(off > image.error) < 0.01  # as promised for every medium
-    assert off.max() < 2e-3 * truth.intensity.max()  # twice the tolerance, in 1024 pixels
-
-
 def test_functions_have_bounds():
     scene, camera = volume(), vm.Orthographic(40, 30, width=3, resolution=12)
     image = vm.render(scene, function_medium(), camera, bounds=True)
@@ -204,15 +160,6 @@ def test_functions_have_bounds():
     assert np.all(image.lower <= truth.intensity + slack)
     assert np.all(image.upper >= truth.intensity - slack)
     assert np.max(image.upper - image.lower) < 1e-2 * truth.intensity.max()
-
-
-def test_ranges_are_those_of_the_formulas():
-    found = function_medium().bounds(
-        {"n": [0.5, 4.0], "t": [0.6, 0.0]}, {"n": [0.8, 5.0], "t": [0.9, 1.0]}
-    )
-    np.testing.assert_allclose(found.j_lo[0], [0, 0])
-    np.testing.assert_allclose(found.j_hi[0], [0, 1])
-    np.testing.assert_allclose(found.a_hi[0], [0.06, 0.06], rtol=1e-12)
 
 
 def test_what_a_function_closes_over_may_change():
@@ -235,21 +182,6 @@ def test_parameters_do_not_compile_again():
         kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
     assert kernels
     assert all(k["cache_hit"] for k in kernels)
-
-
-def test_sums_take_the_formulas_of_their_parts():
-    shell = vm.Gaussian("n", 1.0, 0.1, (1, 1), 0.1, 0.5)
-    scene = volume()
-    read = vm.render(scene, shell + function_medium(), CAMERA).intensity
-    written = vm.render(scene, shell + as_expressions(1.0), CAMERA).intensity
-    assert np.abs(read - written).max() < 1e-5 * written.max()
-
-
-def test_a_picture_tells_of_the_function():
-    described = vm.render(volume(), function_medium(), CAMERA).provenance["medium"]
-    assert described["type"] == "function"
-    assert described["function"] == "jumping"
-    assert isinstance(function_medium().formulas(), Formulas)
 
 
 COOLING = np.array([[3.0, 4.0, 4.3, 5.2, 6.0], [0.1, 0.2, 3.0, 2.0, 0.5]])
@@ -284,36 +216,6 @@ def test_errors_are_honest_and_bounds_hold_where_tables_bend():
     exact = vm.render(scene, medium, small, tolerance=1e-6, precision="double").intensity
     slack = 1e-5 * exact.max()  # what the "truth" may be off by
     assert np.all((sure.lower <= exact + slack) & (sure.upper >= exact - slack))
-
-
-@pytest.mark.parametrize("name", ["read", "black box"])
-def test_tables_that_are_none_are_refused(name):
-    more = (lambda n: 0.0 * vm.math.erf(n)) if name == "black box" else (lambda n: 0.0)
-    for places, entries, told in (
-        ([2, 1], [1, 1], "2 is followed by 1"),
-        ([1, 2], [1, 2, 3], r"\(2,\) and \(3,\)"),
-        ([1, np.nan], [1, 2], "finite"),
-        (["a", "b"], [1, 2], "lists of numbers"),
-        ([1, 2] * u.K, [1, 2], "numbers in K"),
-    ):
-        medium = vm.Medium.from_function(
-            lambda n, x=places, y=entries: (vm.math.interp(n, x, y) + more(n), 0.0), "n", 1
-        )
-        with pytest.raises(vm.InputError, match=told):
-            vm.render(volume(), medium, CAMERA)
-
-
-def test_another_table_does_not_compile_again():
-    scene = volume()
-    for height in (1.0, 2.0):
-        entries = height * COOLING[1]
-        medium = vm.Medium.from_function(
-            lambda t, y=entries: (vm.math.interp(t, [0.0, 0.1, 0.2, 0.5, 1.0], y), 0.0), "t", 1
-        )
-        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
-            vm.render(scene, medium, CAMERA)
-            kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
-    assert all(k["cache_hit"] for k in kernels)
 
 
 def test_functions_get_plain_numbers_in_the_units_of_their_fields():

@@ -12,9 +12,7 @@ from voluminous.backend.functions import (
     attenuation,
     first_true,
     flush_subnormal,
-    inverse_power_of_two,
     power_of_two,
-    precision_of,
     sharp_angle,
 )
 
@@ -64,17 +62,6 @@ def test_attenuation_keeps_its_digits_at_every_depth(precision, negative):
     assert theta[0] == mean[0] == 1
 
 
-def test_attenuation_of_many_lanes_is_that_of_one(precision):
-    # A lane's branch depends on its neighbours: its value must not, beyond a last place.
-    tau = np.array([1e-5, 0.2, 0.34, 5.0, 80.0], dtype=KINDS[precision])
-    together = attenuated(tau)
-    alone = [
-        np.concatenate(parts) for parts in zip(*(attenuated(t[None]) for t in tau), strict=True)
-    ]
-    for one, other in zip(together, alone, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_attenuation_never_overflows(precision):
     largest = np.finfo(KINDS[precision]).max
     tau = np.array([1e2, 1e3, 1e10, 1e30, largest], dtype=KINDS[precision])
@@ -104,32 +91,11 @@ def test_first_true_is_a_sorted_search(values, limit):
     np.testing.assert_array_equal(np.asarray(found), expected)
 
 
-def test_first_true_of_another_count_is_the_same_kernel(kernels):
-    UInt = get_backend("cpu").UInt
-
-    def search(count):
-        limit = UInt([3, 70])
-        dr.eval(first_true(count, UInt, lambda k: k > limit))
-
-    assert kernels(search, 60) == kernels(search, 5)
-
-
 def test_powers_of_two_are_exact(precision):
     info = np.finfo(KINDS[precision])
     exponents = np.arange(info.minexp, info.maxexp)
     found = power_of_two(from_host(real(precision), exponents))
     np.testing.assert_array_equal(np.asarray(found), 2.0**exponents)
-
-
-def test_inverses_of_powers_of_two_are_exact(precision):
-    n = np.arange(-100, 101)
-    powers = np.exp2(n).astype(KINDS[precision])
-    found = np.asarray(inverse_power_of_two(from_host(real(precision), powers)))
-    np.testing.assert_array_equal(found, np.exp2(-n))
-
-
-def test_precision_is_read_from_the_type(precision):
-    assert precision_of(real(precision)) == precision
 
 
 def test_subnormal_numbers_are_flushed_and_nothing_else(precision):

@@ -56,16 +56,6 @@ def test_vectors_are_three_fields(tmp_path, where):
         assert len(find_reader(tmp_path / name).info(tmp_path / name, components=where)) == 3
 
 
-def test_which_axis_counts_components_is_told_where_only_one_can(tmp_path):
-    np.save(tmp_path / "v.npy", np.zeros((9, 9, 9, 2)))
-    assert vm.open(tmp_path / "v.npy").fields == ("v_0", "v_1")
-    np.save(tmp_path / "v.npy", np.zeros((3, 9, 9, 3)))
-    with pytest.raises(vm.FileFormatError, match=r"\(3, 9, 9, 3\), expected three axes"):
-        vm.open(tmp_path / "v.npy", "v")
-    with pytest.raises(vm.InputError, match="components must be 'first' or 'last'"):
-        vm.open(tmp_path / "v.npy", components=0)
-
-
 # Values that are elsewhere
 
 
@@ -105,17 +95,6 @@ def test_a_head_that_does_not_fit_the_data(tmp_path, shape, name):
         (tmp_path / name).write_bytes(content)
     with pytest.raises(vm.FileFormatError, match=rf"{name}"):
         vm.open(tmp_path / name)
-
-
-def test_a_wrong_checksum_shows(tmp_path):
-    path = tmp_path / "a.npz"
-    np.savez(path, rho=RHO)
-    content = bytearray(path.read_bytes())
-    place = content.index(RHO.tobytes()) + 40
-    content[place] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(vm.FileFormatError, match=r"a\.npz.*CRC"):
-        vm.open(path)
 
 
 # Packed files

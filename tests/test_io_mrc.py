@@ -31,16 +31,6 @@ def write_mrc(path, values=FLOATS, width=1.5, order="<", **fields):
     return path
 
 
-@pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("dtype", [np.int8, np.int16, np.float32, np.uint16, np.float16])
-def test_modes(tmp_path, dtype, order):
-    path = write_mrc(tmp_path / "map.mrc", VALUES.astype(dtype), order=order)
-    volume = vm.open(path)
-    assert volume.unit == "Angstrom"
-    assert volume.array("map").dtype == (np.float32 if dtype == np.float16 else dtype)
-    check_places(volume, VALUES.transpose().astype(dtype), np.zeros(3), np.eye(3) * 1.5)
-
-
 def test_axes_in_another_order_and_the_number_of_the_first_voxel(tmp_path):
     # Columns run along z, rows along x, sections along y.
     fields = {"mapc": 3, "mapr": 1, "maps": 2, "nxstart": 7, "nystart": -8, "nzstart": 9}

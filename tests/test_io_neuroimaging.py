@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import voluminous as vm
-from scanner_files import VALUES, WIDTHS, check_places
+from scanner_files import VALUES, check_places
 from voluminous.io import find_reader
 
 nibabel = pytest.importorskip("nibabel")
@@ -88,24 +88,6 @@ def test_minc_in_hdf5_has_axes_widths_and_true_values(tmp_path):
     steps = np.array([[0, 0, -4.0], [0, -3.0, 0], [-2.0, 0, 0]])
     check_places(volume, values.astype(np.float32), np.array([-5.0, -6.0, 7.0]), steps)
     assert volume.grid.shape == (4, 3, 2)
-
-
-@pytest.mark.parametrize("name", ["pet.hdr", "pet.img"])
-@pytest.mark.parametrize("slope", [0, 0.5])
-def test_analyze_images_are_scaled_and_without_orientation(tmp_path, name, slope):
-    image = nibabel.Spm2AnalyzeImage(VALUES, None)
-    image.header.set_zooms(WIDTHS)
-    nibabel.save(image, tmp_path / "pet.img")
-    head = bytearray((tmp_path / "pet.hdr").read_bytes())
-    head[112:116] = np.float32(slope).tobytes()
-    (tmp_path / "pet.hdr").write_bytes(head)
-    volume = vm.open(tmp_path / name)
-    assert "orientation" not in volume.meta
-    np.testing.assert_array_equal(volume.array("pet"), VALUES * (slope or 1))
-    np.testing.assert_allclose(np.diff(volume.grid.bounds)[:, 0], WIDTHS * VALUES.shape)
-    (tmp_path / "pet.img").write_bytes((tmp_path / "pet.img").read_bytes()[:-1])
-    with pytest.raises(vm.FileFormatError, match="cut short"):
-        vm.open(tmp_path / name)
 
 
 @pytest.mark.parametrize(

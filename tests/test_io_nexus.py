@@ -64,21 +64,6 @@ def test_axes_are_centres_or_edges_of_cells(tmp_path, ending):
     np.testing.assert_allclose(volume.array("counts"), expected(volume))
 
 
-def test_names_that_end_in_x_y_z_and_others(tmp_path):
-    volume = vm.open(write(tmp_path / "a.h5", axes=("stage_z", "stage_y", "stage_x")))
-    np.testing.assert_allclose(volume.array("counts"), expected(volume))
-    volume = vm.open(write(tmp_path / "a.h5", axes=("h", "k", "l"), unit=""))
-    np.testing.assert_allclose(volume.array("counts"), VALUES)
-    with pytest.warns(UserWarning, match="different kinds"):
-        vm.open(_with_unit(write(tmp_path / "a.h5"), "z", "keV"))
-
-
-def _with_unit(path, name, unit):
-    with h5py.File(path, "a") as file:
-        file[f"entry/plot/{name}"].attrs["units"] = unit
-    return path
-
-
 def test_the_default_is_shown_and_others_are_chosen(tmp_path):
     path = write(tmp_path / "a.h5")
     with h5py.File(path, "a") as file:

@@ -102,20 +102,6 @@ def test_the_same_voxels_lie_at_the_same_place_in_all_formats(tmp_path, steps):
         check_places(volume, VALUES, ORIGIN, steps)
 
 
-@pytest.mark.parametrize("ending", ["mha", "nrrd", "nii", "nii.gz"])
-def test_itk_reads_what_is_written(tmp_path, ending):
-    sitk = pytest.importorskip("SimpleITK")
-    volume = volume_of(VALUES)
-    volume.save(tmp_path / f"written.{ending}")
-    image = sitk.ReadImage(str(tmp_path / f"written.{ending}"))
-    np.testing.assert_array_equal(sitk.GetArrayFromImage(image).transpose(), VALUES)
-    for index in [(0, 0, 0), (3, 4, 5)]:
-        place = ORIGIN + np.array(index) * WIDTHS
-        if ending == "nrrd":  # a volume of which nobody said that it is a patient
-            assert "space dimension: 3" in (tmp_path / "written.nrrd").read_text("latin-1")
-        np.testing.assert_allclose(image.TransformIndexToPhysicalPoint(index), place, 1e-6)
-
-
 # What was written comes back
 
 

@@ -36,7 +36,7 @@ def test_streams_that_unpack_to_less_or_to_more(tmp_path, nifti):
     bomb = gzipped_nifti(tmp_path / "more.nii.gz", nifti + bytes(50_000_000))
 
     def opened():
-        with pytest.warns(UserWarning, match="more than its header tells of"):
+        with pytest.warns(UserWarning, match="more than its header says"):
             np.testing.assert_array_equal(vm.open(bomb).array("more"), VALUES)
 
     assert tracemalloc_peak(opened) < 10_000_000

@@ -242,14 +242,6 @@ def test_files_in_pieces(tmp_path, kind):
     assert vm.open(tmp_path / "piece 1", "f").grid.shape == (5, 4, 6)
 
 
-def test_several_pieces_in_one_file(tmp_path):
-    data, values = image((9, 7, 6)), random_values("f4", (9, 7, 6))
-    add(data, "f", values)
-    path = write_image(data, tmp_path / "a.vti", NumberOfPieces=3)
-    assert path.read_bytes().count(b"<Piece") == 3
-    np.testing.assert_array_equal(vm.open(path).array("f"), values)
-
-
 # Names, and what else is told
 
 

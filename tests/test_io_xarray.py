@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 import voluminous as vm
 import voluminous.xarray
-from voluminous.io.axes import axis_of
 
 xr = pytest.importorskip("xarray")
 
@@ -62,30 +61,6 @@ def test_without_coordinates_cells_are_counted():
     assert volume.grid.bounds.tolist() == [[0, 4], [0, 3], [0, 2]]
     np.testing.assert_array_equal(volume.array("rho"), np.arange(24.0).reshape(2, 3, 4).T)
     assert volume.meta["axes"]["x"]["name"] == "x"
-
-
-@pytest.mark.parametrize(
-    ("dim", "attributes", "axis"),
-    [
-        ("lon", {}, "x"),
-        ("nlat", {}, "y"),
-        ("level", {}, "z"),
-        ("xi_rho", {}, "x"),
-        ("south_north", {}, "y"),
-        ("bottom_top", {}, "z"),
-        ("time", {}, "t"),
-        ("foo", {"standard_name": "grid_longitude"}, "x"),
-        ("foo", {"axis": "Y"}, "y"),
-        ("x", {"axis": "Z"}, "z"),
-        ("foo", {"positive": "down"}, "z"),
-        ("foo", {"units": "degrees_north"}, "y"),
-        ("foo", {"units": "hours since 1900-01-01"}, "t"),
-        ("band", {}, ""),
-        ("other", {}, ""),
-    ],
-)
-def test_what_a_dimension_is(dim, attributes, axis):
-    assert axis_of(dim, attributes) == axis
 
 
 def test_dims_say_it_otherwise():

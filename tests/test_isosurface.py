@@ -8,8 +8,7 @@ from astropy import units as u
 
 import voluminous as vm
 from contracts.bundle import Bundle, on_a_sphere
-from test_guaranteed_bounds import rays, trilinear
-from voluminous.errors import InputError, UnknownNameError
+from voluminous.errors import InputError
 from voluminous.scene.settings import loads
 
 RAYS = 256
@@ -140,19 +139,6 @@ def test_levels_are_seen_one_behind_the_other(width, precision, order):
     np.testing.assert_allclose(left, 0.6**3, rtol=2e-5)
 
 
-@pytest.mark.parametrize("width", [0.0, 0.2])
-def test_order_of_levels_does_not_matter(width):
-    colors = np.array([[1.0, 0.2], [0.3, 1.0], [0.5, 0.5]])
-    levels = np.array([3.1, 0.7, 1.6])
-    turned = [2, 0, 1]
-    one = vm.Isosurface("a", levels=list(levels), color=colors, opacity=0.4, width=width)
-    other = vm.Isosurface(
-        "a", levels=list(levels[turned]), color=colors[turned], opacity=0.4, width=width
-    )
-    both = [seen(slope(), medium)[0] for medium in (one, other)]
-    np.testing.assert_allclose(*both, rtol=1e-5)
-
-
 @pytest.mark.parametrize(("precision", "order"), WAYS)
 @pytest.mark.parametrize("gradient", [1e-3, 1.0, 1e4])
 def test_a_crossing_is_as_dense_at_every_angle_and_gradient(gradient, precision, order):
@@ -192,18 +178,6 @@ def test_a_sheet_of_some_thickness_is_seen_edge_on(angle, precision, order):
     np.testing.assert_allclose(color, 1 - np.exp(-depth), rtol=1e-5)
 
 
-def test_bounds_of_a_sheet_that_is_seen_edge_on():
-    """What is crossed says nothing there, the slope everything; 2 of 3 rays miss the sheet."""
-    medium = vm.Isosurface("a", 1.93, [1.0], 0.05, 0.9, density="gradient")
-    camera = vm.Orthographic(90, 0, width=2.7, resolution=(9, 1), center=(2.43, 2, 2))
-    image = vm.render(slope(), medium, camera, bounds=True)
-    inside = np.abs(image.x) < 0.45
-    truth = np.where(inside, 1 - 0.95 ** (4 / 0.9), 0.0)
-    assert np.all(image.lower[0, :, 0] <= truth)
-    assert np.all(image.upper[0, :, 0] >= truth)
-    assert np.max(image.upper - image.lower) < 1e-3  # the tolerance
-
-
 @pytest.mark.parametrize("shading", [0.0, 0.4, 1.0])
 def test_shading_is_by_the_cosine(shading):
     medium = vm.Isosurface("a", 1.93, [1.0], 0.3, shading=shading)
@@ -213,87 +187,6 @@ def test_shading_is_by_the_cosine(shading):
         lit = 1 - shading + shading * np.cos(np.radians(angle))
         np.testing.assert_allclose(color, 0.3 * lit, rtol=1e-4)
         np.testing.assert_allclose(left, 0.7, rtol=1e-5)  # light takes nothing away
-
-
-def lit_by_sums(volume, camera, width, opacity, shading, steps=10_000):
-    """Return what a shaded surface of some width shows, by small steps through its fields."""
-    origin, direction = (part[:, None] for part in rays(camera, volume.grid))
-    sides = (volume.grid.bounds.T - origin) / direction
-    first, last = sides.min(axis=1).max(axis=1), sides.max(axis=1).min(axis=1)
-    even = np.linspace(first, np.maximum(first, last), steps + 1, axis=1)
-    # And where fields have kinks: a step across one misses how far a surface is entered there.
-    kinks = [(c - origin[..., k]) / direction[..., k] for k, c in enumerate(volume.grid.centers)]
-    kinks = np.clip(np.concatenate(kinks, axis=1), even[:, :1], even[:, -1:])
-    ends = np.sort(np.concatenate([even, kinks], axis=1), axis=1)[..., None]
-
-    def along(name, t):
-        place = np.moveaxis(origin + t * direction, -1, 0)
-        return trilinear(volume.array(name), volume.grid.edges, list(place))
-
-    inside = np.clip((along("a", ends) - 0.5) / width + 0.5, 0, 1)
-    depth = -np.log(1 - opacity) * np.abs(np.diff(inside, axis=1))
-    middles = 0.5 * (ends[:, 1:] + ends[:, :-1])
-    slope = np.stack([along(f"g_{axis}", middles) for axis in "xyz"], axis=-1)
-    cosine = np.abs(np.sum(slope * direction, axis=-1)) / np.sqrt(np.sum(slope**2, axis=-1))
-    before = np.cumsum(depth, axis=1) - depth
-    return np.sum(-np.expm1(-depth) * np.exp(-before) * (1 - shading + shading * cosine), axis=1)
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("width", [0.1, 0.02])
-def test_light_on_a_surface_of_some_width_is_as_near_as_told(width):
-    """The normal turns within the surface: one place in a panel does not tell how it is lit."""
-    told, tolerance = [], 1e-3
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        shape = rng.integers(4, 8, 3)
-        volume = vm.Volume(vm.CartesianGrid.uniform(shape, (0, 1)), a=rng.random(shape))
-        for axis in "xyz":
-            volume[f"g_{axis}"] = f"grad(a).{axis}"
-        camera = vm.Orthographic(*rng.uniform(0, 180, 2), width=1.3, resolution=14)
-        surface = vm.Isosurface("a", 0.5, [1.0], opacity=0.3, width=width, shading=0.5)
-        image = vm.render(volume, surface, camera, tolerance=tolerance)
-        truth = lit_by_sums(volume, camera, width, 0.3, 0.5).reshape(14, 14)
-        off, brightest = np.abs(image.intensity[..., 0] - truth), truth.max()
-        assert off.max() <= tolerance * brightest
-        # With half as many steps the sums differ by less than 1e-5.
-        told += list(off[truth > 0] <= image.error[truth > 0] + 1e-5 * brightest)
-    assert np.mean(told) >= 0.99
-
-
-@pytest.mark.parametrize("seed", [3, 4])
-def test_light_on_the_front_of_an_opaque_surface(seed):
-    """Of what is opaque the front is seen, not the middle, and the normal turns between them."""
-    rng = np.random.default_rng(seed)
-    volume = vm.Volume(vm.CartesianGrid.uniform(3, (0, 1)), a=rng.random((3, 3, 3)))
-    for axis in "xyz":
-        volume[f"g_{axis}"] = f"grad(a).{axis}"
-    camera = vm.Orthographic(*rng.uniform(0, 180, 2), width=0.8, resolution=10)
-    surface = vm.Isosurface("a", 0.5, [1.0], opacity=0.999, width=0.01, shading=1.0)
-    image = vm.render(volume, surface, camera)
-    truth = lit_by_sums(volume, camera, 0.01, 0.999, 1.0).reshape(10, 10)
-    off = np.abs(image.intensity[..., 0] - truth)
-    # The sums are off by up to 1.5e-4: where a ray grazes the surface, steps are wide.
-    assert np.mean(off <= image.error + 2e-4) >= 0.99
-    assert off.max() <= 1.2e-3 * truth.max()
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("width", [0.0, 0.01])
-def test_light_where_expressions_need_more_digits_than_integrals(width):
-    """Single precision does not tell on which side of the gate a cell is: kernels hold both."""
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)))
-    volume["f"], volume["h"] = "2 + 0.3 * x + 0.2 * y + 0.1 * z", "x"
-    sides = np.array(volume["h"])
-    sides[2, 2, 2] = 0.05 + 1e-12
-    volume["h"] = sides
-    lit = vm.Isosurface("log10(f)", 0.3, width=width, shading=0.5, where="h > 0.05")
-    camera = vm.Orthographic(37, 90, resolution=8)
-    mixed, double = (
-        vm.render(volume, lit, camera, precision=p).intensity for p in ("single", "double")
-    )
-    assert double.max() > 0.1
-    assert np.abs(mixed - double).max() < 1e-3 * double.max()
 
 
 def test_an_opaque_surface_hides_what_is_behind():
@@ -362,11 +255,6 @@ def test_what_does_not_fit_is_refused(given, named):
         vm.Isosurface("a", **given)
 
 
-def test_an_unknown_density_is_refused():
-    with pytest.raises(UnknownNameError, match="gradient"):
-        vm.Isosurface("a", 1.0, density="gradiant")
-
-
 @pytest.mark.parametrize(
     "medium",
     [
@@ -383,29 +271,6 @@ def test_scene_files_bring_it_back(medium):
     assert again.medium.key() == medium().key()
     image, other = (vm.render(volume, m, camera) for m in (medium(), again.medium))
     np.testing.assert_array_equal(image.intensity, other.intensity)
-
-
-def test_colours_by_name():
-    def colors(**given):
-        return np.reshape(vm.Isosurface("a", opacity=0.5, **given).colors, (-1, 3)).tolist()
-
-    orange = [1.0, 165 / 255, 0.0]
-    assert colors(level=1, color="orange") == [orange]
-    assert colors(level=1, color="#ffa500") == [orange]
-    assert colors(levels=[1, 2], color="orange") == [orange, orange]
-    assert colors(levels=[1, 2], color=["orange", "lime"]) == [orange, [0.0, 1.0, 0.0]]
-    # A colormap, too: a colour where there is one level.
-    assert colors(level=1, color="pink") == [[1.0, 192 / 255, 203 / 255]]
-    assert len(set(map(tuple, colors(levels=[1, 2, 3], color="pink")))) == 3
-    assert len(set(map(tuple, colors(levels=[1, 2, 3], color="viridis")))) == 3
-    with pytest.raises(vm.errors.UnknownNameError, match="viridis"):
-        vm.Isosurface("a", levels=[1, 2], color="viridiss")
-    for shell in (vm.Gaussian, vm.Rectangle):
-        assert shell("a", 0, 1, "orange", 0, 1).color == tuple(orange)
-        with pytest.raises(vm.errors.UnknownNameError, match=r"unknown color 'oragne'.*'orange'"):
-            shell("a", 0, 1, "oragne", 0, 1)
-    named = vm.Table("a", [0, 1], ["orange", [0, 1, 0]], 1.0, 1.0)
-    assert named.colors.tolist() == [orange, [0.0, 1.0, 0.0]]
 
 
 def ramp():
@@ -440,36 +305,3 @@ def test_every_level_has_its_own_opacity(opacity, rows, width):
     scene = vm.Scene({"volume": {"model": "sphere"}, "medium": medium})
     again = vm.Scene(loads(scene.dumps()))
     assert again.medium.key() == medium.key()
-
-
-def test_opacities_that_fit_no_level_are_refused():
-    with pytest.raises(InputError, match="one row per level"):
-        vm.Isosurface("a", levels=[1, 2], opacity=[[0.1, 0.2, 0.3]])
-    with pytest.raises(InputError, match=r"one number, 2 \(one per level\) or 3"):
-        vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 0.2, 0.3, 0.4])
-    with pytest.raises(InputError, match="from 0 to 1"):
-        vm.Isosurface("a", levels=[1, 2], opacity=[0.1, 1.2])
-
-
-def test_turns_within_a_surface_of_some_width_are_seen_however_small():
-    """Two ends and a middle may pass a turn by, and so may those of both halves: no error tells."""
-    ball = vm.Volume(vm.CartesianGrid.uniform(2, (-2, 2)))
-    ball["a"] = "x * y"
-    width, level, opacity = 0.3, -0.1, 0.9
-    camera = vm.Orthographic(90, 20, width=(0.9, 1), resolution=(60, 1))
-    surface = vm.Isosurface("a", level, 1.0, opacity, width)
-    image = vm.render(ball, surface, camera, precision="double", tolerance=1e-9)
-
-    phi, s = np.deg2rad(20), np.linspace(-4, 4, 100_001)
-    x, y = (
-        np.clip(p + s[:, None] * d, -1, 1)
-        for p, d in (
-            (np.cos(phi) * image.x, np.sin(phi)),
-            (-np.sin(phi) * image.x, np.cos(phi)),
-        )
-    )
-    inside = np.clip((x * y - level) / width, -0.5, 0.5)
-    depth = -np.log(1 - opacity) * np.abs(np.diff(inside, axis=0)).sum(axis=0)
-    off = np.abs(image.intensity[0, :, 0] + np.expm1(-depth))
-    sampled = (s[1] - s[0]) ** 2 / width  # what the last step before and after a turn may miss
-    assert np.all(off <= image.error[0] + sampled)

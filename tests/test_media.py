@@ -5,14 +5,11 @@ from __future__ import annotations
 import functools
 import json
 import math
-import operator
 
 import matplotlib
 import numpy as np
 import pytest
 from astropy import units as u
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from matplotlib import colors
 
 import voluminous.math as vmath
@@ -26,7 +23,6 @@ from voluminous.media import (
     Gaussian,
     Medium,
     Rectangle,
-    Sum,
     Table,
 )
 
@@ -80,12 +76,6 @@ def test_a_gaussian_is_the_formula(ctx):
     np.testing.assert_allclose(a, [0.25 / 7 * shape], rtol=1e-14, atol=1e-300)
 
 
-def test_a_gaussian_is_its_colour_at_its_centre(ctx):
-    j, a = solve(Gaussian("log10(x)", 0, 1, (0.4, 0.1), (0.3, 0.7), 2.5e16), ctx, x=[1.0])
-    np.testing.assert_array_equal(j[:, 0], np.array([0.4, 0.1]) * (1 / 2.5e16))
-    np.testing.assert_array_equal(a[:, 0], np.array([0.3, 0.7]) * (1 / 2.5e16))
-
-
 def test_a_rectangle_is_exact(ctx):
     j, a = solve(Rectangle("x", 1, 2, (1, 5), (2, 3), 0.1), ctx, x=X)
     inside = (X >= -1) & (X <= 3)  # both ends belong to it
@@ -109,16 +99,6 @@ def test_bad_data_stay_bad(medium, ctx):
     assert np.isnan(j[0, 0])
     assert np.isnan(a[0, 0])
     assert np.isfinite([j[0, 1], a[0, 1]]).all()
-
-
-@pytest.mark.parametrize("medium", MEDIA_OF_X, ids=lambda medium: type(medium).__name__)
-def test_devices_without_double_precision_agree(medium, ctx, narrow):
-    x = np.float32([-0.5, 0.3, 1, 1.7, 2.9])
-    for single, double in zip(
-        solve(medium, narrow, x=x), solve(medium, ctx, x=x.astype(float)), strict=True
-    ):
-        # Some ε of single precision.
-        np.testing.assert_allclose(single, double, rtol=1e-6)
 
 
 def test_shapes_take_units():
@@ -173,15 +153,6 @@ def test_a_table_is_linear_between_its_entries(entries, ctx):
     np.testing.assert_allclose(a[0], np.interp(x, nodes, opacity) / 0.5, rtol=0, atol=2 * tolerance)
 
 
-def test_a_table_meets_its_entries_and_ends(ctx):
-    nodes, h = [-1.0, 0.25, 4.0], [[1, 10], [3, 20], [2, 0]]
-    x = [-math.inf, -5, -1, 0.25, 4, 6, math.inf]
-    j, a = solve(Table("x", nodes, h, h, 1), ctx, x=x)
-    expected = np.array([h[0], h[0], h[0], h[1], h[2], h[2], h[2]], float).T
-    np.testing.assert_array_equal(j, expected)
-    np.testing.assert_array_equal(a, expected)
-
-
 @pytest.mark.parametrize(
     ("nodes", "entries", "x", "expected"),
     [
@@ -198,20 +169,6 @@ def test_two_equal_values_are_a_jump(nodes, entries, x, expected, ctx):
     np.testing.assert_array_equal(a[0], expected)
     just_before, _ = solve(Table("x", nodes, entries, 1, 1), ctx, x=np.nextafter([1.0], 0))
     assert just_before[0, 0] == pytest.approx(entries[nodes.index(1)], rel=1e-15)
-
-
-def test_a_table_takes_values_with_units():
-    millikelvin = Table("T", [0, 10_000, 30_000] * u.mK, [0, 1, 2], [0, 5, 6], 1 * u.pc)
-    kelvin = Table("T", [0 * u.K, 10 * u.K, 30 * u.K], [0, 1, 2], [0, 5, 6], 3.0856775814913674e18)
-    for one, other in zip(
-        *(solve(m, field_in(u.K), T=[5.0, 20, 40]) for m in (millikelvin, kelvin)), strict=True
-    ):
-        np.testing.assert_allclose(one, other, rtol=1e-15)
-
-
-def test_opacities_may_be_one_number(ctx):
-    _, a = solve(Table("x", [0, 1], [[1, 2], [3, 4]], 0.5, 2), ctx, x=[-1, 0.5, 7])
-    np.testing.assert_array_equal(a, [[0.25] * 3])
 
 
 # --- colormaps ------------------------------------------------------------------------------------
@@ -242,13 +199,6 @@ def test_colours_are_matplotlib_s(name, norm, own, ctx):
     np.testing.assert_array_equal(a, 0.25 * (1 / 2.0))
 
 
-def test_a_colormap_meets_the_colours_of_its_entries(ctx):
-    positions = np.linspace(0, 1, 256)
-    cmap = matplotlib.colormaps["inferno"]
-    j, _ = solve(Colormap("x", cmap, -2, 3, 1, 1), ctx, x=-2 + 5 * positions)
-    np.testing.assert_allclose(j, cmap(positions)[:, :3].T, rtol=0, atol=1e-13)
-
-
 def test_opacity_may_be_a_function_of_the_position(ctx):
     medium = Colormap("x", "gray", 0, 10, lambda p: p**2, 4, samples=11)
     j, a = solve(medium, ctx, x=np.arange(11.0))
@@ -256,21 +206,6 @@ def test_opacity_may_be_a_function_of_the_position(ctx):
     np.testing.assert_allclose(a, [alpha / 4], rtol=1e-14)
     gray = matplotlib.colormaps["gray"](np.linspace(0, 1, 11))[:, :3].T
     np.testing.assert_allclose(j, gray * alpha / 4, rtol=1e-14)
-
-
-def test_a_colormap_takes_units():
-    medium = Colormap("T", "viridis", 0 * u.K, 3e4 * u.mK, 1, 1 * u.m)
-    plain = Colormap("T", "viridis", 0, 30, 1, 100)
-    x = np.linspace(-1, 31, 100)
-    for one, other in zip(*(solve(m, field_in(u.K), T=x) for m in (medium, plain)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12)
-
-
-def test_a_norm_that_is_given_is_left_as_it_is():
-    norm = colors.LogNorm()
-    Colormap("x", "gray", 1, 10, 1, 1, norm=norm)
-    assert norm.vmin is None
-    assert norm.vmax is None
 
 
 # --- coefficients and functions -------------------------------------------------------------------
@@ -332,13 +267,6 @@ def test_a_function_is_what_it_returns(ctx):
     assert medium.names == ("x", "v")
 
 
-def test_a_function_may_give_one_extinction_per_channel(ctx):
-    medium = Medium.from_function(lambda x: ([x, 2 * x], [x, 0]), "x", 2, grey=False)
-    j, a = solve(medium, ctx, x=[1.0, 3])
-    np.testing.assert_array_equal(j, [[1, 3], [2, 6]])
-    np.testing.assert_array_equal(a, [[1, 3], [0, 0]])
-
-
 @pytest.mark.parametrize(
     ("function", "grey", "message"),
     [
@@ -368,34 +296,6 @@ def test_emissivities_and_extinctions_add(ctx):
     np.testing.assert_array_equal(j, sum(part[0] for part in parts))
     np.testing.assert_array_equal(a, sum(part[1] for part in parts))  # a grey one counts in all
     assert a.shape == (2, 3)
-
-
-def test_a_sum_of_grey_media_is_grey(ctx):
-    total = GREY + FIELDS
-    assert total.grey
-    assert solve(total, ctx, x=[1.0], y=[2.0])[1].shape == (1, 1)
-    assert not (total + COLOURED).grey
-
-
-def test_sums_are_flat_and_know_their_fields():
-    total = (GREY + COLOURED) + (FIELDS + GREY)
-    assert isinstance(total, Sum)
-    assert total.parts == (GREY, COLOURED, FIELDS, GREY)
-    assert total.names == ("x", "y")
-    assert total.channels == 2
-    assert sum([GREY, COLOURED]).parts == (GREY, COLOURED)
-    assert sum([GREY]) is GREY
-    assert GREY.components() == (GREY,)
-
-
-def test_what_is_no_medium_cannot_be_added():
-    for other in (1, 0.0, "x", None):
-        with pytest.raises(TypeError):
-            operator.add(GREY, other)
-    with pytest.raises(TypeError):
-        operator.add(1, GREY)
-    with pytest.raises(InputError, match="2 and 3 channels cannot be added; give all of them"):
-        operator.add(GREY, Gaussian("x", 0, 1, (1, 2, 3), 1, 1))
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -556,12 +456,6 @@ def test_media_have_the_same_key_only_if_they_are_the_same():
     assert G(0, 1, 1, 1, 1).key() == Gaussian("x", 0.0, 1, (1.0,), [1], np.float32(1)).key()
 
 
-def test_functions_have_no_key():
-    function = Function(lambda x: (x, x), ["x"], 1)
-    assert function.key() is None
-    assert (Gaussian("x", 0, 1, 1, 1, 1) + function).key() is None
-
-
 def test_media_are_described_by_plain_values():
     made = [*variants(), Function(swirl, ["x", "v"], 3, parameters={"opacity": np.float32(1)})]
     made += [C("gray", 0, np.float32(1), np.float32(0.5), np.int64(2))]
@@ -585,18 +479,6 @@ def test_a_description_makes_the_medium_again():
         "opacity": 0.5,
         "path_length": "2.5e+16 cm",
     }
-
-
-def test_media_show_what_they_are():
-    assert repr(G(0, 1, 2, 3, 4 * u.pc)) == (
-        "Gaussian(expr='x', center=0.0, sigma=1.0, color=[2.0], opacity=3.0, path_length='4.0 pc')"
-    )
-    assert repr(Coefficients("x", "y") + Coefficients("1", ["0"])) == (
-        "Coefficients(emissivity=['x'], extinction='y') + "
-        "Coefficients(emissivity=['1'], extinction='0')"
-    )
-    assert repr(C("gray", 0, 1, 1, 1)).startswith("Colormap(cmap='gray', vmin=0.0, vmax=1.0,")
-    assert "function='swirl'" in repr(Function(swirl, ["x", "v"], 3))
 
 
 # --- turning numbers ------------------------------------------------------------------------------
@@ -629,14 +511,3 @@ def kernels(medium):
 )
 def test_turning_a_number_does_not_compile_again(one, other):
     assert kernels(one) == kernels(other) != []
-
-
-@given(x=st.floats(-50, 50), center=st.floats(-20, 20), width=st.floats(0.5, 20))
-@settings(max_examples=50, deadline=None)
-def test_shapes_are_symmetric_and_largest_at_the_centre(x, center, width):
-    for kind in (Gaussian, Rectangle):
-        j, _ = solve(
-            kind("x - c", 0, width, 1, 1, 1), context(), x=[x, -x, 0], c=[center, -center, 0]
-        )
-        assert j[0, 0] == j[0, 1]
-        assert 0 <= j[0, 0] <= j[0, 2] == 1

@@ -86,16 +86,6 @@ def test_a_function_at_values():
     assert vm.Medium.from_function(lambda a: (a, a), ["a"], 1)([1.0] / u.cm)[1] == 1 / u.cm
 
 
-def test_surfaces_at_values():
-    with pytest.raises(vm.InputError, match="width 0 has no j"):
-        vm.Isosurface("a", 1.0)(1.0)
-    thick = vm.Isosurface("a", 1.0, 1.0, 1 - np.exp(-3.0), width=0.5)
-    with pytest.raises(vm.InputError, match="gradmag"):
-        thick(1.0)
-    _, alpha = thick({"a": [0.0, 1.0], "gradmag(a)": 2.0})
-    np.testing.assert_allclose(alpha, [0.0, 3.0 * 2.0 / 0.5])
-
-
 def curves(axes):
     """Return j and α as they are drawn."""
     other = next(a for a in axes.figure.axes if a.get_ylabel().startswith(("extinction", "its")))
@@ -114,19 +104,6 @@ def test_a_transfer_function_shows_what_the_medium_is():
     assert axes.get_xlabel() == "log10(density) [dex(1 / cm3)]"
     assert axes.get_ylabel() == "emissivity j [cm⁻¹]"
     assert [t.get_text() for t in axes.get_legend().get_texts()][-1].startswith("α")
-
-
-def test_narrow_shells_and_jumps_are_drawn_as_high_as_they_are():
-    thin = vm.Gaussian("density", 1e5, 1e-3, 1.0, 1.0, 1.0)
-    assert max(curves(thin.plot(CORE))[0].get_ydata()) == 1.0
-    jump = vm.Rectangle("density", 1e5, 1.0, 1.0, 1.0, 1.0)
-    assert max(curves(jump.plot(CORE))[0].get_ydata()) == 1.0
-
-
-def test_the_axis_is_logarithmic_where_the_medium_is():
-    assert vm.Colormap("density", "viridis", norm="log").plot(CORE).get_xscale() == "log"
-    assert vm.Gaussian("density", 1e4, 1e3, 1, 1).plot(CORE).get_xscale() == "log"
-    assert vm.Gaussian("log10(density)", 4, 0.1, 1, 1).plot(CORE).get_xscale() == "linear"
 
 
 def test_without_a_volume_one_path_length_is_drawn():
@@ -202,32 +179,8 @@ def test_notebooks_show_values():
     assert "segments" in vm.probe(CORE, vm.suggest_medium(CORE), camera, (2, 2))._repr_html_()
 
 
-def test_a_notebook_counts_what_lacks_a_value():
-    a = np.ones((4, 4, 4))
-    a[0] = np.nan
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=a)
-    assert ">25 %</td>" in volume._repr_html_()
-
-
 def test_a_notebook_reads_no_file():
     volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)))
     volume["a"] = Deferred(lambda: np.ones((4, 4, 4)), "f8")
     assert "not read yet" in volume._repr_html_()
     assert volume.waiting == ("a",)
-
-
-def test_a_bar_for_each_of_few_values():
-    a = np.arange(64).reshape(4, 4, 4) % 3 * 10
-    volume = vm.Volume(vm.CartesianGrid.uniform(4, (-1, 1)), a=a)
-    for medium in (vm.Gaussian("a", 10, 1, 1, 1), vm.Colormap("a", "viridis", norm="log")):
-        axes = medium.plot(volume)
-        (bars,) = (p for other in axes.figure.axes for p in other.patches if hasattr(p, "get_data"))
-        counts = bars.get_data().values
-        assert counts.tolist() == ([22, 21, 21] if isinstance(medium, vm.Gaussian) else [21, 21])
-
-
-def test_a_surface_beyond_all_shells_is_whole_in_the_swatch():
-    shell = vm.Gaussian("a", 3.5, 0.1, "blue", 0.1, 1.0)
-    medium = shell + vm.Isosurface("a", levels=[4.0], color="red")
-    high = medium.plot().get_xlim()[1]
-    assert high > 4.0

@@ -189,7 +189,7 @@ def test_automatic_media_and_flux_conserving_samples_take_holes():
         vm.Coefficients("density", "density"),
         CAMERAS[0],
         scheme="first-order",
-        samples="flux-conserving",
+        antialias="radmc3d",
     )
     assert np.isfinite(flux.intensity).all()
 

@@ -80,30 +80,6 @@ def test_a_hard_gate_is_the_medium_restricted(kind):
     np.testing.assert_allclose(seen(parts[0] + parts[1], **thin), whole, rtol=1e-4)
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "isosurface", "sum"])
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_numbers_in_a_gate_have_units(kind, precision):
-    volume = line()
-    volume["v"] = volume.evaluate("10 * x") * u.km / u.s
-
-    def made(where):
-        surface = vm.Isosurface("a", [0.4, 0.6], "viridis", 0.3, where=where)
-        found = {**media(where=where), "isosurface": surface}
-        return {**found, "sum": found["gaussian"] + surface}[kind]
-
-    gated = made("4.5e3 m/s < v")
-    found, expected = (
-        seen(medium, volume, precision=precision) for medium in (gated, made("4.5 < v"))
-    )
-    np.testing.assert_array_equal(found, expected)
-    assert not np.array_equal(found, seen(made(None), volume, precision=precision))
-    (*_, part) = gated.calibrated(volume).components()
-    assert part.describe()["where"] == "(4.5 km / s) < v"
-    assert gated.components()[-1].describe()["where"] == "4.5e3 m/s < v"
-    with pytest.raises(vm.UnitsError, match="'1 K' is in K, expected km / s"):
-        seen(made("v > 1 K"), volume)
-
-
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_a_gate_inside_a_cell_is_found_where_it_is(precision):
     # A uniform medium between 0.43 and 0.57, which no cell's wall or centre is near to: 0.14 long.
@@ -113,34 +89,6 @@ def test_a_gate_inside_a_cell_is_found_where_it_is(precision):
         found = seen(medium, volume, tolerance=1e-5, precision=precision)
         # In single precision panels are halved eight times at most.
         assert found.item() == pytest.approx(0.14, rel=1e-3 if precision == "double" else 5e-3)
-
-
-def test_gates_and_colours_need_no_error_control():
-    by = vm.ColorBy("b", "viridis", 0, 1)
-    medium = vm.Gaussian("a", 0.5, 0.1, by, 0.3, 0.2, where="b > 0.2")
-    volume = line(32, b="x")
-    careless = seen(medium, volume, tolerance=None)
-    # One panel per cell is of second order: a cell is a third of σ.
-    np.testing.assert_allclose(careless, seen(medium, volume, tolerance=1e-5), rtol=0.01)
-
-
-def test_a_gate_narrower_than_a_cell_is_not_missed():
-    medium = vm.Table("a", [-1, 2], [1.0, 1.0], 0, 1.0, where="abs(b - 0.51) < 1e-3")
-    found = seen(medium, line(4, b="x"), tolerance=1e-5, precision="double")
-    assert found.item() == pytest.approx(2e-3, rel=1e-2)
-
-
-def test_a_gate_hides_what_has_no_value():
-    volume, shell = line(b="x"), ("log10(b - 0.5)", -1.0, 0.5, 1.0, 0.1, 0.2)  # NaN below a half
-    gated = seen(vm.Gaussian(*shell, where="b > 0.5"), volume, scheme="first-order")
-    assert np.isfinite(gated).all()
-    with pytest.raises(vm.InputError, match="cannot be used"):
-        seen(vm.Gaussian(*shell), volume, scheme="first-order")
-    # A field that is NaN there is missing there: it needs no gate.
-    volume["c"] = "log10(b - 0.5)"
-    np.testing.assert_allclose(
-        seen(vm.Gaussian("c", *shell[1:]), volume, scheme="first-order"), gated, rtol=1e-6
-    )
 
 
 def test_blocks_behind_a_closed_gate_are_leapt_over():
@@ -211,41 +159,6 @@ def test_a_table_by_colour_is_opacity_times_colour():
         np.testing.assert_allclose(found[0], found[1], rtol=tolerance)
 
 
-def test_undefined_colours_emit_nothing():
-    volume, undefined = line(), "where(a > 0.5, 0/0 * a, a)"
-    medium = vm.Rectangle("a", 0.75, 0.2, vm.ColorBy(undefined, "viridis", 0, 1), 0.3, 0.2)
-    found = vm.render(volume, medium, ALONG_X, scheme="first-order")
-    np.testing.assert_array_equal(found.intensity, 0)
-    assert found.transparency.max() < 1
-
-
-@pytest.mark.parametrize("color", ["plain", "by"])
-def test_schemes_agree_as_the_grid_is_refined(color):
-    medium = vm.Gaussian(
-        "density",
-        0.5,
-        0.2,
-        vm.ColorBy("speed", "magma", 0, 2) if color == "by" else (1.0, 0.5, 0.2),
-        0.3,
-        0.5,
-        where="1 - 0.5 * speed",
-    )
-    camera = vm.Orthographic(50, 20, width=1.0, resolution=3)
-    differences = []
-    for resolution in (8, 16, 32):
-        volume = vm.Volume(vm.CartesianGrid.uniform(resolution, (-1, 1)))
-        volume["density"] = "exp(-r**2)"
-        volume["speed"] = "1 + 0.5*sin(2*x) + 0.3*y"
-        pictures = [
-            vm.render(volume, medium, camera, scheme=s, precision="double", tolerance=1e-6)
-            for s in SCHEMES
-        ]
-        differences.append(np.abs(pictures[0].intensity - pictures[1].intensity).max())
-    # First order on cells: the difference is of the order of a cell's width.
-    assert differences[2] < 0.6 * differences[0]
-    assert differences[2] < 0.05 * np.abs(pictures[0].intensity).max()
-
-
 # Scenes, and what is refused
 
 
@@ -295,18 +208,6 @@ def test_scenes_carry_gates_and_colours():
     assert first.describe()["where"] == "x > 0"
     assert second.color == (0.5, 0.5, 0.5)
     assert third.describe()["where"] == "0.5"
-
-
-def test_keys_tell_gates_and_colours_apart():
-    by = [vm.ColorBy("b", cmap, 0, 1) for cmap in ("viridis", "plasma")]
-    given = [
-        vm.Gaussian("a", 0, 1, color, 1, 1, where=where)
-        for color in by
-        for where in (None, "b", "c")
-    ]
-    assert len({medium.key() for medium in given}) == 6
-    assert given[1].names == ("a", "b")
-    assert given[2].names == ("a", "c", "b")
 
 
 def test_units_of_a_colour_range():

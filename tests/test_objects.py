@@ -298,14 +298,16 @@ def test_layers_that_show_nothing_change_nothing(grid, view, missing):
         np.testing.assert_allclose(image.transparency, plain.transparency, rtol=0, atol=exact)
 
 
-@pytest.mark.parametrize("samples", [3, "adaptive", "flux-conserving"])
-def test_pictures_of_many_rays_have_objects_too(samples):
+@pytest.mark.parametrize(
+    "rays", [{"samples": 3}, {"antialias": "adaptive"}, {"antialias": "radmc3d"}]
+)
+def test_pictures_of_many_rays_have_objects_too(rays):
     ball = vm.Spheres([(0.2, 0.1, 0.3)], 0.3, 2.0)
     volume = vm.models.sphere(12)
     camera = vm.Orthographic(30, 40, width=2.4, resolution=20)
     medium = vm.Coefficients("inside", "inside")
     options = {"scheme": "first-order"}
-    image = vm.render(volume, medium, camera, objects=[ball], samples=samples, **options)
+    image = vm.render(volume, medium, camera, objects=[ball], **rays, **options)
     fine = vm.render(volume, medium, camera, objects=[ball], samples=8, **options)
     # A pixel at the edge of coarse cells: 3 x 3 rays tell a ninth of it.
     np.testing.assert_allclose(image.intensity, fine.intensity, atol=0.2)

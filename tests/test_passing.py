@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import voluminous as vm
-from random_trees import random_flags
 from voluminous.backend import from_host, get_backend
 from voluminous.expressions import Expression
 from voluminous.media.context import Context
@@ -61,44 +59,3 @@ def test_places_and_slopes_are_those_of_the_fields(text, precision):
     # By differences over a 4000th; beside the kink of the maximum these are none.
     bound = 2e-3 * steep.max(axis=0) + (1.0 if text == "max(a, b)" else 0.0)
     assert np.all((np.abs(slope - true) < bound)[once])
-
-
-def noise(grid, seed):
-    rng = np.random.default_rng(seed)
-    return vm.Volume(grid, a=rng.uniform(1, 3, grid.shape), b=rng.uniform(1, 3, grid.shape))
-
-
-EDGES = np.linspace(-1, 1, 4)
-GRIDS = {
-    "cartesian": lambda: vm.CartesianGrid.uniform(7, (-1, 1)),
-    "octree": lambda: vm.OctreeGrid(EDGES, EDGES, EDGES, random_flags(27, 8, 2, 3)),
-    "cylindrical": lambda: vm.CylindricalGrid(
-        np.linspace(0, 1.4, 8), np.linspace(0, 2 * np.pi, 9), np.linspace(-1, 1, 8)
-    ),
-    "spherical": lambda: vm.SphericalGrid(
-        np.linspace(0.1, 1.4, 8), np.linspace(0, np.pi, 9), np.linspace(0, 2 * np.pi, 9)
-    ),
-}
-SURFACES = {
-    "gradient": {"density": "gradient"},
-    "lit": {"shading": 1.0},
-    "coloured": {"color": vm.ColorBy("b", "viridis", 1, 3)},
-    "gate": {"where": "b"},
-}
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("kind", SURFACES)
-@pytest.mark.parametrize("name", GRIDS)
-def test_errors_are_honest_where_rays_graze_surfaces_of_noise(name, kind):
-    """White noise, a few cells: in the octree 1.5 % were beyond, in the others 1 to 7 %."""
-    volume, beyond = noise(GRIDS[name](), 7), []
-    for text, level in (("a", 2.0), ("a * b", 4.0)):
-        given = {"color": (1.0,), "opacity": 0.3, **SURFACES[kind]}
-        medium = vm.Isosurface(text, level, **given)
-        camera = vm.Orthographic(37, 23, width=2.4, resolution=32)
-        image = vm.render(volume, medium, camera)
-        truth = vm.render(volume, medium, camera, tolerance=1e-7, precision="double")
-        off = np.abs(image.intensity - truth.intensity).max(axis=-1)
-        beyond.append(np.mean(off > image.error + truth.error))
-    assert np.mean(beyond) < (0.0025 if name in ("cartesian", "octree") else 0.01)

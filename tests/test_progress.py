@@ -72,7 +72,7 @@ def test_a_function_may_cancel():
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        ({"samples": "adaptive"}, "samples=4"),
+        ({"antialias": "adaptive"}, "samples=4"),
         ({"precision": "double"}, "'single'"),
         ({"bounds": True}, "image.error"),
         ({"tolerance": 1e-6}, "1e-3"),

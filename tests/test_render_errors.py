@@ -39,7 +39,7 @@ def test_wrong_things_in_wrong_places(volume):
         ({"device": "cup"}, "unknown device 'cup'.*did you mean 'cpu'"),
         ({"precision": "duble"}, "unknown precision 'duble'.*did you mean 'double'"),
         ({"order": "front to back"}, "unknown order.*did you mean 'front-to-back'"),
-        ({"samples": "flux"}, "unknown samples 'flux'.*flux-conserving"),
+        ({"antialias": "flux"}, "unknown antialias 'flux'"),
     ],
 )
 def test_unknown_names_name_the_nearest(volume, options, told):
@@ -122,7 +122,7 @@ def test_samples_that_are_no_count(volume, samples):
 def test_flux_conservation_of_far_too_large_pixels(volume):
     camera = vm.Orthographic(width=1e6, resolution=2)
     told = "needs .* rays per pixel here"
-    refused(vm.InputError, told, volume, MEDIUM, camera, samples="flux-conserving")
+    refused(vm.InputError, told, volume, MEDIUM, camera, antialias="radmc3d")
 
 
 def test_memory_is_asked_for_beforehand(volume, monkeypatch):
@@ -245,3 +245,15 @@ def test_negative_extinctions_are_refused_before_long(medium):
     volume = vm.Volume(vm.CartesianGrid.uniform(16, (-1, 1)), d="exp(-r*r/0.1)")
     camera = vm.Orthographic(60, 30, resolution=20)
     refused(vm.InputError, "not finite.* or a negative extinction", volume, medium, camera)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"samples": "flux-conserving"}, "is now antialias='radmc3d'"),
+        ({"samples": 2, "antialias": "adaptive"}, "not both"),
+    ],
+)
+def test_rays_per_pixel_are_a_number_or_a_method(volume, options, message):
+    with pytest.raises(vm.InputError, match=message):
+        vm.render(volume, MEDIUM, CAMERA, **options)

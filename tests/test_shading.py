@@ -88,32 +88,6 @@ def test_isosurfaces_in_the_light_of_several_lamps(width):
         assert other.replace(lights=[(0, 0, 1)]).key() != other.key()
 
 
-@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
-@pytest.mark.parametrize("lights", [None, [(1, 0, 0)]])
-def test_thick_isosurfaces_are_lit_in_every_scheme(scheme, lights):
-    normal = np.array([1, 2, 3]) / 14**0.5
-    view = np.array([-(0.75**0.5) * 0.5, -(0.75**0.5) * 0.75**0.5, 0.5])
-    cosine = normal[0] if lights else abs(normal @ view)
-    make = {"level": 0.6, "opacity": 0.8, "width": 0.6}
-    plain, lit = (
-        vm.render(RAMP, vm.Isosurface("a", **make, **how), CAMERA, scheme=scheme).intensity
-        for how in ({}, {"shading": 0.8, "lights": lights})
-    )
-    np.testing.assert_allclose(lit, (0.2 + 0.8 * cosine) * plain, atol=2e-3)
-
-
-def test_spherical_grids_are_shaded():
-    sphere = vm.SphericalGrid(
-        np.linspace(0.1, 1, 12), np.linspace(0, np.pi, 12), np.linspace(0, 2 * np.pi, 25)
-    )
-    volume = vm.Volume(sphere)
-    volume["rad"] = "sqrt(x**2 + y**2 + z**2)"
-    medium = vm.Gaussian("rad", 0.6, 0.1, (1, 1, 1), 30, 0.1, shading=1.0)
-    image = vm.render(volume, medium, vm.Orthographic(60, 30, width=2, resolution=33))
-    light = image.intensity[..., 0]
-    assert light[16, 16] > 1.4 * light[16, 5] > 0  # the limb is dark
-
-
 @pytest.mark.parametrize("position", [(0.1, -3, 1), (0.1, 0.05, -0.2)], ids=["outside", "inside"])
 def test_the_lamp_is_at_the_observer(position):
     camera = vm.Perspective(position, (0.5, 0.8, 0.3), fov=70, resolution=24)

@@ -331,10 +331,10 @@ def test_kinks_in_one_of_several_shells_are_not_smooth():
 
 
 def test_tables_with_jumps_are_not_smooth():
-    assert vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0).smooth
-    assert not vm.Table("a", [0, 1, 1, 2], [0, 0, 1, 0], [0, 0, 1, 0], 1.0).smooth
-    assert vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0, where="b > 1").smooth
-    assert not vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0, where="b").smooth
+    assert vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0).sampling.smooth
+    assert not vm.Table("a", [0, 1, 1, 2], [0, 0, 1, 0], [0, 0, 1, 0], 1.0).sampling.smooth
+    assert vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0, where="b > 1").sampling.smooth
+    assert not vm.Table("a", [0, 1, 2], [0, 1, 0], [0, 1, 0], 1.0, where="b").sampling.smooth
 
 
 @pytest.mark.exhaustive

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.backend import from_host, get_backend
 from voluminous.media.piecewise_linear import PiecewiseLinear
-from voluminous.media.table import structures, visible_range
 
 PRECISIONS = ["single", "double"]
 
@@ -104,19 +103,6 @@ def test_a_thin_spike_keeps_its_area(precision, place, width):
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
-def test_neighbouring_numbers_on_both_sides_of_a_node(precision):
-    dtype = np.float32 if precision == "single" else np.float64
-    nodes, column = np.array([0.0, 0.7, 1.0]), np.array([[0.0], [1.0], [0.2]])
-    node = float(dtype(0.7))
-    first, last = (
-        float(np.nextafter(dtype(node), dtype(0))),
-        float(np.nextafter(dtype(node), dtype(1))),
-    )
-    found = kernel_means(nodes, column, [first, last, node], [last, first, node], precision)
-    np.testing.assert_allclose(found[:, 0], 1.0, rtol=8 * np.finfo(dtype).eps)
-
-
-@pytest.mark.parametrize("precision", PRECISIONS)
 def test_infinite_ends_and_nan(precision):
     nodes, column = [0.0, 1.0], [[0.25], [0.75]]
     found = kernel_means(
@@ -128,33 +114,6 @@ def test_infinite_ends_and_nan(precision):
     )[:, 0]
     np.testing.assert_allclose(found[:3], [0.25, 0.75, 0.5], rtol=1e-6)
     assert np.isnan(found[3:]).all()
-
-
-@pytest.mark.parametrize("columns", [1, 2, 3, 4, 5, 7])
-def test_any_number_of_columns(columns):
-    rng = np.random.default_rng(columns)
-    nodes, table = np.sort(rng.uniform(size=9)), rng.uniform(size=(9, columns))
-    found = kernel_means(nodes, table, [0.1], [0.8], "double")[0]
-    expected = [exact_mean(nodes, column, 0.1, 0.8) for column in table.T]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
-def test_what_may_be_seen_of_a_table():
-    nodes = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    column = np.array([[0.0], [0.0], [1.0], [1e-9], [0.0]])
-    assert visible_range(nodes, column, 1e-8) == (1.0, 3.0)
-    assert visible_range(nodes, column[::-1] * 0 + 1, 1e-8) == (-np.inf, np.inf)
-    assert visible_range(nodes, 0 * column, 1e-8) == (np.inf, -np.inf)
-
-
-def test_structures_of_a_table():
-    # A triangle: half its width. A rectangle, from jump to jump: half its width. A ramp: all of it.
-    triangle = structures(np.array([0.0, 1.0, 2.0]), np.array([[0.0], [1.0], [0.0]]))
-    assert triangle == [(1.0, 0.0, 2.0)]
-    box = structures(np.array([0.0, 0.0, 3.0, 3.0]), np.array([[0.0], [1.0], [1.0], [0.0]]))
-    assert box == [(1.5, 0.0, 3.0)]
-    ramp = structures(np.linspace(0, 1, 11), np.linspace(0, 1, 11)[:, None])
-    assert ramp[0] == pytest.approx((1.0, 0.0, 1.0))
 
 
 # Pictures: a field that is linear in x up to the outermost cell centres, and constant beyond
@@ -205,59 +164,3 @@ def test_an_opaque_table_shows_its_source_function(precision):
     medium = vm.Table("a", nodes, 2 * np.array(column), column, 0.1)
     bright, clear = line_of_sight(medium, precision)
     np.testing.assert_allclose(bright, 2 * (1 - clear), rtol=1e-6)
-
-
-@pytest.mark.parametrize("scheme", ["first-order", "second-order"])
-def test_other_schemes_converge_to_the_same(scheme):
-    nodes, column = TABLES["broad"]
-    medium = vm.Table("a", nodes, column, column, 0.5)
-    errors = []
-    for resolution in (32, 64, 128):
-        options = {"precision": "double", "resolution": resolution}
-        exact, _ = line_of_sight(medium, **options)
-        found, _ = line_of_sight(medium, scheme=scheme, **options)
-        errors.append(abs(found[0] - exact[0]))
-    assert errors[2] < 0.5 * errors[0]
-    assert errors[2] < 1e-3
-
-
-def test_a_rectangle_is_a_table_with_jumps():
-    rectangle = vm.Rectangle("a", 0.45, 0.002, (1.0,), 0.5, 0.004)
-    table = vm.Table("a", [0.448, 0.448, 0.452, 0.452], [0, 1, 1, 0], [0, 0.5, 0.5, 0], 0.004)
-    found = [line_of_sight(medium, "double") for medium in (table, rectangle)]
-    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-9)
-    assert found[0][1] == pytest.approx(found[1][1], rel=1e-9)
-
-
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_a_spike_that_only_the_middle_of_a_cubic_reaches(precision):
-    # Along a diagonal of the saddle x y the field is 0.0025 - s², a hundred times flatter than the
-    # cell at its maximum, where the spike is: neither ends nor middle of the segment need show it.
-    grid = vm.CartesianGrid.uniform((2, 2, 2), (-1, 1))
-    volume = vm.Volume(grid, a="x*y")
-    camera = vm.Orthographic.looking(
-        [1, -1, 0], [0, 0, 1], center=(0.05, 0.05, 0), width=1e-3, resolution=1
-    )
-    nodes = [0.0023, 0.0024, 0.0025]
-    medium = vm.Table("a", nodes, [0, 1, 0], 0, 1e-2)
-    image = vm.render(volume, medium, camera, precision=precision, tolerance=1e-5)
-    s = np.linspace(-0.02, 0.02, 200001)
-    values = np.interp(0.0025 - s * s, nodes, [0, 1, 0])
-    expected = np.sqrt(2) * values.sum() * (s[1] - s[0]) / 1e-2
-    # In single precision x is known to 6e-8 · 0.25, a thousandth of the spike.
-    assert image.intensity.item() == pytest.approx(
-        expected, rel=3e-3 if precision == "single" else 1e-5
-    )
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_a_table_may_be_nothing_but_a_jump(precision):
-    """Two media, on either side of a value, in cells of which the centres hold f = z."""
-    field = np.arange(0.5, 4.0).reshape(1, 1, 4)
-    volume = vm.Volume(vm.CartesianGrid([-1, 1], [-1, 1], np.arange(5.0)), f=field)
-    jump = vm.Table("f", [1, 1], colors=[2, 5], opacities=0, path_length=1)
-    ray = vm.Orthographic(width=0.5, resolution=1)
-    image = vm.render(volume, jump, ray, precision=precision, bounds=True)
-    # Through a length of 1 below, and 3 above.
-    assert image.intensity.item() == pytest.approx(1 * 2 + 3 * 5, rel=1e-6)
-    assert image.lower.item() <= 17 <= image.upper.item()

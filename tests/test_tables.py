@@ -61,16 +61,6 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
     assert not fresh.tables
 
 
-@pytest.mark.parametrize("dtype", ["f4", "i2", "i4", "?"])
-def test_classifying_on_the_ray_knows_all_kinds_of_numbers(dtype, monkeypatch):
-    field = (np.arange(60).reshape(5, 4, 3) % 7).astype(dtype)
-    volumes = [vm.Volume(vm.CartesianGrid.uniform((5, 4, 3), (-1, 1)), f=field) for _ in "ab"]
-    medium, options = vm.Coefficients("f", "0.1*f"), {"scheme": "first-order"}
-    tabulated = picture(volumes[0], medium, **options)
-    monkeypatch.setattr("voluminous.rendering.sources.table.fits", lambda needed: False)
-    np.testing.assert_array_equal(picture(volumes[1], medium, **options), tabulated)
-
-
 def made(volume):
     """Return what is kept of a volume, but for plain numbers, and kernels of kinds of cameras."""
     things = (thing for thing, _ in volume.tables.values())
@@ -105,18 +95,6 @@ def test_tables_are_used_again_and_never_stale(scheme):
     np.testing.assert_array_equal(picture(volume, shell(), **options), fresh(shell()))
 
 
-def test_a_unit_that_is_corrected_makes_another_table():
-    grid = vm.CartesianGrid.uniform((6, 5, 4), (-1, 1), unit="pc")
-    volume = vm.Volume(grid, f=np.random.default_rng(0).uniform(size=grid.shape))
-    medium = vm.Coefficients("1", "f")
-    first = picture(volume, medium)
-    volume.set_unit("f", "1 / kpc")
-    again = picture(volume, medium)
-    assert again.max() > first.max()  # a thousand times less extinction
-    volume.set_unit("f", "1 / pc")
-    np.testing.assert_array_equal(picture(volume, medium), first)
-
-
 def test_caches_are_limited_by_bytes(monkeypatch):
     """A drag through centres drops the oldest tables; those of one picture stay together."""
     monkeypatch.setattr("voluminous.rendering.cache.LIMIT", 8 << 20)
@@ -127,37 +105,6 @@ def test_caches_are_limited_by_bytes(monkeypatch):
         assert 1 << 20 <= tables[-1] < 2 << 20
         assert sum(size for _, size in volume.tables.values()) <= 10 << 20
     assert len(tables) > 1
-
-
-TURNS = {
-    "color": (shell(color=(0.2, 0.4)), OBLIQUE),
-    "opacity": (shell(opacity=0.3), OBLIQUE),
-    "width": (shell(sigma=0.3), OBLIQUE),
-    "centre": (shell(center=0.7), OBLIQUE),
-    "path length": (shell(path=2.0), OBLIQUE),
-    "camera": (shell(), vm.Orthographic(10, 20, 30, width=3.0, resolution=(15, 12))),
-    "along an axis": (shell(), vm.Orthographic(90, 0, width=3.0, resolution=(15, 12))),
-}
-
-
-@pytest.mark.parametrize("scheme", sorted(SCHEMES))
-@pytest.mark.parametrize("turn", sorted(TURNS))
-def test_turning_anything_compiles_nothing(scheme, turn, kernels, monkeypatch):
-    # Whether there is empty space, and whether pixels have to be mended, are other kernels.
-    monkeypatch.setattr(
-        "voluminous.rendering.sources.empty_space.worthwhile_blocks", lambda *_: None
-    )
-    none = np.array([], int)
-    monkeypatch.setattr("voluminous.rendering.tolerance._too_wrong", lambda *_: none)
-    options = {"scheme": scheme}
-    # With and without a table at hand: two sets of kernels.
-    volume = core()
-    compiled = kernels(vm.render, volume, shell(), OBLIQUE, **options)
-    compiled |= kernels(vm.render, volume, shell(), OBLIQUE, **options)
-    medium, camera = TURNS[turn]
-    assert kernels(vm.render, volume, medium, camera, **options) <= compiled
-    other = core(seed=1, shape=(7, 5, 4))
-    assert kernels(vm.render, other, medium, camera, **options) <= compiled
 
 
 def dense_screen():

@@ -16,12 +16,11 @@ from expression_trees import expressions
 from test_bounds import MEDIA, MONOTONE, ONE, SPECIAL, TWO, assert_inside, points_in
 from voluminous.backend import dr, from_host, get_backend
 from voluminous.bounds.scalars import TracedRangeContext
-from voluminous.errors import UnknownNameError
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
 from voluminous.expressions.traced_interval import TracedInterval, traced
 from voluminous.expressions.traced_interval_ops import TracedIntervalOps
-from voluminous.media import Colormap, Context, Gaussian, Medium, Rectangle, Table
+from voluminous.media import Context, Gaussian, Medium, Rectangle, Table
 from voluminous.media.context import no_unit
 
 INF, NAN = math.inf, math.nan
@@ -141,56 +140,6 @@ def test_monotonic_expressions_are_as_tight_as_on_the_host(backend, text):
     assert not nan.any()
 
 
-TIGHT = [  # text, box of x, ends, whether NaN is possible
-    ("x*x", (-1, 1), (0, 1), False),
-    ("x**2", (-1, 1), (0, 1), False),
-    ("x**3", (-1, 0), (-1, 0), False),
-    ("x**0", (-2, INF), (1, 1), False),
-    ("1/x", (-1, 2), (-INF, INF), False),
-    ("x/x", (-1, 2), (-INF, INF), True),
-    ("0*x", (-1, INF), (-INF, INF), True),
-    ("exp(x)", (-INF, 0), (0, 1), False),
-    ("log(x)", (0, 1), (-INF, 0), False),
-    ("log(x)", (-1, 1), (-INF, INF), True),
-    ("sqrt(1 - x)", (0, 1), (0, 1), False),
-    ("sqrt(x*x)", (0, INF), (0, INF), False),
-    ("tanh(x)", (-INF, INF), (-1, 1), False),
-    ("sin(x)", (0, 3), (0, 1), False),
-    ("cos(x)", (3, 7), (-1, 1), False),
-    ("tan(x)", (1, 2), (-INF, INF), False),
-    ("x // 1", (0.25, 0.75), (0, 0), False),
-    ("x % 3", (0.5, 2.5), (0.5, 2.5), False),
-    ("x % 3", (0.5, 3.5), (0, 3), False),
-    ("x % 0", (1, 2), (-INF, INF), True),
-    ("x**1.5", (-2, 3), (-INF, INF), True),
-    ("where(x > 0, 1, 2)", (1, 3), (1, 1), False),
-    ("where(x > 0, 1, 2)", (-1, 1), (1, 2), False),
-    ("where(x > 3, log(x), x)", (-1, 1), (-1, 1), False),
-    ("1 < x <= 2", (1, 2), (0, 1), False),
-    ("x == x", (1, 4), (1, 1), False),
-    ("x > 1 and x > 0", (2, 3), (1, 1), False),
-    ("not x", (1, 2), (0, 0), False),
-    ("clip(sqrt(x), 0, 1) <= 1", (-1, 1), (0, 1), False),  # NaN compares as false
-    ("x + 1", (NAN, 2), (-INF, INF), True),
-]
-
-
-@pytest.mark.parametrize(("text", "box", "ends", "undefined"), TIGHT)
-def test_ends_are_as_near_as_they_can_be(backend, text, box, ends, undefined):
-    lo, hi, nan = enclose(backend, text, {"x": tuple(np.array([end], float) for end in box)})
-    few = 20 * np.finfo(backend.dtype).eps  # 16 for a function
-    np.testing.assert_allclose([lo[0], hi[0]], ends, rtol=few, atol=few)
-    assert nan == undefined
-
-
-def test_products_of_what_is_not_negative_are_not(backend):
-    # Else a square root of them would be undefined.
-    tiny = np.finfo(backend.dtype).tiny
-    box = {"x": (np.array([0.0, tiny]), np.array([1.0, 2 * tiny]))}
-    for text in ("x*x", "x*(x + 1)", "x/(x + 1)", "0*x", "x + x", "exp(-1/(x + 1e-3))", "tanh(x)"):
-        assert (enclose(backend, text, box)[0] >= 0).all(), text
-
-
 def test_an_interval_of_the_host_keeps_all_its_numbers():
     host = Interval([0.1, -0.1, 1e300, 0.0], [0.1, -0.1, 1e300, INF], [False, False, False, True])
     found = traced(get_backend("cpu", "single").Float, host)
@@ -248,12 +197,6 @@ def test_random_media_stay_inside(backend, medium, seed):
     assert_bounded(backend, medium, random_boxes("xy", seed, backend.dtype), seed)
 
 
-def test_colormaps_stay_inside(backend):
-    medium = Colormap("x", "viridis", 1, 100, lambda p: p**2, 3.0, norm="log")
-    lo = np.geomspace(0.1, 1000, 50).astype(backend.dtype)
-    assert_bounded(backend, medium, {"x": (lo, lo * np.linspace(1, 3, 50, dtype=lo.dtype))}, 0)
-
-
 def test_a_gaussian_is_as_tight_as_on_the_host(backend):
     eps = np.finfo(backend.dtype).eps
     lo = np.linspace(-20, 20, 81).astype(backend.dtype)
@@ -289,49 +232,6 @@ def test_tables_have_the_bounds_of_the_host(backend, numbers, seed):
     np.testing.assert_allclose([a_lo, a_hi], [host.a_lo[0], host.a_hi[0]], **near)
 
 
-def test_rounding_in_a_table_goes_outward():
-    # In single precision, so that double precision tells the real numbers.
-    rng, backend = np.random.default_rng(4), get_backend("cpu", "single")
-    nodes, entries, x = (rng.uniform(1, 9, n).astype(np.float32) for n in (30, 30, 1000))
-    nodes = np.sort(nodes)
-    [(lo, hi, nan)], _ = ranges(backend, Table("x", nodes, entries, 1, 1), {"x": (x, x)})
-    assert_inside(np.interp(x.astype(np.float64), nodes, entries), lo, hi, nan)
-
-
-def test_a_table_is_exact_where_it_is_constant(backend):
-    medium = Table("x", [0, 1, 2, 3], [0, 0, 0.5, 0.5], [0, 0, 0.25, 0.25], 1)
-    lo, hi = np.array([-9, 0.25, 0, 2.25, 5]), np.array([-1, 0.75, 1.5, 2.75, 9])
-    [(_, j_hi, _)], [(a_lo, a_hi, _)] = ranges(backend, medium, {"x": (lo, hi)})
-    np.testing.assert_array_equal(j_hi[:2], 0)
-    np.testing.assert_array_equal(a_lo, [0, 0, 0, 0.25, 0.25])
-    np.testing.assert_array_equal(a_hi[[0, 1, 3, 4]], [0, 0, 0.25, 0.25])
-
-
-def test_the_size_of_a_table_is_no_part_of_the_kernel(backend, kernels):
-    context = TracedRangeContext(backend.Float, backend.opaque, None, no_unit)
-    fields = any_interval(backend)
-
-    def run(count):
-        numbers = np.arange(count)
-        found = Table("x", numbers, numbers, numbers, 1).ranges(fields, context)
-        dr.eval([(i.lo, i.hi) for i in found.listed()])
-
-    run(20)  # what `context` keeps is made
-    assert kernels(run, 20) == kernels(run, 300)
-
-
-def test_rectangles_are_all_or_nothing(backend):
-    medium = Rectangle("x", 3, 1, (0.5, 0.75), (2.0, 0.25), 2)
-    lo, hi = np.array([5, 2.5, 0, NAN]), np.array([6, 3.5, 3, 4])
-    j, a = ranges(backend, medium, {"x": (lo, hi)})
-    few = 20 * np.finfo(backend.dtype).eps  # two products, each moved by 4 ε
-    np.testing.assert_allclose(j[0][0], [0, 0.25, 0, -INF], rtol=few)
-    np.testing.assert_allclose(j[0][1], [0, 0.25, 0.25, INF], rtol=few)
-    np.testing.assert_allclose(a[1][0], [0, 0.125, 0, -INF], rtol=few)
-    assert a[0][1][0] == 0  # nothing, for certain
-    assert a[0][2].tolist() == [False, False, False, True]
-
-
 def test_nothing_is_known_of_a_function(backend):
     function = Medium.from_function(lambda x: ([x, x], x), ["x"], 2)
     coloured = Rectangle("x", 0, 1, (1, 2), 3, 1)
@@ -347,20 +247,3 @@ def test_nothing_is_known_of_a_function(backend):
             np.testing.assert_array_equal(j_hi, INF)
         np.testing.assert_allclose(a_lo, least, rtol=20 * np.finfo(backend.dtype).eps, atol=1e-30)
         np.testing.assert_array_equal(a_hi, INF)
-
-
-def test_units_are_those_of_the_coefficients(backend):
-    from astropy import units as u
-
-    media = [
-        Gaussian("x", 20 * u.K, 3 * u.K, 1, 2, 1 * u.pc),
-        Table("x", [0, 30] * u.K, [0, 1], [0, 2], 3e18 * u.cm),
-    ]
-    for medium in media:
-        box = random_boxes("x", 0, backend.dtype)
-        assert_bounded(backend, medium, box, 2, unit=u.pc, unit_of=lambda expression: u.K)
-
-
-def test_a_missing_field_is_named(backend):
-    with pytest.raises(UnknownNameError, match="unknown field 'density'"):
-        ranges(backend, Gaussian("density", 0, 1, 1, 1, 1), {"x": (np.zeros(1), np.ones(1))})

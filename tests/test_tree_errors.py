@@ -88,7 +88,7 @@ def test_claimed_errors_are_honest(name, kind):
 @pytest.mark.parametrize("name", ["noise", "blob"])
 def test_bounds_contain_the_truth(name):
     volume, exact = volume_named(name), truth(name, "wide", CAMERA)
-    image = vm.render(volume, MEDIA["wide"], CAMERA, bounds=64)
+    image = vm.render(volume, MEDIA["wide"], CAMERA, bounds=True, max_panels=64)
     slack = 1e-6 * exact.max()
     assert (image.lower <= exact + slack).all()
     assert (image.upper >= exact - slack).all()
@@ -132,6 +132,6 @@ def test_adaptive_samples_converge_to_the_mean_over_pixels():
     coarse, fine = (
         vm.Orthographic(57, 33, 20, width=2.4, resolution=n, center=(0, 0, 0)) for n in (12, 192)
     )
-    image = vm.render(volume, medium, coarse, samples="adaptive")
+    image = vm.render(volume, medium, coarse, antialias="adaptive")
     exact = vm.render(volume, medium, fine).intensity.reshape(12, 16, 12, 16, -1).mean(axis=(1, 3))
     assert np.abs(image.intensity - exact).max() <= 0.01 * exact.max()

@@ -51,7 +51,7 @@ def test_octree_is_radmc3d(case_id):
         scheme=SCHEMES[case.order],
         precision="double",
         cutoff=0,
-        samples="flux-conserving" if case.camera["fluxcons"] else 1,
+        antialias="radmc3d" if case.camera["fluxcons"] else None,
     )
     found = image.optical_depth if case.quantity == "tau" else image.intensity
     # For τ <= 1e-4 RADMC-3D takes 1 - exp(-τ) = τ in first order.

@@ -18,8 +18,6 @@ from voluminous.media.stretch import Stretch
 COLUMN = vm.CartesianGrid([-1, 1], [-1, 1], np.arange(9.0))
 DOWN = vm.Orthographic(width=0.5, resolution=1)
 RISING = 1.3 * np.arange(8.0).reshape(1, 1, 8) - 1.05
-NOISE = vm.CartesianGrid(*(np.linspace(-1, 1, n + 1) for n in (8, 9, 7)))
-OBLIQUE = vm.Orthographic(50, 30, resolution=40)
 
 
 @pytest.mark.parametrize(
@@ -152,106 +150,6 @@ def test_thin_coefficients_are_seen(precision):
         assert abs(image.intensity.item() - exact) <= image.error.item() + 1e-3 * exact
 
 
-def test_both_sides_of_a_kink_are_surfaces():
-    volume = vm.Volume(COLUMN, a=RISING)
-    for scheme in ({}, {"precision": "double"}):
-        image = vm.render(volume, vm.Isosurface("abs(a - 3)", 0.05, 1, 0.3), DOWN, **scheme)
-        assert image.intensity.item() == pytest.approx(0.51, abs=1e-6)  # 0.3 + 0.7 · 0.3
-
-
-def noise():
-    rng = np.random.default_rng(0)
-    a, b = 10 ** rng.normal(0, 0.5, (2, *NOISE.shape))
-    u, w = rng.uniform(0.1, 10, NOISE.shape), rng.uniform(-1, 1, NOISE.shape)
-    return vm.Volume(NOISE, a=a, b=b, u=u, w=w)
-
-
-MEDIA = {
-    "wave": vm.Gaussian("cos(6*u)", 0.99, 0.01, 1, 0.3, 0.01),
-    "square": vm.Gaussian("w*w", 0.0, 1e-3, 1, 0.3, 1e-2),
-    "product": vm.Gaussian("a*b", 2.0, 0.01, 1, 0.3, 0.01),
-    "larger": vm.Gaussian("max(a, b)", 2.0, 0.01, 1, 0.3, 0.01),
-    "radius": vm.Gaussian("r", 0.8, 6e-4, 1, 0.3, 6e-4),
-    "looked up": vm.Gaussian("interp(u, [0, 2, 3, 9], [1, 4, 0, 2])", 1.7, 0.01, 1, 0.3, 0.01),
-    "field": vm.Gaussian("u", 5, 0.05, 1, 0.3, 0.1),
-    "surfaces": vm.Isosurface("a*b", 2.0, 1, 0.3),
-    "thick surface": vm.Isosurface("a*b", 2.0, 1, 0.3, width=0.01),
-    "by the gradient": vm.Isosurface("u", 3.3, 1, 0.3, density="gradient"),
-    "coloured": vm.Gaussian(
-        "a", 2, 1, vm.ColorBy("cos(20*u)", "inferno", vmin=0.9, vmax=1.0), 0.3, 1.0
-    ),
-    "peak": vm.Coefficients("exp(-0.5*((u - 5)/0.01)**2)", "0.3*exp(-0.5*((u - 5)/0.01)**2)"),
-    "product of a peak": vm.Coefficients("a*exp(-0.5*((b - 1)/0.01)**2)", "0.1*a"),
-    "step": vm.Coefficients("1 + tanh((u - 5)/0.02)", 0.3),
-    "logistic": vm.Coefficients("2/(1 + exp(-100*(u - 5)))", 0.3),
-    "steep clip": vm.Coefficients("clip(1 + (u - 5)/0.02, 0, 2)", 0.3),
-    "power of ten": vm.Coefficients("10**(2*w)", "0.1*10**w"),
-    "gate by a root": vm.Gaussian("u", 5, 2, 1, 0.3, 1.0, where="sqrt(w) + 0.1 > 0.5"),
-    "gate by a pole": vm.Gaussian("u", 5, 2, 1, 0.3, 1.0, where="1 / w > 3"),
-    "sawtooth": vm.Coefficients("u % 3", 0.3),
-    "table": vm.Table("u*b", [0, 4.9, 5, 5.1], [[0], [0], [1], [0]], [0, 0, 1, 0], 0.1),
-}
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", MEDIA)
-def test_errors_are_honest_on_noise(name):
-    """Bounds are certain: 99 % of pixels are as near to them as they say."""
-    volume, medium = noise(), MEDIA[name]
-    image = vm.render(volume, medium, OBLIQUE)
-    sure = vm.render(volume, medium, OBLIQUE, tolerance=1e-4, precision="double", bounds=64)
-    off = np.maximum(image.intensity - sure.upper, sure.lower - image.intensity).max(axis=-1)
-    assert np.mean(off > image.error) <= 0.01
-    brightest = image.intensity.max()
-    assert np.mean(off > 2e-3 * brightest) <= 0.001  # twice the tolerance
-
-
-def in_a_vacuum(medium, precision):
-    """Return whether something shows, and may be hidden, where a is 0 and t rises from 1 to 4."""
-    backend = get_backend("cpu", precision)
-    names = {"a": (0.0, 0.0), "t": (1.0, 4.0)}
-    cubics = {n: [backend.Float([p]), backend.Float([q - p])] for n, (p, q) in names.items()}
-    axes = {n: [backend.Float([1.0]), backend.Float([1.0])] for n in "xyz"}
-    context = Context(backend.Float, lambda value: backend.Float([value]), None, lambda _: None)
-    stretch = Stretch(cubics | axes, context, backend.Float([1.0]))
-    return [bool(np.any(np.asarray(mask.numpy()))) for mask in medium.visible(stretch, context)]
-
-
-UNDECIDED = {
-    "pole": vm.Coefficients("exp(-1/a)", "0.1*a"),
-    "pole and more": vm.Coefficients("t*exp(-t/a)", 0.1),
-    "power": vm.Coefficients("t*a**0.3", 0.1),
-    "logarithm": vm.Coefficients("10**(0.3*log10(a))*t", 0.1),
-    "jump": vm.Coefficients("where(a > 0, log10(a), 0)", 0.1),
-    "jump of a product": vm.Coefficients("where(a*t > 0, log10(a*t), 0)", 0.1),
-    "jump by a pole": vm.Coefficients("where(t/a > 3, t, 0)", 0.1),
-    "gate": vm.Gaussian("r", 2.0, 1.0, 1, 0.3, 1.0, where="t/a > 3"),
-    "gate at zero": vm.Gaussian("r", 2.0, 1.0, 1, 0.3, 1.0, where="a >= 0"),
-    "soft gate": vm.Gaussian("r", 2.0, 1.0, 1, 0.3, 1.0, where="1/(1 + exp(3 - 1/a))"),
-}
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("name", UNDECIDED)
-def test_nothing_is_looked_for_where_narrow_panels_tell_no_more(name, precision):
-    """A panel that hides something is halved 14 times: a vacuum of these takes minutes."""
-    _, hidden = in_a_vacuum(UNDECIDED[name], precision)
-    assert not hidden
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", UNDECIDED)
-def test_pictures_of_a_vacuum(name):
-    """Half of the column is empty; what the other half shows has a closed form or a sum."""
-    grid = vm.CartesianGrid([0, 1], [0, 1], np.arange(9.0))
-    a = np.where(np.arange(8) < 4, 0.0, 2.0).reshape(1, 1, 8)
-    volume = vm.Volume(grid, a=a, t=np.full((1, 1, 8), 4.0))
-    medium = UNDECIDED[name]
-    image = vm.render(volume, medium, DOWN)
-    sure = vm.render(volume, medium, DOWN, tolerance=1e-5, precision="double").intensity.item()
-    assert abs(image.intensity.item() - sure) <= image.error.item() + 1e-5 * sure
-
-
 @pytest.mark.exhaustive
 def test_shells_beside_a_vacuum_are_seen():
     """A ratio that rises to nearly infinite at the end of a cell: its shell is in the last part.
@@ -272,59 +170,3 @@ def test_shells_beside_a_vacuum_are_seen():
     off = np.abs(image.intensity - truth)[..., 0]
     assert off.max() < 0.15 * truth.max()
     assert np.mean(off > image.error + 1e-5 * truth.max()) <= 0.01
-
-
-def test_errors_of_tails_fall_with_the_tolerance():
-    """A quadratic in the tail of a shell: panels and halves must not agree by accident."""
-    grid = vm.CartesianGrid([0, 1, 2], [0, 1, 2], [0, 1.0])
-    camera = vm.Orthographic.looking((1, 1, 0), width=0.01, resolution=1)
-    u = (np.arange(10**5) + 0.5) / 1e5
-    for a0, middle, a1 in ((-3.0, -5.0, -8.0), (-2.0, -5.0, -9.0)):
-        side = 2 * middle - (a0 + a1) / 2
-        volume = vm.Volume(grid, a=np.array([[a0, side], [side, a1]])[:, :, None])
-        x = a0 * (1 - u) ** 2 + 2 * side * u * (1 - u) + a1 * u * u
-        ends = 0.5 * (shell(a0, 0, 1) + shell(a1, 0, 1))
-        exact = 2**0.5 * (shell(x, 0, 1).mean() + ends)
-        for tolerance in (1e-1, 1e-3, 1e-5):
-            image = vm.render(
-                volume,
-                vm.Gaussian("a", 0, 1, 1, 0, 1.0),
-                camera,
-                tolerance=tolerance,
-                precision="double",
-            )
-            assert abs(image.intensity.item() - exact) < min(tolerance, 3e-3) * exact
-
-
-def test_surfaces_close_together_keep_the_tolerance_in_single_precision():
-    grid = vm.CartesianGrid.uniform(12, (-1, 1))
-    volume = vm.Volume(grid, a=np.random.default_rng(3).uniform(1, 9, grid.shape))
-    for medium in (
-        vm.Isosurface("a", levels=[3, 3.001, 3.002], color="plasma", opacity=0.3),
-        vm.Rectangle("a", 3, 2, 1, 0.3, 1, where="4.99 < a < 5.01"),
-    ):
-        image = vm.render(volume, medium, OBLIQUE)
-        exact = vm.render(volume, medium, OBLIQUE, tolerance=1e-6, precision="double")
-        off = np.abs(image.intensity - exact.intensity)
-        assert off.max() < 1e-3 * exact.intensity.max()
-        assert image.error.max() < 2e-3 * exact.intensity.max()
-
-
-def test_shades_are_those_of_where_a_surface_is_passed():
-    volume = noise()
-    medium = vm.Isosurface("u", 5.0, "orange", 0.6, shading=0.8)
-    image = vm.render(volume, medium, OBLIQUE, precision="double")
-    exact = vm.render(volume, medium, OBLIQUE, tolerance=1e-6, precision="double")
-    assert np.abs(image.intensity - exact.intensity).max() < 1e-3 * exact.intensity.max()
-
-
-@pytest.mark.parametrize("precision", ["single", "double"])
-def test_surfaces_of_several_fields_without_error_control(precision):
-    image = vm.render(
-        noise(),
-        vm.Isosurface("a - 0.2*z", 2.0, 1, 0.5),
-        OBLIQUE,
-        tolerance=None,
-        precision=precision,
-    )
-    assert image.intensity.max() > 0.5

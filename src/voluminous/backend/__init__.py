@@ -1,11 +1,9 @@
 """The only door to Dr.Jit: device, precision, finding LLVM, and the arithmetic kernels need."""
 
 from ..llvm import ensure_llvm
-from .check import llvm_version
-from .device import Backend, available_devices, get_backend
-from .host import aligned, from_host
+from .arrays import aligned, clone_inputs, copy_into, from_host
+from .device import Backend, available_devices, get_backend, llvm_version
 from .jit import dr
-from .twins import clone_inputs, copy_into
 from .types import Float, Int, Mask
 
 __all__ = [

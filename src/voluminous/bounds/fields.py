@@ -91,6 +91,8 @@ class Bracketed:
         self.tolerance: tuple[Any, Any] = (opaque(0.0), opaque(0.0))
         self.blocks, self.neglected = empty_blocks(evaluator, ranges, tolerance)
 
+    walk = walk_kind = None
+
     def allow(self, emission: float, transparency: float) -> None:
         """Set how wide brackets may be per panel."""
         opaque = self.backend.opaque

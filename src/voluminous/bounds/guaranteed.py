@@ -16,8 +16,6 @@ from .bracket import Bracket
 from .fields import Bracketed
 from .media import is_bounded
 
-# Panels tried per segment, at most, unless the caller says how many.
-BUDGET = 1024
 # How wide the bracket of one panel may be, of what a pixel's may; lower in every round.
 _SHARES = (0.03, 0.004, 0.0005)
 # What one panel loses by rounding, in ε of what has been gathered.
@@ -28,29 +26,31 @@ _TINY = 1e-290
 _SMALLER_BATCHES = 64
 
 
-def check_bounds(bounds: Any, job: RenderJob) -> int:
+def check_bounds(bounds: Any, max_panels: Any, job: RenderJob) -> int:
     """Return the budget of panels per segment; 0 for no bounds.
 
     Raises
     ------
     InputError
-        If it is neither true, false nor a positive number, or the scheme has no bounds.
+        If these are not a truth value and a positive number, or the scheme has no bounds.
     """
-    if bounds is False:
-        return 0
-    if bounds is not True and (not isinstance(bounds, (int, np.integer)) or bounds < 1):
+    if not isinstance(bounds, bool):
         raise InputError(
-            "bounds must be True, False, or the most panels per segment (a whole number from 1), "
-            f"got {bounds!r}"
+            f"bounds must be True or False, got {bounds!r}; max_panels limits the panels per "
+            "segment, as in bounds=True, max_panels=64"
         )
+    if not isinstance(max_panels, (int, np.integer)) or max_panels < 1:
+        raise InputError(f"max_panels must be a whole number from 1, got {max_panels!r}")
+    if not bounds:
+        return 0
     if job.scheme.coefficients_at != "field":
         raise InputError(
             "bounds are of fields interpolated between cell centres: take "
             f"scheme='post-classified', got {job.scheme.name!r}"
         )
     if job.adaptive or job.recursive:
-        raise InputError("bounds need to know the rays of a pixel: give samples as a whole number")
-    return BUDGET if bounds is True else min(int(bounds), 1 << 31)
+        raise InputError("bounds need to know the rays of a pixel: leave out antialias")
+    return min(int(max_panels), 1 << 31)
 
 
 def bracket(

@@ -179,13 +179,19 @@ def in_widths(course: Course, center: Any, width: Any) -> tuple[Any, Any, Any, A
 
 
 def _mean_of_profile(
-    medium: Shaped, first: Any, last: Any, off: Any, farthest: Any, z: TracedInterval
+    medium: Shaped, course: Course, center: float, width: float, context: CourseContext
 ) -> TracedInterval:
-    if isinstance(medium, Gaussian):
+    """Return the mean of a profile; of an unknown one the range of its values."""
+    offset = course.values - context.number(center)
+    if isinstance(medium, (Gaussian, Rectangle)):
+        c, w = context.plain(center), context.plain(width)
+        first, last, off, farthest = in_widths(course, c, w)
+        if isinstance(medium, Rectangle):
+            return box_bounds(first, last, farthest)
+        z = offset / context.number(width)
         return gaussian_bounds(gaussian_mean(first, last), off, z)
-    if isinstance(medium, Rectangle):
-        return box_bounds(first, last, farthest)
-    raise InputError(f"no bounds are known of the profile of {medium!r}")
+    found: TracedInterval = medium.shape(context.ops, offset, context.number(width))
+    return found
 
 
 def gaussian_bounds(mean: Any, off: Any, z: TracedInterval) -> TracedInterval:
@@ -237,9 +243,7 @@ def steepness(nodes: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.nd
 def _of_profile(medium: Shaped, courses: Courses, context: CourseContext) -> list[PartBounds]:
     center, width, length = medium.plain_numbers(context)
     course = courses.course(medium.expr)
-    c, w = context.plain(center), context.plain(width)
-    z = (course.values - context.number(center)) / context.number(width)
-    shape = _mean_of_profile(medium, *in_widths(course, c, w), z)
+    shape = _mean_of_profile(medium, course, center, width, context)
     shape = TracedInterval(_unit(shape.lo), _unit(shape.hi)) * context.number(1.0 / length)
     means = MediumSample(
         [context.number(h) * shape for h in medium.color],

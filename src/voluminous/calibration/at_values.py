@@ -14,11 +14,12 @@ from ..expressions import Expression
 from ..fields import split_unit, unit_quantity
 from ..media import Context, Isosurface, Medium
 from ..media.function import Function
+from ..media.sum import with_each
 from ..units import is_quantity, parse_unit, unit_name
 from .plain import in_plain_numbers
 
 
-class _Values(Evaluation):
+class GivenValues(Evaluation):
     """Arrays of values by the names of fields, or of whole expressions, in place of a volume."""
 
     coordinates: tuple[str, ...] = ()
@@ -80,7 +81,7 @@ def evaluate(medium: Medium, values: Any) -> tuple[Any, Any]:
     medium = _per_path_length(medium)
     given = values if isinstance(values, Mapping) else {_only(medium).text: values}
     _check_given(medium, given)
-    fields = _Values(given)
+    fields = GivenValues(given)
     fields.unit = _length_unit(medium, fields)
     medium = in_plain_numbers(medium, fields)  # type: ignore[arg-type]
     j, alpha = coefficients(medium, fields.arrays(), fields.unit, fields.expression_unit)
@@ -138,10 +139,8 @@ def _check_given(medium: Medium, given: Mapping[str, Any]) -> None:
                 "an Isosurface of width 0 has no j and α: a crossing of it shows color times "
                 "opacity; medium.plot(volume) draws where it is"
             )
-        try:
-            own = [expr for expr, _ in part.expressions()]
-        except NotImplementedError:
-            own = [Expression(name) for name in part.names]
+        own = [feature.expr for feature in part.features()]
+        own = own or [Expression(name) for name in part.names]
         own += [part.slope] if isinstance(part, Isosurface) else []
         for expr in own:
             needed.update(dict.fromkeys((expr.text,) if expr.text in given else expr.names))
@@ -165,10 +164,10 @@ def _per_path_length(medium: Medium) -> Medium:
             "path_length is 'auto' in one part of this medium and a length in others: give "
             "medium.calibrated(volume) values"
         )
-    return medium.with_each(one_path_length)
+    return with_each(medium, one_path_length)
 
 
-def _length_unit(medium: Medium, fields: _Values) -> Any:
+def _length_unit(medium: Medium, fields: GivenValues) -> Any:
     parts = medium.components()
     found = [p.path_length.unit for p in parts if is_quantity(p.path_length)]
     for part in parts:

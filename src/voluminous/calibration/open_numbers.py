@@ -15,6 +15,7 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..media import Colormap, Medium
 from ..media.ranges import RangeContext
+from ..media.sum import with_each
 from ..volume import Volume
 from .plain import in_plain_numbers
 from .samples import pieces
@@ -24,7 +25,7 @@ from .thickness import Profile, thicknesses
 _MOST = 100
 
 
-def check_volume(function: str, place: str, volume: Any) -> None:
+def check_volume(function: str, place: str, volume: Volume) -> None:
     """Refuse what is no volume."""
     if not isinstance(volume, Volume):
         raise InputError(
@@ -71,7 +72,7 @@ def with_color_ranges(
     medium: Medium, volume: Volume, known: Callable[..., dict[Any, Any]]
 ) -> Medium:
     """Return a medium with numbers for all ranges of `ColorBy`; itself if none is open."""
-    return medium.with_each(lambda part: _with_range(part, volume, known))
+    return with_each(medium, lambda part: _with_range(part, volume, known))
 
 
 def _with_range(part: Any, volume: Volume, known: Callable[..., dict[Any, Any]]) -> Any:
@@ -206,7 +207,7 @@ def _with_lengths(medium: Medium, volume: Volume, known: Callable[..., dict[Any,
         same = [p for p in parts if _scalar(p) == expr]
         found = _lengths(same, volume, expr, known(expr))
         lengths.update({id(p): length for p, length in zip(same, found, strict=True)})
-    return medium.with_each(lambda part: _with_length(part, lengths.get(id(part))))
+    return with_each(medium, lambda part: _with_length(part, lengths.get(id(part))))
 
 
 def _is_open(medium: Medium) -> bool:

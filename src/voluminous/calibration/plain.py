@@ -14,6 +14,7 @@ from ..errors import UnitsError
 from ..expressions import Expression, times, without_unit
 from ..media import Coefficients, ColorBy, Medium
 from ..media.function import Formulas, Function
+from ..media.sum import with_each
 from ..units import parse_unit, unit_name
 from ..volume import Volume
 
@@ -23,7 +24,7 @@ def in_plain_numbers(medium: Medium, volume: Volume) -> Medium:
 
     What needs no conversion stays the very same.
     """
-    medium = medium.with_each(lambda part: _plain_part(part, volume))
+    medium = with_each(medium, lambda part: _plain_part(part, volume))
     return _in_one_unit(medium, volume)
 
 
@@ -142,7 +143,7 @@ def _in_one_unit(medium: Medium, volume: Volume) -> Medium:
             "apart, or give all of them emissivities of one kind"
         )
 
-    return medium if wanted is None else medium.with_each(convert)
+    return medium if wanted is None else with_each(medium, convert)
 
 
 def _emission(part: Any, volume: Volume) -> Any:

@@ -7,7 +7,7 @@ tables of colour and opacity. Overrides are arguments of `voluminous.Table`, suc
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from ..expressions import Expression
 from ..media import Medium, Sum, Table
 from .open_numbers import check_volume, nothing_to_see
 from .suggest import main_scalar
+
+if TYPE_CHECKING:
+    from ..volume import Volume
 
 __all__ = [
     "bone",
@@ -42,53 +45,53 @@ _CHANNELS = ((0, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 0), (1, 0, 0), (0.3, 0.5, 1
 Point = tuple[float, float, tuple[float, ...]]  # value, opacity, colour
 
 
-def bone(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def bone(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for bone in CT (Hounsfield units)."""
     points = [(150, 0, _FLESH), (350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
     return _table(volume, field, points, overrides)
 
 
-def skin_and_bone(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def skin_and_bone(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for bone under translucent skin in CT (Hounsfield units)."""
     skin = [(-650, 0, _SKIN), (-400, 1.2, _SKIN), (-200, 0.8, _SKIN), (-120, 0, _SKIN)]
     points = [*skin, (180, 0, _FLESH), (350, 3, _IVORY), (1200, 8, _IVORY), (3000, 8, _WHITE)]
     return _table(volume, field, points, overrides)
 
 
-def muscle(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def muscle(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for muscle, with bone, in CT (Hounsfield units)."""
     soft = [(-20, 0, _FLESH), (30, 1, _FLESH), (90, 1.5, _FLESH), (180, 1.5, _FLESH)]
     points = [*soft, (350, 4, _IVORY), (3000, 8, _WHITE)]
     return _table(volume, field, points, overrides)
 
 
-def lung(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def lung(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for airways and lungs in CT (Hounsfield units)."""
     points = [(-980, 0, _AIR), (-850, 0.15, _AIR), (-600, 0.5, _SKIN), (-450, 0, _SKIN)]
     return _table(volume, field, points, overrides)
 
 
-def vessels(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def vessels(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for vessels with contrast agent in CT (Hounsfield units)."""
     points = [(120, 0, _BLOOD), (220, 2, _BLOOD), (400, 4, (1, 0.5, 0.35)), (700, 6, _IVORY)]
     return _table(volume, field, points, overrides)
 
 
-def mr_head(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def mr_head(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for T1-weighted MR: levels follow from the values of this volume."""
     low, middle, high = _levels(volume, field, (60, 85, 99.5))
     points = [(low, 0, _GREY), (middle, 0.4, _SKIN), (high, 3, _WHITE)]
     return _table(volume, field, points, overrides)
 
 
-def mr_angiography(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def mr_angiography(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium for time-of-flight MR: the brightest 2 % of the values of this volume."""
     low, middle, high = _levels(volume, field, (98, 99.3, 99.95))
     points = [(low, 0, _BLOOD), (middle, 2, _BLOOD), (high, 5, (1, 0.6, 0.4))]
     return _table(volume, field, points, overrides)
 
 
-def fluorescence(volume: Any, field: Any = None, **overrides: Any) -> Medium:
+def fluorescence(volume: Volume, field: Any = None, **overrides: Any) -> Medium:
     """Return a medium that shows channels of a microscope in their colours.
 
     Colours and display windows are those of ``volume.meta["channels"]``; what is not given there is
@@ -107,7 +110,7 @@ def fluorescence(volume: Any, field: Any = None, **overrides: Any) -> Medium:
     return Sum(tuple(parts)) if len(parts) > 1 else parts[0]
 
 
-def _levels(volume: Any, field: Any, percentiles: Any) -> list[float]:
+def _levels(volume: Volume, field: Any, percentiles: Any) -> list[float]:
     expr = main_scalar(volume) if field is None else Expression(field)
     values = np.asarray(volume.evaluate(expr), dtype=np.float64)
     values = values[np.isfinite(values)]
@@ -121,7 +124,11 @@ def _levels(volume: Any, field: Any, percentiles: Any) -> list[float]:
 
 
 def _table(
-    volume: Any, field: Any, points: Sequence[Point], overrides: dict[str, Any], part: float = _PART
+    volume: Volume,
+    field: Any,
+    points: Sequence[Point],
+    overrides: dict[str, Any],
+    part: float = _PART,
 ) -> Medium:
     check_volume("a preset", "first", volume)
     expr = main_scalar(volume) if field is None else Expression(field)

@@ -20,12 +20,12 @@ _RUN = 1 << 12
 _RUNS = 64
 # What a cell costs, neighbours and all, beside one in an array: so fewer are looked at.
 _DEAR = 16
-# Lines through the domain along each axis, and points on each.
+# LineSamples through the domain along each axis, and points on each.
 _LINES, _POINTS = 32, 256
 
 
 class ScatteredPiece:
-    """Some cells. Lengths are in units of the grid's scale; see `samples.Piece`.
+    """Some cells. Lengths are in units of the grid's scale; see `samples.LayerPiece`.
 
     Neighbours are looked for only where slopes are asked for: that takes most of the time.
 
@@ -40,7 +40,7 @@ class ScatteredPiece:
     Attributes
     ----------
     x, slope, reach, volume : arrays, shape (n,)
-        As of a `Piece`; the reach is measured along the cell's own coordinates.
+        As of a `LayerPiece`; the reach is measured along the cell's own coordinates.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ def scattered_pieces(volume: Volume, expr: Expression, budget: float) -> Iterato
 
 
 @dataclass
-class Lines:
+class LineSamples:
     """A scalar along lines through the domain: pieces between one cell's middle and the next.
 
     Attributes
@@ -122,7 +122,7 @@ class Lines:
         return np.bincount(self.line, mean * self.length)
 
 
-def lines(volume: Volume, expr: Expression) -> Lines:
+def lines(volume: Volume, expr: Expression) -> LineSamples:
     """Return a scalar along lines through the domain, parallel to x, y and z."""
     grid = volume.grid
     values = volume.evaluate(expr).reshape(-1).astype(np.float64)
@@ -131,7 +131,7 @@ def lines(volume: Volume, expr: Expression) -> Lines:
         points, step = _points_on_lines(grid.bounds, axis)
         cell = grid.locate(points).reshape(_LINES**2, _POINTS)
         found.append(_along(cell, values, step / grid.scale, axis * _LINES**2))
-    return Lines(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    return LineSamples(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def _points_on_lines(bounds: np.ndarray, axis: int) -> tuple[np.ndarray, float]:
@@ -147,7 +147,7 @@ def _points_on_lines(bounds: np.ndarray, axis: int) -> tuple[np.ndarray, float]:
 
 
 def _along(cell: np.ndarray, values: np.ndarray, step: float, first: int) -> tuple[np.ndarray, ...]:
-    """Return `Lines` of the cells (lines, points) that points on lines are in."""
+    """Return `LineSamples` of the cells (lines, points) that points on lines are in."""
     changes = np.diff(cell, axis=1, prepend=-2) != 0
     starts = np.flatnonzero(changes)
     ends = np.append(starts[1:], cell.size)
@@ -168,7 +168,7 @@ _PIECE = 1 << 19
 
 @dataclass
 class Between:
-    """A scalar from one cell centre to the next, where it is linear; see `Piece`."""
+    """A scalar from one cell centre to the next, where it is linear; see `LayerPiece`."""
 
     x: np.ndarray
     reach: np.ndarray
@@ -180,7 +180,7 @@ class Between:
         return []
 
 
-class Piece:
+class LayerPiece:
     """Whole layers of the first axis. Lengths are in units of the grid's scale.
 
     Parameters
@@ -272,7 +272,7 @@ class Piece:
 
 def pieces(
     volume: Volume, expr: Expression, budget: float = BUDGET
-) -> Iterator[Piece | ScatteredPiece]:
+) -> Iterator[LayerPiece | ScatteredPiece]:
     """Yield all pieces of a volume, or every k-th if there are more cells than `budget`."""
     volume.check_names(expr)
     if not volume.grid.is_rectilinear:
@@ -290,14 +290,14 @@ def _parts(shape: tuple[int, ...], budget: float) -> list[tuple[int, int]]:
     return [(k * thick, min((k + 1) * thick, layers)) for k in range((step - 1) // 2, count, step)]
 
 
-def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> Piece:
+def _piece(volume: Volume, expr: Expression, first: int, stop: int) -> LayerPiece:
     """Return the layers from `first` to `stop`; differences look one layer further."""
     low, high = max(0, first - 1), min(volume.grid.shape[0], stop + 1)
     own = slice(first - low, stop - low)
     x = _evaluate(volume, expr, low, high)
     edges = [e / volume.grid.scale for e in volume.grid.edges]
     edges[0] = edges[0][low : high + 1]
-    return Piece(x, edges, own, is_uniform=volume.grid.is_uniform)
+    return LayerPiece(x, edges, own, is_uniform=volume.grid.is_uniform)
 
 
 def _evaluate(volume: Volume, expr: Expression, low: int, high: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,10 @@ from ..digest import digest
 from ..errors import InputError
 from ..expressions import Expression
 from ..volume import Volume
-from .samples import BUDGET, Between, Lines, Piece, ScatteredPiece, lines, pieces
+from .samples import BUDGET, Between, LayerPiece, LineSamples, ScatteredPiece, lines, pieces
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 # Up to this part of the effective width a cell sees a single value of the profile.
 _NARROW = 1e-3
@@ -142,12 +145,12 @@ class _Shell:
     def area(self) -> float:
         return float(sum(areas.sum() for areas in self.areas))
 
-    def see(self, found: Lines, profile: Profile) -> None:
+    def see(self, found: LineSamples, profile: Profile) -> None:
         seen = found.seen(profile.mean(found.x, found.reach))
         self.seen.append(seen[seen > 0])
 
     def add(
-        self, piece: Piece | ScatteredPiece | Between, profile: Profile, longest: float
+        self, piece: LayerPiece | ScatteredPiece | Between, profile: Profile, longest: float
     ) -> None:
         mean = profile.mean(piece.x, piece.reach)
         # The most there can be, where a cell is steeper than the shell is wide.
@@ -207,7 +210,7 @@ def _look_between(
 
 def _between(volume: Volume, expr: Expression) -> Iterator[Between]:
     for piece in pieces(volume, expr):
-        if not isinstance(piece, Piece):
+        if not isinstance(piece, LayerPiece):
             found = lines(volume, expr)
             yield Between(found.x, found.reach, 2 * found.reach / found.length, found.length)
             return
@@ -308,7 +311,7 @@ def histogram(volume: Volume, expr: Expression, values: np.ndarray) -> Histogram
     return Histogram(edges, cells / total, steep / (high - low) * (per_area * _BINS))
 
 
-def _domain(grid: Any) -> float:
+def _domain(grid: Grid) -> float:
     if grid.is_rectilinear:
         return float(np.prod(np.ptp(grid.bounds, axis=1) / grid.scale))
     return float(np.sum(grid.cell_volumes)) / grid.scale**3

@@ -15,6 +15,7 @@ from ..image.lengths import pretty_unit
 from ..media import Colormap, Isosurface, Medium, Table
 from ..media.modulation import Modulation
 from ..media.profiles import Shaped
+from ..media.sum import with_each
 from ..notebook import png
 from ..units import is_quantity, parse_unit, plain, unit_name
 from ..volume import Volume
@@ -41,7 +42,7 @@ class _Panel:
 
     expr: Expression
     parts: list[Any]
-    volume: Any
+    volume: Volume | None
     unit: Any = None
     values: Any = None
     low: float = 0.0
@@ -120,10 +121,10 @@ class _Panel:
         return x, sums[0], sums[1]
 
 
-def plot(medium: Medium, volume: Any = None, ax: Any = None) -> Any:
+def plot(medium: Medium, volume: Volume | None = None, ax: Any = None) -> Any:
     """Draw a medium; see `Medium.plot`."""
     if volume is None:
-        medium = medium.with_each(one_path_length)
+        medium = with_each(medium, one_path_length)
     else:
         check_volume("medium.plot", "first", volume)
         medium = calibrate(medium, volume)
@@ -138,6 +139,7 @@ def plot(medium: Medium, volume: Any = None, ax: Any = None) -> Any:
     for panel, own in zip(panels, axes[: len(panels)], strict=True):
         _draw(own, panel, medium)
     for (part, name), own in zip(several, axes[len(panels) :], strict=True):
+        assert volume is not None  # else `_panels` refuses
         _draw_means(own, part, name, volume)
     return axes[0] if count == 1 else np.array(axes, dtype=object)
 
@@ -149,7 +151,7 @@ def swatch(medium: Medium) -> bytes | None:
     a volume.
     """
     try:
-        panels, _ = _panels(medium.with_each(_closed), None)
+        panels, _ = _panels(with_each(medium, _closed), None)
         strips = [_strip(panel) for panel in panels]
     except Exception:  # anybody's medium may raise anything
         return None
@@ -160,7 +162,7 @@ def swatch(medium: Medium) -> bytes | None:
 
 def swatch_title(medium: Medium) -> str:
     """Return over which values the strips of a swatch are."""
-    panels, _ = _panels(medium.with_each(_closed), None)
+    panels, _ = _panels(with_each(medium, _closed), None)
     free = [scalar_of(part) for part in medium.components() if _is_open(part)]
     told = []
     for panel in panels:
@@ -195,7 +197,7 @@ def _strip(panel: _Panel) -> np.ndarray:
     return found
 
 
-def _panels(medium: Medium, volume: Any) -> tuple[list[_Panel], list[tuple[Medium, str]]]:
+def _panels(medium: Medium, volume: Volume | None) -> tuple[list[_Panel], list[tuple[Medium, str]]]:
     """Return a panel for each expression; parts of several fields, with each of these."""
     groups: dict[str, list[Medium]] = {}
     several: list[tuple[Medium, str]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,10 @@ from ..errors import InputError
 from ..grids.contract import Ray
 from ..units import as_given, degrees, is_count, is_quantity, parse_unit, plain, unit_name, unit_of
 from ..value import Value
+
+if TYPE_CHECKING:
+    from ..backend import Backend
+    from ..grids.contract import Grid
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Frame:
         """Width and height of a pixel."""
         return self.width[0] / self.pixels[0], self.width[1] / self.pixels[1]
 
-    def traced_vectors(self, backend: Any) -> list[list[Any]]:
+    def traced_vectors(self, backend: Backend) -> list[list[Any]]:
         """Return the vectors as `Camera.rays` takes them: run-time numbers of a kernel."""
         return [[backend.wide(c) for c in vector] for vector in self.vectors]
 
@@ -61,7 +65,7 @@ class Camera(Value):
     #: True if the observer is at infinity.
     parallel = False
 
-    def frame(self, grid: Any) -> Frame:
+    def frame(self, grid: Grid) -> Frame:
         """Return the camera's pixels and vectors for a grid, in the grid's unit.
 
         Raises
@@ -85,7 +89,7 @@ class Camera(Value):
         """
         return None
 
-    def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
+    def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         """Return unit vectors that point from the observer to points, and beyond.
 
         Parameters
@@ -110,7 +114,7 @@ class Camera(Value):
             "it a method lines_of_sight(points, grid)"
         )
 
-    def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return where points are seen on the image plane, and how far away: the inverse of `rays`.
 
         Parameters

@@ -25,6 +25,7 @@ from .contract import (
 )
 
 if TYPE_CHECKING:
+    from ..grids.contract import Grid
     from ..media import Medium
     from ..volume import Volume
 
@@ -174,7 +175,7 @@ class Orthographic(Camera):
         )
         return framed
 
-    def frame(self, grid: Any) -> Frame:
+    def frame(self, grid: Grid) -> Frame:
         bounds = grid.bounds
         middle = bounds.mean(axis=1)
         center = middle if self.center is None else point(self.center, grid.unit, "center")
@@ -196,11 +197,11 @@ class Orthographic(Camera):
     def key(self) -> Hashable:
         return "orthographic" if type(self) is Orthographic else None
 
-    def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
+    def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         away = -image_axes(self.incl, self.phi, self.posang)[2]
         return np.broadcast_to(away[:, None], np.shape(points))
 
-    def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         center, *axes = self.frame(grid).vectors[:4]
         u, v, depth = np.stack(axes) @ (np.asarray(points, dtype=np.float64) - center[:, None])
         return u, v, depth

@@ -26,6 +26,7 @@ from .contract import (
 )
 
 if TYPE_CHECKING:
+    from ..grids.contract import Grid
     from ..media import Medium
     from ..volume import Volume
 
@@ -173,7 +174,7 @@ class Perspective(Camera):
         position, target, up = framing.perspective(frame, volume, angle)
         return cls(position, target, angle, up=up, resolution=resolution)
 
-    def frame(self, grid: Any) -> Frame:
+    def frame(self, grid: Grid) -> Frame:
         position = point(self.position, grid.unit, "position")
         target = point(self.target, grid.unit, "target")
         axes = self._axes(position, target)
@@ -198,12 +199,12 @@ class Perspective(Camera):
     def key(self) -> Hashable:
         return ("perspective", self.projection) if type(self) is Perspective else None
 
-    def lines_of_sight(self, points: np.ndarray, grid: Any) -> np.ndarray:
+    def lines_of_sight(self, points: np.ndarray, grid: Grid) -> np.ndarray:
         away = np.asarray(points) - point(self.position, grid.unit, "position")[:, None]
         distance = np.linalg.norm(away, axis=0)
         return np.asarray(away / np.where(distance > 0, distance, 1.0))
 
-    def project(self, points: np.ndarray, grid: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def project(self, points: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         position, *axes = self.frame(grid).vectors
         away = np.asarray(points, dtype=np.float64) - position[:, None]
         across, along, back = np.stack(axes) @ away

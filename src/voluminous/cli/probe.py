@@ -90,7 +90,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _left_out(scene: Scene) -> Iterator[str]:
-    samples = scene.render_options.get("samples", 1)
+    options = scene.render_options
+    samples = options.get("antialias") or options.get("samples", 1)
     if samples != 1:
         yield f"the mean over a pixel's rays (samples = {samples!r}); this is the one at its centre"
     if scene.objects:

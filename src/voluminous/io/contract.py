@@ -9,14 +9,21 @@ the entry point group ``voluminous.readers``::
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..errors import InputError
 
 if TYPE_CHECKING:
+    from astropy.units import UnitBase
+
     from ..volume import Volume
+
+# All fields (None), one, several, or {name: place in the file}.
+FieldChoice: TypeAlias = str | Sequence[str] | Mapping[str, str] | None
+UnitLike: TypeAlias = "str | UnitBase | None"
 
 
 @dataclass(frozen=True)
@@ -103,7 +110,7 @@ class Reader:
         """Return True for a file of this format that is a picture: `Image.load` reads it."""
         return False
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         """Return the volume in a file.
 
         Parameters

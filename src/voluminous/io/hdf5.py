@@ -76,14 +76,14 @@ def filters() -> Iterator[None]:
 _MOST_PACKED = 2000
 
 
-def is_own(group: Any, name: str) -> bool:
+def is_own(group: h5py.Group, name: str) -> bool:
     """Return whether something is in the group itself, and no link to another place or file."""
     import h5py
 
     return isinstance(group.get(name, getlink=True), h5py.HardLink)
 
 
-def data_set(path: Path, group: Any, name: str) -> Any:
+def data_set(path: Path, group: h5py.Group, name: str) -> Any:
     """Return a data set of numbers."""
     import h5py
 
@@ -102,7 +102,7 @@ def data_set(path: Path, group: Any, name: str) -> Any:
     return item
 
 
-def check_place(path: Path, item: Any) -> None:
+def check_place(path: Path, item: h5py.Dataset) -> None:
     """Refuse values that are elsewhere: a file must not make us read any other."""
     if item.external:
         raise FileFormatError(
@@ -115,7 +115,7 @@ def check_place(path: Path, item: Any) -> None:
                 inside(path.parent, source.file_name)
 
 
-def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
+def data_sets(path: Path, group: h5py.Group) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the data sets of numbers in a group, and why each other thing in it is none."""
     import h5py
 
@@ -134,7 +134,7 @@ def data_sets(path: Path, group: Any) -> tuple[dict[str, Any], dict[str, str]]:
     return found, others
 
 
-def read(item: Any, column: int | None = None) -> np.ndarray:
+def read(item: h5py.Dataset, column: int | None = None) -> np.ndarray:
     """Return the values of a data set, or one column of them, in native byte order."""
     count = item.size if column is None else len(item)
     check_memory(count * item.dtype.itemsize, f"reading {item.name}", "read a part of the data")

@@ -7,14 +7,20 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+<<<<<<< HEAD
 from ..grids.trees.octree_order import DEEPEST, Places, flags_from_levels, interleaved
+=======
+from ..grids.trees.octree_order import DEEPEST, flags_from_levels
+from ..grids.trees.octree_places import Places, interleaved
+from .contract import UnitLike
+>>>>>>> main
 
 # What a cell is that no leaf of the data lies in.
 ABSENT = -1
 
 
 def tree_of_leaves(
-    kind: Any, edges: Any, level: np.ndarray, index: np.ndarray, axes: Any, *, unit: Any = None
+    kind: Any, edges: Any, level: np.ndarray, index: np.ndarray, axes: Any, *, unit: UnitLike = None
 ) -> tuple[Any, np.ndarray]:
     """Return a grid of leaves in any order, and where its cells are among them."""
     counts = np.array([len(e) - 1 for e in edges])
@@ -44,7 +50,7 @@ def placed_values(values: np.ndarray, source: np.ndarray) -> np.ndarray:
     return found
 
 
-def _halved_axes(kind: Any, edges: Any, unit: Any) -> tuple[int, ...]:
+def _halved_axes(kind: Any, edges: Any, unit: UnitLike) -> tuple[int, ...]:
     """Return the axes that a grid halves: not those of one cell that closes upon itself."""
     if hasattr(kind, "from_leaves"):
         return (0, 1, 2)
@@ -118,7 +124,12 @@ def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _tree(
-    kind: Any, edges: Any, level: np.ndarray, index: np.ndarray, axes: tuple[int, ...], unit: Any
+    kind: Any,
+    edges: Any,
+    level: np.ndarray,
+    index: np.ndarray,
+    axes: tuple[int, ...],
+    unit: UnitLike,
 ) -> tuple[Any, np.ndarray]:
     if hasattr(kind, "from_leaves"):
         found: tuple[Any, np.ndarray] = kind.from_leaves(*edges, level, index, unit=unit)

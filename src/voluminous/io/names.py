@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import InputError, unknown_name
+from .contract import FieldChoice
 
 # Endings of the components of vectors, in the coordinates of all grids.
 _COMPONENTS = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))
@@ -32,7 +33,9 @@ def field_name(place: str) -> str:
     return f"{name}_" if reserved or keyword.iskeyword(name) else name
 
 
-def chosen_fields(known: Mapping[str, str], fields: Any, kind: str = "field") -> dict[str, str]:
+def chosen_fields(
+    known: Mapping[str, str], fields: FieldChoice, kind: str = "field"
+) -> dict[str, str]:
     """Return name → place of the fields that a user asks for."""
     if fields is None:
         return _distinct((name, place) for place, name in known.items())

@@ -21,7 +21,7 @@ from .labelled.convert import LabelledReader
 if TYPE_CHECKING:
     import xarray
 
-# What tells that the numbers of the signal are not its values yet.
+# Names of arrays by which the numbers of the signal would have to be scaled.
 _SCALED = ("scaling_factor", "offset")
 
 
@@ -123,10 +123,10 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
 def _axes(group: Any, signal: str) -> list[str]:
     """Return the names of the axes of the signal, made up where there is none."""
     count = group[signal].ndim
-    told = [text(name) for name in np.ravel(group.attrs.get("axes", ()))]
-    if not told:  # as older files have it: on the signal, or on the axes
-        told = [n for n in re.split(r"[\s,:\[\]]+", text(group[signal].attrs.get("axes"))) if n]
-    names = told + ["."] * (count - len(told))
+    names = [text(name) for name in np.ravel(group.attrs.get("axes", ()))]
+    if not names:  # as older files have it: on the signal, or on the axes
+        names = [n for n in re.split(r"[\s,:\[\]]+", text(group[signal].attrs.get("axes"))) if n]
+    names += ["."] * (count - len(names))
     for name, item in _members(group):
         for key, holder in ((f"{name}_indices", group), ("axis", item)):
             at = np.ravel(holder.attrs.get(key, ()))

@@ -154,7 +154,7 @@ def _iteration(file: Any, wanted: Any) -> tuple[Any, dict[str, Any]]:
 def _mesh(
     path: Path, group: Any, name: str, part: str, record: Any, item: Any, centred: bool
 ) -> MeshPart:
-    """Return what is to be known of a component; an error tells why it can be no field."""
+    """Return a component; an error says why it cannot be a field."""
     place = f"{name}/{part}".rstrip("/")
     geometry = text(record.attrs.get("geometry", "cartesian"))
     if geometry not in _AXES:
@@ -177,8 +177,8 @@ def _mesh(
     if len(shape) != 3 or min(shape) < 1 or (geometry == "thetaMode" and shape[0] % 2 == 0):
         raise FileFormatError(f"shape {shape}, expected that of a {geometry} mesh")
     along = np.argsort(labels)
-    told = item if "position" in item.attrs else record
-    position = 0.5 if centred else _numbers(told, "position", len(labels))[along]
+    holder = item if "position" in item.attrs else record
+    position = 0.5 if centred else _numbers(holder, "position", len(labels))[along]
     spacing = _numbers(record, "gridSpacing", len(labels))[along]
     low = _numbers(record, "gridGlobalOffset", len(labels))[along] + (position - 0.5) * spacing
     is_length = "gridUnitSI" in record.attrs

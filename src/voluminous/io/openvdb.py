@@ -197,7 +197,7 @@ def _check_whole(path: Path) -> None:
         file.seek(len(_MAGIC))
         version = take("<I")
         file.seek(8, 1)  # version of the library
-        if version not in _KNOWN or not take("<B"):  # a stream tells no places
+        if version not in _KNOWN or not take("<B"):  # a stream has no offsets
             return
         file.seek(36, 1)  # an identifier
         for _ in range(take("<I")):

@@ -14,7 +14,7 @@ import numpy as np
 from ..deferred import Deferred
 from ..errors import FileFormatError, InputError
 from .arrays.layout import AXES, axis_order, equal_cells
-from .contract import FieldInfo, Reader
+from .contract import FieldChoice, FieldInfo, Reader
 from .names import chosen_fields, field_name
 from .payload import checked_shape, is_packed, mapped, read_exactly, unpacked
 
@@ -39,7 +39,7 @@ class RawNumbers:
     path: Path
     name: str
     cells: tuple[int, ...]  # along x, y and z
-    dtype: np.dtype[Any]  # with the byte order
+    dtype: np.dtype  # with the byte order
     axes: str  # from the slowest to the fastest
     offset: int  # bytes before the first value
     packed: bool  # by gzip, bzip2 or xz
@@ -109,7 +109,7 @@ class RawReader(Reader):
         named = shape is not None and dtype is not None
         return bool(head) and (suffix == ".raw" or (suffix in _SUFFIXES and named))
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ..volume import Volume
 
         numbers = _numbers(path, options)
@@ -129,7 +129,7 @@ class RawReader(Reader):
         return (FieldInfo(name, numbers.name, numbers.shape, str(numbers.dtype)),)
 
 
-def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype[Any] | None, str]:
+def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype | None, str]:
     """Return shape and type given by a file's name (None if not), and the rest of the name.
 
     Examples
@@ -211,7 +211,7 @@ def _given_shape(shape: Any) -> tuple[int, ...]:
     return numbers
 
 
-def _given_dtype(dtype: Any) -> np.dtype[Any]:
+def _given_dtype(dtype: Any) -> np.dtype:
     try:
         found = np.dtype(dtype)
     except TypeError as error:

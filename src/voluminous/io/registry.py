@@ -17,7 +17,7 @@ from .arrays.hdf5 import HDF5Reader
 from .arrays.npz import NPYReader, NPZReader
 from .athena import AthenaReader, PlutoReader
 from .compressed import PackedReader
-from .contract import Reader
+from .contract import FieldChoice, Reader
 from .fits.casa import CASAReader
 from .fits.reader import FITSReader
 from .guard import placed, reading
@@ -103,7 +103,7 @@ _ENTRIES, _LISTED = 256, 8
 
 
 def open(
-    path: str | Path, fields: Any = None, *, format: str | None = None, **options: Any
+    path: str | Path, fields: FieldChoice = None, *, format: str | None = None, **options: Any
 ) -> Volume:
     """Return the volume in a file.
 
@@ -145,7 +145,7 @@ def open(
 
 
 def open_lazily(
-    path: str | Path, fields: Any = None, *, format: str | None = None, **options: Any
+    path: str | Path, fields: FieldChoice = None, *, format: str | None = None, **options: Any
 ) -> Volume:
     """Return what `open` does, with fields that are read when they are first used."""
     path = as_path(path)

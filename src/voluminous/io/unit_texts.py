@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from ..errors import UnitsError
 from ..units import parse_unit, unit_name
+from .contract import UnitLike
 
 # What udunits and CF write (https://cfconventions.org), where astropy needs another word. "mb" is a
 # millibit to astropy, and "C" a coulomb to both: what it is in an atmosphere cannot be known.
@@ -53,7 +53,7 @@ def known_unit(text: str) -> str:
     return ""
 
 
-def _is_function(unit: Any) -> bool:
+def _is_function(unit: UnitLike) -> bool:
     """Return True for decibels and magnitudes: no field can be converted with them."""
     from astropy import units as u
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from numbers import Integral
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +15,17 @@ from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
 from ..regrid.resample import points_along
 from ..rendering.cache import Statistics
-from .quantity import Quantity
+from .quantity import CellQuantity
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
+    from ..volume import Volume
 
 # Cells looked at at once.
 _CHUNK = 1 << 20
 
 
-def with_known(volume: Any, expressions: Sequence[Expression]) -> tuple[Any, list[Expression]]:
+def with_known(volume: Volume, expressions: Sequence[Expression]) -> tuple[Any, list[Expression]]:
     """Return a volume, and expressions of its fields that have a value wherever these have one.
 
     An expression that has none in some cells, such as ``log10(a)`` where a is negative, becomes a
@@ -40,7 +44,7 @@ def with_known(volume: Any, expressions: Sequence[Expression]) -> tuple[Any, lis
     return (_with_fields(volume, arrays) if arrays else volume), found
 
 
-def check_finite(values: np.ndarray, expression: Expression, first: int, grid: Any) -> None:
+def check_finite(values: np.ndarray, expression: Expression, first: int, grid: Grid) -> None:
     """Refuse a quantity that is infinite in one of consecutive cells."""
     infinite = np.flatnonzero(np.isinf(values))
     if infinite.size:
@@ -52,7 +56,7 @@ def check_finite(values: np.ndarray, expression: Expression, first: int, grid: A
         )
 
 
-def _defined(volume: Any, expression: Expression) -> bool:
+def _defined(volume: Volume, expression: Expression) -> bool:
     """Return whether the ranges of the fields alone say that it is finite everywhere."""
     if not expression.partial:
         return True
@@ -64,7 +68,7 @@ def _defined(volume: Any, expression: Expression) -> bool:
     return bool(np.isfinite(range_.lo) & np.isfinite(range_.hi))
 
 
-def _lacking(volume: Any, expression: Expression) -> np.ndarray | None:
+def _lacking(volume: Volume, expression: Expression) -> np.ndarray | None:
     values = np.concatenate(list(_pieces(volume, expression)))
     unknown = np.isnan(values)
     if unknown.all():
@@ -72,7 +76,7 @@ def _lacking(volume: Any, expression: Expression) -> np.ndarray | None:
     return values.reshape(volume.grid.shape) if unknown.any() else None
 
 
-def _pieces(volume: Any, expression: Expression) -> Iterator[np.ndarray]:
+def _pieces(volume: Volume, expression: Expression) -> Iterator[np.ndarray]:
     size = volume.grid.size
     for first in range(0, size, _CHUNK):
         last = min(first + _CHUNK, size)
@@ -81,26 +85,26 @@ def _pieces(volume: Any, expression: Expression) -> Iterator[np.ndarray]:
         yield np.asarray(values, np.float64)
 
 
-def _free_name(volume: Any, number: int) -> str:
+def _free_name(volume: Volume, number: int) -> str:
     name = f"quantity_{number}"
     while name in volume:
         name += "_"
     return name
 
 
-def _with_fields(volume: Any, arrays: dict[str, np.ndarray]) -> Any:
+def _with_fields(volume: Volume, arrays: dict[str, np.ndarray]) -> Any:
     other = volume.with_arrays(arrays)
     for name in arrays:
         other.set_unit(name, None)
     return other
 
 
-def condition(volume: Any, text: Any, what: str = "where") -> Quantity:
+def condition(volume: Volume, text: Any, what: str = "where") -> CellQuantity:
     """Return a condition, an expression that is zero where it does not hold."""
-    return Quantity.of(volume, text, what)
+    return CellQuantity.of(volume, text, what)
 
 
-def holds(volume: Any, what: Quantity, first: int, last: int) -> Any:
+def holds(volume: Volume, what: CellQuantity, first: int, last: int) -> Any:
     """Return in which cells a condition holds; not where it has no value."""
     values = volume.evaluate_cells(what.expression, first, last)
     return (values != 0) & (values == values)
@@ -112,10 +116,10 @@ CHUNK = 1 << 18
 _ROUNDING = 1e-12
 
 
-class Parts:
+class CellParts:
     """The part of each cell that is measured."""
 
-    def __init__(self, volume: Any, where: Any, region: Region | None, samples: Any) -> None:
+    def __init__(self, volume: Volume, where: Any, region: Region | None, samples: Any) -> None:
         if not isinstance(samples, Integral) or samples < 1:
             raise InputError(f"samples must be a positive whole number, got {samples!r}")
         if region is not None and not volume.grid.cells_are_boxes:
@@ -187,7 +191,7 @@ class Parts:
         return np.where(inside > (1 - _ROUNDING) * total, 1.0, inside / total)
 
 
-def _reach(grid: Any, first: int, last: int) -> np.ndarray:
+def _reach(grid: Grid, first: int, last: int) -> np.ndarray:
     half = 0.5 * np.asarray(grid.cell_sizes(first, last))
     if tuple(grid.coordinates) == CARTESIAN:
         return np.asarray(np.linalg.norm(half, axis=0))
@@ -195,6 +199,6 @@ def _reach(grid: Any, first: int, last: int) -> np.ndarray:
     return np.asarray(half.sum(axis=0))
 
 
-def _native_boxes(grid: Any, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+def _native_boxes(grid: Grid, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
     low, high = grid.spans(first, last)
     return low, high - low

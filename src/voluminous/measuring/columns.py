@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,11 +17,17 @@ from ..image import Image
 from ..media import Coefficients
 from ..progress import Progress, reported_range, with_progress
 from ..rendering import image_wcs, render
-from ..schemes.base import Scheme, Solution
+from ..schemes.base import Scheme, Solution, Source
 from ..units import unit_name
 from .cells import check_finite, with_known
-from .exact_projection import Screen, onto_pixels
-from .quantity import Quantity, check_volume, column_unit, converted
+from .exact_projection import Screen, project_cells
+from .quantity import CellQuantity, check_volume, column_unit, converted
+
+if TYPE_CHECKING:
+    from ..backend.types import Float
+    from ..cameras import Camera, Frame
+    from ..grids.contract import Grid, Segment
+    from ..volume import Volume
 
 
 class Thin(Scheme):
@@ -34,7 +40,9 @@ class Thin(Scheme):
     name = "column"
     complete = True
 
-    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Solution, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Solution, list[Float]]:
         found, none = source.at(segment)
         one, zero = type(segment.length)(1), type(segment.length)(0)
         return Solution(
@@ -48,9 +56,9 @@ _CHUNK = 1 << 21
 
 
 def integrals(
-    volume: Any,
+    volume: Volume,
     expressions: Sequence[Any],
-    camera: Any,
+    camera: Camera,
     *,
     method: str = "rays",
     samples: int = 1,
@@ -97,9 +105,9 @@ def integrals(
 
 
 def exact_maps(
-    volume: Any,
+    volume: Volume,
     expressions: Sequence[Any],
-    camera: Any,
+    camera: Camera,
     device: str,
     parts: Any = None,
     together: bool = False,
@@ -131,11 +139,11 @@ def exact_maps(
             unknown = np.any(unknown, axis=0)
         amounts = np.where(unknown | (share == 0), 0.0, values) * share
         centers = np.asarray(grid.cell_centers(first, last))
-        total += onto_pixels(screen, centers, sizes, amounts, backend)
+        total += project_cells(screen, centers, sizes, amounts, backend)
     return total / np.prod(np.asarray(frame.pixel) / grid.scale) * grid.scale
 
 
-def check_exact(grid: Any, camera: Any) -> None:
+def check_exact(grid: Grid, camera: Camera) -> None:
     """Refuse what cells' shadows are not known for."""
     if not isinstance(camera, Orthographic):
         raise InputError(
@@ -149,7 +157,7 @@ def check_exact(grid: Any, camera: Any) -> None:
         )
 
 
-def screen_of(frame: Any) -> Screen:
+def screen_of(frame: Frame) -> Screen:
     """Return the pixels of an orthographic camera."""
     center, right, up = frame.vectors[:3]
     pixel = np.asarray(frame.pixel)
@@ -158,7 +166,9 @@ def screen_of(frame: Any) -> Screen:
     return Screen(axes, middle - axes @ center, frame.pixels)
 
 
-def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
+def as_map(
+    values: np.ndarray, unit: Any, volume: Volume, camera: Camera, told: dict[str, Any]
+) -> Image:
     """Return an image of some numbers per pixel.
 
     Parameters
@@ -186,16 +196,16 @@ def as_map(values: np.ndarray, unit: Any, volume: Any, camera: Any, told: dict[s
     )
 
 
-def depth_map(values: np.ndarray, volume: Any, camera: Any, told: dict[str, Any]) -> Image:
+def depth_map(values: np.ndarray, volume: Volume, camera: Camera, told: dict[str, Any]) -> Image:
     """Return an image of distances along the lines of sight."""
     return as_map(values, volume.unit, volume, camera, {**told, "map": "depth"})
 
 
 @with_progress
 def column(
-    volume: Any,
+    volume: Volume,
     quantity: Any,
-    camera: Any,
+    camera: Camera,
     *,
     weight: Any = None,
     method: str = "rays",
@@ -257,14 +267,14 @@ def column(
         "progress": progress,
     }
     check_volume(volume)
-    what = Quantity.of(volume.seen_by(camera), quantity)
+    what = CellQuantity.of(volume.seen_by(camera), quantity)
     told = {"quantity": what.text, "method": method, "samples": samples}
     told["map"] = f"{'column' if weight is None else 'mean'} of {what.text}"
     if weight is None:
         own, factor = column_unit(what.unit, volume.unit)
         values = integrals(volume, [what.number], camera, **how)[0]
     else:
-        by = Quantity.of(volume.seen_by(camera), weight, "weight")
+        by = CellQuantity.of(volume.seen_by(camera), weight, "weight")
         told["weight"] = by.text
         own, factor = what.unit, 1.0
         weighed = product(what.number, by.number)
@@ -275,7 +285,7 @@ def column(
     return as_map(factor * more * values, target, volume, camera, told)
 
 
-def lines_of_sight(camera: Any, grid: Any) -> tuple[np.ndarray, np.ndarray]:
+def lines_of_sight(camera: Camera, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Return origins and unit directions of the rays, each of shape (ny, nx, 3).
 
     Directions run away from the observer. Distances along a ray count from its origin: the

@@ -20,12 +20,15 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..backend import dr, from_host
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..backend import Backend
 
 # An edge shorter than this, of the longest, is seen along its length: leaving it out changes the
 # mean by the square of that, and its inverse would cost as many digits.
@@ -34,7 +37,7 @@ _SHORT = 3e-5
 _SAME = 1e-9
 
 
-class BoxSpline:
+class BoxSplineFootprint:
     """The shadows of boxes with edges in three given directions.
 
     Parameters
@@ -62,9 +65,9 @@ class BoxSpline:
             math.factorial(len(own) - 2) * np.prod(own[:, 0]) * (self.slopes[-1] - self.slopes[0])
         )
 
-    def traced(self, backend: Any) -> TracedBoxSpline:
+    def traced(self, backend: Backend) -> TracedFootprint:
         """Return it as run-time data of a kernel."""
-        return TracedBoxSpline(self, backend)
+        return TracedFootprint(self, backend)
 
 
 def _along(edges: np.ndarray) -> np.ndarray:
@@ -83,10 +86,10 @@ def _merged(slopes: np.ndarray) -> np.ndarray:
     return slopes
 
 
-class TracedBoxSpline:
-    """A `BoxSpline` in a kernel."""
+class TracedFootprint:
+    """A `BoxSplineFootprint` in a kernel."""
 
-    def __init__(self, spline: BoxSpline, backend: Any) -> None:
+    def __init__(self, spline: BoxSplineFootprint, backend: Backend) -> None:
         o = backend.opaque
         self.real = backend.Float
         self.along, self.across = [[o(float(c)) for c in axis] for axis in spline.axes]
@@ -98,9 +101,9 @@ class TracedBoxSpline:
             for k in range(1, len(spline.slopes) - 1)
         ]
 
-    def box(self, lengths: list[Any]) -> Box:
+    def box(self, lengths: list[Any]) -> TracedBox:
         """Return boxes with edges of given lengths (arrays)."""
-        return Box(self, lengths)
+        return TracedBox(self, lengths)
 
     def turned(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Return a vector's components along and across."""
@@ -122,10 +125,10 @@ class TracedBoxSpline:
         return dr.select(s > 0.0, part[0], zero)
 
 
-class Box:
+class TracedBox:
     """Boxes of one kind: what is the same wherever their shadows are looked at."""
 
-    def __init__(self, spline: TracedBoxSpline, lengths: list[Any]) -> None:
+    def __init__(self, spline: TracedFootprint, lengths: list[Any]) -> None:
         self.spline, real = spline, spline.real
         edges = [[h * c for c in edge] for h, edge in zip(lengths, spline.edges, strict=True)]
         self.lead = spline.lead
@@ -169,8 +172,8 @@ class Screen:
     pixels: tuple[int, int]
 
 
-def onto_pixels(
-    screen: Screen, centers: np.ndarray, sizes: np.ndarray, amounts: np.ndarray, backend: Any
+def project_cells(
+    screen: Screen, centers: np.ndarray, sizes: np.ndarray, amounts: np.ndarray, backend: Backend
 ) -> np.ndarray:
     """Return what the pixels get of amounts that are spread evenly in boxes.
 
@@ -189,7 +192,7 @@ def onto_pixels(
         Sums are those of `amounts`, but for what falls beside the frame.
     """
     nx, ny = screen.pixels
-    spline = BoxSpline(screen.axes.T)
+    spline = BoxSplineFootprint(screen.axes.T)
     place = screen.axes @ centers + screen.origin[:, None]
     reach = 0.5 * np.abs(screen.axes) @ sizes
     edge = np.array([[nx], [ny]])
@@ -250,7 +253,7 @@ class _Columns:
 
     Attributes
     ----------
-    box : Box
+    box : TracedBox
         How much of each box a quarter-plane covers.
     v, dv, bottom : arrays
         Where the box is along the column, how far it reaches, and the row in which it begins.
@@ -260,7 +263,7 @@ class _Columns:
         Whether it is the last column of the shadow, and whether it is one at all.
     """
 
-    box: Box
+    box: TracedBox
     v: Any
     dv: Any
     bottom: Any
@@ -281,7 +284,7 @@ class _Columns:
         return dr.select(lossy, 1.0, part)
 
 
-def _columns(box: Box, place: list[Any], reach: list[Any], column: Any) -> _Columns:
+def _columns(box: TracedBox, place: list[Any], reach: list[Any], column: Any) -> _Columns:
     """Return columns of shadows, counted from the first, of boxes at places on the screen."""
     (u, v), (du, dv) = place, reach
     # What is beside the frame on the left or below is taken by one column and one row.
@@ -301,7 +304,12 @@ class _State:
 
 
 def _shadows(
-    spline: BoxSpline, boxes: _Boxes, columns: int, rows: int, pixels: tuple[int, int], backend: Any
+    spline: BoxSplineFootprint,
+    boxes: _Boxes,
+    columns: int,
+    rows: int,
+    pixels: tuple[int, int],
+    backend: Backend,
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Return parts of all amounts, and which sum each belongs to: (rows · cells · columns,)."""
     Float, UInt = backend.Float, backend.UInt

@@ -14,15 +14,20 @@ from ..progress import Progress, with_progress
 from ..rendering import prepare
 from ..rendering.march import State
 from ..rendering.tracer import RayTracer
-from ..schemes.base import Scheme
+from ..schemes.base import Position, Scheme, Source
 from ..schemes.path import Path
 from .cells import condition as converted_condition
 from .cells import with_known
 from .columns import as_map, column, depth_map
-from .quantity import Quantity, check_volume, converted
+from .quantity import CellQuantity, check_volume, converted
 
 if TYPE_CHECKING:
+    from ..backend.types import Float
+    from ..cameras import Camera
+    from ..grids.contract import Segment, Track
     from ..image import Image
+    from ..media import Medium
+    from ..volume import Volume
 
 
 class Scanner(Scheme):
@@ -41,7 +46,7 @@ class Scanner(Scheme):
         """Return `recorded`, where it depends on what is integrated."""
         return self.recorded
 
-    def after_hidden(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         """Go on as before: nothing is found in cells without values."""
         return carried
 
@@ -82,7 +87,7 @@ class Scanned:
     length: float
 
 
-def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> Scanned:
+def scan(volume: Volume, medium: Medium, camera: Camera, scheme: Any, **options: Any) -> Scanned:
     """Follow the rays through the pixels' centres."""
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels
@@ -91,7 +96,7 @@ def scan(volume: Any, medium: Any, camera: Any, scheme: Any, **options: Any) -> 
     return Scanned(values, numbers.unit / volume.grid.scale, volume.grid.scale)
 
 
-def distance(track: Any, t: Any) -> Any:
+def distance(track: Track, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in units of the scale (traced)."""
     return type(t)(track.entry + t)
 
@@ -102,9 +107,9 @@ HOW = ("max", "min", "first", "integral", "mean")
 
 @with_progress
 def project(
-    volume: Any,
+    volume: Volume,
     quantity: Any,
-    camera: Any,
+    camera: Camera,
     how: str = "max",
     *,
     depth: bool = False,
@@ -173,7 +178,7 @@ def project(
         return total.replace(provenance={**(total.provenance or {}), "how": how})
     if how == "first":
         return _first(volume, quantity, camera, unit, options)
-    what = Quantity.of(volume.seen_by(camera), quantity)
+    what = CellQuantity.of(volume.seen_by(camera), quantity)
     found = _scanned(volume, what, camera, _Largest(_SIGNS[how]), **options)
     kind = f"{how}imum"
     told = {"quantity": what.text, "how": how, "map": f"{kind} of {what.text}"}
@@ -184,7 +189,7 @@ def project(
     return values, depth_map(found.length * found.values[1], volume, camera, told)
 
 
-def _first(volume: Any, condition: Any, camera: Any, unit: Any, options: Any) -> Image:
+def _first(volume: Volume, condition: Any, camera: Camera, unit: Any, options: Any) -> Image:
     what = converted_condition(volume.seen_by(camera), condition, "condition")
     found = _scanned(volume, what, camera, _First(), **options)
     told = {"condition": what.text, "how": "first"}
@@ -193,7 +198,9 @@ def _first(volume: Any, condition: Any, camera: Any, unit: Any, options: Any) ->
     return as_map(factor * found.length * found.values[0], target, volume, camera, told)
 
 
-def _scanned(volume: Any, what: Quantity, camera: Any, scheme: Scanner, **options: Any) -> Scanned:
+def _scanned(
+    volume: Volume, what: CellQuantity, camera: Camera, scheme: Scanner, **options: Any
+) -> Scanned:
     seen, (known,) = with_known(volume.seen_by(camera), [what.expression])
     return scan(seen, Coefficients(known, 0), camera, scheme, **options)
 
@@ -208,10 +215,12 @@ class _Largest(Scanner):
     def __init__(self, sign: float) -> None:
         self.sign = sign
 
-    def start(self, position: Any, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         return [source.backend.Float(np.nan), source.backend.Float(np.nan)]
 
-    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         best, place = carried
         larger = dr.isnan(best) | (value * self.sign > best * self.sign)
@@ -225,10 +234,12 @@ class _First(Scanner):
 
     name = "first hit"
 
-    def start(self, position: Any, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         return [source.backend.Float(np.nan)]
 
-    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         (value,), _ = source.at(segment)
         hit = dr.isnan(carried[0]) & (value != 0.0) & segment.active & (segment.length > 0.0)
         return NOTHING, [dr.select(hit, distance(segment.track, segment.begin), carried[0])]

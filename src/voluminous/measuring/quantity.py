@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,9 +11,12 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression, components, is_dex, without_unit
 from ..units import parse_unit, unit_name
 
+if TYPE_CHECKING:
+    from ..volume import Volume
+
 
 @dataclass(frozen=True)
-class Quantity:
+class CellQuantity:
     """An expression in plain numbers of a volume's fields, and its unit (None: a plain number)."""
 
     expression: Expression
@@ -21,7 +24,7 @@ class Quantity:
     text: str
 
     @classmethod
-    def of(cls, volume: Any, expression: Any, what: str = "quantity") -> Quantity:
+    def of(cls, volume: Volume, expression: Any, what: str = "quantity") -> CellQuantity:
         """Return what a user asks for."""
         if not isinstance(expression, (str, Expression, int, float)):
             raise InputError(
@@ -46,7 +49,7 @@ def _told(value: Any) -> str:
     return repr(value)
 
 
-def check_volume(volume: Any) -> None:
+def check_volume(volume: Volume) -> None:
     """Refuse what cannot be measured at all."""
     if not hasattr(volume, "seen_by"):
         raise InputError(f"measurements need a Volume first, got {type(volume).__name__}")

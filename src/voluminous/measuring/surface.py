@@ -17,8 +17,14 @@ from .columns import depth_map, lines_of_sight
 from .projections import NOTHING, Scanner, distance, scan
 
 if TYPE_CHECKING:
+    from ..backend.types import Float, Mask
+    from ..cameras import Camera
+    from ..grids.contract import Segment
     from ..image import Image
-    from ..schemes.base import Scheme
+    from ..media import Medium
+    from ..schemes.base import Position, Scheme, Source
+    from ..schemes.path import Path
+    from ..volume import Volume
 
 
 @dataclass(frozen=True)
@@ -42,9 +48,9 @@ class TauSurface:
 
 @with_progress
 def tau_surface(
-    volume: Any,
-    medium: Any,
-    camera: Any,
+    volume: Volume,
+    medium: Medium,
+    camera: Camera,
     tau: float = 1.0,
     *,
     scheme: Any = "first-order",
@@ -93,7 +99,7 @@ def tau_surface(
     return TauSurface(image, _points(volume, camera, image.intensity), float(tau))
 
 
-def _points(volume: Any, camera: Any, depth: np.ndarray) -> np.ndarray:
+def _points(volume: Volume, camera: Camera, depth: np.ndarray) -> np.ndarray:
     """Return the points at distances (ny, nx, channel) from the origins of rays."""
     origin, direction = lines_of_sight(camera, volume.grid)
     return np.asarray(origin[:, :, None] + depth[..., None] * direction[:, :, None])
@@ -110,7 +116,7 @@ class Surface(Scanner):
     def count(self, numbers: Any) -> int:
         return 2 * int(numbers.extinctions)
 
-    def start(self, position: Any, source: Any) -> list[Any]:
+    def start(self, position: Position, source: Source) -> list[Any]:
         """Carry nothing yet."""
         self.recorded, Float = self.count(source.numbers), source.backend.Float
         self.limit = source.backend.opaque(self.tau)
@@ -118,16 +124,20 @@ class Surface(Scanner):
         depths = [Float(0) for _ in places]
         return [*places, *depths, *self.scheme.start(position, source)]
 
-    def after_skip(self, position: Any, source: Any, carried: list[Any], moved: Any) -> list[Any]:
+    def after_skip(
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
+    ) -> list[Any]:
         own = self.recorded
         inner = self.scheme.after_skip(position, source, carried[own:], moved)
         return [*carried[:own], *inner]
 
-    def after_hidden(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         own = self.recorded
         return [*carried[:own], *self.scheme.after_hidden(carried[own:], onward[own:])]
 
-    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Source, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         """Solve one segment, and see if the depth is reached in it."""
         count = self.recorded // 2
         places, depths, inner = carried[:count], carried[count : 2 * count], carried[2 * count :]
@@ -137,7 +147,7 @@ class Surface(Scanner):
         reached = [self._reached(segment, *part) for part in parts]
         return NOTHING, [*reached, *after, *inner]
 
-    def _reached(self, segment: Any, place: Any, before: Any, after: Any, more: Any) -> Any:
+    def _reached(self, segment: Segment, place: Any, before: Any, after: Any, more: Any) -> Any:
         hit = dr.isnan(place) & (after >= self.limit) & segment.active
         part = (self.limit - before) / dr.select(hit, more, 1.0)
         here = dr.fma(dr.select(part < 1.0, part, 1.0), segment.length, segment.begin)

@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cameras import Camera
 from ..errors import InputError, UnknownNameError, unknown_name
 from ..notebook import page, table
 from ..progress import Progress, reported_range, with_progress
 from ..regions import Region
 from ..units import parse_unit
-from .cells import CHUNK, Parts
+from .cells import CHUNK, CellParts
 from .columns import as_map, check_exact, exact_maps
-from .quantity import Quantity, check_volume, column_unit, total_unit
+from .quantity import CellQuantity, check_volume, column_unit, total_unit
 from .shapes import Aperture, region_of
 
 if TYPE_CHECKING:
     from ..image import Image
+    from ..volume import Volume
 
 # What people ask for by the name of the total, and what adds up to it.
 _TOTALS = {
@@ -49,7 +51,7 @@ class Measurement(Mapping[str, Any]):
     """
 
     totals: dict[str, Any]
-    volume: Any
+    volume: Volume
     cells: int
     missing: dict[str, int] = field(default_factory=dict)
     maps: dict[str, Image] = field(default_factory=dict)
@@ -77,10 +79,10 @@ class Measurement(Mapping[str, Any]):
 
 @with_progress
 def measure(
-    volume: Any,
+    volume: Volume,
     quantities: Any = None,
     where: Any = None,
-    camera: Any = None,
+    camera: Camera | Sequence[Camera] | None = None,
     *,
     region: Region | str | None = None,
     aperture: Any = None,
@@ -147,20 +149,20 @@ def measure(
         region = region_of(region)
     if region is not None and not isinstance(region, Region):
         raise InputError(f"region must be one of vm.regions, got {type(region).__name__}")
-    if camera is not None and not hasattr(camera, "frame"):
+    if camera is not None and not isinstance(camera, Camera):
         options = {"region": region, "aperture": aperture, "maps": maps}
         options |= {"samples": samples, "device": device, "progress": progress}
         return _table(volume, quantities, where, camera, options)
     volume.refresh()  # derivatives of fields that were changed in place
     seen = volume if camera is None else volume.seen_by(camera)
-    what = {name: Quantity.of(seen, text, name) for name, text in asked.items()}
-    parts = Parts(seen, where, region, samples)
+    what = {name: CellQuantity.of(seen, text, name) for name, text in asked.items()}
+    parts = CellParts(seen, where, region, samples)
     if aperture is not None or maps:
         return _in_pixels(seen, what, parts, camera, aperture, maps, device)
     return _in_cells(seen, what, parts)
 
 
-def _asked(quantities: Any, volume: Any) -> dict[str, Any]:
+def _asked(quantities: Any, volume: Volume) -> dict[str, Any]:
     """Return name → expression; an expression without a name is called what it is."""
     if quantities is None or (isinstance(quantities, (list, tuple, Mapping)) and not quantities):
         known = ", ".join(volume.fields) or "(none)"
@@ -174,7 +176,7 @@ def _asked(quantities: Any, volume: Any) -> dict[str, Any]:
     return dict(quantities)
 
 
-def _refuse_totals(listed: Iterable[Any], volume: Any) -> None:
+def _refuse_totals(listed: Iterable[Any], volume: Volume) -> None:
     """Refuse names of totals in place of what adds up to them: a mass is the sum of a density."""
     for name in listed:
         if isinstance(name, str) and name in _TOTALS and name not in volume.fields:
@@ -188,7 +190,7 @@ def _as_dict(name: str) -> str:
     return repr({name: _TOTALS[name]})
 
 
-def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measurement:
+def _in_cells(volume: Volume, what: dict[str, CellQuantity], parts: CellParts) -> Measurement:
     sums, missing = dict.fromkeys(what, 0.0), dict.fromkeys(what, 0)
     space, cells, grid = 0.0, 0, volume.grid
     volumes = np.asarray(grid.cell_volumes).reshape(-1)
@@ -207,10 +209,10 @@ def _in_cells(volume: Any, what: dict[str, Quantity], parts: Parts) -> Measureme
 
 
 def _in_pixels(
-    volume: Any,
-    what: dict[str, Quantity],
-    parts: Parts,
-    camera: Any,
+    volume: Volume,
+    what: dict[str, CellQuantity],
+    parts: CellParts,
+    camera: Camera | None,
     aperture: Any,
     maps: bool,
     device: str,
@@ -239,7 +241,7 @@ def _in_pixels(
     return Measurement(totals, space, plain.cells, plain.missing, images if maps else {})
 
 
-def _with_unit(volume: Any, total: float, unit: Any) -> Any:
+def _with_unit(volume: Volume, total: float, unit: Any) -> Any:
     """Return ∫ q dV as a Quantity, lengths taken in the unit that q is made of."""
     own, factor = total_unit(unit, volume.unit)
     own = parse_unit(own)
@@ -247,7 +249,7 @@ def _with_unit(volume: Any, total: float, unit: Any) -> Any:
 
 
 def _table(
-    volume: Any, quantities: Any, where: Any, cameras: Any, options: Mapping[str, Any]
+    volume: Volume, quantities: Any, where: Any, cameras: Any, options: Mapping[str, Any]
 ) -> Any:
     from astropy import units as u
     from astropy.table import QTable
@@ -255,7 +257,7 @@ def _table(
     if not isinstance(cameras, Sequence) or isinstance(cameras, str) or not cameras:
         raise InputError(f"camera must be a camera, or a list of them, got {cameras!r}")
     for number, camera in enumerate(cameras):
-        if not hasattr(camera, "frame"):
+        if not isinstance(camera, Camera):
             raise InputError(f"camera must be a list of cameras; number {number} is {camera!r}")
     found = [measure(volume, quantities, where, camera, **options) for camera in cameras]
     table = QTable()

@@ -13,10 +13,12 @@ from ..errors import InputError
 from ..expressions import product, shifted
 from ..progress import Progress, with_progress
 from .columns import as_map, integrals
-from .quantity import Quantity, check_volume, column_unit
+from .quantity import CellQuantity, check_volume, column_unit
 
 if TYPE_CHECKING:
+    from ..cameras import Camera
     from ..image import Image
+    from ..volume import Volume
 
 
 _MOST = 4
@@ -50,9 +52,9 @@ class Moments:
 
 @with_progress
 def moments(
-    volume: Any,
+    volume: Volume,
     quantity: Any,
-    camera: Any,
+    camera: Camera,
     velocity: Any = "velocity",
     n: int = 2,
     *,
@@ -90,7 +92,7 @@ def moments(
         raise InputError(f"n, the highest moment, must be from 0 to {_MOST}, got {n!r}")
     check_volume(volume)
     seen = volume.seen_by(camera)
-    weight, speed = Quantity.of(seen, quantity), _along(seen, velocity)
+    weight, speed = CellQuantity.of(seen, quantity), _along(seen, velocity)
     middle = _typical(seen, weight, speed)
     w, v = weight.number, shifted(speed.number, -middle)
     sums = integrals(
@@ -135,15 +137,15 @@ def _images_of_speed(
         )
 
 
-def _along(volume: Any, velocity: Any) -> Quantity:
+def _along(volume: Volume, velocity: Any) -> CellQuantity:
     """Return a vector's component along the line of sight, or the expression itself."""
     is_vector = isinstance(velocity, str) and velocity not in volume
     if is_vector and f"los({velocity!r})" in volume:
-        return Quantity.of(volume, f"los({velocity!r})", "velocity")
-    return Quantity.of(volume, velocity, "velocity")
+        return CellQuantity.of(volume, f"los({velocity!r})", "velocity")
+    return CellQuantity.of(volume, velocity, "velocity")
 
 
-def _typical(volume: Any, weight: Quantity, speed: Quantity) -> float:
+def _typical(volume: Volume, weight: CellQuantity, speed: CellQuantity) -> float:
     """Return a velocity that is subtracted from all, so that squares of small ones differ.
 
     The mean of some cells will do: it is added again. Weights of both signs count alike, or their

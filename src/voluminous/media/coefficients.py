@@ -16,8 +16,8 @@ from ..expressions.interval import Interval
 from ..expressions.traced_rounding import larger
 from ..units import parse_unit, unit_name
 from .context import Context
-from .contract import Medium, MediumSample
-from .edges import SENSITIVITY, Edge
+from .contract import Feature, Medium, MediumSample, Sampling
+from .edges import SENSITIVITY, Level
 from .sampled import FIVE, Sampled, compared
 from .stretch import extremes, kept, may_turn, undecided, within
 
@@ -169,20 +169,21 @@ class Coefficients(Medium):
             ],
         )
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        return tuple((expr, 0.0) for expr in (*self.emissivity, *self.extinction))
+    def features(self) -> tuple[Feature, ...]:
+        return tuple(map(Feature, (*self.emissivity, *self.extinction)))
 
     @property
     def _sides(self) -> tuple[ComparisonField, ...]:
         return _on_one_side((*self.emissivity, *self.extinction))[1]
 
-    def edges(self, context: Context) -> list[Edge]:
+    def discontinuities(self, context: Context) -> list[Level]:
         zero = context.kept_number(0.0)
-        return [Edge(m, zero) for side in self._sides for m in side.condition.margins()]
+        return [Level(m, zero) for side in self._sides for m in side.condition.margins()]
 
     @property
-    def smooth(self) -> bool:
-        return all(e.smooth for e in (*self.emissivity, *self.extinction))
+    def sampling(self) -> Sampling:
+        smooth = all(e.smooth for e in (*self.emissivity, *self.extinction))
+        return Sampling(smooth=smooth)
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         values = [self.in_units(stretch.fields(s), context) for s in FIVE]

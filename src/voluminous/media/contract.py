@@ -19,7 +19,7 @@ from .context import Context, no_unit
 
 if TYPE_CHECKING:
     from ..volume import Volume
-    from .edges import Edge
+    from .edges import Level
     from .ranges import Bounds
     from .sampled import Sampled
     from .shell import Shell
@@ -45,8 +45,53 @@ class MediumSample:
         return [*self.emissivity, *self.extinction]
 
 
+@dataclass(frozen=True)
+class Feature:
+    """An expression that a medium evaluates.
+
+    Attributes
+    ----------
+    expr : Expression
+        The expression.
+    width : float or Quantity
+        The smallest difference of its values that matters, for example a shell's width; 0 if none
+        is known. It decides whether single precision is enough along rays.
+    scalar : bool
+        True if `Medium.means` takes it as linear over a panel, and needs no fields inside of it.
+    """
+
+    expr: Expression
+    width: Any = 0.0
+    scalar: bool = False
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How the mean of a medium over a panel is computed.
+
+    Attributes
+    ----------
+    linear : bool
+        `Medium.means` is exact where scalars are linear, and better than `Medium.sampled`.
+    smooth : bool
+        `Medium.sampled` bounds its error on some stretches, which then need no panels.
+    finer : bool
+        ``sampled(fine=True)`` bounds its error on all stretches that are narrow enough.
+    quick : bool
+        `Medium.sampled` takes fewer samples unless it is to be fine.
+    """
+
+    linear: bool = True
+    smooth: bool = False
+    finer: bool = False
+    quick: bool = False
+
+
 class Medium(Value):
     """A rule from field values to (j, α); media add with ``+``.
+
+    Only `coefficients`, `key` and `describe` are required. `features`, `ranges`, `means` and
+    `visible` make a medium fast and its errors known; the rest refines these.
 
     Attributes
     ----------
@@ -55,16 +100,16 @@ class Medium(Value):
     grey : bool
         True if one extinction serves all channels.
     names : tuple of str
-        The fields and coordinates it looks at.
+        The fields and coordinates it depends on.
     discrete : bool
-        True if it shows values that name things, such as labels. Between two there are no others:
-        it is drawn cell by cell unless a scheme is given.
+        True if its values are labels, which must not be interpolated: the default scheme is then
+        ``"first-order"``.
     path_length : float, Quantity or "auto", optional
         The length that its colours and opacities refer to, if there is one; ``"auto"`` until
-        `Medium.calibrated` measures it, for media that tell their `profile`.
+        `Medium.calibrated` measures it, for media with a `profile`.
     sensitivity : float
-        How many times more a picture may be off than fields are where structures have no width, or
-        jump: where these lie, and what is looked up there, follow from the fields' slopes.
+        Factor on the error of fields where structures have no width, or jump: their places, and
+        values looked up there, follow from the fields' slopes.
     """
 
     channels: int
@@ -74,53 +119,101 @@ class Medium(Value):
     path_length: Any = None
     sensitivity: float = 1.0
 
+    # --- required -----------------------------------------------------------------------------
+
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         """Return j and α per unit length for arrays of field values (traced by Dr.Jit)."""
         raise NotImplementedError
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return all expressions, each with the smallest difference of its values that matters.
+    def key(self) -> Any:
+        """Return a hashable value that identifies this medium, or None if nothing does.
 
-        That is a number or a quantity. They tell whether single precision is enough to evaluate
-        them along rays. Raises NotImplementedError where that cannot be told.
+        Tabulated coefficients and traced kernels are used again for a medium with the same key, so
+        all that `coefficients` and the other methods depend on belongs into it.
         """
         raise NotImplementedError
 
-    def known_expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return `expressions` as far as they can be told, with 0 where no difference is known."""
-        found: list[tuple[Expression, Any]] = []
-        for part in self.components():
-            try:
-                found += part.expressions()
-            except NotImplementedError:
-                found += [(expr, 0.0) for expr in part.scalars()]
-        return tuple(found)
+    def describe(self) -> dict[str, Any]:
+        """Return the medium as plain values, as in a scene file."""
+        raise NotImplementedError
 
-    @property
-    def looks_inside(self) -> bool:
-        """Whether `means` looks at fields between a panel's ends."""
-        return True
+    # --- what it evaluates, and where it shows ------------------------------------------------
 
-    def strongest(self) -> tuple[float, float]:
-        """Return how bright and how opaque one path length of it is at most; 0 if it has none."""
-        return 0.0, 0.0
+    def features(self) -> tuple[Feature, ...]:
+        """Return all expressions that it evaluates; empty if they are not known."""
+        return ()
+
+    def known_features(self) -> tuple[Feature, ...]:
+        """Return the expressions of all components, as far as they are known."""
+        return tuple(feature for part in self.components() for feature in part.features())
 
     def scalars(self) -> tuple[Expression, ...]:
         """Return the expressions that `means` takes as linear over a panel."""
-        return ()
+        return tuple({f.expr.text: f.expr for f in self.features() if f.scalar}.values())
+
+    @property
+    def looks_inside(self) -> bool:
+        """Whether `means` evaluates fields between a panel's ends."""
+        return not self.features() or not all(f.scalar for f in self.features())
+
+    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
+        """Return intervals that hold j and α while the fields stay in theirs; default: unbounded.
+
+        A medium whose `coefficients` computes with nothing but operators, `Context.ops` and
+        `Context.interpolate` returns ``self.coefficients(...)``.
+        """
+        count = 1 if self.grey else self.channels
+        return MediumSample(
+            [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
+        )
+
+    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
+        """Return upper bounds of |j| and α on a ray while the fields stay in ranges (NumPy)."""
+        found = self.ranges(fields, context)
+        return MediumSample(
+            *(
+                [np.where(value.nan, np.inf, value.size) for value in values]
+                for values in (found.emissivity, found.extinction)
+            )
+        )
+
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+        """Return where it may be noticeable while the fields stay in ranges (NumPy, a mask).
+
+        Default: where its coefficients may be other than zero.
+        """
+        found = self.ranges(fields, context)
+        seen: Any = False
+        for value in (*found.emissivity, *found.extinction):
+            seen = seen | value.nan | (value.size > 0.0)
+        return seen
+
+    def visible_key(self) -> Any:
+        """Return what `visible_in` depends on, besides the fields; None if nothing tells that."""
+        return self.key()
 
     def shells(self) -> tuple[Shell, ...]:
-        """Return what is to be seen at some values of the scalars only, each level by itself.
-
-        A picture of a volume without these values warns. By default none: it looks for no value.
-        """
+        """Return its parts that show at some values only: a volume without these warns."""
         return ()
+
+    def strongest(self) -> tuple[float, float]:
+        """Return the brightness and opacity of one path length at the peak; 0 if there is none."""
+        return 0.0, 0.0
+
+    def prominence(self, x: Any, context: Context) -> Any:
+        """Return its strength at a value of the only scalar, relative to the peak, from 0 to 1.
+
+        Without error control steps may be wide where that is little. Default: one.
+        """
+        return x * 0.0 + 1.0
+
+    # --- means over panels of a ray -----------------------------------------------------------
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         """Return the means of j and α over a panel of a ray (traced by Dr.Jit).
 
-        Per `context.scale` of length, emission in units of `context.radiance`. By default three
-        points of Gauss and Legendre, exact for polynomials of degree five.
+        Per `context.scale` of length, emission in units of `context.radiance`. Default: three
+        Gauss-Legendre points, exact for polynomials of degree five.
         """
         total: list[Any] = []
         for place, weight in GAUSS_LEGENDRE_3:
@@ -129,7 +222,7 @@ class Medium(Value):
         return self.split(total)
 
     def split(self, values: list[Any]) -> MediumSample:
-        """Return listed values, j of all channels first, as coefficients."""
+        """Return a list of values, j of all channels first, as coefficients."""
         return MediumSample(values[: self.channels], values[self.channels :])
 
     def in_units(self, fields: dict[str, Any], context: Context) -> list[Any]:
@@ -139,64 +232,48 @@ class Medium(Value):
             lambda: [context.number(u) for u in (context.scale / context.radiance, context.scale)],
         )
         found = self.coefficients(fields, context)
-        # What no physics can use shows as NaN, even where the mean would hide it.
+        # A negative extinction becomes NaN, even where the mean would hide it.
         usable = [dr.select(a >= 0.0, a, math.nan) for a in found.extinction]
         values = [bright * j for j in found.emissivity] + [dense * a for a in usable]
         return [context.narrow(v) for v in values]
 
-    def edges(self, context: Context) -> list[Edge]:
-        """Return where the medium jumps, or has a `layer`: panels end there, if a ray passes.
+    def discontinuities(self, context: Context) -> list[Level]:
+        """Return where the medium jumps or has a surface without width: panels end there.
 
-        Of media that tell their edges `means` and `sampled` are asked about stretches without one
-        inside (`Stretch.edgeless`).
+        `means` and `sampled` are then asked about stretches without one inside
+        (`Stretch.edgeless`).
         """
         return []
 
     def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
-        """Return what has no width and is passed on a stretch: emission if thin, optical depth.
+        """Return the surfaces without width that a stretch crosses: emission if thin, and depth.
 
-        In the units of `means` times length; as it is at a place, from 0 to 1. None if there never
+        In the units of `means` times length; evaluated at a place from 0 to 1. None if there never
         is any.
         """
         return None
 
     @property
-    def hollow(self) -> bool:
-        """Whether there is nothing of it between its edges."""
+    def surface_only(self) -> bool:
+        """Whether the medium is nothing but surfaces without width."""
         return False
 
     @property
-    def smooth(self) -> bool:
-        """Whether `sampled` knows of some stretches how far means of samples are off."""
+    def constant_source_function(self) -> bool:
+        """Whether j/α is the same everywhere: an opaque medium then looks the same everywhere."""
         return False
 
     @property
-    def linear(self) -> bool:
-        """Whether `means` is exact where scalars are linear, and better than `sampled`."""
-        return True
-
-    @property
-    def finer(self) -> bool:
-        """Whether `sampled` knows of all stretches that are narrow enough."""
-        return False
-
-    @property
-    def quick(self) -> bool:
-        """Whether `sampled` takes fewer samples unless it is to be fine."""
-        return False
+    def sampling(self) -> Sampling:
+        """Which rules give its means."""
+        return Sampling()
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α over a stretch from samples, and how far they may be off.
+        """Return the means of j and α over a stretch from samples, and bounds of their errors.
 
-        In the units of `means`. By default nothing is known where it may be noticeable.
-
-        Parameters
-        ----------
-        fine : bool
-            With more samples: a few have not been good enough.
+        In the units of `means`; with more samples if `fine`. Default: an infinite error wherever
+        the medium may be noticeable.
         """
-        from .sampled import Sampled
-
         seen, _ = self.visible(stretch, context)
         zero = stretch.length * 0.0
         count = 1 if self.grey else self.channels
@@ -204,7 +281,8 @@ class Medium(Value):
             MediumSample([value] * self.channels, [value] * count)
             for value in (zero, dr.select(seen, math.inf, zero))
         )
-        return Sampled(nothing, nothing, nothing, unknown)
+        found: Sampled = room("media.sampled").Sampled(nothing, nothing, nothing, unknown)
+        return found
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
         """Return where it may be noticeable on a stretch, and where panels may not show that.
@@ -216,74 +294,51 @@ class Medium(Value):
         return active, active & False
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
-        """Return how thin its structures are on a stretch, and how far bends may put means off.
+        """Return (unresolved, hidden error) on a stretch, both from 0 to 1.
 
-        Two numbers from 0 to 1. The first: whether it has structures narrower than the panels, so
-        that halving them cannot be trusted to show how far a mean is off; the second: a relative
-        error of the mean that panels need not show.
+        How unresolved the narrowest structure is, and a relative error of the mean that halving a
+        panel does not detect.
         """
         zero = stretch.length * 0.0
         return zero, zero
 
-    @property
-    def steady(self) -> bool:
-        """Whether its source function j/α is the same everywhere: opaque, it looks alike."""
-        return False
-
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
-        """Return how many structures lie in each half of a stretch, as `cores.core` counts them.
+        """Return the number of structures in each half of a stretch, as `core` counts them.
 
-        Where one narrower than the half lies beside another, a panel mixes what is in front of each
-        other: more than one and a half. Two wide ones mix in truth.
+        Above 1.5 at least one is unresolved, and a panel mixes what lies in front of each other.
         """
         zero = stretch.length * 0.0
         return [zero, zero]
 
-    def prominence(self, x: Any, context: Context) -> Any:
-        """Return how much of its peak it shows where its only scalar has a value, from 0 to 1.
+    # --- units, parts, what users call --------------------------------------------------------
 
-        Without error control steps may be wide where that is little. By default it is all.
+    def intensity_unit(self, context: Context) -> Any:
+        """Return the unit of emissivity times length; None where colours are plain numbers."""
+        return None
+
+    def profile(
+        self, unit: Any, extent: Callable[[], tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the medium as a function of its only scalar: values of it, and heights.
+
+        Linear in between, zero outside, in any unit; two equal values make a jump.
+
+        Parameters
+        ----------
+        unit : astropy unit or None
+            The unit of the scalar.
+        extent : callable
+            Returns its least and greatest value in the volume, for profiles without an end.
         """
-        return x * 0.0 + 1.0
+        raise NotImplementedError
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
-        """Return where it may be noticeable while the fields stay in ranges (NumPy, a mask).
+    def components(self) -> tuple[Medium, ...]:
+        """Return the media this one is the sum of."""
+        return (self,)
 
-        By default where its coefficients may be other than zero.
-        """
-        found = self.ranges(fields, context)
-        seen: Any = False
-        for value in (*found.emissivity, *found.extinction):
-            seen = seen | value.nan | (value.size > 0.0)
-        return seen
-
-    def visible_key(self) -> Any:
-        """Return what `visible_in` depends on, besides the fields; None if that cannot be told."""
-        return self.key()
-
-    def ranges(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        """Return intervals that hold j and α while the fields stay in theirs.
-
-        By default nothing is known of them. A medium whose `coefficients` computes with nothing but
-        operators, `Context.ops` and `Context.interpolate` returns ``self.coefficients(...)``.
-        """
-        count = 1 if self.grey else self.channels
-        return MediumSample(
-            [Interval(-np.inf, np.inf)] * self.channels, [Interval(0.0, np.inf)] * count
-        )
-
-    def largest(self, fields: dict[str, Interval], context: Context) -> MediumSample:
-        """Return how large |j| and α may be on a ray while the fields stay in ranges (NumPy).
-
-        By default what `ranges` tells.
-        """
-        found = self.ranges(fields, context)
-        return MediumSample(
-            *(
-                [np.where(value.nan, np.inf, value.size) for value in values]
-                for values in (found.emissivity, found.extinction)
-            )
-        )
+    def formulas(self) -> Medium | None:
+        """Return a Python function read as expressions, where that is possible; else None."""
+        return None
 
     def bounds(
         self,
@@ -323,50 +378,6 @@ class Medium(Value):
         whole = room("media.function").with_formulas(self)
         found: Bounds = room("media.ranges").bounds(whole, lo, hi, unit, unit_of)
         return found
-
-    def intensity_unit(self, context: Context) -> Any:
-        """Return the unit of emissivity times length; None where colours are plain numbers."""
-        return None
-
-    def profile(
-        self, unit: Any, extent: Callable[[], tuple[float, float]]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return what shows as a function of the only scalar: values of it, and heights.
-
-        Linear in between, zero outside, in any unit; two equal values make a jump.
-
-        Parameters
-        ----------
-        unit : astropy unit or None
-            The unit of the scalar.
-        extent : callable
-            Returns its least and greatest value in the volume, for what goes on for ever.
-        """
-        raise NotImplementedError
-
-    def key(self) -> Any:
-        """Return what identifies this medium, hashable; None if nothing does.
-
-        Tabulated coefficients, and what was traced of it, are used again for a medium with the same
-        key: all that `coefficients` and the other methods depend on belongs into it.
-        """
-        raise NotImplementedError
-
-    def describe(self) -> dict[str, Any]:
-        """Return the medium as plain values: what a scene file says of it."""
-        raise NotImplementedError
-
-    def components(self) -> tuple[Medium, ...]:
-        """Return the media this one is the sum of."""
-        return (self,)
-
-    def formulas(self) -> Medium | None:
-        """Return what a function computes as expressions, where it can be read; else None."""
-        return None
-
-    def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
-        """Return it with a change made to each of its components."""
-        return change(self)
 
     def __add__(self, other: Any) -> Medium:
         if not isinstance(other, Medium):

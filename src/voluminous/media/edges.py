@@ -216,7 +216,7 @@ SENSITIVITY = 10.0
 
 
 @dataclass
-class Edge:
+class Level:
     """Where an expression passes a level, and the medium jumps or has a surface.
 
     Attributes
@@ -231,7 +231,7 @@ class Edge:
     level: Any
 
 
-def edges_ahead(stretch: Stretch, edges: Sequence[Edge]) -> tuple[Any, Any]:
+def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Any, Any]:
     """Return how many edges are passed on a stretch, and where there may be more.
 
     As many as its ends and its middle show.
@@ -244,7 +244,7 @@ def edges_ahead(stretch: Stretch, edges: Sequence[Edge]) -> tuple[Any, Any]:
     return count, hidden
 
 
-def first_edge(stretch: Stretch, edges: Sequence[Edge]) -> Any:
+def first_edge(stretch: Stretch, edges: Sequence[Level]) -> Any:
     """Return where the first of those edges is passed, from 0 to 1; 1 where none is."""
     found = type(stretch.length)(1.0)
     for own in _by_expression(edges):
@@ -254,14 +254,14 @@ def first_edge(stretch: Stretch, edges: Sequence[Edge]) -> Any:
     return found
 
 
-def _by_expression(edges: Sequence[Edge]) -> list[list[Edge]]:
-    found: dict[str, list[Edge]] = {}
+def _by_expression(edges: Sequence[Level]) -> list[list[Level]]:
+    found: dict[str, list[Level]] = {}
     for edge in edges:
         found.setdefault(edge.expr.text, []).append(edge)
     return list(found.values())
 
 
-def _first_level(stretch: Stretch, edges: Sequence[Edge]) -> tuple[Any, Any]:
+def _first_level(stretch: Stretch, edges: Sequence[Level]) -> tuple[Any, Any]:
     """Return which level of one expression is passed first, and where one is.
 
     Between nodes that show all there is the scalar goes one way: the first level is the nearest. So

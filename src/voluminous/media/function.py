@@ -15,6 +15,7 @@ from .arguments import whole_number
 from .coefficients import Coefficients
 from .context import Context
 from .contract import Medium, MediumSample
+from .sum import with_each
 
 
 class Formulas(Coefficients):
@@ -61,7 +62,7 @@ def with_formulas(medium: Medium) -> Medium:
 
     They are read for each picture: what a function closes over may have changed.
     """
-    return medium.with_each(lambda part: part.formulas() or part)
+    return with_each(medium, lambda part: part.formulas() or part)
 
 
 _MOST_CHANNELS = 4096

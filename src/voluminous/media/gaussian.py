@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.functions import decay, horner, polynomial, precision_of
 from ..expressions import Ops
+from .contract import Sampling
 from .profiles import SampledShaped
 from .sampled import EIGHT, WEIGHTS, WEIGHTS_OF_EIGHT, Sampled
 from .stretch import Middle, extremes, middle_of
@@ -162,8 +164,8 @@ class Gaussian(SampledShaped):
         return decay(0.5 * (offset * offset))
 
     @property
-    def finer(self) -> bool:
-        return self.smooth
+    def sampling(self) -> Sampling:
+        return replace(super().sampling, finer=self.expr.smooth)
 
     def sampled_shape(
         self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool

@@ -36,8 +36,8 @@ from .arguments import (
 from .arguments import named as _named
 from .arguments import scalar as _scalar
 from .context import Context
-from .contract import Medium, MediumSample
-from .edges import NOISE, SENSITIVITY, Edge, on_chord, passes, slope_at, way_within
+from .contract import Feature, Medium, MediumSample, Sampling
+from .edges import NOISE, SENSITIVITY, Level, on_chord, passes, slope_at, way_within
 from .modulation import Factors, modulated_colors
 from .rectangle import box_extent, box_middle
 from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
@@ -168,29 +168,34 @@ class Isosurface(Medium):
         """All numbers of the opacities: the largest is what one crossing takes away at most."""
         return tuple(o for row in self.opacities for o in row)
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        others = ((expr, 0.0) for expr in self._directions())
-        return ((self.expr, self.width), *others, *self.modulation.expressions())
+    @property
+    def surface_only(self) -> bool:
+        return not self.thick
 
     @property
-    def looks_inside(self) -> bool:
-        return not (self._flat and self.modulation.fixed)
+    def constant_source_function(self) -> bool:
+        return len(self.levels) == 1 and self.modulation.color is None and not self.shading
+
+    def features(self) -> tuple[Feature, ...]:
+        others = map(Feature, self._directions())
+        own = Feature(self.expr, self.width, scalar=True)
+        return (own, *others, *self.modulation.features())
 
     def strongest(self) -> tuple[float, float]:
         return max(map(abs, self.color)), max(self.opacity)
 
-    def edges(self, context: Context) -> list[Edge]:
+    def discontinuities(self, context: Context) -> list[Level]:
         """Return the surfaces, if they have no width; else what the gate has.
 
         And the sides of those in which something varies: how much there is of others is known.
         """
         own = self.numbers(context)
         if not self.thick:
-            return [Edge(self.expr, level) for level in own.levels]
+            return [Level(self.expr, level) for level in own.levels]
         if not self._varies:
-            return self.modulation.edges(context)
+            return self.modulation.discontinuities(context)
         sides = context.keep((id(self), "sides"), lambda: [x for pair in own.ranges for x in pair])
-        return [*(Edge(self.expr, x) for x in sides), *self.modulation.edges(context)]
+        return [*(Level(self.expr, x) for x in sides), *self.modulation.discontinuities(context)]
 
     @property
     def _varies(self) -> bool:
@@ -205,25 +210,18 @@ class Isosurface(Medium):
         return context.kept_number(context.scale) * context.evaluate(self.slope, fields)
 
     @property
-    def hollow(self) -> bool:
-        return not self.thick
+    def sampling(self) -> Sampling:
+        return Sampling(linear=not self._varies, finer=self._finer)
 
     @property
-    def finer(self) -> bool:
-        return self.hollow or (self._varies and self.expr.smooth)
-
-    @property
-    def linear(self) -> bool:
-        return not self._varies
+    def _finer(self) -> bool:
+        return self.surface_only or (self._varies and self.expr.smooth)
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        if self.hollow or not self.finer:
+        if self.surface_only or not self._finer:
             return super().sampled(stretch, context, fine=fine)
         own = self._finely_sampled if fine else self._roughly_sampled
         return own(stretch, context)
-
-    def scalars(self) -> tuple[Expression, ...]:
-        return (self.expr,)
 
     def shells(self) -> tuple[Shell, ...]:
         return tuple(
@@ -238,7 +236,7 @@ class Isosurface(Medium):
     def means(self, panel: Panel, context: Context) -> MediumSample:
         levels = self.numbers(context).levels
         zero = type(panel.length)(0)
-        if self.hollow and panel.stretch.edgeless:
+        if self.surface_only and panel.stretch.edgeless:
             return self.in_colors([], zero, context)
         part = self._part_of_shell if self.thick else self._part_at_crossing
         found = [part(panel, context, level) for level in levels]
@@ -259,10 +257,6 @@ class Isosurface(Medium):
             for c, (h, shown) in enumerate(zip(color, found.emission, strict=True)):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
         return MediumSample(emission, extinction)
-
-    @property
-    def steady(self) -> bool:
-        return len(self.levels) == 1 and self.modulation.color is None and not self.shading
 
     def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
         levels, width = self.plain_numbers(context)
@@ -442,7 +436,7 @@ class Isosurface(Medium):
 
     def _is_outside(self, stretch: Stretch) -> bool:
         """Return whether surfaces without width are at the ends of a stretch, and none is in it."""
-        return self.hollow and stretch.edgeless
+        return self.surface_only and stretch.edgeless
 
     def _folded(self, stretch: Stretch, context: Context, level: Any) -> Any:
         """Return where it may go further up and down within a thick self than nodes show."""

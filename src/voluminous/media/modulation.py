@@ -22,8 +22,8 @@ from ..expressions.traced_interval import TracedInterval
 from .arguments import color_values, level_colors
 from .color_by import ColorBy
 from .context import Context
-from .contract import MediumSample
-from .edges import SENSITIVITY, Edge
+from .contract import Feature, MediumSample
+from .edges import SENSITIVITY, Level
 from .stretch import Middle, at_places, kept, within
 
 if TYPE_CHECKING:
@@ -135,20 +135,20 @@ class Modulation:
         """Whether the gate has no kinks but where it is open or closed."""
         return self.where is not None and self.where.smooth and not self.where.partial
 
-    def edges(self, context: Context) -> list[Edge]:
+    def discontinuities(self, context: Context) -> list[Level]:
         """Return where the gate opens and closes; of a soft one where it begins and ends to."""
         if self.where is None:
             return []
         zero, one = (context.kept_number(v) for v in (0.0, 1.0))
         if self.stepped:
-            return [Edge(margin, zero) for margin in self.where.margins()]
-        return [Edge(self.where, level) for level in (zero, one)] if self.soft else []
+            return [Level(margin, zero) for margin in self.where.margins()]
+        return [Level(self.where, level) for level in (zero, one)] if self.soft else []
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        """Return the expressions of gate and colour; no difference of values is too small."""
+    def features(self) -> tuple[Feature, ...]:
+        """Return the expressions of gate and colour."""
         shade = self.shade.expressions() if self.shade else ()
         found = (self.where, self.color.expr if self.color else None, *shade)
-        return tuple((expr, 0.0) for expr in found if expr is not None)
+        return tuple(Feature(expr) for expr in found if expr is not None)
 
     def coefficients(
         self, found: MediumSample, fields: dict[str, Any], context: Context

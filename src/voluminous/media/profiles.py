@@ -26,16 +26,16 @@ from .arguments import (
 from .arguments import named as _named
 from .arguments import scalar as _scalar
 from .context import Context
-from .contract import Medium, MediumSample
+from .contract import Feature, Medium, MediumSample, Sampling
 from .modulation import modulated
 from .sampled import EIGHT, FIVE, PLACES, Sampled, products
 from .shading import given_shade
 from .shell import Shell
-from .stretch import Middle, Straight, Stretch, extremes, kept
+from .stretch import Middle, Straight, Stretch, extremes, kept, middle_of
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor, thinness
 
 if TYPE_CHECKING:
-    from .edges import Edge
+    from .edges import Level
     from .stretch import Panel, Stretch
 
 
@@ -68,8 +68,8 @@ class Shaped(Medium):
         width: Any,
         color: Any,
         opacity: Any,
-        path_length: Any,
-        where: Any,
+        path_length: Any = "auto",
+        where: Any = None,
         shading: Any = 0.0,
         lights: Any = None,
     ) -> None:
@@ -118,21 +118,14 @@ class Shaped(Medium):
         shape = self.shape(context.ops, x - context.number(center), context.number(width))
         return context.number(1.0 / length) * shape
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        return ((self.expr, self.width), *self.modulation.expressions())
-
-    @property
-    def looks_inside(self) -> bool:
-        return not self.modulation.fixed
+    def features(self) -> tuple[Feature, ...]:
+        return (Feature(self.expr, self.width, scalar=True), *self.modulation.features())
 
     def strongest(self) -> tuple[float, float]:
         return max(map(abs, self.color)), max(self.opacity)
 
-    def edges(self, context: Context) -> list[Edge]:
-        return self.modulation.edges(context)
-
-    def scalars(self) -> tuple[Expression, ...]:
-        return (self.expr,)
+    def discontinuities(self, context: Context) -> list[Level]:
+        return self.modulation.discontinuities(context)
 
     def shells(self) -> tuple[Shell, ...]:
         dark = not (any(self.color) or any(self.opacity))
@@ -234,9 +227,9 @@ class Shaped(Medium):
     def middle(self, first: Any, last: Any, mean: Any) -> Middle:
         """Return where the mass of the shape is between two distances, in widths.
 
-        `mean` is what `mean_shape` returns for them.
+        `mean` is what `mean_shape` returns for them. Default: spread evenly.
         """
-        raise NotImplementedError
+        return middle_of(0.0 * mean, 1.0 / 3.0)
 
     def reach(self, faint: float) -> float:
         """Return at how many widths from its centre the shape falls below `faint`."""
@@ -260,7 +253,7 @@ class Shaped(Medium):
         return self.modulation.visible(stretch, context, seen, hidden)
 
     @property
-    def steady(self) -> bool:
+    def constant_source_function(self) -> bool:
         return not self.modulation.painted
 
     def cores(self, stretch: Stretch, context: Context) -> list[Any]:
@@ -269,7 +262,9 @@ class Shaped(Medium):
         for pair in (nodes[:2], nodes[1:]):
             low, high = extremes(pair)
             there = (low < _CORE) & (high > -_CORE)
-            counts.append(core(there, high - low > 1.0, not self.steady, stretch.length))
+            counts.append(
+                core(there, high - low > 1.0, not self.constant_source_function, stretch.length)
+            )
         return counts
 
     def prominence(self, x: Any, context: Context) -> Any:
@@ -361,15 +356,11 @@ class SampledShaped(Shaped):
     """Common part of `Gaussian` and `Rectangle` where these are sampled."""
 
     @property
-    def smooth(self) -> bool:
-        return self.expr.smooth
-
-    @property
-    def quick(self) -> bool:
-        return self.modulation.even
+    def sampling(self) -> Sampling:
+        return Sampling(smooth=self.expr.smooth, quick=self.modulation.even)
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        if not self.smooth:
+        if not self.expr.smooth:
             return super().sampled(stretch, context)
         if not self.modulation.even:
             return self._sampled_modulated(stretch, context)
@@ -426,7 +417,7 @@ class SampledShaped(Shaped):
         _, narrowness, per_length = self._kept(context)
         low, high = ends = self._offsets(stretch.hull(self.expr), context)
         seen = self._seen(low, high, context)
-        if not self.smooth:
+        if not self.expr.smooth:
             zero = type(low)(0.0)
             return Sampled(zero, zero, zero, dr.select(seen, dr.inf, zero))
         places = EIGHT if fine else PLACES

@@ -10,7 +10,7 @@ from ..backend import dr
 from ..backend.functions import precision_of
 from ..expressions import Ops
 from .context import Context
-from .edges import Edge, passes
+from .edges import Level, passes
 from .profiles import SampledShaped
 from .sampled import Sampled
 from .stretch import Middle, middle_of
@@ -64,7 +64,7 @@ class Rectangle(SampledShaped):
     def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
         return box_mean(first, last)
 
-    def edges(self, context: Context) -> list[Edge]:
+    def discontinuities(self, context: Context) -> list[Level]:
         """Return both sides in double precision, and what the gate has.
 
         With their places panels have all digits: compared with halves 3 % of the pixels of noise
@@ -74,8 +74,8 @@ class Rectangle(SampledShaped):
         center, width, _ = self.plain_numbers(context)
         sides = [context.kept_number(center + way * width) for way in (-1.0, 1.0)]
         single = precision_of(type(context.narrow(sides[0]))) == "single"
-        own = [] if single else [Edge(self.expr, side) for side in sides]
-        return [*own, *super().edges(context)]
+        own = [] if single else [Level(self.expr, side) for side in sides]
+        return [*own, *super().discontinuities(context)]
 
     def sample(self, offset: Any) -> Any:
         return type(offset)(1.0)

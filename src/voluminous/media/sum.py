@@ -10,12 +10,12 @@ from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import page, table
 from .context import Context
-from .contract import Medium, MediumSample
+from .contract import Feature, Medium, MediumSample, Sampling
 from .sampled import Sampled
 from .stretch import extremes
 
 if TYPE_CHECKING:
-    from .edges import Edge
+    from .edges import Level
     from .shell import Shell
     from .stretch import Panel, Stretch
 
@@ -46,33 +46,25 @@ class Sum(Medium):
     def components(self) -> tuple[Medium, ...]:
         return self.parts
 
-    def with_each(self, change: Callable[[Medium], Medium]) -> Medium:
-        changed = tuple(change(part) for part in self.parts)
-        same = all(new is old for new, old in zip(changed, self.parts, strict=True))
-        return self if same else Sum(changed)
-
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
         return self._total([part.coefficients(fields, context) for part in self.parts])
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
-        return tuple(found for part in self.parts for found in part.expressions())
+    def features(self) -> tuple[Feature, ...]:
+        rows = [part.features() for part in self.parts]
+        return tuple(f for row in rows for f in row) if all(rows) else ()
 
-    @property
-    def looks_inside(self) -> bool:
-        return any(part.looks_inside for part in self.parts)
+    def shells(self) -> tuple[Shell, ...]:
+        return tuple(shell for part in self.parts for shell in part.shells())
 
     def scalars(self) -> tuple[Expression, ...]:
         found = (e for part in self.parts for e in part.scalars())
         return tuple({e.text: e for e in found}.values())
 
-    def shells(self) -> tuple[Shell, ...]:
-        return tuple(shell for part in self.parts for shell in part.shells())
-
     def means(self, panel: Panel, context: Context) -> MediumSample:
         return self._total([part.means(panel, context) for part in self.parts])
 
-    def edges(self, context: Context) -> list[Edge]:
-        every = (edge for part in self.parts for edge in part.edges(context))
+    def discontinuities(self, context: Context) -> list[Level]:
+        every = (edge for part in self.parts for edge in part.discontinuities(context))
         return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
 
     def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
@@ -81,24 +73,18 @@ class Sum(Medium):
         return self._total(some) if some else None
 
     @property
-    def hollow(self) -> bool:
-        return all(part.hollow for part in self.parts)
+    def surface_only(self) -> bool:
+        return all(part.surface_only for part in self.parts)
 
     @property
-    def smooth(self) -> bool:
-        return any(part.smooth for part in self.parts)
-
-    @property
-    def linear(self) -> bool:
-        return any(part.linear for part in self.parts)
-
-    @property
-    def finer(self) -> bool:
-        return all(part.finer for part in self.parts)
-
-    @property
-    def quick(self) -> bool:
-        return any(part.quick for part in self.parts)
+    def sampling(self) -> Sampling:
+        rules = [part.sampling for part in self.parts]
+        return Sampling(
+            linear=any(r.linear for r in rules),
+            smooth=any(r.smooth for r in rules),
+            finer=all(r.finer for r in rules),
+            quick=any(r.quick for r in rules),
+        )
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         found = [part.sampled(stretch, context, fine=fine) for part in self.parts]
@@ -160,6 +146,15 @@ class Sum(Medium):
 
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)
+
+
+def with_each(medium: Medium, change: Callable[[Medium], Medium]) -> Medium:
+    """Return a medium with a change made to each of its components."""
+    parts = medium.components()
+    changed = tuple(map(change, parts))
+    if all(new is old for new, old in zip(changed, parts, strict=True)):
+        return medium
+    return changed[0] if len(changed) == 1 else Sum(changed)
 
 
 def _spread(extinction: list[Any], count: int) -> list[Any]:

@@ -25,7 +25,7 @@ from .arguments import (
 )
 from .color_by import ColorBy
 from .context import Context
-from .contract import Medium, MediumSample
+from .contract import Feature, Medium, MediumSample, Sampling
 from .edges import NOISE, passes
 from .modulation import Modulation
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
@@ -37,7 +37,7 @@ from .table_bends import TableBends
 from .unresolved import LookedUp, bend, core, extent_of, thinness
 
 if TYPE_CHECKING:
-    from .edges import Edge
+    from .edges import Level
     from .stretch import Panel, Stretch
 
 
@@ -177,25 +177,18 @@ class Table(Medium):
         result = self.split(context.interpolate(x, self.nodes(context), columns))
         return self.modulation.coefficients(result, fields, context)
 
-    def expressions(self) -> tuple[tuple[Expression, Any], ...]:
+    def features(self) -> tuple[Feature, ...]:
         steps = np.diff(self.values)
         # None if there is nothing but a jump: 0, no difference is too small.
         least = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
         width = least if self.unit is None else least * self.unit
-        return ((self.expr, width), *self.modulation.expressions())
-
-    @property
-    def looks_inside(self) -> bool:
-        return not self.modulation.fixed
+        return (Feature(self.expr, width, scalar=True), *self.modulation.features())
 
     def strongest(self) -> tuple[float, float]:
         return max(self.color), max(self.opacity)
 
-    def edges(self, context: Context) -> list[Edge]:
-        return self.modulation.edges(context)
-
-    def scalars(self) -> tuple[Expression, ...]:
-        return (self.expr,)
+    def discontinuities(self, context: Context) -> list[Level]:
+        return self.modulation.discontinuities(context)
 
     def shells(self) -> tuple[Shell, ...]:
         return (Shell(self, None, dark=not self.rows.any(), has_entries=True),)
@@ -213,20 +206,20 @@ class Table(Medium):
         return self.modulation.means(result, panel, context, middles.between(*ends))
 
     @property
-    def smooth(self) -> bool:
-        jumps = np.any(np.diff(self.values) == 0)
-        return self.modulation.even and self.expr.smooth and not jumps
+    def sampling(self) -> Sampling:
+        return Sampling(smooth=self._smooth, finer=self._smooth)
 
     @property
-    def finer(self) -> bool:
-        return self.smooth
+    def _smooth(self) -> bool:
+        jumps = np.any(np.diff(self.values) == 0)
+        return self.modulation.even and self.expr.smooth and not jumps
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
         """Return the means of j and α over a stretch from samples; see `Medium.sampled`.
 
         Two of them are exact for the lines between nodes; see `table_bends`.
         """
-        if not self.smooth:
+        if not self._smooth:
             return super().sampled(stretch, context)
         low, high = (context.narrow(x) for x in stretch.hull(self.expr))
         pair = [stretch.scalar(self.expr, s) for s in PAIR]

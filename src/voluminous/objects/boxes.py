@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from .contract import Layers, SceneObject, View
 from .lines import Lines
 from .values import joined
 
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
+    from ..volume import Volume
+
 # Leaves looked at at once.
 _CHUNK = 1 << 20
 _ROUNDING = 1e-9
@@ -25,7 +29,7 @@ _ONE = np.zeros((1, 3), np.int64)
 
 
 @dataclass
-class Lattice:
+class BlockLattice:
     """Blocks of one size that fill a part of a grid, and the boxes that it is made of.
 
     Attributes
@@ -55,14 +59,14 @@ class Lattice:
     seams: tuple[Any, ...] = ((), (), ())
 
 
-def level_count(grid: Any) -> int:
+def level_count(grid: Grid) -> int:
     """Return how many levels a grid has; level 0 is the domain."""
     if grid.patches is not None:
         return int(grid.patches.level.max()) + 1
     return 1 if grid.places is None else int(grid.places.deepest) + 1
 
 
-def lattice_of(grid: Any, level: int) -> Lattice:
+def lattice_of(grid: Any, level: int) -> BlockLattice:
     """Return what is refined `level` times or more; of level 0 the domain, and its patches."""
     if grid.patches is not None:
         return _of_patches(grid, level)
@@ -72,20 +76,20 @@ def lattice_of(grid: Any, level: int) -> Lattice:
     nodes, size = _nodes(grid, level - 1)
     if grid.base_edges:
         corners = (nodes * size, (nodes + 1) * size)
-        return Lattice(grid.position, nodes, size, corners)
+        return BlockLattice(grid.position, nodes, size, corners)
     walls = [e[::step] for e, step in zip(grid.fine_edges, size, strict=True)]
     return _bent(grid, walls, nodes)
 
 
-def _of_bounds(grid: Any) -> Lattice:
-    return Lattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
+def _of_bounds(grid: Grid) -> BlockLattice:
+    return BlockLattice(_between(list(grid.bounds)), _ONE, np.ones(3, np.int64))
 
 
 def _between(walls: list[np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
     return lambda place: np.stack([w[k] for w, k in zip(walls, place, strict=True)])
 
 
-def _of_patches(grid: Any, level: int) -> Lattice:
+def _of_patches(grid: Any, level: int) -> BlockLattice:
     """Return the patches of a level, and what they and finer ones cover in blocks."""
     patches = grid.patches
     low, high = patches.corners
@@ -97,7 +101,7 @@ def _of_patches(grid: Any, level: int) -> Lattice:
     common = np.gcd.reduce(np.concatenate([first, last]), axis=0)
     _, index = expanded(first // common, last // common)
     block = np.unique(index, axis=1).T
-    return Lattice(lambda place: grid.position(place), block, cell * common, boxes)
+    return BlockLattice(lambda place: grid.position(place), block, cell * common, boxes)
 
 
 def _nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +119,7 @@ def _nodes(grid: Any, level: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(found, axis=1).T, size
 
 
-def _ends(grid: Any) -> list[np.ndarray]:
+def _ends(grid: Grid) -> list[np.ndarray]:
     return [np.array(_limits(e)) for e in grid.edges]
 
 
@@ -123,7 +127,7 @@ def _limits(walls: np.ndarray) -> tuple[float, float]:
     return float(walls[0]), float(walls[-1])
 
 
-def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
+def _bent(grid: Grid, walls: list[np.ndarray], block: np.ndarray) -> BlockLattice:
     """Return blocks between walls of r, θ, φ or R, φ, z; a mirror shows them twice.
 
     An azimuth that is one closed block is cut in quarters, and θ above and below the midplane in
@@ -144,12 +148,12 @@ def _bent(grid: Any, walls: list[np.ndarray], block: np.ndarray) -> Lattice:
         seams[1] = np.flatnonzero(np.abs(walls[1] - 0.5 * np.pi) < _ROUNDING)
     size = np.ones(3, np.int64)
     boxes = (block, block + 1)
-    return Lattice(
+    return BlockLattice(
         _between(walls), block, size, boxes, grid.coordinates, tuple(period), tuple(seams)
     )
 
 
-def _both_halves(grid: Any, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _both_halves(grid: Grid, walls: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if grid.mirror:
         below = block.copy()
         below[:, 1] = 2 * (len(walls) - 1) - 1 - block[:, 1]
@@ -301,7 +305,7 @@ _STRAIGHT = np.pi / 90
 _POINT = 1e-12
 
 
-def outline(grid: Any, level: int, merged: bool) -> list[np.ndarray]:
+def outline(grid: Grid, level: int, merged: bool) -> list[np.ndarray]:
     """Return polylines around what is refined `level` times: arrays of shape (lines, n, 3).
 
     Returns
@@ -321,7 +325,7 @@ def outline(grid: Any, level: int, merged: bool) -> list[np.ndarray]:
     return _polylines(joined_edges(edges), lattice)
 
 
-def _closed(edges: Edges, lattice: Lattice) -> Edges:
+def _closed(edges: Edges, lattice: BlockLattice) -> Edges:
     for axis, period in enumerate(lattice.period):
         if period:
             across = edges.axis != axis
@@ -329,7 +333,7 @@ def _closed(edges: Edges, lattice: Lattice) -> Edges:
     return edges
 
 
-def _visible(edges: Edges, lattice: Lattice) -> Edges:
+def _visible(edges: Edges, lattice: BlockLattice) -> Edges:
     first, last = edges.ends()
     ends = [position(lattice.system, lattice.own(place.T)) for place in (first, last)]
     near = _POINT * max(np.abs(end).max(initial=0.0) for end in ends)
@@ -342,14 +346,14 @@ def _visible(edges: Edges, lattice: Lattice) -> Edges:
     return edges.some(kept)
 
 
-def _on_planes(edges: Edges, lattice: Lattice) -> np.ndarray:
+def _on_planes(edges: Edges, lattice: BlockLattice) -> np.ndarray:
     """Return which edges, if they are seams, are on planes: these need no lines to be seen."""
     if "theta" in lattice.system:
         return (edges.axis == 0) & np.isin(edges.start[:, 1], lattice.seams[1])
     return edges.axis == 0
 
 
-def _polylines(edges: Edges, lattice: Lattice) -> list[np.ndarray]:
+def _polylines(edges: Edges, lattice: BlockLattice) -> list[np.ndarray]:
     first, last = (lattice.own(place.T) for place in edges.ends())
     turned = np.isin(np.array(lattice.system)[edges.axis], ("theta", "phi"))
     way = np.abs(last - first)[edges.axis, np.arange(len(edges.axis))]
@@ -395,7 +399,7 @@ class Boxes(SceneObject):
 
     def __init__(
         self,
-        volume: Any = None,
+        volume: Volume | None = None,
         colors: Any = 1.0,
         *,
         levels: Any = None,
@@ -430,7 +434,7 @@ class Boxes(SceneObject):
         places = [line * unit for line in lines] if isinstance(lines, list) else lines * unit
         return Lines(places, _of_levels(self.colors, level), **self._style).layers(view)
 
-    def _lines(self, grid: Any) -> tuple[Any, np.ndarray]:
+    def _lines(self, grid: Grid) -> tuple[Any, np.ndarray]:
         """Return polylines, and which of the levels that are drawn each belongs to."""
         merged = grid.patches is None if self.merged is None else self.merged
         levels = _chosen(self.levels, level_count(grid))

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from ..errors import InputError, check_name
 from ..units import plain
 from ..value import Value
 from .values import MANY, options_of
+
+if TYPE_CHECKING:
+    from ..backend import Backend
+    from ..cameras import Camera, Frame
+    from ..grids.contract import Grid
 
 DEPTHS = ("true", "foreground")
 # A Gaussian is cut off here, in standard deviations; what is left of it is normalised.
@@ -71,7 +76,7 @@ class Layers:
 
 
 @dataclass
-class Points:
+class PointLights:
     """Points of light: too small to hide anything.
 
     Attributes
@@ -127,7 +132,7 @@ class SceneObject(Value):
         """Return the layers that are in view."""
         return None
 
-    def lights(self, view: View) -> Points | None:
+    def lights(self, view: View) -> PointLights | None:
         """Return the points of light that are in view."""
         return None
 
@@ -166,10 +171,10 @@ class View:
         Gives the brightest pixel without objects.
     """
 
-    camera: Any
-    grid: Any
-    frame: Any
-    backend: Any
+    camera: Camera
+    grid: Grid
+    frame: Frame
+    backend: Backend
     channels: int
     all_channels: int
     intensity_unit: Any

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from ..errors import InputError
 from ..units import as_given, is_quantity, plain, unit_of
 from .contract import Layers, SceneObject, View, window_pixels
 from .values import check_colors, intensities, merged
+
+if TYPE_CHECKING:
+    from ..volume import Volume
 
 # How far the image of a piece may bend, in pixels.
 _BEND = 0.05
@@ -397,7 +400,7 @@ class Axes(SceneObject):
 
     def __init__(
         self,
-        volume: Any = None,
+        volume: Volume | None = None,
         colors: Any = None,
         *,
         origin: Any = None,

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..units import is_quantity, plain, unit_of
 from .balls import nearby
-from .contract import REACH, Layers, Points, View
+from .contract import REACH, Layers, PointLights, View
 from .spheres import Spheres
 from .values import column, intensities, is_column, merged
 
@@ -124,7 +124,7 @@ class Stars(Spheres):
     def layers(self, view: View) -> Layers | None:
         return None if self.radii is None else super().layers(view)
 
-    def lights(self, view: View) -> Points | None:
+    def lights(self, view: View) -> PointLights | None:
         if self.radii is not None or not self.count:
             return None
         positions = np.asarray(view.length(self.positions, "positions"))
@@ -138,7 +138,7 @@ class Stars(Spheres):
         some = some[nearby(x[some], y[some], depth[some])]
         flux = self._luminosity(view)[some]
         flux = flux * view.pixels_per_area(positions[some])[:, None]
-        return Points(x[some], y[some], depth[some], flux, sigma)
+        return PointLights(x[some], y[some], depth[some], flux, sigma)
 
     def _sigma(self, view: View) -> np.ndarray:
         if self.psf is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from ..errors import InputError
 from ..geometry import CYLINDRICAL, SPHERICAL
 from ..grids.contract import Ray
 from .tolerance import in_kernel_unit
-from .tracer import Paths, RayTracer, reverse
+from .tracer import Paths, RayTracer, Traced, reverse
 
 if TYPE_CHECKING:
     from .job import RenderJob
@@ -467,9 +468,13 @@ class FluxConserving(RayTracer):
         self.narrowest = _narrowest(job)
         self.width = max(job.frame.pixel)
 
-    def frame(self) -> Paths:
+    def batches(
+        self, seconds: float | None = None, focus: tuple[float, float] | None = None
+    ) -> Generator[Traced, None, Paths]:
         nx, ny = self.job.frame.pixels
-        return self.pixels(np.arange(nx * ny))
+        paths = self.pixels(np.arange(nx * ny))
+        yield Traced(np.arange(nx * ny), paths)
+        return paths
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         waiting = [PixelParts(np.arange(len(pixel)), np.zeros((2, len(pixel))), 0)]
@@ -502,7 +507,7 @@ class FluxConserving(RayTracer):
             raise InputError(
                 f"flux conservation needs more than {2**_DEEPEST} x {2**_DEEPEST} rays for a pixel "
                 f"(ix = {where % nx}, iy = {where // nx}): take more pixels, a smaller width, or "
-                "samples='adaptive'"
+                "antialias='adaptive'"
             )
         return large
 
@@ -548,5 +553,5 @@ def _narrowest(job: RenderJob) -> MinCellWidth:
     if grid.base_edges:
         return TreeCellWidth(grid, job.backend)
     raise InputError(
-        f"samples='flux-conserving' is not known on a {type(grid).__name__}; use samples='adaptive'"
+        f"antialias='radmc3d' has no rule for a {type(grid).__name__}; use antialias='adaptive'"
     )

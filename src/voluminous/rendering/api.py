@@ -42,8 +42,10 @@ def render(
     device: str = "auto",
     order: str = "front-to-back",
     cutoff: float | None = None,
-    samples: Any = 1,
-    bounds: bool | int = False,
+    samples: int = 1,
+    antialias: str | None = None,
+    bounds: bool = False,
+    max_panels: int = 1024,
     objects: Any = (),
     progress: Progress = None,
 ) -> Image:
@@ -85,15 +87,18 @@ def render(
         Transparency at which a ray stops; 0 turns it off. By default a ray stops where all that
         may still come is below 1e-4 of what it has gathered, so the error is below 1e-4 of the
         image's maximum.
-    samples : int, "adaptive" or "flux-conserving"
-        n for n × n rays per pixel, at the centres of equal parts; or more rays where the picture is
-        not smooth, up to 256 a pixel, until its mean has settled to the tolerance (to a tenth, if
-        that is None); or RADMC-3D's recursion.
-    bounds : bool or int
-        Also give `Image.lower` and `Image.upper`: what the intensity is at least and at most, with
-        certainty, per pixel and channel; for media of expressions, and ``"post-classified"``. They
-        are brought within the tolerance of each other unless that takes more than 1024 panels, or
-        so many as given, on a segment of a ray.
+    samples : int
+        n for n × n rays per pixel, at the centres of equal parts.
+    antialias : {None, "adaptive", "radmc3d"}
+        ``"adaptive"``: more rays where the picture is not smooth, up to 256 a pixel, until its mean
+        has settled to the tolerance (to a tenth, if that is None). ``"radmc3d"``: RADMC-3D's
+        recursion over parts of pixels, which conserves flux.
+    bounds : bool
+        Also give `Image.lower` and `Image.upper`: certain bounds of the intensity, per pixel and
+        channel; for media of expressions, and ``"post-classified"``.
+    max_panels : int
+        Bounds are brought within the tolerance of each other unless that takes more panels on a
+        segment of a ray.
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
         `Stars`, `Spheres`, `Lines`, `Boxes`, `Axes`.
@@ -136,16 +141,17 @@ def render(
         order=order,
         cutoff=cutoff,
         samples=samples,
+        antialias=antialias,
         progress=progress,
     )
     behind = background_array(background, job.frame.pixels, job.medium.channels)
-    budget = room("bounds.guaranteed").check_bounds(bounds, job)
+    budget = room("bounds.guaranteed").check_bounds(bounds, max_panels, job)
     start = time.monotonic()
     planes = job.run(float(np.max(np.abs(behind))))
     if not planes.finite:
         refuse_unusable(job.backend.precision)
     warn_of_unseen(job, planes, others=bool(things))
-    told = {"samples": samples, "order": order}
+    told: dict[str, Any] = {"samples": samples if antialias is None else antialias, "order": order}
     if things:
         channels = channel_count(things, job)
         behind = wide_background(behind, job.medium.channels, channels)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +19,8 @@ from .options import DEFAULT_ERROR
 from .precision import sums_need_double
 from .sources import get_source
 from .sources.channel_layout import channels_last, in_units_of
-from .tolerance import add_rounding_error, controlled, in_kernel_unit, total_error
-from .tracer import KernelCache, Paths, RayTracer
+from .tolerance import add_rounding_error, in_kernel_unit, render_to_tolerance, total_error
+from .tracer import KernelCache, Paths, RayTracer, Traced, exhausted
 
 
 @dataclass
@@ -93,6 +93,7 @@ class RenderJob:
     adaptive: bool = False
     recursive: bool = False
     done: int = 0
+    _numbers: Any = None
 
     def __post_init__(self) -> None:
         """Turn the loop where steps are RADMC-3D's: its rays run towards the observer."""
@@ -132,21 +133,59 @@ class RenderJob:
         In double precision where single is not enough: of a quotient of two fields that vanish in
         one place, rounding makes the lower one zero before the other on one ray in some thousand.
         """
-        planes = self._run(brightest_background)
-        if not planes.finite and self.backend.precision == "single" and self._has_double:
-            self._take_double()
-            planes = self._run(brightest_background)
-        return planes
+        return exhausted(self._batches(brightest_background))
 
-    def _run(self, brightest_background: float) -> RenderResult:
+    def batches(
+        self, seconds: float = 0.04, focus: tuple[float, float] | None = None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Render in batches that take about so long each; to cancel stop asking.
+
+        Yields
+        ------
+        pixel : array of int, shape (n,)
+            Flat numbers of the pixels that were traced; some may be traced again later.
+        intensity : array, shape (n, channel)
+        transparency : array, shape (n, channel or 1)
+
+        Parameters
+        ----------
+        seconds : float
+        focus : (float, float), optional
+            The pixel around which to begin, the middle of the picture by default.
+        """
+        for batch in self._batches(0.0, seconds, focus):
+            paths = batch.paths.some(batch.pixel)
+            intensity = self._numbers.mix(paths.emission)
+            yield batch.pixel, intensity, np.stack(paths.transparency, axis=-1)
+
+    def _batches(
+        self,
+        brightest_background: float,
+        seconds: float | None = None,
+        focus: tuple[float, float] | None = None,
+    ) -> Generator[Traced, None, RenderResult]:
+        result = yield from self._run(brightest_background, seconds, focus)
+        if not result.finite and self.backend.precision == "single" and self._has_double:
+            self._take_double()
+            result = yield from self._run(brightest_background, seconds, focus)
+        return result
+
+    def _run(
+        self,
+        brightest_background: float,
+        seconds: float | None,
+        focus: tuple[float, float] | None,
+    ) -> Generator[Traced, None, RenderResult]:
         tracer = self._drawing(brightest_background)
+        self._numbers = tracer.source.numbers
         if self.scheme.controlled:
-            paths, enough = controlled(tracer, self.tolerance, brightest_background)
+            limits = self.tolerance, brightest_background, seconds, focus
+            paths, enough = yield from render_to_tolerance(tracer, *limits)
             if not enough:  # all there is to see is as faint as what was left out
                 tracer = self._drawing(brightest_background, faintest=True)
-                paths, _ = controlled(tracer, self.tolerance, brightest_background)
+                paths, _ = yield from render_to_tolerance(tracer, *limits)
         else:
-            paths = tracer.frame()
+            paths = yield from tracer.batches(seconds, focus)
         if self.adaptive:
             refine(tracer, paths, self.tolerance)
         if self.scheme.controlled:

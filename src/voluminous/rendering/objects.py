@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import InputError
 from ..media.ranges import RangeContext
 from ..objects import SceneObject
-from ..objects.contract import REACH, Layers, Points, View
+from ..objects.contract import REACH, Layers, PointLights, View
 from .layers import Pairs, Stretches, fold, lay, with_channels
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ _BELOW *= 0.5 / _BELOW[-1]
 _RISE = np.append(np.diff(_BELOW), 0.0)
 
 
-def spread(points: Points, flux: np.ndarray, pixels: tuple[int, int]) -> tuple[np.ndarray, int]:
+def spread(
+    points: PointLights, flux: np.ndarray, pixels: tuple[int, int]
+) -> tuple[np.ndarray, int]:
     """Return what points of light add to some rows of a picture, and which is the first of them.
 
     Parameters
@@ -83,7 +85,7 @@ def _parts(offset: np.ndarray, sigma: float, reach: int) -> np.ndarray:
 
 
 def seen_through(
-    points: Points, layers: Layers, tracer: Stretches
+    points: PointLights, layers: Layers, tracer: Stretches
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return how much of each point of light comes through what is in front, and how far it is off.
 
@@ -122,7 +124,9 @@ def _in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarra
     return np.where(last > first, product, 1.0)[:, None]
 
 
-def shine(planes: RenderResult, points: Points, through: np.ndarray, unsure: np.ndarray) -> None:
+def shine(
+    planes: RenderResult, points: PointLights, through: np.ndarray, unsure: np.ndarray
+) -> None:
     """Add points of light to the pixels that they are in, or are spread over; errors likewise."""
     ny, nx, _ = planes.emission.shape
     light, first = spread(points, points.flux * through, (nx, ny))
@@ -196,9 +200,9 @@ class ObjectLayers:
     """What objects show: layers and points at their true depth, and those in the foreground."""
 
     layers: Layers
-    points: list[Points]
+    points: list[PointLights]
     front_layers: Layers
-    front_points: list[Points]
+    front_points: list[PointLights]
 
     @classmethod
     def of(cls, objects: list[SceneObject], view: View) -> ObjectLayers:

@@ -11,12 +11,17 @@ from typing import Any
 
 import numpy as np
 
+from ..backend import Backend
+from ..cameras.contract import Camera, Frame
 from ..colormaps import get_color, without_alpha
-from ..errors import InputError, check_name, unknown_name
+from ..errors import InputError, check_name
 from ..geometry import many_valued
+from ..grids.contract import Grid
 from ..memory import check_memory
+from ..schemes.base import Scheme
 from ..units import as_quantity, is_quantity
 
+ANTIALIAS = ("adaptive", "radmc3d")
 ORDERS = ("front-to-back", "back-to-front")
 # The default cut-off: what is left out is below this fraction of what the ray has gathered.
 DEFAULT_ERROR = 1e-4
@@ -33,8 +38,8 @@ _CARELESS = 0.1
 _LONG = 5.0
 # Measured on two shells of 100³ cells, 300² pixels, relative to the defaults.
 _SLOW = {
-    "adaptive": "samples='adaptive' takes up to 256 rays per pixel, about 100 times as long as one "
-    "ray; samples=4 takes 16 rays",
+    "adaptive": "antialias='adaptive' takes up to 256 rays per pixel, about 100 times as long as "
+    "one ray; samples=4 takes 16 rays",
     "bounds": "bounds=True takes about 60 times as long; image.error is an estimate without it",
     "tolerance": "a tolerance below 1e-5 takes double precision, 5 to 20 times as long as 1e-3",
     "double": "precision='double' takes 2 to 5 times as long as 'single'",
@@ -42,7 +47,7 @@ _SLOW = {
 _named: set[str] = set()
 
 
-def check_pixels(pixels: tuple[int, int], channels: int, backend: Any) -> None:
+def check_pixels(pixels: tuple[int, int], channels: int, backend: Backend) -> None:
     """Refuse a picture that cannot be held.
 
     Raises
@@ -121,62 +126,59 @@ def check_tolerance(tolerance: Any) -> float:
     return float(tolerance)
 
 
-def sample_count(samples: Any, frame: Any, grid: Any) -> int:
-    """Return n for n × n rays per pixel.
-
-    ``"flux-conserving"`` is RADMC-3D's recursion: a pixel is quartered while its longer side
-    exceeds the width of the narrowest cell that its ray meets. Where all count as wide as the first
-    one, every ray decides alike: it is a regular division into 2^k × 2^k. Otherwise n is 1, and
-    `flux_conserving` does the rest.
+def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
+    """Refuse numbers of rays and ways to choose them that there are not.
 
     Raises
     ------
-    InputError
-        If `samples` is neither that nor a positive whole number.
+    InputError, UnknownNameError
     """
-    if isinstance(samples, str) and samples == "flux-conserving":
-        if is_recursive(samples, grid):
-            return 1
-        ratio = max(frame.pixel) / grid.first_cell_width()
-        count = 2 ** max(0, math.ceil(math.log2(ratio))) if ratio > 1 else 1
-        if count > _MOST_SAMPLES:
-            raise InputError(
-                f"flux conservation needs {count} x {count} rays per pixel here (a pixel is "
-                f"{ratio:.3g} cells wide): take more pixels, or a smaller width"
-            )
-        return count
-    if isinstance(samples, str):
-        raise unknown_name("samples", samples, ["adaptive", "flux-conserving"])
+    renamed = {"adaptive": "adaptive", "flux-conserving": "radmc3d"}
+    if isinstance(samples, str) and samples in renamed:
+        raise InputError(f"samples={samples!r} is now antialias={renamed[samples]!r}")
     whole = isinstance(samples, numbers.Integral) and not isinstance(samples, bool)
     if not whole or not 1 <= samples <= _MOST_SAMPLES:
         raise InputError(
-            "samples must be a whole number n (n x n rays per pixel), 'adaptive' or "
-            f"'flux-conserving', got {samples!r}"
+            "samples must be a whole number n (n x n rays per pixel); antialias='adaptive' takes "
+            f"more rays where the picture is not smooth; got {samples!r}"
         )
-    return int(samples)
+    if antialias is None:
+        return
+    check_name("antialias", antialias, ANTIALIAS)
+    if samples != 1:
+        raise InputError(f"give samples={samples!r} or antialias={antialias!r}, not both")
+    if antialias == "radmc3d" and not camera.parallel:
+        raise InputError(
+            "antialias='radmc3d' compares pixels with cells: it needs parallel rays "
+            "(vm.Orthographic); use antialias='adaptive'"
+        )
 
 
-def check_parallel(samples: Any, camera: Any) -> None:
-    """Refuse to divide pixels that are angles by the widths of cells.
+def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -> int:
+    """Return n for n × n rays per pixel.
+
+    RADMC-3D quarters a pixel while its longer side exceeds the width of the narrowest cell that its
+    ray meets. Where all cells count as wide as the first one, every ray decides alike: it is a
+    regular division into 2^k × 2^k. Otherwise n is 1, and `antialias.FluxConserving` does the rest.
 
     Raises
     ------
     InputError
-        Names what takes any camera.
+        If there would be too many.
     """
-    if isinstance(samples, str) and samples == "flux-conserving" and not camera.parallel:
+    if antialias != "radmc3d" or not grid.is_rectilinear:
+        return int(samples)
+    ratio = max(frame.pixel) / grid.first_cell_width()
+    count = 2 ** max(0, math.ceil(math.log2(ratio))) if ratio > 1 else 1
+    if count > _MOST_SAMPLES:
         raise InputError(
-            "samples='flux-conserving' compares pixels with cells: it needs parallel rays "
-            "(vm.Orthographic); use samples='adaptive'"
+            f"flux conservation needs {count} x {count} rays per pixel here (a pixel is "
+            f"{ratio:.3g} cells wide): take more pixels, or a smaller width"
         )
+    return count
 
 
-def is_recursive(samples: Any, grid: Any) -> bool:
-    """Return True where pixels are divided as their rays ask for, each by itself."""
-    return isinstance(samples, str) and samples == "flux-conserving" and not grid.is_rectilinear
-
-
-def check_walk(scheme: Any, grid: Any) -> None:
+def check_walk(scheme: Scheme, grid: Grid) -> None:
     """Refuse a scheme that a grid has no walk for.
 
     Raises
@@ -193,7 +195,7 @@ def check_walk(scheme: Any, grid: Any) -> None:
         )
 
 
-def check_coordinates(scheme: Any, grid: Any, names: Iterable[str]) -> None:
+def check_coordinates(scheme: Scheme, grid: Grid, names: Iterable[str]) -> None:
     """Refuse coordinates that differ within cells, for schemes that look at these as wholes.
 
     A disc of cells all around the axis cannot be cut open by ``x > 0`` cell by cell.

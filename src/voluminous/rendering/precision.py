@@ -11,7 +11,7 @@ from ..errors import UnitsError
 from ..expressions import Expression, NumpyOps
 from ..expressions.expression import on_one_side
 from ..fields import coordinates
-from ..media.contract import Medium
+from ..media.contract import Feature, Medium
 from ..units import is_quantity, plain
 from ..volume import Volume
 
@@ -55,9 +55,8 @@ def exactness(volume: Volume, medium: Medium) -> Exactness:
     Overflow, underflow (squares of lengths in cm), cancellation, and shells narrower than the
     spacing of single-precision numbers all show there.
     """
-    try:
-        expressions = plain_widths(volume, medium.expressions())
-    except NotImplementedError:
+    expressions = plain_widths(volume, medium.features())
+    if not expressions:
         return Exactness(False, _UNKNOWN)
     sample = _sample(volume, medium.names)
     # Coefficients are multiplied by the scale.
@@ -85,7 +84,7 @@ def needs_double(volume: Volume, medium: Medium) -> bool:
     off = {n: v * (1.0 + 0.5 * _EPS * signs) if n in volume else v for n, v in sample.items()}
     scalars = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
-        for expr, width in plain_widths(volume, medium.known_expressions()):
+        for expr, width in plain_widths(volume, medium.known_features()):
             is_scalar = expr.text in scalars
             if not is_scalar and on_one_side((expr,))[1]:
                 continue
@@ -120,10 +119,10 @@ def sums_need_double(numbers: Any, bounds: list[float]) -> bool:
 
 
 def plain_widths(
-    volume: Volume, expressions: Iterable[tuple[Expression, Any]]
+    volume: Volume, features: Iterable[Feature]
 ) -> tuple[tuple[Expression, float], ...]:
     """Return expressions with the widths of their structures, in the volume's units."""
-    return tuple((expr, _plain_width(volume, expr, width)) for expr, width in expressions)
+    return tuple((f.expr, _plain_width(volume, f.expr, f.width)) for f in features)
 
 
 def _plain_width(volume: Volume, expr: Expression, width: Any) -> float:

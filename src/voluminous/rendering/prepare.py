@@ -11,6 +11,7 @@ from ..errors import InputError, UnitsError, how_to_take
 from ..media.contract import Medium
 from ..media.function import with_formulas
 from ..media.shading import on_rays
+from ..media.sum import with_each
 from ..progress import Progress, silent
 from ..schemes import get_scheme
 from ..volume import Volume
@@ -19,14 +20,13 @@ from .job import RenderJob
 from .missing import Completed, complete
 from .options import (
     FINEST_SINGLE,
+    check_antialias,
     check_coordinates,
     check_cutoff,
     check_order,
-    check_parallel,
     check_pixels,
     check_tolerance,
     check_walk,
-    is_recursive,
     sample_count,
 )
 from .precision import needs_double, plain_widths
@@ -44,7 +44,8 @@ def prepare(
     device: str = "auto",
     order: str = "front-to-back",
     cutoff: float | None = None,
-    samples: Any = 1,
+    samples: int = 1,
+    antialias: str | None = None,
     progress: Progress = None,
 ) -> tuple[RenderJob, dict[str, int]]:
     """Return everything a picture is made of, and how many values each field lacks.
@@ -52,7 +53,7 @@ def prepare(
     See `voluminous.render` for the arguments and errors.
     """
     _check_types(volume, medium, camera)
-    check_parallel(samples, camera)
+    check_antialias(samples, antialias, camera)
     scheme = _usual_scheme(medium) if scheme is None else scheme
     solver = get_scheme(scheme, controlled=tolerance is not None)
     check_walk(solver, volume.grid)
@@ -61,7 +62,7 @@ def prepare(
     cache = Cache(volume)
     medium = with_formulas(calibrated(medium, volume, cache.measurements))
     if solver.coefficients_at == "field":
-        medium = medium.with_each(on_rays)
+        medium = with_each(medium, on_rays)
     if precision == "single" and (
         volume.grid.needs_double() or _is_fine(solver, tolerance, device)
     ):
@@ -91,9 +92,9 @@ def prepare(
         progress=progress if callable(progress) else silent,
     )
     check_pixels(job.frame.pixels, medium.channels, job.backend)
-    job.adaptive = isinstance(samples, str) and samples == "adaptive"
-    job.recursive = is_recursive(samples, volume.grid)
-    job.samples = 1 if job.adaptive else sample_count(samples, job.frame, volume.grid)
+    job.adaptive = antialias == "adaptive"
+    job.recursive = antialias == "radmc3d" and not volume.grid.is_rectilinear
+    job.samples = sample_count(samples, antialias, job.frame, volume.grid)
     return job, completed.counts
 
 
@@ -116,7 +117,7 @@ def _check_units(volume: Volume, medium: Medium) -> None:
     UnitsError
         If their units cannot be derived, or numbers would have to be converted.
     """
-    for expr, _ in medium.known_expressions():
+    for expr in (feature.expr for feature in medium.known_features()):
         if volume.without_units(expr) is not expr:
             raise UnitsError(
                 f"{expr.text!r} combines numbers in different units, which this kind of medium "
@@ -127,7 +128,7 @@ def _check_units(volume: Volume, medium: Medium) -> None:
 def _double_for_fields(completed: Completed, medium: Medium) -> bool:
     """Return True if single precision cannot tell apart what the medium looks at."""
     cache = completed.cache
-    widths = plain_widths(completed.volume, medium.known_expressions())
+    widths = plain_widths(completed.volume, medium.known_features())
     told = tuple((expr.text, least) for expr, least in widths)
     key = ("beyond single", told, cache.statistics.digests(medium.names))
     found: bool = cache.get_or_make(key, lambda: needs_double(completed.volume, medium))

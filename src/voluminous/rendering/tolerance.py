@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .sources.channel_layout import fits_single
-from .tracer import MARGIN
+from .tracer import MARGIN, Traced
 
 if TYPE_CHECKING:
     from .tracer import Paths, RayTracer
@@ -30,15 +31,17 @@ _ROUNDING = {"single": 3e-6, "double": 1e-14}
 _UNDERFLOW = 1e-12
 
 
-def controlled(tracer: RayTracer, tolerance: float, background: float) -> tuple[Paths, bool]:
-    """Return the paths of all pixels, none off by more than the tolerance, if that can be had.
+def render_to_tolerance(
+    tracer: RayTracer,
+    tolerance: float,
+    background: float,
+    seconds: float | None = None,
+    focus: tuple[float, float] | None = None,
+) -> Generator[Traced, None, tuple[Paths, bool]]:
+    """Trace all pixels, then those again whose errors exceed the tolerance; yield each batch.
 
-    The second value is False if the medium's faint places, which are left out, may show more. The
-    errors are those of segments; `add_rounding_error` adds the others.
-
-    Some pixels tell how bright the picture is, and so what segments may be off by: narrower panels
-    where two per segment are not good enough. Pixels in which that still adds up to too much are
-    drawn again with smaller shares.
+    Returns the paths, and False if the medium's faint places, which are left out, may show more.
+    The errors are those of segments; `add_rounding_error` adds the others.
 
     Parameters
     ----------
@@ -46,26 +49,41 @@ def controlled(tracer: RayTracer, tolerance: float, background: float) -> tuple[
         Fraction of the brightest pixel.
     background : float
         Brightest intensity behind the volume.
+    seconds, focus
+        See `RayTracer.batches`.
     """
     source = tracer.source
     behind = in_kernel_unit(background, source.numbers.unit)
     first, *shares = _SHARES
-    source.allow(np.inf, np.inf, 1.0)  # until it is known how bright the picture is
-    scale = _sampled_brightness(tracer, behind)
+    scale = estimate_scale(tracer, behind)
     if scale > 0.0:
         source.allow(tolerance * scale, tolerance, first)
     else:
         shares = list(_SHARES)
-    paths = tracer.frame()
+    paths = yield from tracer.batches(seconds, focus)
     for share in shares:
         scale = _brightness(tracer, paths, behind).max()
-        wrong = _too_wrong(tracer, paths, tolerance, scale, behind)
-        if not len(wrong):
+        mended = mend(tracer, paths, tolerance, scale, behind, share)
+        if mended is None:
             break
-        source.allow(tolerance * scale, tolerance, share)
-        paths.put(wrong, tracer.pixels(wrong))
+        yield Traced(mended, paths)
     source.allow(tolerance * scale, tolerance, first)  # for rays still to come
     return paths, source.neglected <= tolerance * scale
+
+
+def mend(
+    tracer: RayTracer, paths: Paths, tolerance: float, scale: Any, behind: Any, share: float
+) -> np.ndarray | None:
+    """Trace pixels that are off by too much again, each segment with a share of the tolerance.
+
+    Returns their flat numbers; None if there are none.
+    """
+    wrong = _too_wrong(tracer, paths, tolerance, scale, behind)
+    if not len(wrong):
+        return None
+    tracer.source.allow(tolerance * scale, tolerance, share)
+    paths.put(wrong, tracer.pixels(wrong))
+    return wrong
 
 
 def in_kernel_unit(background: float, unit: float) -> Any:
@@ -83,8 +101,9 @@ def _brightness(tracer: RayTracer, paths: Paths, behind: Any) -> Any:
     return bright if np.any(bright) else paths.error[2]
 
 
-def _sampled_brightness(tracer: RayTracer, behind: Any) -> float:
-    """Return how bright the brightest of some pixels is, without looking at errors; 0 of few."""
+def estimate_scale(tracer: RayTracer, behind: Any) -> float:
+    """Return the brightness of the brightest of some pixels, whatever their errors; 0 of few."""
+    tracer.source.allow(np.inf, np.inf, 1.0)
     nx, ny = tracer.job.frame.pixels
     if nx * ny < _WORTHWHILE * _SAMPLES:
         return 0.0

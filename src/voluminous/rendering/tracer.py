@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -168,8 +169,34 @@ def _mapped(function: Callable[..., np.ndarray], paths: Sequence[Paths]) -> Path
     return Paths(rows, paths[0].counts, any(one.stopped for one in paths))
 
 
+@dataclass
+class Traced:
+    """What a batch has traced: flat numbers of pixels, and the paths of the whole picture so far.
+
+    Paths of pixels that have not been traced yet hold zeros.
+    """
+
+    pixel: np.ndarray
+    paths: Paths
+
+
+Result = TypeVar("Result")
+
+
+def exhausted(batches: Generator[Traced, None, Result]) -> Result:
+    """Return what a generator of batches returns in the end."""
+    while True:
+        try:
+            next(batches)
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+
+
 # Cells crossed per kernel launch, at most: a fraction of a second, so that Ctrl-C is heard.
 _STEPS_PER_BATCH = 5e7
+# Rays of the first of batches that are limited in time.
+_FIRST_LANES = 1 << 13
 
 
 class RayTracer:
@@ -185,8 +212,8 @@ class RayTracer:
         self.job, self.source, self.backend = job, source, job.backend
         self.kernels: KernelCache | None = None
         grid, wide = job.volume.grid, job.backend.wide
-        kind = getattr(source, "walk_kind", job.walk_kind)
-        self.walk = getattr(source, "walk", None) or grid.walk(job.backend, kind)
+        kind = source.walk_kind or job.walk_kind
+        self.walk = source.walk or grid.walk(job.backend, kind)
         self.scheme = job.scheme
         if job.hidden is not None:
             self.walk = through_cells(self.walk, grid, job.backend)
@@ -202,21 +229,54 @@ class RayTracer:
 
     def frame(self) -> Paths:
         """Return the paths of all pixels, in the order of the image's rows."""
-        return mean(self._frame(offset) for offset in subpixel_offsets(self.job.samples))
+        return exhausted(self.batches())
 
-    def _frame(self, offset: tuple[float, float]) -> Paths:
-        (nx, ny), order = self.job.frame.pixels, PixelOrder(self.job.frame.pixels)
-        gathered = OutputBuffers(self, nx * ny)
-        kept = order.count <= min(self.batch, MOST_KEPT)
-        for first in range(0, order.count, self.batch):
-            count = min(self.batch, order.count - first)
-            if kept:
-                batch = RayBatch(whole_picture((nx, ny), self.backend), offset, whole=(nx, ny))
+    def batches(
+        self, seconds: float | None = None, focus: tuple[float, float] | None = None
+    ) -> Generator[Traced, None, Paths]:
+        """Trace all pixels: yield what each batch has traced, and return all paths at last.
+
+        Parameters
+        ----------
+        seconds : float, optional
+            About how long a batch may take; by default a few tenths.
+        focus : (float, float), optional
+            The pixel around which to begin, the middle of the picture by default.
+        """
+        total: Paths | None = None
+        offsets = subpixel_offsets(self.job.samples)
+        for offset in offsets:
+            paths = yield from self._frame(offset, seconds, focus)
+            total = paths if total is None else total.plus(paths)
+        assert total is not None
+        return total if len(offsets) == 1 else total.times(1.0 / len(offsets))
+
+    def _frame(
+        self,
+        offset: tuple[float, float],
+        seconds: float | None,
+        focus: tuple[float, float] | None,
+    ) -> Generator[Traced, None, Paths]:
+        pixels, order = self.job.frame.pixels, PixelOrder(self.job.frame.pixels, focus)
+        buffers = OutputBuffers(self, pixels[0] * pixels[1], partial=seconds is not None)
+        size = self.batch if seconds is None else min(self.batch, _FIRST_LANES)
+        whole = seconds is None and order.count <= min(size, MOST_KEPT)
+        first = 0
+        while first < order.count:
+            count, start = min(size, order.count - first), time.monotonic()
+            if whole:
+                batch = RayBatch(whole_picture(pixels, self.backend), offset, whole=pixels)
             else:
                 batch = RayBatch(order.lanes(first, count, self.backend), offset)
-            self._draw(gathered, batch)
+            self._draw(buffers, batch)
             self.job.advance(count, order.count)
-        return gathered.paths()
+            first += count
+            if seconds is not None:
+                took = time.monotonic() - start
+                size = min(self.batch, size * 2 if took < 0.5 * seconds else size)
+                size = max(BLOCK**2, size // 2 if took > seconds else size)
+                yield Traced(batch.lanes.pixels, buffers.paths())
+        return buffers.paths()
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         """Return the mean paths of some pixels, given by their flat numbers."""
@@ -266,8 +326,7 @@ class RayTracer:
     @property
     def numbers(self) -> RayInputs:
         """All that a kernel reads besides what belongs to walk, source and scheme."""
-        tolerance = getattr(self.source, "tolerance", ())
-        return RayInputs(self.vectors, self.places, self.ending, tolerance)
+        return RayInputs(self.vectors, self.places, self.ending, self.source.tolerance)
 
     def reading(self, numbers: RayInputs) -> RayTracer:
         """Return the same rays, but for the arrays that kernels read numbers from."""
@@ -336,14 +395,15 @@ def _share_of_steps(blocks: Any) -> float:
 class OutputBuffers:
     """Numbers of paths, one device array each, and at last where rays stopped early.
 
-    Every place is written once: there is nothing to set to zero before.
+    Every place is written once: only those that are read before that need zeros (`partial`).
     """
 
-    def __init__(self, tracer: RayTracer, count: int) -> None:
+    def __init__(self, tracer: RayTracer, count: int, *, partial: bool = False) -> None:
         self.counts, self.ending = tracer.counts, tracer.ending
         emissions, extinctions, errors = self.counts
         total = emissions + 2 * extinctions + errors + 1
-        self.rows = [dr.empty(tracer.backend.Float, count) for _ in range(total)]
+        make = dr.zeros if partial else dr.empty
+        self.rows = [make(tracer.backend.Float, count) for _ in range(total)]
 
     def paths(self) -> Paths:
         """Return all of them."""

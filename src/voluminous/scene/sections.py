@@ -48,8 +48,10 @@ _RENDER: dict[str, Kind] = {
     "background": kinds.NUMBERS_OR_TEXT,
     "cutoff": kinds.NUMBER,
     "tolerance": kinds.NUMBER_OR_NONE,
-    "samples": kinds.NUMBER_OR_TEXT,
-    "bounds": kinds.WHOLE_OR_BOOLEAN,
+    "samples": kinds.WHOLE,
+    "antialias": kinds.TEXT,
+    "bounds": kinds.BOOLEAN,
+    "max_panels": kinds.WHOLE,
 }
 _IMAGE: dict[str, Kind] = {
     **dict.fromkeys(("vmin", "vmax", "softening"), kinds.NUMBER),

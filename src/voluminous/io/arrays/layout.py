@@ -24,7 +24,7 @@ _ENDS = {"first": 0, "last": 3}
 
 @dataclass(frozen=True)
 class Entry:
-    """An array in a file; all but its values is known without reading it."""
+    """An array in a file: its shape, type and unit, and how to read its values."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -114,7 +114,7 @@ def axis_order(axes: Any) -> tuple[int, ...]:
 
 
 def named_order(dims: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the transposition for axes with names; they are x, y, z if these do not tell.
+    """Return the transposition for axes with names; x, y, z if the names say nothing.
 
     Examples
     --------

@@ -13,13 +13,15 @@ from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ...units import unit_name
 from ..axes import is_even
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
 from ..hdf5 import data_sets, holds, opened, read
 from ..names import chosen_fields
 from .reader import REGULAR, AthenaReader, in_unit
 from .variables import CodeUnits, known
 
 if TYPE_CHECKING:
+    import h5py
+
     from ...volume import Volume
 
 _NODES, _STEP = "node_coords", "Timestep_"
@@ -37,7 +39,9 @@ class PlutoReader(Reader):
     def matches(self, path: Path, head: bytes) -> bool:
         return holds(path, head, lambda f: _NODES in f and any(n.startswith(_STEP) for n in f))
 
-    def read(self, path: Path, fields: Any = None, *, unit: Any = None, **units: Any) -> Volume:
+    def read(
+        self, path: Path, fields: FieldChoice = None, *, unit: UnitLike = None, **units: Any
+    ) -> Volume:
         from ...volume import Volume
 
         code = CodeUnits(**units)
@@ -65,12 +69,12 @@ class PlutoReader(Reader):
         return tuple(info for info, _ in found.values())
 
 
-def _step(file: Any) -> Any:
+def _step(file: h5py.File) -> Any:
     return file[next(name for name in file if name.startswith(_STEP))]
 
 
 def _variables(
-    path: Path, file: Any, kind: str, code: CodeUnits, edges: Sequence[np.ndarray]
+    path: Path, file: h5py.File, kind: str, code: CodeUnits, edges: Sequence[np.ndarray]
 ) -> dict[str, tuple[FieldInfo, float]]:
     """Return place → what is told of a variable in cells, and the factor to its unit."""
     found = {}
@@ -86,7 +90,7 @@ def _variables(
     return found
 
 
-def _grid(file: Any) -> tuple[str, Sequence[np.ndarray]]:
+def _grid(file: h5py.File) -> tuple[str, Sequence[np.ndarray]]:
     nodes = [file[_NODES][axis] for axis in "XYZ"]
     if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):
         raise InputError(f"its grid has {nodes[0].ndim} dimensions, expected 3")

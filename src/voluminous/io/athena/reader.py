@@ -16,7 +16,7 @@ from ...errors import FileFormatError
 from ...grids import CartesianGrid, CylindricalGrid, PatchGrid, SphericalGrid
 from ...units import unit_name
 from ..axes import round_unit
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
 from ..hdf5 import data_set, holds, opened
 from ..leaves import placed_values, tree_of_leaves
 from ..names import chosen_fields
@@ -24,6 +24,8 @@ from ..payload import checked_shape
 from .variables import CodeUnits, Variable, variables
 
 if TYPE_CHECKING:
+    import h5py
+
     from ...volume import Volume
 
 
@@ -61,7 +63,7 @@ class AthenaMesh:
         return tuple(int(axis) for axis in np.flatnonzero(self.counts > 1))
 
 
-def read_mesh(file: Any) -> AthenaMesh:
+def read_mesh(file: h5py.File) -> AthenaMesh:
     """Return the mesh of an open file."""
     kind = _kind(file)
     block = np.array(checked_shape(file.attrs["MeshBlockSize"], "MeshBlockSize"))
@@ -81,11 +83,11 @@ def read_mesh(file: Any) -> AthenaMesh:
     return AthenaMesh(kind, block, level, low, _whole_circles(kind, edges))
 
 
-def _numbers(file: Any, name: str) -> Any:
+def _numbers(file: h5py.File, name: str) -> Any:
     return data_set(Path(file.filename), file, name)
 
 
-def _kind(file: Any) -> str:
+def _kind(file: h5py.File) -> str:
     told = file.attrs["Coordinates"]
     name = told.decode("utf-8", "replace") if isinstance(told, bytes) else str(told)
     if name not in _KINDS:
@@ -93,7 +95,7 @@ def _kind(file: Any) -> str:
     return _KINDS[name]
 
 
-def _blocks(file: Any) -> tuple[np.ndarray, np.ndarray]:
+def _blocks(file: h5py.File) -> tuple[np.ndarray, np.ndarray]:
     level = _numbers(file, "Levels")[()].astype(np.int64)
     location = _numbers(file, "LogicalLocations")[()].astype(np.int64)
     count = int(file.attrs["NumMeshBlocks"])
@@ -110,7 +112,7 @@ def _blocks(file: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _edges(
-    file: Any, axis: int, count: int, level: np.ndarray, low: np.ndarray, block: np.ndarray
+    file: h5py.File, axis: int, count: int, level: np.ndarray, low: np.ndarray, block: np.ndarray
 ) -> np.ndarray:
     first, last, ratio = (float(v) for v in file.attrs[f"RootGridX{axis + 1}"])
     faces = _numbers(file, f"x{axis + 1}f")[()].astype(np.float64)
@@ -171,7 +173,9 @@ REGULAR: dict[str, Any] = {
 }
 
 
-def grid_of_mesh(mesh: AthenaMesh, edges: Sequence[np.ndarray], unit: Any) -> tuple[Any, Arrange]:
+def grid_of_mesh(
+    mesh: AthenaMesh, edges: Sequence[np.ndarray], unit: UnitLike
+) -> tuple[Any, Arrange]:
     """Return the grid of a mesh, and what makes a field of values ``[block, ix, iy, iz]``.
 
     Blocks of one level that fill the domain make a regular grid; others patches, or in curvilinear
@@ -205,7 +209,7 @@ class _Joined:
         return whole
 
 
-def _tree(mesh: AthenaMesh, edges: Sequence[np.ndarray], unit: Any) -> tuple[Any, np.ndarray]:
+def _tree(mesh: AthenaMesh, edges: Sequence[np.ndarray], unit: UnitLike) -> tuple[Any, np.ndarray]:
     local = np.moveaxis(np.indices(mesh.block.tolist()), 0, -1).reshape(-1, 3)
     index = (mesh.low[:, None] + local).reshape(-1, 3)
     level = np.repeat(mesh.level, len(local))
@@ -235,7 +239,7 @@ class AthenaReader(Reader):
         return holds(path, head, lambda file: all(mark in file.attrs for mark in _MARKS))
 
     def read(
-        self, path: Path, fields: Any = None, *, unit: Any = None, **code_units: Any
+        self, path: Path, fields: FieldChoice = None, *, unit: UnitLike = None, **code_units: Any
     ) -> Volume:
         from ...volume import Volume
 
@@ -273,7 +277,7 @@ class AthenaReader(Reader):
             )
 
 
-def _dataset(file: Any, variable: Variable, mesh: AthenaMesh) -> Any:
+def _dataset(file: h5py.File, variable: Variable, mesh: AthenaMesh) -> Any:
     dataset = _numbers(file, variable.dataset)
     blocks = (len(mesh.level), *mesh.block[::-1].tolist())
     if dataset.shape[1:] != blocks or variable.row >= dataset.shape[0]:
@@ -296,7 +300,7 @@ def _native(dtype: Any) -> Any:
 
 
 def in_unit(
-    kind: str, edges: Sequence[np.ndarray], units: CodeUnits, unit: Any
+    kind: str, edges: Sequence[np.ndarray], units: CodeUnits, unit: UnitLike
 ) -> tuple[Sequence[np.ndarray], Any]:
     """Return the edges of a grid in the unit that the volume shall have, and that."""
     if units.length is None:
@@ -308,7 +312,7 @@ def in_unit(
     return [e * factor if axis in lengths else e for axis, e in enumerate(edges)], own
 
 
-def _meta(file: Any, units: CodeUnits) -> dict[str, Any]:
+def _meta(file: h5py.File, units: CodeUnits) -> dict[str, Any]:
     meta: dict[str, Any] = {}
     if "Time" in file.attrs:
         factor, unit = units.of(("time", (0, 0, 1), "s"))

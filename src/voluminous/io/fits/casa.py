@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...packages import require
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader
 from .reader import FITSReader
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class CASAReader(Reader):
             return False
         return b"Type = Image" in text
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         exported = _exported(path)
         volume = FITSReader().read(Path(exported.name) / "image.fits", fields, **options)
         volume.load()  # the file goes away

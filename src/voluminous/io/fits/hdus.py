@@ -10,12 +10,15 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError
 from ..payload import is_packed, mapped, read_exactly, unpacked
+
+if TYPE_CHECKING:
+    from astropy.io.fits import Header
 
 BLOCK = 2880
 _MOST_PARTS = 100_000
@@ -27,7 +30,7 @@ class HDU:
     """A header and its data."""
 
     number: int  # 0 is the primary one
-    header: Any  # astropy.io.fits.Header
+    header: Header  # astropy.io.fits.Header
     start: int  # where the data begin in the (unpacked) file
     size: int  # bytes of data
     path: Path
@@ -46,7 +49,7 @@ class HDU:
         return value
 
 
-def card(header: Any, key: str, default: Any = None) -> Any:
+def card(header: Header, key: str, default: Any = None) -> Any:
     """Return the value of a card; the default if there is none, or it cannot be read."""
     from astropy.io.fits import VerifyError
     from astropy.io.fits.card import Undefined
@@ -136,7 +139,7 @@ def shape(part: HDU, prefix: str = "") -> tuple[int, ...]:
     return sides
 
 
-def _times(header: Any) -> str:
+def _times(header: Header) -> str:
     return " x ".join(str(header[f"NAXIS{k + 1}"]) for k in range(header["NAXIS"])) + " values"
 
 
@@ -152,7 +155,7 @@ class Scaling:
     FITS Standard 4.0, section 4.4.2 (BSCALE, BZERO, BLANK).
     """
 
-    stored: np.dtype[Any]
+    stored: np.dtype
     bscale: float
     bzero: float
     blank: int | None
@@ -170,19 +173,19 @@ class Scaling:
         return self.stored.kind != "f" and ((self.bscale, self.bzero) == (1, 0) or self.shifted)
 
     @property
-    def floating(self) -> np.dtype[Any]:
+    def floating(self) -> np.dtype:
         """The floats that hold the values."""
         wide = self.stored.itemsize > (4 if self.stored.kind == "f" else 2)
         return np.dtype(np.float64 if wide else np.float32)
 
     @property
-    def integral(self) -> np.dtype[Any]:
+    def integral(self) -> np.dtype:
         """The integers that hold the values, if these are `whole`."""
         kind = {"u": "i", "i": "u"}[self.stored.kind] if self.shifted else self.stored.kind
         return np.dtype(f"{kind}{self.stored.itemsize}")
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """What the values are; whole numbers of which some may be missing are taken as floats."""
         return self.integral if self.whole and self.blank is None else self.floating
 
@@ -211,7 +214,7 @@ class Scaling:
         return unsigned.view(self.integral)
 
 
-def _bits(dtype: np.dtype[Any]) -> int:
+def _bits(dtype: np.dtype) -> int:
     return 8 * dtype.itemsize
 
 

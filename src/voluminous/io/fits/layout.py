@@ -10,12 +10,16 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...geometry import is_uniform
 from ...units import parse_unit, plain
+from ..contract import UnitLike
 from ..names import field_name
 from .hdus import card
 from .units import lenient_unit
 from .wcs import World
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS
+
     from ...grids import CartesianGrid
 
 
@@ -31,7 +35,7 @@ _NAMES = {
 _KINDS = {"speed": "velocity", "frequency": "frequency", "energy": "energy"}
 
 
-def third_axis(wcs: Any, header: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+def third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:
     """Return edges and centres along the third axis in a unit that people read, and that unit.
 
     Centres are in the middle of channels, in whatever these are even.
@@ -44,7 +48,7 @@ def third_axis(wcs: Any, header: Any) -> tuple[np.ndarray, np.ndarray, Any]:
     return converted(edges, unit, shown), converted(centers, unit, shown), shown
 
 
-def edges_along(wcs: Any, axis: int) -> tuple[np.ndarray, Any]:
+def edges_along(wcs: WCS, axis: int) -> tuple[np.ndarray, Any]:
     """Return the world coordinates of pixel edges along an axis of its own, and the unit."""
     count = wcs.pixel_shape[axis]
     edges = _along(wcs, axis, np.arange(count + 1) - 0.5)
@@ -58,16 +62,16 @@ def edges_along(wcs: Any, axis: int) -> tuple[np.ndarray, Any]:
     return edges, parse_unit(wcs.wcs.cunit[axis])
 
 
-def _along(wcs: Any, axis: int, places: np.ndarray) -> np.ndarray:
+def _along(wcs: WCS, axis: int, places: np.ndarray) -> np.ndarray:
     """Return the coordinates of pixels along an axis that no other has to do with."""
     return np.asarray(wcs.sub([axis + 1]).wcs_pix2world(places[:, None], 0)[:, 0])
 
 
-def _is_linear(wcs: Any, axis: int) -> bool:
+def _is_linear(wcs: WCS, axis: int) -> bool:
     return "-" not in wcs.wcs.ctype[axis]
 
 
-def _shown(wcs: Any, unit: Any, header: Any) -> Any:
+def _shown(wcs: WCS, unit: Any, header: Header) -> Any:
     """Return the unit that people read: km/s, GHz, and the header's own for wavelengths."""
     from astropy import units as u
 
@@ -83,7 +87,7 @@ def _shown(wcs: Any, unit: Any, header: Any) -> Any:
     return u.um if own == u.m else own
 
 
-def converted(value: Any, unit: Any, other: Any) -> Any:
+def converted(value: Any, unit: UnitLike, other: Any) -> Any:
     """Return numbers of a unit in another."""
     from astropy import units as u
 
@@ -92,7 +96,7 @@ def converted(value: Any, unit: Any, other: Any) -> Any:
     return plain(u.Quantity(value, unit), other, "an axis of the cube")
 
 
-def axis_name(wcs: Any) -> str:
+def axis_name(wcs: WCS) -> str:
     """Return the name of the field that tells the third coordinate of a WCS."""
     kind, measure = str(wcs.wcs.ctype[2]), parse_unit(wcs.wcs.cunit[2])
     if kind[:4] in _NAMES and wcs.wcs.spec == 2:
@@ -113,7 +117,7 @@ class ThirdAxis:
 
     name: str  # of the field that holds it
     values: np.ndarray  # at the centres of the cells
-    unit: Any  # theirs
+    unit: UnitLike  # theirs
 
 
 @dataclass(frozen=True)
@@ -122,10 +126,10 @@ class CubeLayout:
 
     grid: CartesianGrid
     axis: ThirdAxis | None = None
-    wcs: Any = None
+    wcs: WCS = None
 
 
-def unit_cells(sides: tuple[int, ...], bounds: Any, unit: Any) -> CubeLayout:
+def unit_cells(sides: tuple[int, ...], bounds: Any, unit: UnitLike) -> CubeLayout:
     """Return the layout of a cube of which no coordinates are known."""
     from ...grids import CartesianGrid
 
@@ -133,7 +137,9 @@ def unit_cells(sides: tuple[int, ...], bounds: Any, unit: Any) -> CubeLayout:
     return CubeLayout(CartesianGrid.uniform(sides, bounds, unit=unit))
 
 
-def layout(found: World, header: Any, unit: Any, depth: Any, spectral_scale: Any) -> CubeLayout:
+def layout(
+    found: World, header: Header, unit: UnitLike, depth: Any, spectral_scale: Any
+) -> CubeLayout:
     """Return the grid for the world coordinates of a cube."""
     from ...grids import CartesianGrid
 
@@ -150,7 +156,7 @@ def layout(found: World, header: Any, unit: Any, depth: Any, spectral_scale: Any
     return CubeLayout(grid, axis, wcs)
 
 
-def _plane(found: World, unit: Any) -> tuple[list[np.ndarray], Any]:
+def _plane(found: World, unit: UnitLike) -> tuple[list[np.ndarray], Any]:
     from astropy import units as u
 
     wcs = found.wcs
@@ -180,7 +186,7 @@ def _same_kind(one: Any, other: Any) -> bool:
     return bool(one.is_equivalent(other))
 
 
-def is_place(wcs: Any) -> bool:
+def is_place(wcs: WCS) -> bool:
     """Return True if the third axis of a WCS is in space, as the others are."""
     if wcs.has_celestial or wcs.wcs.spec >= 0:
         return False
@@ -208,7 +214,7 @@ def _depths(third: np.ndarray, scale: float) -> np.ndarray:
     return (third - 0.5 * (third[0] + third[-1])) * scale
 
 
-def _positive(value: Any, unit: Any, what: str) -> float:
+def _positive(value: Any, unit: UnitLike, what: str) -> float:
     if isinstance(value, str):
         value = _parsed(value, what)
     number = plain(value, unit, what)

@@ -11,7 +11,7 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError
 from ...units import unit_name
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader
 from ..names import chosen_fields
 from ..payload import is_packed, unpacked
 from .cubes import Cube, cubes, images
@@ -77,7 +77,7 @@ class FITSReader(Reader):
             told.append(FieldInfo(axis.name, axis.name, shape, "float32", unit_name(axis.unit)))
         return tuple(told)
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ...volume import Volume
 
         found = _cubes(path, options)

@@ -11,7 +11,7 @@ import math
 import re
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,12 +20,16 @@ from ...image.sky import of_pixels, table_hdus
 from .hdus import HDU, card, image_shape, is_compressed, number
 from .units import fits_name, lenient_unit
 
+if TYPE_CHECKING:
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS
+
 _SKIRT = "Z-AXIS COORDINATE VALUES"
 _TABLE, _COLUMN = "VOLTABLE", "CENTERS"
 _KINDS = {"length": "WAVE", "frequency": "FREQ", "energy": "ENER"}
 
 
-def skirt_centers(part: HDU, header: Any) -> dict[int, np.ndarray]:
+def skirt_centers(part: HDU, header: Header) -> dict[int, np.ndarray]:
     """Return ``{2: coordinates}`` if SKIRT's table of the third axis is in the file, else nothing.
 
     The header gets the kind and the unit of the axis.
@@ -47,7 +51,7 @@ def skirt_centers(part: HDU, header: Any) -> dict[int, np.ndarray]:
     return {2: centers}
 
 
-def put_centers(header: Any, axis: int, centers: np.ndarray) -> Any:
+def put_centers(header: Header, axis: int, centers: np.ndarray) -> Any:
     """Give an axis (from 0) of a header coordinates at pixels; return the table of these."""
     k, steps = axis + 1, np.diff(centers)
     count = header[f"NAXIS{k}"]
@@ -90,7 +94,7 @@ def has_world(part: HDU) -> bool:
     return any(f"{key}{end}" in part.header for key in keys for end in ("1", "2", "1_1", "001001"))
 
 
-def wcs_of(part: HDU, rest: str | None) -> Any:
+def wcs_of(part: HDU, rest: str | None) -> WCS:
     """Return the WCS of a header, of which some spellings are mended."""
     from astropy.io import fits
     from astropy.wcs import WCS
@@ -122,7 +126,7 @@ def wcs_of(part: HDU, rest: str | None) -> Any:
     return wcs
 
 
-def _mended(part: HDU, rest: str | None) -> Any:
+def _mended(part: HDU, rest: str | None) -> Header:
     header = part.header.copy()
     if is_compressed(part):  # its own axes are those of a table
         for k, side in enumerate(image_shape(part), start=1):
@@ -143,7 +147,7 @@ def _mended(part: HDU, rest: str | None) -> Any:
     return header
 
 
-def _put_one_matrix(part: HDU, header: Any) -> None:
+def _put_one_matrix(part: HDU, header: Header) -> None:
     """Describe axes with CDi_j cards and axes without them by CDi_j cards alone.
 
     wcslib takes one way for all axes, and steps of 1 for those that are described in another.
@@ -189,7 +193,7 @@ def _put_one_matrix(part: HDU, header: Any) -> None:
                 header[f"CD{i}_{j}"] = value
 
 
-def _put_rest(header: Any, rest: Any) -> None:
+def _put_rest(header: Header, rest: Any) -> None:
     from astropy import units as u
 
     for key in ("RESTFRQ", "RESTFREQ", "RESTWAV"):
@@ -216,7 +220,7 @@ _TURNED = 1e-9
 class World:
     """The world coordinates of a cube whose axes are in the order x, y, z of a grid."""
 
-    wcs: Any  # of the arranged cube, pixel axes x, y, z
+    wcs: WCS  # of the arranged cube, pixel axes x, y, z
     axes: tuple[int, ...]  # which axis of the cube (0 is the fastest) each is
     flipped: tuple[bool, ...]  # which are reversed
 
@@ -285,7 +289,7 @@ def world(
     return World(wcs, tuple(order[k] for k in own), flipped)
 
 
-def _order(wcs: Any) -> list[int]:
+def _order(wcs: WCS) -> list[int]:
     """Return longitude, latitude and the third axis; else the spectral one last."""
     if wcs.wcs.lng >= 0 and wcs.wcs.lat >= 0:
         first = [wcs.wcs.lng, wcs.wcs.lat]
@@ -294,11 +298,11 @@ def _order(wcs: Any) -> list[int]:
     return [k for k in range(3) if k != spectral] + ([spectral] if spectral >= 0 else [])
 
 
-def _linear(wcs: Any) -> np.ndarray:
+def _linear(wcs: WCS) -> np.ndarray:
     return np.asarray(np.diag(wcs.wcs.get_cdelt()) @ wcs.wcs.get_pc())
 
 
-def _check_apart(wcs: Any) -> None:
+def _check_apart(wcs: WCS) -> None:
     """Refuse axes that are not at right angles, except for those on the sky."""
     linear = np.abs(_linear(wcs))
     if not np.all(np.isfinite(linear)) or not np.all(linear.max(axis=1) > 0):
@@ -311,7 +315,7 @@ def _check_apart(wcs: Any) -> None:
         raise FileFormatError(f"the axes of the WCS are turned (PC or CD cards){HINT}")
 
 
-def _converted(wcs: Any, velocity: str | None) -> Any:
+def _converted(wcs: WCS, velocity: str | None) -> WCS:
     """Return the WCS with a spectral axis that is a velocity, if that can be."""
     if velocity is not None and velocity not in _CONVENTIONS:
         raise InputError(f"velocity must be one of {list(_CONVENTIONS)}, got {velocity!r}")
@@ -338,7 +342,7 @@ def _converted(wcs: Any, velocity: str | None) -> Any:
     return new
 
 
-def _upright(wcs: Any, sides: list[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
+def _upright(wcs: WCS, sides: list[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """Return how pixels are swapped and reversed so that coordinates rise, east to the left.
 
     Pixels of the grid are at ``matrix q + origin`` in the file, axes in the order returned last.

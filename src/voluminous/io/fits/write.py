@@ -14,6 +14,8 @@ from .layout import axis_name, is_place
 from .units import fits_name
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header
+
     from ...volume import Volume
 
 # The grid's unit, and how deep the third axis is in it, where that measures something else.
@@ -67,7 +69,7 @@ def _has_axis(volume: Volume) -> bool:
     return volume.wcs is not None and not is_place(volume.wcs)
 
 
-def _world_cards(volume: Volume) -> Any:
+def _world_cards(volume: Volume) -> Header:
     """Return cards that say where cells are."""
     from astropy.io import fits
 

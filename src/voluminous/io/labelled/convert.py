@@ -73,7 +73,7 @@ def from_xarray(
     Volume
         Coordinates are cell centres: edges are in the middle between them, or where CF's bounds
         say. Axes ascend; heights that are counted downwards (depths, pressures) are negative, so
-        that up is up. ``volume.meta["axes"]`` tells what x, y and z are, and `meta` has the other
+        that up is up. ``volume.meta["axes"]`` says what x, y and z are, and `meta` has the other
         coordinates that have one value. Missing values are NaN; integers stay integers.
 
     Raises

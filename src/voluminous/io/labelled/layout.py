@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Which part of the data, and where its cells are.
 OPTIONS = {
-    "dims": "the dimensions along x, y and z, if they do not tell: ('lon', 'lat', 'lev')",
+    "dims": "the dimensions along x, y and z, by default as their names say: ('lon', 'lat', 'lev')",
     "isel": "which part of other dimensions, by number: {'time': 0}; slices cut a part out",
     "sel": "the same by the value of the coordinate: {'time': '2001-01-31'}",
     "bounds": "(low, high) or ((x0, x1), (y0, y1), (z0, z1)) of a grid of equal cells, in place of "

@@ -42,7 +42,7 @@ class NetCDFReader(LabelledReader):
                 marked = any(_DIMENSION_MARKS & item.attrs.keys() for item in items)
                 return "_NCProperties" in file.attrs or marked
         except (OSError, RuntimeError, KeyError, ValueError):
-            return path.suffix.lower() in self.suffixes  # too damaged to tell
+            return path.suffix.lower() in self.suffixes  # too damaged to look into
 
     @contextmanager
     def dataset(self, path: Path, group: str | None) -> Iterator[xarray.Dataset]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...errors import FileFormatError, InputError, UnitsError
 from ...units import parse_unit, unit_name
+from ..contract import UnitLike
 
 _C_ORDER = "a field has three axes, in the order of the edges (the last one fastest in memory)"
 _DEPTH_FIRST = (
@@ -109,20 +110,20 @@ def grid_of(plain: PlainGrid) -> Any:
     return grid
 
 
-def _make_cartesian(plain: PlainGrid, unit: Any) -> Any:
+def _make_cartesian(plain: PlainGrid, unit: UnitLike) -> Any:
     from ...grids import CartesianGrid
 
     return CartesianGrid(*(plain.arrays[axis] for axis in "xyz"), unit=unit)
 
 
-def _make_octree(plain: PlainGrid, unit: Any) -> Any:
+def _make_octree(plain: PlainGrid, unit: UnitLike) -> Any:
     from ...grids import OctreeGrid
 
     x, y, z, levels = (plain.arrays[name] for name in ("x", "y", "z", "levels"))
     return OctreeGrid.from_levels(x, y, z, levels, unit=unit)
 
 
-def _make_patches(plain: PlainGrid, unit: Any) -> Any:
+def _make_patches(plain: PlainGrid, unit: UnitLike) -> Any:
     from ...grids import PatchGrid
 
     arrays = plain.arrays
@@ -143,7 +144,7 @@ def _check_patches(shape: np.ndarray, cells: int) -> None:
         )
 
 
-def _make_curvilinear(plain: PlainGrid, unit: Any) -> Any:
+def _make_curvilinear(plain: PlainGrid, unit: UnitLike) -> Any:
     from ...grids import CylindricalGrid, SphericalGrid
 
     spherical = plain.type == "spherical"

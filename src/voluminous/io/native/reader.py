@@ -18,7 +18,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...image.sky import table_hdus, tables_of
 from ...units import parse_unit, unit_name
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader
 from ..hdf5 import created, data_set, holds, is_own, opened, read, text
 from ..names import chosen_fields
 from ..payload import mapped
@@ -56,7 +56,7 @@ class NativeReader(Reader):
     def matches(self, path: Path, head: bytes) -> bool:
         return holds(path, head, lambda file: text(file.attrs.get("format", "")) == MARK)
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ...volume import Volume
 
         with opened(path) as file:
@@ -94,7 +94,7 @@ class NativeReader(Reader):
                 sink.check()
 
 
-def _info(name: str, item: Any) -> FieldInfo:
+def _info(name: str, item: h5py.Dataset) -> FieldInfo:
     unit = unit_name(parse_unit(_attribute(item, "units")))
     return FieldInfo(name, name, item.shape, str(item.dtype), unit)
 
@@ -108,7 +108,7 @@ def _check_version(file: h5py.File) -> None:
         )
 
 
-def _attribute(item: Any, name: str) -> str:
+def _attribute(item: h5py.Dataset, name: str) -> str:
     return text(item.attrs.get(name, ""))
 
 

@@ -15,7 +15,7 @@ from ...deferred import Deferred
 from ...errors import FileFormatError
 from ...units import parse_unit, unit_of
 from ..axes import round_unit
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
 from ..names import chosen_fields, field_name
 
 if TYPE_CHECKING:
@@ -86,10 +86,10 @@ class ParticleReader(Reader):
     def read(
         self,
         path: Path,
-        fields: Any = None,
+        fields: FieldChoice = None,
         *,
         empty: float = 0.0,
-        unit: Any = None,
+        unit: UnitLike = None,
         **options: Any,
     ) -> Volume:
         from ...volume import Volume

@@ -6,7 +6,7 @@ import functools
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from .common import (
     with_unit,
 )
 from .gadget_units import read_header
+
+if TYPE_CHECKING:
+    import h5py
 
 # Types of particles by name, as most codes count them.
 TYPES = {"gas": 0, "dark_matter": 1, "disk": 2, "bulge": 3, "stars": 4, "black_holes": 5}
@@ -256,7 +259,7 @@ def _files_of(path: Path, count: int) -> list[Path]:
     return [inside(path.parent, _SEVERAL.sub(f".{k}", path.name)) for k in range(count)]
 
 
-def _kernel(file: Any) -> tuple[str, float]:
+def _kernel(file: h5py.File) -> tuple[str, float]:
     scheme = file["HydroScheme"].attrs if "HydroScheme" in file else {}
     value = np.ravel(scheme.get("Kernel function", b""))[0]
     text = (value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)).lower()

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FileFormatError, UnitsError
 from ...units import is_quantity, parse_unit, unit_name
 from .common import number
+
+if TYPE_CHECKING:
+    import h5py
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ class GadgetHeader:
     masses: np.ndarray  # of particles of each type, 0 where each has its own
 
 
-def read_header(file: Any, given: tuple[Any, Any, Any]) -> GadgetHeader:
+def read_header(file: h5py.File, given: tuple[Any, Any, Any]) -> GadgetHeader:
     """Return the header of an open file; units that a user gives come first."""
     header = _attributes(file, "Header")
     attrs = _attributes(file, "Parameters") | header | _attributes(file, "Units")
@@ -153,11 +156,11 @@ def read_header(file: Any, given: tuple[Any, Any, Any]) -> GadgetHeader:
     )
 
 
-def _attributes(file: Any, group: str) -> dict[str, Any]:
+def _attributes(file: h5py.File, group: str) -> dict[str, Any]:
     return dict(file[group].attrs) if group in file else {}
 
 
-def _is_cosmological(file: Any, attrs: dict[str, Any]) -> bool:
+def _is_cosmological(file: h5py.File, attrs: dict[str, Any]) -> bool:
     """Return True if lengths are comoving; where no flag tells, if time is the scale factor."""
     swift = _attributes(file, "Cosmology")
     flag = number(attrs | swift, "ComovingIntegrationOn", "Cosmological run")

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from .common import (
     with_unit,
 )
 from .phantom_dump import DumpArray, byte_order, read_dump
+
+if TYPE_CHECKING:
+    import h5py
 
 # Types of particles as Phantom counts them.
 TYPES = {"gas": 1, "boundary": 3, "star": 4, "dark_matter": 5, "bulge": 6, "dust": 7}
@@ -63,7 +66,7 @@ class PhantomColumn:
 
     place: str
     shape: tuple[int, ...]
-    dtype: np.dtype[Any]
+    dtype: np.dtype
     load: Callable[[], np.ndarray]
 
 
@@ -213,7 +216,7 @@ def _load_native(path: Path, array: DumpArray) -> np.ndarray:
     return mapped(path, array.offset, (array.count,), array.dtype)
 
 
-def _is_dump(file: Any) -> bool:
+def _is_dump(file: h5py.File) -> bool:
     if "header" not in file or "particles" not in file:
         return False
     tags = {*file["header"], *file["header"].attrs}
@@ -237,7 +240,7 @@ def _in_hdf5(path: Path) -> PhantomContents:
 
 
 def _columns_in(
-    path: Path, group: Any, count: int | None = None
+    path: Path, group: h5py.Group, count: int | None = None
 ) -> tuple[dict[str, PhantomColumn], dict[str, str]]:
     """Return each column of the data sets in a group, and why other data sets have none."""
     found: dict[str, PhantomColumn] = {}

@@ -28,7 +28,7 @@ class DumpArray:
     """An array in the file: where its values begin, of which type and how many they are."""
 
     offset: int
-    dtype: np.dtype[Any]
+    dtype: np.dtype
     count: int
 
 
@@ -120,7 +120,7 @@ class _Records:
         return [letters[k * _TAG : (k + 1) * _TAG].strip() for k in range(count)]
 
 
-def _types(records: _Records) -> list[np.dtype[Any]]:
+def _types(records: _Records) -> list[np.dtype]:
     """Return the types of numbers there are, in the order in which they come."""
     content = records.read()
     integer, real = _SIZES[len(content)]
@@ -137,7 +137,7 @@ def _types(records: _Records) -> list[np.dtype[Any]]:
     return [np.dtype(f"{order}{name}") for name in names]
 
 
-def _header(records: _Records, types: list[np.dtype[Any]]) -> dict[str, np.ndarray]:
+def _header(records: _Records, types: list[np.dtype]) -> dict[str, np.ndarray]:
     found: dict[str, list[Any]] = {}
     for dtype in types:
         (count,) = records.numbers(types[0], 1)
@@ -150,9 +150,7 @@ def _header(records: _Records, types: list[np.dtype[Any]]) -> dict[str, np.ndarr
     return {tag: np.array(values) for tag, values in found.items()}
 
 
-def _blocks(
-    records: _Records, types: list[np.dtype[Any]], header: dict[str, np.ndarray]
-) -> PhantomDump:
+def _blocks(records: _Records, types: list[np.dtype], header: dict[str, np.ndarray]) -> PhantomDump:
     (groups,) = records.numbers(types[0], 1)
     blocks = int(header.get("nblocks", np.ones(1))[0])
     if blocks != 1:
@@ -184,7 +182,7 @@ def _group(records: _Records) -> tuple[int, np.ndarray]:
 
 
 def _arrays(
-    records: _Records, types: list[np.dtype[Any]], count: int, numbers: np.ndarray
+    records: _Records, types: list[np.dtype], count: int, numbers: np.ndarray
 ) -> dict[str, DumpArray]:
     found: dict[str, DumpArray] = {}
     for dtype, many in zip(types, numbers, strict=True):

@@ -11,7 +11,7 @@ import re
 import warnings
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,10 +80,10 @@ class EncodedFile:
 class ValuePlanes:
     """Values on the cells, one plane of them after the other."""
 
-    dtype: np.dtype[Any] = np.dtype(np.float64)
+    dtype: np.dtype = np.dtype(np.float64)
     mapped = False  # values stay in the file
 
-    def plane(self, index: int) -> NDArray[Any]:
+    def plane(self, index: int) -> np.ndarray:
         raise NotImplementedError
 
 
@@ -279,7 +279,7 @@ class BinaryFile(EncodedFile):
     def reals(self, count: int, what: str) -> Reals:
         return self._read(count, "f8", what).astype(np.float64)
 
-    def _read(self, count: int, kind: str, what: str) -> NDArray[Any]:
+    def _read(self, count: int, kind: str, what: str) -> np.ndarray:
         dtype = np.dtype(self._order + kind)
         left = self._size - self._file.tell()
         if left < count * dtype.itemsize:
@@ -322,10 +322,10 @@ class BinaryPlanes(ValuePlanes):
 
     mapped = True
 
-    def __init__(self, path: Path, offset: int, size: int, dtype: np.dtype[Any]) -> None:
+    def __init__(self, path: Path, offset: int, size: int, dtype: np.dtype) -> None:
         self.path, self.offset, self.size, self.dtype = path, offset, size, dtype
 
-    def plane(self, index: int) -> NDArray[Any]:
+    def plane(self, index: int) -> np.ndarray:
         offset = self.offset + index * self.size * self.dtype.itemsize
         return mapped(self.path, offset, (self.size,), self.dtype)
 
@@ -362,7 +362,7 @@ class RecordFile(EncodedFile):
     def reals(self, count: int, what: str) -> Reals:
         return self._read(count, "f8", what).astype(np.float64)
 
-    def _read(self, count: int, kind: str, what: str) -> NDArray[Any]:
+    def _read(self, count: int, kind: str, what: str) -> np.ndarray:
         """Return numbers from one or several records."""
         dtype = np.dtype(self._order + kind)
         needed = count * dtype.itemsize
@@ -432,7 +432,7 @@ class RecordPlanes(ValuePlanes):
     """ValuePlanes of numbers in records of one length; the last one in a plane may be filled up."""
 
     def __init__(
-        self, path: Path, offset: int, size: int, per_record: int, dtype: np.dtype[Any]
+        self, path: Path, offset: int, size: int, per_record: int, dtype: np.dtype
     ) -> None:
         self.path, self.offset, self.size, self.dtype = path, offset, size, dtype
         self.per_record, self.records = per_record, -(-size // per_record)
@@ -472,7 +472,7 @@ class TextOut:
     def integers(self, *numbers: int) -> None:
         self._file.write((" ".join(map(str, numbers)) + "\n").encode())
 
-    def rows(self, columns: list[NDArray[Any]]) -> None:
+    def rows(self, columns: list[np.ndarray]) -> None:
         """Write the values of columns side by side."""
         line = " ".join([_REAL] * len(columns)) + "\n"
         for first in range(0, len(columns[0]), _PIECE):
@@ -500,7 +500,7 @@ class BinaryOut(TextOut):
     def integers(self, *numbers: int) -> None:
         self._file.write(np.array(numbers, "<i8").tobytes())
 
-    def rows(self, columns: list[NDArray[Any]]) -> None:
+    def rows(self, columns: list[np.ndarray]) -> None:
         for first in range(0, len(columns[0]), _PIECE):
             piece = np.stack([c[first : first + _PIECE] for c in columns], axis=1)
             self._file.write(piece.astype(self._real).tobytes())

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import FileFormatError, VoluminousError
+from ..contract import FieldChoice
 from ..guard import placed
 from ..names import chosen_fields, field_name
 from .encodings import BinaryFile, EncodedFile, RecordFile, TextFile, ValuePlanes
@@ -98,13 +98,13 @@ class FieldFile:
     path: Path
     planes: ValuePlanes
     _wanted: dict[int, int] = field(default_factory=dict)
-    _kept: dict[int, NDArray[Any]] = field(default_factory=dict)
+    _kept: dict[int, np.ndarray] = field(default_factory=dict)
 
     def expect(self, part: FieldPart) -> None:
         """Count a field that will be read."""
         self._wanted[part.plane] = self._wanted.get(part.plane, 0) + 1
 
-    def values(self, part: FieldPart) -> NDArray[Any]:
+    def values(self, part: FieldPart) -> np.ndarray:
         """Return a field in the file's order.
 
         A plane with several fields is kept until the last of those expected has been read.
@@ -199,7 +199,7 @@ class Model:
     parts: dict[str, FieldPart]  # all fields by their places
     own: tuple[str, ...]  # places that the path which was given stands for: all, or one file's
 
-    def chosen(self, fields: Any) -> dict[str, FieldPart]:
+    def chosen(self, fields: FieldChoice) -> dict[str, FieldPart]:
         """Return the fields that a user asks for, by the names they shall have."""
         known = {place: part.name for place, part in self.parts.items()}
         if fields is None:
@@ -208,7 +208,7 @@ class Model:
             fields = self._expanded(fields, known)
         return {name: self.parts[place] for name, place in chosen_fields(known, fields).items()}
 
-    def _expanded(self, fields: Any, known: dict[str, str]) -> Any:
+    def _expanded(self, fields: FieldChoice, known: dict[str, str]) -> Any:
         """Return names in which one that stands for several species is replaced by theirs."""
         if isinstance(fields, str):
             fields = [fields]

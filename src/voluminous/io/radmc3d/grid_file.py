@@ -74,7 +74,7 @@ class GridFile:
         return cells + sum(finer * math.prod(row[4:]) for row in self.layers.tolist())
 
 
-def _bytes(array: NDArray[np.generic] | None) -> bytes:
+def _bytes(array: np.ndarray | None) -> bytes:
     return b"" if array is None else array.tobytes()
 
 

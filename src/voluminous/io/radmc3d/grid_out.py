@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError, InputError
 from ...units import plain
+from ..contract import UnitLike
 from .grid_file import DEEPEST, LAYERS, OCTREE, REGULAR, SPHERICAL, GridFile, Ints, uncovered
 
-Flat = Callable[[NDArray[Any]], NDArray[Any]]
+Flat = Callable[[np.ndarray], np.ndarray]
 CARTESIAN = 1
 # Parents are looked for among all patches of a level: of more than these an octree is made.
 _MOST_LAYERS = 10_000
@@ -55,7 +56,7 @@ def grid_out(grid: Any, coordinates: Any = None) -> GridOut:
     return found
 
 
-def in_cm(edges: NDArray[np.float64], unit: Any) -> NDArray[np.float64]:
+def in_cm(edges: NDArray[np.float64], unit: UnitLike) -> NDArray[np.float64]:
     """Return lengths in cm; without a unit they are in cm."""
     from astropy import units as u
 
@@ -65,11 +66,11 @@ def in_cm(edges: NDArray[np.float64], unit: Any) -> NDArray[np.float64]:
     return lengths
 
 
-def _fortran(values: NDArray[Any]) -> NDArray[Any]:
+def _fortran(values: np.ndarray) -> np.ndarray:
     return values.ravel(order="F")
 
 
-def _same(values: NDArray[Any]) -> NDArray[Any]:
+def _same(values: np.ndarray) -> np.ndarray:
     return values
 
 
@@ -211,7 +212,7 @@ def _parent(patches: Any, k: int) -> int | None:
 
 
 def _layer_order(grid: Any, order: Ints) -> Flat:
-    def flat(values: NDArray[Any]) -> NDArray[Any]:
+    def flat(values: np.ndarray) -> np.ndarray:
         parts = grid.unpack(values)
         seen = grid.unpack(np.ones(len(values), np.int8))  # cells below finer ones are 0
         return np.concatenate(

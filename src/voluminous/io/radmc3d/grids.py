@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import FileFormatError
 from ...units import parse_unit
+from ..contract import UnitLike
 from ..leaves import tree_of_leaves
 from .grid_file import GridFile, boxes, leaves, uncovered
 
@@ -34,24 +35,24 @@ class ArrangedGrid:
     """A grid, and how values in a file's order become a field."""
 
     grid: CartesianGrid | OctreeGrid | PatchGrid | SphericalGrid
-    arranged: Callable[[NDArray[Any]], Any]  # returns what `Volume` takes
+    arranged: Callable[[np.ndarray], Any]  # returns what `Volume` takes
     in_order: bool = False  # nothing need be moved
 
 
-def cartesian_grid(found: GridFile, unit: Any = None) -> ArrangedGrid:
+def cartesian_grid(found: GridFile, unit: UnitLike = None) -> ArrangedGrid:
     """Return the Cartesian grid, regular or refined; lengths are in `unit`, by default cm."""
     x, y, z = (converted(w, unit) for w in _finite(found))
     make = _octree if found.flags is not None else _regular if found.layers is None else _patches
     return make(found, (x, y, z), unit or "cm")
 
 
-def _regular(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
+def _regular(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import CartesianGrid
 
     return ArrangedGrid(CartesianGrid(*walls, unit=unit), shaped(found.shape))
 
 
-def _octree(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
+def _octree(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import OctreeGrid
 
     if not all(found.active):
@@ -59,7 +60,7 @@ def _octree(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
     return ArrangedGrid(OctreeGrid(*walls, refined=found.flags, unit=unit), as_they_are, True)
 
 
-def _flat_tree(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
+def _flat_tree(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     """Return a tree that is not refined along all axes: each leaf is a patch."""
     from ...grids import PatchGrid
     from ...grids.trees.octree_order import Places, levels_from_flags
@@ -86,7 +87,7 @@ def _flat_tree(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
     return ArrangedGrid(grid, as_they_are, True)
 
 
-def _patches(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
+def _patches(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import PatchGrid
 
     uncovered(found)  # refuses what overlaps
@@ -102,7 +103,7 @@ def _patches(found: GridFile, walls: Walls, unit: Any) -> ArrangedGrid:
     shapes = [tuple(shape) for shape in layers.shape.tolist()]
     ends = np.cumsum([np.prod(shape) for shape in shapes])
 
-    def arranged(values: NDArray[Any]) -> list[NDArray[Any]]:
+    def arranged(values: np.ndarray) -> list[np.ndarray]:
         parts = np.split(values, ends[:-1])
         return [shaped(shape)(part) for shape, part in zip(shapes, parts, strict=True)]
 
@@ -126,7 +127,7 @@ def _finite(found: GridFile) -> Sequence[NDArray[np.float64]]:
     return [one_cell if far else w for w, far in zip(found.walls, endless, strict=True)]
 
 
-def spherical_grid(found: GridFile, unit: Any = None) -> ArrangedGrid:
+def spherical_grid(found: GridFile, unit: UnitLike = None) -> ArrangedGrid:
     """Return the spherical grid; one that ends at the midplane is mirrored."""
     from ...grids import SphericalGrid
 
@@ -189,7 +190,7 @@ def _azimuth(phi: NDArray[np.float64]) -> NDArray[np.float64]:
     return phi
 
 
-def converted(lengths: NDArray[np.float64], unit: Any) -> NDArray[np.float64]:
+def converted(lengths: NDArray[np.float64], unit: UnitLike) -> NDArray[np.float64]:
     """Return lengths in cm in another unit; those in cm keep all their bits."""
     if unit is None or parse_unit(unit) == parse_unit("cm"):
         return lengths
@@ -201,10 +202,10 @@ def converted(lengths: NDArray[np.float64], unit: Any) -> NDArray[np.float64]:
     return in_unit
 
 
-def shaped(shape: tuple[int, ...]) -> Callable[[NDArray[Any]], NDArray[Any]]:
+def shaped(shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
     """Return what makes an array [i1, i2, i3] of values of which the first index is fastest."""
 
-    def arranged(values: NDArray[Any]) -> NDArray[Any]:
+    def arranged(values: np.ndarray) -> np.ndarray:
         found = values.reshape(shape[::-1])
         array = np.empty(shape, values.dtype.newbyteorder("="))
         for j in range(shape[1]):  # a third of the time of transposing the whole
@@ -214,6 +215,6 @@ def shaped(shape: tuple[int, ...]) -> Callable[[NDArray[Any]], NDArray[Any]]:
     return arranged
 
 
-def as_they_are(values: NDArray[Any]) -> NDArray[Any]:
+def as_they_are(values: np.ndarray) -> np.ndarray:
     """Return values of which the order is that of the grid."""
     return values

@@ -12,7 +12,7 @@ import numpy as np
 from ...deferred import Deferred
 from ...errors import FileFormatError, InputError, UnitsError, VoluminousError
 from ...units import parse_unit
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
 from ..guard import placed
 from .fields import FieldFile, FieldPart, Model, holds_model, open_model
 
@@ -42,7 +42,7 @@ class RADMC3DReader(Reader):
         except OSError:
             return False
 
-    def read(self, path: Path, fields: Any = None, **options: Any) -> Volume:
+    def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ...volume import Volume
 
         unit = options.get("unit")
@@ -74,19 +74,19 @@ class RADMC3DReader(Reader):
         write(volume, path, **options)
 
 
-def _dtype(part: FieldPart) -> np.dtype[Any]:
+def _dtype(part: FieldPart) -> np.dtype:
     if isinstance(part.file, FieldFile):
         return part.file.planes.dtype.newbyteorder("=")
     return np.dtype(np.float64)
 
 
-def _check_length(unit: Any) -> None:
+def _check_length(unit: UnitLike) -> None:
     known = parse_unit(unit)
     if unit is not None and (known is None or known.physical_type != "length"):
         raise UnitsError(f"unit must be a length such as 'au', got {unit!r}")
 
 
-def _cells(model: Model, unit: Any) -> ArrangedGrid:
+def _cells(model: Model, unit: UnitLike) -> ArrangedGrid:
     from .grids import cartesian_grid, spherical_grid
 
     make = spherical_grid if model.grid.spherical else cartesian_grid

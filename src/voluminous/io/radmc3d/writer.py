@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import FileFormatError, InputError, UnitsError
 from ...expressions import Expression
 from ...files import MissingPathError, replacing
 from ...units import is_quantity, parse_unit, plain
+from ..contract import FieldChoice
 from .encodings import BinaryOut, TextOut
 from .fields import FORMATS, GRID, INPUT, KINDS, FieldKind, find, known_kind
 from .grid_file import GridFile, read_grid
@@ -36,7 +36,7 @@ _NOT_WRITTEN = ("levels", "frequencies")
 def write(
     volume: Volume,
     directory: str | Path,
-    fields: Any = None,
+    fields: FieldChoice = None,
     *,
     binary: bool = False,
     overwrite: bool = False,
@@ -186,8 +186,8 @@ class WrittenColumn:
     def is_single(self, volume: Volume) -> bool:
         return self.factor == 1 and volume.evaluate_cells(self.expression, 0, 1).dtype == np.float32
 
-    def values(self, volume: Volume) -> NDArray[np.floating[Any]]:
-        found: NDArray[np.floating[Any]] = volume.evaluate(self.expression)
+    def values(self, volume: Volume) -> np.ndarray:
+        found: np.ndarray = volume.evaluate(self.expression)
         return found if self.factor == 1 else found.astype(np.float64) * self.factor
 
 
@@ -200,7 +200,7 @@ class FileOut:
     columns: list[WrittenColumn]
 
 
-def _files_out(volume: Volume, fields: Any) -> list[FileOut]:
+def _files_out(volume: Volume, fields: FieldChoice) -> list[FileOut]:
     if fields is None:
         given = _guessed(volume)
     elif isinstance(fields, Mapping) and fields:

@@ -124,7 +124,7 @@ def _chosen(path: Path, series: Any) -> _Headers:
         groups = _by_series(path, path) if header is None else _by_contents(path)
         return groups[_named(groups, series)]
     if series is not None:
-        raise InputError("a file tells its series; give series for a directory only")
+        raise InputError("a file belongs to one series; give series for a directory only")
     if not _is_image(header):
         raise FileFormatError("expected a DICOM image, but there are no rows and columns of pixels")
     if is_mosaic(header) or int(header.get("NumberOfFrames") or 1) > 1:

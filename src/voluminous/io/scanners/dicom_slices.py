@@ -62,7 +62,7 @@ def slices_of(path: Path, header: Any) -> list[DicomSlice]:
 
 
 def _offset_frames(header: Any, count: int) -> list[Any]:
-    """Return stand-ins for the frames of files that tell where the first is: doses, for one."""
+    """Return stand-ins for the frames of files that only place the first, such as doses."""
     if _FILM & {int(tag) for tag in np.atleast_1d(header.get("FrameIncrementPointer") or 0)}:
         raise FileFormatError(
             f"its {count} frames were taken one after the other (FrameTime): a film, no volume"
@@ -199,7 +199,7 @@ def _across(slices: Sequence[DicomSlice], normal: np.ndarray) -> tuple[np.ndarra
     if np.max(np.abs(gaps - usual)) <= _EVEN * usual:
         return step, None
     wide = int(np.argmax(gaps))
-    missing = "slices seem to be missing" if gaps[wide] > 1.5 * usual else "they are kept so"
+    missing = "slices seem to be missing" if gaps[wide] > 1.5 * usual else "they stay there"
     warnings.warn(
         f"the slices are {gaps.min():g} to {gaps.max():g} mm apart, {usual:g} mm usually, and "
         f"farthest behind slice {wide + 1} of {len(gaps) + 1}: {missing}; cells reach to the "
@@ -277,7 +277,7 @@ def _check_decoder(header: Any) -> None:
         decoder = require("pydicom.pixels", "medical", "reading DICOM").get_decoder(syntax)
     except NotImplementedError:
         raise FileFormatError(
-            f"its pixels are packed as {syntax.name!r}, which is not known"
+            f"its pixels are packed as {syntax.name!r}, which pydicom does not know"
         ) from None
     if not decoder.is_available:
         needed = "; or ".join(decoder.missing_dependencies)

@@ -65,7 +65,7 @@ class _ByNibabel(VoxelReader):
         image = getattr(library, kind)
         if len(image.files_types) > 1:
             return image.from_filename(path)
-        # Of a single file the content tells what it is, not its name.
+        # The name of a single file need not have the usual ending.
         holders = require("nibabel.fileholders", self.extra, f"reading {self.description}")
         return image.from_file_map({"image": holders.FileHolder(str(path))})
 

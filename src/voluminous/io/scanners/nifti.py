@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Bytes of a header.
 _FIRST, _SECOND = 348, 540
 _NIFTI2, _ANALYZE = "nifti2.Nifti2PairHeader", "spm2analyze.Spm2AnalyzeHeader"
-# Where words tell the version, and which; Analyze has none.
+# Offset and values of the magic words of each version; Analyze has none.
 _MAGICS = {
     "nifti1.Nifti1PairHeader": (344, b"n+1\0", b"ni1\0"),
     _NIFTI2: (4, b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n"),

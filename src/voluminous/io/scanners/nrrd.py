@@ -251,7 +251,7 @@ def _axes(header: NrrdHeader, timed: bool) -> tuple[tuple[int, ...], int | None,
             if few or sizes[axis] == 1:
                 return rest, axis, _SHORT
         raise InputError(
-            f"it has four axes, of sizes {sizes}, and does not tell what they are. If the last is "
+            f"it has four axes, of sizes {sizes}, and no kinds. If the last is "
             f"time, choose one of its {sizes[3]} steps with time=0; else add a line to its header "
             "such as 'kinds: vector domain domain domain'"
         )
@@ -259,7 +259,7 @@ def _axes(header: NrrdHeader, timed: bool) -> tuple[tuple[int, ...], int | None,
         raise FileFormatError(
             f"expected three axes of space and at most one other, got sizes {sizes} with "
             f"kinds {header.get('kinds') or '(none)'!r}; a line such as 'kinds: vector domain "
-            "domain domain' tells what they are"
+            "domain domain' says what they are"
         )
     kind = kinds[others[0]] if others else ""
     # An axis along no direction, and yet a domain, is what four-dimensional spaces have: time.
@@ -349,7 +349,7 @@ def _stored(path: Path, header: NrrdHeader) -> StoredNumbers:
 
 def _behind_lines(files: tuple[Path, ...], start: int, lines: int) -> int:
     if len(files) > 1 or lines < 0:
-        raise FileFormatError("line skip is known of one file of data only")
+        raise FileFormatError("line skip needs a single file of data")
     with open(files[0], "rb") as file:
         file.seek(start)
         for _ in range(lines):

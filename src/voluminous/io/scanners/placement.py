@@ -133,7 +133,7 @@ def length_unit(text: str) -> str:
 
 
 def conversion(unit: str, to: str) -> float:
-    """Return the factor between two of these units; one where either is not known."""
+    """Return the factor between two of these units; 1 if either is unknown."""
     if not unit or not to or unit == to:
         return 1.0
     return float(parse_unit(unit).to(parse_unit(to)))

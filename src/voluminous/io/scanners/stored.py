@@ -126,7 +126,7 @@ class StoredNumbers:
         for file in self.files:
             found = file.stat().st_size - max(self.start, 0)
             size = self.each * self.dtype.itemsize
-            # A digit and a space for each number; of what is packed nothing is known.
+            # A number as text takes a digit and a space; packed data may take any size.
             least = {PLAIN: self.skipped + size, TEXT: 2 * self.each - 1}.get(self.packing, 1)
             if found < least:
                 raise FileFormatError(
@@ -206,7 +206,7 @@ _OPENED: dict[str, Callable[[IO[bytes]], Any]] = {
 
 def _warn_of_more(path: Path, size: str = "") -> None:
     warnings.warn(
-        f"{path.name} holds {size}more than its header tells of; what is left over is not read. If "
+        f"{path.name} holds {size}more than its header says; the rest is not read. If "
         "the picture looks wrong, the sizes in the header are",
         stacklevel=2,
     )

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _OPTIONS = {
-    "spacing": "width of the voxels, or one per axis x, y, z; by default what the file tells",
+    "spacing": "width of the voxels, or one per axis x, y, z; by default those in the file",
     "unit": "unit of length",
 }
 # What becomes the third axis, the first that there is: z; pictures one after the other; time or
@@ -99,7 +99,7 @@ class TIFFReader(VoxelReader):
                 pictures = sum(not page.is_reduced for page in pages)
                 return pictures < 2 and not any(_third(_sizes(s)) for s in file.series)
         except (OSError, FileFormatError):
-            return False  # what is wrong is told when it is read
+            return False  # the reader says what is wrong
 
     def voxels(self, path: Path, *, spacing: Any = None, unit: Any = None, time: int = 0) -> Voxels:
         with _opened(path) as file:
@@ -229,7 +229,7 @@ def _scale(file: Any, number: int) -> tuple[tuple[float, ...], str]:
     if file.is_ome and file.ome_metadata:
         return _ome_scale(_pixels(file, number).attrib)
     if not (file.is_imagej and file.imagej_metadata):
-        return (1.0, 1.0, 1.0), ""  # other files tell the size of paper at best
+        return (1.0, 1.0, 1.0), ""  # the resolution of other files is that of paper
     notes, tags = file.imagej_metadata, file.pages.first.tags
     unit = length_unit(str(notes.get("unit", "")))
     widths = []
@@ -251,7 +251,7 @@ def _ome_scale(pixels: Mapping[str, str]) -> tuple[tuple[float, ...], str]:
         for size, unit in zip(sizes, units, strict=True)
     ]
     known = [width for width in widths if width]
-    return tuple(width or known[0] for width in widths), units[0]  # cubes, where it is not told
+    return tuple(width or known[0] for width in widths), units[0]  # cubes, if a size is missing
 
 
 def _channels(file: Any, number: int, count: int) -> list[Channel]:

@@ -85,7 +85,7 @@ class VoxelReader(Reader):
 
 
 def stem(path: Path) -> str:
-    """Return the name of a file without the endings that tell its format: of .nii.gz both."""
+    """Return the name of a file without the endings of its format: without both of .nii.gz."""
     short = path.with_suffix("") if path.suffix.lower() in _PACKINGS else path
     inner = short.with_suffix("")
     return inner.stem if inner.suffix.lower() in _DOUBLE else short.stem

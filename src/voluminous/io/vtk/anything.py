@@ -61,7 +61,7 @@ class VTKReader(DatasetReader):
 
 
 class PyVistaReader(DatasetReader):
-    """Simulations on meshes and rarer images, known by the ends of their names."""
+    """Simulations on meshes and rarer images, recognised by their suffixes."""
 
     name = "pyvista"
     description = "a file that PyVista reads (images, meshes of simulations)"

@@ -128,7 +128,7 @@ class DataArray:
     """Values at all points, or in all cells."""
 
     name: str
-    at: str  # `POINT` or `CELL`; empty in formats that do not tell these apart
+    at: str  # `POINT` or `CELL`; empty in formats that have no such difference
     components: int
     dtype: np.dtype[Any]
     load: Callable[[], np.ndarray]  # returns them: shape (nz, ny, nx, components)

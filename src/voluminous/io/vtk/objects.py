@@ -115,7 +115,7 @@ def dataset_of(dataset: Any, resolution: Any = None, title: str = "") -> Dataset
 
 
 def _points(dataset: Any) -> tuple[int, ...]:
-    """Return the number of points along x, y and z, which all kinds tell by their extent."""
+    """Return the number of points along x, y and z."""
     extent = dataset.GetExtent()
     return tuple(high - low + 1 for low, high in zip(extent[::2], extent[1::2], strict=True))
 
@@ -155,7 +155,7 @@ def _numpy(array: Any) -> np.ndarray:
 
 
 def _meta(dataset: Any, title: str) -> dict[str, Any]:
-    """Return what else a file tells; some codes tell the time in the title."""
+    """Return the remarks in a file; some codes write the time into the title."""
     data = dataset.GetFieldData()
     meta: dict[str, Any] = {}
     for number in range(data.GetNumberOfArrays()):

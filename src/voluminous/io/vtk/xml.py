@@ -116,7 +116,7 @@ class VTRReader(VTKXMLReader):
 
 def _opened(path: Path, resolution: Any) -> Dataset | dict[Block, Dataset]:
     """Return what is in a file, as one, or as blocks that fill no box together."""
-    root = tree(path)  # VTK does not tell of a file that is cut short
+    root = tree(path)  # VTK does not notice that a file is cut short
     if resolution is not None:
         reader = vtk("vtkIOXML").vtkXMLGenericDataObjectReader()
         reader.SetFileName(str(path))
@@ -181,7 +181,7 @@ def _pieces(path: Path, kind: str, element: Any) -> list[Dataset]:
             size = 24 * math.prod(points)
             check_memory(size, "the points of the grid", "is the file damaged?")
         place = dataset_of(_read(path, kind, extent, ""))
-        # The first cell alone tells all that is to be known of the arrays.
+        # Types, components and units are those of the first cell.
         corner = [n for a, b in zip(low, high, strict=True) for n in (a, min(a + 1, b))]
         first = dataset_of(_read(path, kind, corner))
         arrays = [

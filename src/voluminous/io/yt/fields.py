@@ -6,6 +6,7 @@ import difflib
 from typing import Any
 
 from ...errors import InputError, UnknownNameError
+from ..contract import FieldChoice
 from ..names import chosen_fields, field_name
 
 Field = tuple[str, str]
@@ -31,7 +32,7 @@ class YtFields:
         self._names = _names(self._fields, endings or {})
         self.on_disk = {"/".join(f): self._names["/".join(f)] for f in stored}
 
-    def chosen(self, fields: Any) -> dict[str, Field]:
+    def chosen(self, fields: FieldChoice) -> dict[str, Field]:
         """Return name → field of those asked for; see `voluminous.Volume.from_yt`."""
         if fields is None:
             if not self.on_disk:

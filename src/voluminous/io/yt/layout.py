@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...grids import CartesianGrid, CylindricalGrid, OctreeGrid, PatchGrid, SphericalGrid
 from ...memory import check_memory
 from ..axes import round_unit
+from ..contract import UnitLike
 from ..leaves import ABSENT, placed_values, tree_of_leaves
 from .source import YtSource, plain_values
 
@@ -75,7 +76,7 @@ class YtLattice:
     """The cells of all levels, in the coordinates and the order of axes of our grids."""
 
     kind: str
-    unit: Any  # of lengths
+    unit: UnitLike  # of lengths
     walls: tuple[np.ndarray, ...]  # the walls of the cells of level 0, ascending
     sizes: np.ndarray  # how many cells of each level make one of level 0, along each axis
     axes: tuple[int, ...]  # which axis of yt each of ours is
@@ -112,7 +113,7 @@ class YtLattice:
         return values.transpose(self.axes)[steps]
 
 
-def lattice_of(ds: Any, unit: Any = None) -> YtLattice:
+def lattice_of(ds: Any, unit: UnitLike = None) -> YtLattice:
     """Return the lattice of a data set."""
     if str(ds.geometry) not in GEOMETRIES:
         raise InputError(f"cells of geometry {str(ds.geometry)!r} cannot be used")
@@ -136,7 +137,7 @@ def lattice_of(ds: Any, unit: Any = None) -> YtLattice:
     )
 
 
-def length_unit(ds: Any, width: float, unit: Any = None) -> tuple[Any, float]:
+def length_unit(ds: Any, width: float, unit: UnitLike = None) -> tuple[Any, float]:
     """Return a unit of length, and the code's unit of length in it; `width` is in the latter."""
     from astropy import units as u
 
@@ -280,7 +281,7 @@ def _box(
 def _joined(source: YtSource, lattice: YtLattice, low: np.ndarray) -> tuple[Any, Load]:
     grid = _REGULAR[lattice.kind](*lattice.walls, unit=lattice.unit)
 
-    def load(field: tuple[str, str], unit: Any) -> np.ndarray:
+    def load(field: tuple[str, str], unit: UnitLike) -> np.ndarray:
         whole = np.empty(grid.shape)
         for part, first in zip(source.ds.index.grids, low, strict=True):
             kept = set(part.field_data)
@@ -362,7 +363,7 @@ def _scattered(source: YtSource, grid: Any, number: np.ndarray) -> tuple[Any, Lo
     order = np.full(grid.size, ABSENT, small)
     order[number] = np.arange(len(number))
 
-    def load(field: tuple[str, str], unit: Any) -> np.ndarray:
+    def load(field: tuple[str, str], unit: UnitLike) -> np.ndarray:
         return placed_values(source.values(field, unit), order).reshape(grid.shape)
 
     return grid, load

@@ -16,7 +16,7 @@ import numpy as np
 from ...errors import FileFormatError, InputError
 from ...packages import is_installed, require
 from ...units import parse_unit, unit_name
-from ..contract import FieldInfo, Reader
+from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
 from ..hdf5 import is_hdf5, opened
 from .layout import length_unit
 from .source import quiet, source_of, units_of_field
@@ -151,9 +151,9 @@ class YtReader(Reader):
     def read(
         self,
         path: Path,
-        fields: Any = None,
+        fields: FieldChoice = None,
         *,
-        unit: Any = None,
+        unit: UnitLike = None,
         units: Any = None,
         bounds: Any = None,
         **options: Any,

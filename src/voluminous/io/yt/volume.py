@@ -10,6 +10,7 @@ import numpy as np
 
 from ...deferred import Deferred
 from ...errors import InputError, unknown_name
+from ..contract import FieldChoice, UnitLike
 from .fields import Field, YtFields, cell_fields, particle_fields
 from .layout import lattice_of, length_unit
 from .source import YtSource, converted, meta_of, plain_values, quiet, source_of, units_of_field
@@ -33,7 +34,7 @@ def particle_kind(ds: Any) -> str:
 
 
 def volume_of_particles(
-    source: YtSource, known: YtFields, fields: Any, unit: Any, units: dict[str, Any]
+    source: YtSource, known: YtFields, fields: FieldChoice, unit: UnitLike, units: dict[str, Any]
 ) -> Volume:
     """Return the volume of particles; see `from_yt`."""
     from ...particles import from_particles, get_kernel
@@ -90,7 +91,7 @@ def _values(source: YtSource, field: Field, wanted: Any) -> Any:
     return u.Quantity(values, unit if unit is not None else u.dimensionless_unscaled)
 
 
-def _plain(source: YtSource, field: Field, unit: Any) -> np.ndarray:
+def _plain(source: YtSource, field: Field, unit: UnitLike) -> np.ndarray:
     return plain_values(source.region[field], unit)
 
 
@@ -110,7 +111,11 @@ _AT_ONCE = 256 << 20
 
 
 def from_yt(
-    data: Any, fields: Any = None, *, unit: Any = None, units: Mapping[str, Any] | None = None
+    data: Any,
+    fields: FieldChoice = None,
+    *,
+    unit: UnitLike = None,
+    units: Mapping[str, Any] | None = None,
 ) -> Volume:
     """Return the volume of a data set of yt, or of a region of one, on its own cells.
 
@@ -167,7 +172,11 @@ def from_yt(
 
 
 def volume_of(
-    data: Any, fields: Any = None, *, unit: Any = None, units: Mapping[str, Any] | None = None
+    data: Any,
+    fields: FieldChoice = None,
+    *,
+    unit: UnitLike = None,
+    units: Mapping[str, Any] | None = None,
 ) -> Volume:
     """Return the volume with all fields waiting; see `from_yt`."""
     from ...volume import Volume
@@ -196,7 +205,7 @@ def fields_of(source: YtSource) -> YtFields:
     return cell_fields(source.ds)
 
 
-def _layout(source: YtSource, unit: Any) -> tuple[Any, Load]:
+def _layout(source: YtSource, unit: UnitLike) -> tuple[Any, Load]:
     if source.kind == "sampled":
         return _sampled(source, unit)
     from .layout import layout
@@ -204,7 +213,7 @@ def _layout(source: YtSource, unit: Any) -> tuple[Any, Load]:
     return layout(source, lattice_of(source.ds, unit))
 
 
-def _sampled(source: YtSource, unit: Any) -> tuple[Any, Load]:
+def _sampled(source: YtSource, unit: UnitLike) -> tuple[Any, Load]:
     from ...grids import CartesianGrid
 
     region = source.region
@@ -228,7 +237,7 @@ def _deferred(ds: Any, field: tuple[str, str], load: Load, wanted: Any) -> Defer
     return Deferred(functools.partial(_load, load, field, own, factor), np.float64, unit)
 
 
-def _load(load: Load, field: tuple[str, str], unit: Any, factor: float) -> Any:
+def _load(load: Load, field: tuple[str, str], unit: UnitLike, factor: float) -> Any:
     with quiet():
         values = load(field, unit)
     return values if factor == 1 else values * factor

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...progress import Progress, with_progress
 from ...rendering import prepare
 from ...rendering.options import background_array
-from .follow import Place, ProbeJob, assembled, follow, wanted
+from .follow import PixelPlace, ProbeJob, assembled, follow, wanted
 from .result import Probe
+
+if TYPE_CHECKING:
+    from ...cameras import Camera
+    from ...media import Medium
+    from ...volume import Volume
 
 
 @with_progress
 def probe(
-    volume: Any,
-    medium: Any,
-    camera: Any,
+    volume: Volume,
+    medium: Medium,
+    camera: Camera,
     pixel: Any = None,
     *,
     at: Any = None,
@@ -78,7 +83,7 @@ def probe(
         cutoff=cutoff,
         progress=progress,
     )
-    place = Place.of(pixel, at, told.frame, camera.plane_unit or volume.unit)
+    place = PixelPlace.of(pixel, at, told.frame, camera.plane_unit or volume.unit)
     ix, iy = place.pixel
     flat = iy * told.frame.pixels[0] + ix
     job, seen = ProbeJob(**vars(told), watched=flat), volume.seen_by(camera)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import numbers
+from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,12 +17,20 @@ from ...grids.two_walks import cell_of
 from ...media.ranges import RangeContext
 from ...rendering.job import RenderJob
 from ...rendering.sources.channel_layout import before
-from ...rendering.tracer import Paths, RayTracer
+from ...rendering.tracer import Paths, RayTracer, Traced
 from ...schemes.base import Position, Scheme, interpolated_at
 from ...schemes.path import Path
 from ...units import parse_unit, plain, unit_name
-from ..quantity import Quantity
+from ..quantity import CellQuantity
 from .result import Probe
+
+if TYPE_CHECKING:
+    from ...backend import Backend
+    from ...backend.types import Float, Mask
+    from ...cameras import Frame
+    from ...grids.contract import Grid, Segment
+    from ...media import Medium
+    from ...volume import Volume
 
 # The middle and the two halves of a segment, of which coefficients are the mean.
 _HALVES = ((0.0, 0.5), (0.5, 1.0))
@@ -30,7 +39,7 @@ _HALVES = ((0.0, 0.5), (0.5, 1.0))
 class Tape:
     """Rows of numbers that a kernel writes, one after another."""
 
-    def __init__(self, backend: Any, capacity: int) -> None:
+    def __init__(self, backend: Backend, capacity: int) -> None:
         self.backend, self.capacity = backend, capacity
         self.columns: dict[str, list[Any]] = {}
         self.limit = dr.opaque(backend.UInt, capacity)
@@ -57,7 +66,7 @@ class Tape:
         }
 
 
-class Recorder(Scheme):
+class SegmentRecorder(Scheme):
     """A scheme that does what another one does, and writes it to a tape.
 
     It carries the number of segments so far, the coefficients where the last one ended (of schemes
@@ -85,7 +94,7 @@ class Recorder(Scheme):
         return [*carried, *self.scheme.start(position, source)]
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Any], moved: Any
+        self, position: Position, source: Any, carried: list[Float], moved: Mask
     ) -> list[Any]:
         """Let the scheme know."""
         (row, *before), inner = carried[: self.own], carried[self.own :]
@@ -94,12 +103,14 @@ class Recorder(Scheme):
         inner = self.scheme.after_skip(position, source, inner, moved)
         return [row, *before, *inner]
 
-    def after_hidden(self, carried: list[Any], onward: list[Any]) -> list[Any]:
+    def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Any]:
         """Go on, and let the scheme know: what is not seen is written down, too."""
         inner = self.scheme.after_hidden(carried[self.own :], onward[self.own :])
         return [*onward[: self.own], *inner]
 
-    def solve(self, segment: Any, source: Any, carried: list[Any]) -> tuple[Any, list[Any]]:
+    def solve(
+        self, segment: Segment, source: Any, carried: list[Float]
+    ) -> tuple[Path, list[Float]]:
         """Return the segment's solution, and what to carry on."""
         row, *before = carried[: self.own]
         inner = carried[self.own :]
@@ -116,7 +127,7 @@ class Recorder(Scheme):
         return found, [row + dr.select(told, source.backend.UInt(1), 0), *after, *inner]
 
     def _seen(
-        self, source: Any, segment: Any, before: list[Any]
+        self, source: Any, segment: Segment, before: list[Any]
     ) -> tuple[Any, dict[str, Any], list[Any]]:
         """Return mean coefficients, fields in the middle, and coefficients at the end."""
         if self.coefficients_at == "cell":
@@ -138,7 +149,7 @@ class Recorder(Scheme):
         return means, stretch.fields(0.5), []
 
 
-def _distance(source: Any, segment: Any, t: Any) -> Any:
+def _distance(source: Any, segment: Segment, t: Any) -> Any:
     """Return how far a point of a ray is from its origin, in the volume's unit."""
     Wide = source.backend.Wide
     return (Wide(segment.track.entry) + Wide(t)) * Wide(segment.walk.scale)
@@ -154,9 +165,11 @@ class Watched(RayTracer):
     watched = -1
     allowed: Any = ()
 
-    def frame(self) -> Paths:
-        self.allowed = getattr(self.source, "tolerance", ())
-        return super().frame()
+    def batches(
+        self, seconds: float | None = None, focus: tuple[float, float] | None = None
+    ) -> Generator[Traced, None, Paths]:
+        self.allowed = self.source.tolerance
+        return super().batches(seconds, focus)
 
     def pixels(self, pixel: np.ndarray) -> Paths:
         if self.watched in pixel:
@@ -224,7 +237,7 @@ class _Recording(RayTracer):
 
     def follow(self, place: Any, names: tuple[str, ...], capacity: int) -> Followed:
         scheme, tape = self.scheme, Tape(self.backend, capacity)
-        self.scheme = Recorder(scheme, tape, names)
+        self.scheme = SegmentRecorder(scheme, tape, names)
         ray = self.ray_through(*(np.array([part]) for part in place))
         state = self._followed(ray)
         dr.eval(state, tape.columns)
@@ -260,7 +273,7 @@ def _vector(parts: Any) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Place:
+class PixelPlace:
     """A point of the image plane, and the pixel that it is in or next to.
 
     Attributes
@@ -278,7 +291,7 @@ class Place:
     at: tuple[float, float]
 
     @classmethod
-    def of(cls, pixel: Any, at: Any, frame: Any, unit: Any) -> Place:
+    def of(cls, pixel: Any, at: Any, frame: Frame, unit: Any) -> PixelPlace:
         """Return what a user asks for: one of the two."""
         if (pixel is None) == (at is None):
             raise InputError("say which ray: pixel=(ix, iy), or at=(u, v) on the image plane")
@@ -315,16 +328,16 @@ def _point(at: Any, unit: Any) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def looked_at(medium: Any) -> tuple[list[Expression], list[Expression]]:
+def looked_at(medium: Medium) -> tuple[list[Expression], list[Expression]]:
     """Return a medium's fields, and its expressions that are more than a field."""
     fields = [Expression(name) for name in medium.names]
-    known = [expr for expr, _ in medium.known_expressions()]
+    known = [feature.expr for feature in medium.known_features()]
     texts = {expr.text for expr in fields}
     more = {e.text: e for e in known if e.text not in texts and e.names}
     return fields, list(more.values())
 
 
-def in_cells(volume: Any, expr: Expression, cells: np.ndarray) -> np.ndarray:
+def in_cells(volume: Volume, expr: Expression, cells: np.ndarray) -> np.ndarray:
     """Return an expression in some cells; NaN where their number is negative."""
     known = {c: volume.evaluate_cells(expr, c, c + 1)[0] for c in np.unique(cells) if c >= 0}
     return np.array([known.get(c, np.nan) for c in cells], dtype=np.float64)
@@ -338,21 +351,26 @@ def on_the_ray(expr: Expression, recorded: dict[str, np.ndarray]) -> np.ndarray:
     return np.broadcast_to(np.asarray(values, dtype=np.float64), (count,))
 
 
-def wanted(volume: Any, expressions: Any) -> list[Expression]:
+def wanted(volume: Volume, expressions: Any) -> list[Expression]:
     """Return expressions that a user asks for."""
     several = isinstance(expressions, (list, tuple))
     listed = list(expressions) if several else [expressions]
-    quantities = [Quantity.of(volume, expr, "also") for expr in listed]
+    quantities = [CellQuantity.of(volume, expr, "also") for expr in listed]
     return [Expression.of_tree(q.expression.tree, q.expression.names, q.text) for q in quantities]
 
 
-def units_of(volume: Any, expressions: list[Expression]) -> dict[str, str]:
+def units_of(volume: Volume, expressions: list[Expression]) -> dict[str, str]:
     """Return the names of the expressions' units."""
     return {e.text: unit_name(volume.expression_unit(e)) for e in expressions}
 
 
 def assembled(
-    job: ProbeJob, volume: Any, place: Place, found: Followed, more: Any, background: np.ndarray
+    job: ProbeJob,
+    volume: Volume,
+    place: PixelPlace,
+    found: Followed,
+    more: Any,
+    background: np.ndarray,
 ) -> Probe:
     """Return a probe.
 
@@ -461,7 +479,7 @@ def _hidden(job: ProbeJob, cell: np.ndarray) -> np.ndarray:
     return np.asarray((job.hidden.words[cell >> 5] >> (cell & 31).astype(np.uint32)) & 1 == 1)
 
 
-def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
+def _index(grid: Grid, cell: np.ndarray) -> np.ndarray | None:
     if not grid.is_structured:
         return None
     index = np.stack(np.unravel_index(np.maximum(cell, 0), grid.shape), axis=-1)
@@ -470,7 +488,7 @@ def _index(grid: Any, cell: np.ndarray) -> np.ndarray | None:
 
 def _values(
     job: ProbeJob,
-    volume: Any,
+    volume: Volume,
     rows: dict[str, np.ndarray],
     cell: np.ndarray,
     hidden: np.ndarray,

@@ -14,7 +14,7 @@ from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.contract import Segment
 from ...media.context import Context
-from ...media.edges import Edge
+from ...media.edges import Level
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
 from ...schemes.path import Path, layer
 from ..cache import Cache
@@ -164,27 +164,27 @@ class Interpolated:
 
         Double precision is for those who want digits: panels have all of them in linear fields.
         """
-        return self.backend.precision == "single" and self.evaluator.medium.smooth
+        return self.backend.precision == "single" and self.evaluator.medium.sampling.smooth
 
     @property
-    def edges(self) -> list[Edge]:
+    def edges(self) -> list[Level]:
         """Where the medium jumps."""
-        return self.evaluator.medium.edges(self.context)
+        return self.evaluator.medium.discontinuities(self.context)
 
     @property
     def linear(self) -> bool:
         """Whether closed forms are best where scalars are linear."""
-        return self.evaluator.medium.linear
+        return self.evaluator.medium.sampling.linear
 
     @property
     def hollow(self) -> bool:
         """Whether there is nothing between edges."""
-        return self.evaluator.medium.hollow
+        return self.evaluator.medium.surface_only
 
     @property
     def layered(self) -> bool:
         """Whether something is without width."""
-        return any(part.hollow for part in self.evaluator.medium.components())
+        return any(part.surface_only for part in self.evaluator.medium.components())
 
     def layer(self, stretch: Stretch, place: Any) -> Path:
         """Return what has no width and is passed on a stretch, as it is at a place."""
@@ -195,12 +195,12 @@ class Interpolated:
     @property
     def quick(self) -> bool:
         """Whether there is a rule of fewer samples."""
-        return self.evaluator.medium.quick
+        return self.evaluator.medium.sampling.quick
 
     @property
     def finer(self) -> bool:
         """Whether samples will do for parts of the others."""
-        return self.evaluator.medium.finer
+        return self.evaluator.medium.sampling.finer
 
     def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
         """Return mean, first and last j and α of a stretch, and how far the means may be off."""
@@ -219,7 +219,7 @@ class Interpolated:
     def steady(self) -> bool:
         """Whether what an opaque medium shows is the same everywhere."""
         parts = self.evaluator.medium.components()
-        return len(parts) == 1 and parts[0].steady
+        return len(parts) == 1 and parts[0].constant_source_function
 
     def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
         """Return how thin the medium's structures are, and how far bends may put means off."""

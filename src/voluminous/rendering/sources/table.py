@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -56,6 +56,8 @@ class Table:
     bounds: list[float]
     blocks: Any = None
     walk: Any = None
+    walk_kind: ClassVar[str | None] = None
+    tolerance: ClassVar[tuple[Float, ...]] = ()
 
     def gather(self, index: Any, active: Any) -> list[Any]:
         """Return all numbers at a flat index."""
@@ -205,7 +207,8 @@ class OnRay:
     Unusable coefficients become NaN, which the picture shows: it is looked at afterwards.
     """
 
-    blocks = None
+    blocks = walk = walk_kind = None
+    tolerance: tuple[Float, ...] = ()
 
     def __init__(self, evaluator: CellEvaluator, backend: Any) -> None:
         self.evaluator, self.backend = evaluator, backend

@@ -83,7 +83,7 @@ def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit,
     limits = []
     for part in medium.components():
         least: dict[str, float] = {}
-        for expr, width in plain_widths(evaluator.volume, part.expressions()):
+        for expr, width in plain_widths(evaluator.volume, part.features()):
             least[expr.text] = min(width, least.get(expr.text, np.inf))
         limits += [Limit(part, e, least.get(e.text, 0.0), fraction) for e in part.scalars()]
     return tuple(limits) if all(0 < limit.width < np.inf for limit in limits) else None
