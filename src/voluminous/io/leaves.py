@@ -7,13 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-<<<<<<< HEAD
 from ..grids.trees.octree_order import DEEPEST, Places, flags_from_levels, interleaved
-=======
-from ..grids.trees.octree_order import DEEPEST, flags_from_levels
-from ..grids.trees.octree_places import Places, interleaved
 from .contract import UnitLike
->>>>>>> main
 
 # What a cell is that no leaf of the data lies in.
 ABSENT = -1
