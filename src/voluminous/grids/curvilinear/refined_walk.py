@@ -59,7 +59,7 @@ class RefinedWalk(CurvilinearWalk):
         Which axis of the tree each family is.
     grid : RefinedCells
     stepped : bool
-        Segments end inside leaves where RADMC-3D's sub-steps do (`curvilinear.steps`).
+        Segments end inside leaves where RADMC-3D's sub-steps do (`radmc3d_substeps`).
     """
 
     def __init__(

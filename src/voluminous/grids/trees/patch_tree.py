@@ -1,6 +1,6 @@
 """The tree of blocks over nested patches: which patch is the finest one at a place.
 
-Entries of the tree are painted with the patches that cover them (`patch_painting`). How small they
+Entries of the tree are painted with the patches that cover them. How small they
 need be is known beforehand: all corners of the patches up to some level are multiples of some size,
 so entries of that size are painted by none of them partly.
 """
