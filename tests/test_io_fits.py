@@ -266,7 +266,7 @@ def test_x_runs_to_the_west_y_to_the_north_z_upwards(tmp_path, name):
     assert v[3] > v[0]
     angle = np.rad2deg(np.arctan2(-west[2], north[2]))
     # The middle is some pixels from the reference point, where meridians have another direction.
-    assert volume.meta.get("position_angle", 0.0) == pytest.approx(angle, abs=0.1)
+    assert volume.meta.get("posang", 0.0) == pytest.approx(angle, abs=0.1)
     # Steps on the sky are those of the grid, to the curvature of the sky.
     widths = [np.diff(edges)[0] for edges in volume.grid.edges[:2]]
     found = [np.hypot(west[k], north[k]) * 3600 for k in (1, 2)]
