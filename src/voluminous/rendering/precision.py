@@ -83,7 +83,7 @@ def needs_double(volume: Volume, medium: Medium) -> bool:
     off = {n: v * (1.0 + 0.5 * _EPS * signs) if n in volume else v for n, v in sample.items()}
     scalars = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
-        for expr, width in plain_widths(volume, medium.known_expressions()):
+        for expr, width in plain_widths(volume, medium.known_features()):
             if expr.text in scalars:
                 few = _loses_digits(expr, sample, off, width)
             else:
