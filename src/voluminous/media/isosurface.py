@@ -42,7 +42,6 @@ from .modulation import Factors, modulated_colors
 from .rectangle import box_extent, box_middle
 from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
 from .shading import Lamp, described_lights, given_lights, given_shade
-from .shell import Shell
 from .stretch import Middle, extremes, kept, may_turn
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor
 
@@ -135,14 +134,18 @@ class Isosurface(Medium):
         opacity: Any = 0.3,
         width: Any = 0.0,
         *,
-        levels: Any = None,
         density: str = "crossing",
         shading: float = 0.0,
         lights: Any = None,
         where: Any = None,
+        **options: Any,
     ) -> None:
+        for name in options:
+            if name == "levels":
+                raise InputError("levels=[…] is now level=[…], which takes one value or several")
+            raise TypeError(f"Isosurface() has no argument {name!r}")
         self.expr = Expression(expr)
-        self.levels = given_levels(level, levels)
+        self.levels = given_levels(level)
         self.colors, self.modulation = modulated_colors(color, where, len(self.levels))
         self.opacities = given_opacities(opacity, len(self.levels), len(self.colors[0]))
         self.width = _scalar(width, "width")
@@ -222,12 +225,6 @@ class Isosurface(Medium):
             return super().sampled(stretch, context, fine=fine)
         own = self._finely_sampled if fine else self._roughly_sampled
         return own(stretch, context)
-
-    def shells(self) -> tuple[Shell, ...]:
-        return tuple(
-            Shell(self._level(k), _named(level), dark=not any(opacity))
-            for k, (level, opacity) in enumerate(zip(self.levels, self.opacities, strict=True))
-        )
 
     def _level(self, k: int) -> Isosurface:
         every = {"levels": self.levels, "colors": self.colors, "opacities": self.opacities}
