@@ -15,9 +15,8 @@ from astropy import units as u
 from astropy.wcs import WCS
 
 import voluminous as vm
-from voluminous.cli import data, info_text, main
+from voluminous.cli import data, main
 from voluminous.cli import statistics as stats
-from voluminous.cli.data import chosen_fields
 from voluminous.io import Reader, readers, registry
 
 # Small pictures, quickly made.
@@ -96,15 +95,6 @@ def test_the_first_field(names, first):
     assert data.first_field(volume) == first
 
 
-def test_constant_fields_come_last():
-    volume = vm.Volume(vm.CartesianGrid.uniform(2, (0, 1)))
-    assert data.first_field(volume) is None
-    volume["density"] = np.where(np.eye(2)[None] > 0, np.full((2, 2, 2), 3.0), np.nan)
-    assert data.first_field(volume) == "density"  # there is no other
-    volume["b"] = np.arange(8).reshape(2, 2, 2)
-    assert data.first_field(volume) == "b"
-
-
 def test_only_the_field_that_is_shown_is_read(snapshot, monkeypatch):
     from voluminous.io.native import reader
 
@@ -181,15 +171,6 @@ def test_fields_that_do_not_fit_together(capsys):
     assert "2 x 2 x 2 cells" in out
 
 
-def test_a_directory_gives_its_name(snapshot, capsys):
-    grid = vm.CartesianGrid.uniform(4, (-1e13, 1e13), unit="cm")
-    values = np.random.default_rng(0).lognormal(size=grid.shape)
-    vm.Volume(grid, density=values * u.g / u.cm**3).save("disc.model", format="radmc3d")
-    out = told(capsys, "render", "disc.model/", *FAST)
-    assert "disc.png: 8 x 8 pixels" in out
-    assert vm.Scene.load("disc.png").to_dict()["volume"]["path"] == "disc.model"
-
-
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -246,38 +227,6 @@ def test_views_by_name(snapshot, capsys):
     )
 
 
-@pytest.mark.parametrize("command", [["render"], ["probe", "--pixel", "4", "4"]])
-def test_a_medium_of_another_type_keeps_what_fits(snapshot, capsys, command):
-    options = ["--set", "medium.1.type=isosurface", "--set", "camera.resolution=8"]
-    assert "level" in refused(capsys, *command, "snapshot.h5", *options)
-    told(capsys, *command, "snapshot.h5", *options, "--set", "medium.1.level=0.5")
-    if command == ["render"]:
-        first, second, *_ = vm.Scene.load("snapshot.png").medium.components()
-        assert (type(first), type(second)) == (vm.Isosurface, vm.Gaussian)
-        assert first.expr == second.expr
-
-
-def test_the_format_belongs_to_data(capsys):
-    Path("scene.toml").write_text('[volume]\nmodel = "sphere"\n')
-    vm.Image(np.ones((1, 1, 3))).save("a.png")
-    assert "--set: for data files only" in refused(capsys, "info", "a.png", "--set", "unit=pc")
-    assert "--fields: for data" in refused(capsys, "info", "scene.toml", "--fields", "a")
-
-
-def test_warnings_are_one_line():
-    np.save("cube.npy", np.arange(8.0).reshape(2, 2, 2))
-    script = (
-        "import warnings\nfrom voluminous.cli import main\nfrom voluminous.io.arrays import npz\n"
-        "read = npz.NPYReader.read\n"
-        "def careful(*arguments, **options):\n"
-        "    warnings.warn('the cells are turned')\n"
-        "    return read(*arguments, **options)\n"
-        "npz.NPYReader.read = careful\n"
-        "main(['info', 'cube.npy'])\n"
-    )
-    assert process(script).stderr == "voluminous: warning: the cells are turned\n"
-
-
 # info
 
 
@@ -298,34 +247,12 @@ def test_info_tells_all_there_is(snapshot, capsys):
     assert out.count("|  l") == 4
 
 
-def test_info_tells_numbers_beside_their_unit(snapshot, capsys):
-    snapshot.meta["time_unit"] = "Myr"
-    snapshot.save("snapshot.h5")
-    out = told(capsys, "info", "snapshot.h5")
-    assert "\ntime: 1.5 Myr\n" in out
-    assert "time_unit" not in out
-
-
 def test_info_tells_that_cells_under_finer_ones_are_left_out(capsys):
     grid = vm.PatchGrid([[0, 0, 0]] * 2, [[4, 4, 4], [1, 1, 1]], [[4, 4, 4], [2, 2, 2]])
     vm.Volume(grid, a=[np.zeros((4, 4, 4)), np.ones((2, 2, 2))]).save("patches.h5")
     out = told(capsys, "info", "patches.h5")
     assert "\ngrid: patches, 71 cells" in out
     assert "\n  1 more cells, under finer ones, are left out" in out
-
-
-def test_info_tells_that_the_octree_of_particles_is_not_in_the_file(capsys):
-    points = np.random.default_rng(1).normal(size=(50, 3))
-    vm.Volume.from_particles(points, 1.0).save("particles.h5")
-    out = told(capsys, "info", "particles.h5")
-    assert "\n  made by voluminous around 50 particles, which have no cells" in out
-    assert "\nparticles: " not in out
-
-
-def test_text_named_like_data_is_no_scene(capsys):
-    Path("cube.npy").write_text("1 2 3\n")
-    for command in ("info", "render", "measure"):
-        assert "cube.npy is named like a NumPy array" in refused(capsys, command, "cube.npy")
 
 
 def test_what_info_says_to_type_works(snapshot, capsys):
@@ -342,15 +269,6 @@ def test_what_info_says_to_type_works(snapshot, capsys):
     scene = vm.Scene.load("scene.toml")
     assert scene.volume().grid.bounds.tolist() == [[0, 1], [0, 2], [0, 3]]
     assert scene.render(scheme="first-order").intensity.max() > 0
-
-
-def test_lengths_in_the_scene_of_info_have_few_characters(capsys):
-    ball = vm.Volume(vm.CartesianGrid.uniform(8, (-5e15, 5e15), unit="cm"))
-    ball["density"] = "1 / (1 + r / 1e15)"
-    ball.save("ball.h5")
-    lengths = re.findall('path_length = "(.*) cm"', told(capsys, "info", "ball.h5"))
-    assert lengths
-    assert max(map(len, lengths)) <= len("1.234e+15")
 
 
 def test_info_shows_the_scene_that_would_be_drawn(snapshot, capsys):
@@ -373,14 +291,6 @@ def test_info_shows_the_scene_that_would_be_drawn(snapshot, capsys):
     assert max(len(number.replace(".", "").lstrip("0")) for number in numbers) <= 5
 
 
-def test_what_has_a_unit_is_told_with_it(snapshot, capsys):
-    out = told(capsys, "info", "snapshot.h5", "--fields", "velocity_x")
-    assert re.search(r'^center = "-?[\d.]+ km / s"$', out, re.MULTILINE)
-    assert re.search(r'^sigma = "[\d.]+ km / s"$', out, re.MULTILINE)
-    Path("scene.toml").write_text(out[out.index("[volume]") :])
-    assert run("render", "scene.toml", "-q", *FAST) == 0
-
-
 def test_info_of_some_fields(snapshot, capsys):
     out = told(capsys, "info", "snapshot.h5", "--fields", "rho,temperature", "--no-histogram")
     assert "|" not in out
@@ -390,28 +300,6 @@ def test_info_of_some_fields(snapshot, capsys):
     out = told(capsys, "info", "snapshot.h5", "--fields", "n=rho")
     assert "\nn: float32, 4 x 5 x 6, g / cm3\n" in out
     assert "did you mean 'rho'" in refused(capsys, "info", "snapshot.h5", "--fields", "roh")
-
-
-def test_info_opens_once_and_keeps_one_field(snapshot, capsys, monkeypatch):
-    opened, held = [], []
-    lazily = registry.open_lazily
-
-    def counted(*arguments, **options):
-        opened.append(lazily(*arguments, **options))
-        return opened[-1]
-
-    look = info_text.look
-
-    def watched(field, volume):
-        found = look(field, volume)
-        held.append(len(volume.fields) - len(volume.waiting))
-        return found
-
-    monkeypatch.setattr(registry, "open_lazily", counted)
-    monkeypatch.setattr(info_text, "look", watched)
-    assert run("info", "snapshot.h5") == 0
-    assert len(opened) == 1
-    assert held == [1, 1, 1, 1]  # the one that is looked at
 
 
 def test_info_tells_of_a_field_that_is_damaged(snapshot, capsys):
@@ -442,24 +330,6 @@ def test_statistics_in_pieces_are_those_of_the_whole(monkeypatch, dtype):
         assert "2 NaN (first at [1, 2, 0]), 1 infinite (first at [3, 0, 1])" in text
 
 
-def test_a_sum_that_overflows_is_no_infinity():
-    found = stats.statistics(np.full((2, 2), 1.7e308))
-    assert (found.finite, found.infinite) == (4, 0)
-
-
-def test_histograms_of_many_values_are_of_some(monkeypatch):
-    array = np.random.default_rng(0).normal(size=100_000)
-    found = stats.statistics(array)
-    whole = stats.histogram(array, found, False)
-    monkeypatch.setattr(stats, "_COUNTED", 20_000)
-    assert stats.stride(array.size) == 5
-    sampled = stats.histogram(array, found, False)
-    assert len(sampled) == len(whole)
-    # Bars have 9 heights: where thousands of values are, a fifth of them gives the same but one.
-    heights = [["▁▂▃▄▅▆▇█ ".find(c) for c in bars[15:35]] for bars in (whole, sampled)]
-    assert np.abs(np.subtract(*heights)).max() <= 1
-
-
 # convert
 
 
@@ -472,12 +342,6 @@ def test_convert_keeps_everything(snapshot, capsys):
     for name in snapshot.fields:
         np.testing.assert_array_equal(again.array(name), snapshot.array(name))
     assert "left out" not in out
-
-
-def test_convert_says_what_was_left_out(snapshot, capsys):
-    out = told(capsys, "convert", "snapshot.h5", "copy.npz")
-    assert "  left out: time, redshift, note" in out
-    assert "unit" not in out
 
 
 class Lossy(Reader):
@@ -596,12 +460,6 @@ def test_mistakes_in_converting(snapshot, capsys, arguments, expected):
     assert expected in refused(capsys, "convert", "snapshot.h5", *arguments)
 
 
-def test_fields_by_name_and_by_place():
-    assert chosen_fields(None) is None
-    assert chosen_fields(["a, b", "c"]) == ["a", "b", "c"]
-    assert chosen_fields(["a=/gas/rho,b"]) == {"a": "/gas/rho", "b": "b"}
-
-
 # formats
 
 
@@ -615,29 +473,6 @@ def test_formats_are_listed(capsys):
         page = told(capsys, "formats", reader.name)
         assert all(f"\n  {name} " in page for name in reader.options)
     assert "did you mean 'npz'" in refused(capsys, "formats", "npzz")
-
-
-class Bricks(Reader):
-    name, description, suffixes = "bricks", "a file of bricks", (".brk",)
-    packages, extra = ("no_such_package",), "bricks"
-
-
-def test_formats_of_other_packages_are_marked(capsys, monkeypatch):
-    monkeypatch.setattr(registry, "_foreign", lambda: (Bricks(),))
-    line = next(line for line in told(capsys, "formats").splitlines() if line.startswith("bricks"))
-    expected = "r .brk no_such_package (no_such_package not installed) a file of bricks"
-    assert " ".join(line.split()) == f"bricks {expected} (from another package)"
-    assert 'pip install "voluminous[bricks]"' in told(capsys, "formats", "bricks")
-
-
-def test_formats_import_nothing_heavy():
-    script = (
-        "import sys\nfrom voluminous.cli import main\nmain(['formats'])\n"
-        "heavy = {'yt', 'xarray', 'zarr', 'nibabel', 'pydicom', 'h5py', 'astropy', 'matplotlib'}\n"
-        "sys.exit(', '.join(heavy & set(sys.modules)) or 0)\n"
-    )
-    done = process(script)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 # Scenes
@@ -668,30 +503,6 @@ def test_scenes_give_options_to_readers(snapshot):
     np.testing.assert_array_equal(volume.array("cube"), values.transpose().reshape(4, 3, 2).T)
 
 
-def test_scenes_take_relative_directories(tmp_path, monkeypatch):
-    grid = vm.CartesianGrid.uniform(2, (-1e13, 1e13), unit="cm")
-    (tmp_path / "models").mkdir()
-    volume = vm.Volume(grid, density=np.arange(8.0).reshape(2, 2, 2) * u.g / u.cm**3)
-    volume.save("models/disc", format="radmc3d")
-    Path("models/scene.toml").write_text(
-        '[volume]\npath = "disc"\nunit = "au"\n\n[[medium]]\ntype = "coefficients"\n'
-        'emissivity = "gas_density"\nextinction = 0\n'
-    )
-    scene = vm.Scene.load("models/scene.toml")
-    assert scene.volume().unit == u.au
-    moved = vm.Scene.load("models/scene.toml")
-    moved.save(tmp_path / "elsewhere.toml")
-    assert vm.Scene.load(tmp_path / "elsewhere.toml").to_dict()["volume"]["path"] == "models/disc"
-
-
-def test_names_that_look_like_quantities_stay_names():
-    from voluminous.scene.source import typed_options
-
-    given = {"series": "1.2.840.113", "date": "2024-01-01", "size": "2 kpc", "n": [1, 2]}
-    taken = typed_options(given)
-    assert taken == {**given, "size": 2 * u.kpc}
-
-
 def test_the_frame_is_drawn_around_what_shows(tmp_path, capsys):
     grid = vm.CartesianGrid.uniform(48, (-10, 10), unit="pc")
     volume = vm.Volume(grid)
@@ -706,12 +517,6 @@ def test_the_frame_is_drawn_around_what_shows(tmp_path, capsys):
     assert camera["shift"][0] == pytest.approx(across, abs=0.5)
 
 
-def test_fields_can_be_derived_where_a_picture_is_made_of_data(snapshot):
-    derived = ["--set", "volume.derived.twice=2 * rho", "--set", "medium.1.expr=log10(twice)"]
-    assert run("render", "snapshot.h5", "-q", "-o", "a.npz", *FAST, *derived) == 0
-    assert vm.Scene.load("a.npz").volume()["twice"].unit == u.g / u.cm**3
-
-
 # Format and fields among the options
 
 
@@ -719,32 +524,6 @@ def bare():
     """Write a file whose format nothing but the user says, with bytes that make another, too."""
     np.arange(60, dtype=np.uint8).reshape(5, 4, 3).tofile("cells.bin")
     return ["--set", "shape=[3, 4, 5]", "--set", "dtype=uint8"]
-
-
-@pytest.mark.parametrize("place", ["format", "volume.format"])
-def test_the_format_can_be_set(capsys, place):
-    options = [*bare(), "--set", f"{place}=raw"]
-    assert "format raw" in told(capsys, "info", "cells.bin", *options)
-    told(capsys, "convert", "cells.bin", "cells.npz", *options)
-    np.testing.assert_array_equal(vm.open("cells.npz").array("cells").max(), 59)
-    told(capsys, "render", "cells.bin", "-o", "a.png", *FAST, *options)
-    assert "unknown format 'rw'" in refused(
-        capsys, "info", "cells.bin", *options[:-1], f"{place}=rw"
-    )
-
-
-def test_fields_can_be_set_and_a_path_cannot(capsys, snapshot):
-    said = told(capsys, "info", "snapshot.h5", "--set", "fields=rho")
-    assert "rho: float32" in said
-    assert "velocity_x:" not in said
-    told(capsys, "render", "snapshot.h5", "-o", "a.png", *FAST, "--set", "fields=rho")
-    render = ("render", "snapshot.h5", "-o", "b.png", *FAST)
-    assert "did you mean 'rho'?" in refused(capsys, *render, "--set", "fields=rhoo")
-    assert "argument of the command" in refused(
-        capsys, "info", "snapshot.h5", "--set", "path=other.h5"
-    )
-    both = ("--format", "hdf5", "--set", "format=raw")
-    assert "give one of them" in refused(capsys, "info", "snapshot.h5", *both)
 
 
 @pytest.mark.parametrize(
@@ -766,11 +545,3 @@ def test_a_mistyped_path_is_told_the_nearest(capsys, snapshot, typed, meant):
         for load in (vm.open, vm.Scene.load):
             with pytest.raises(FileNotFoundError, match=re.escape(said)):
                 load(typed)
-
-
-def test_a_mistyped_image_is_told_the_nearest():
-    vm.Image(np.ones((2, 3, 3))).save("face.png")
-    with pytest.raises(FileNotFoundError, match=r"no file fase\.png; did you mean face\.png\?"):
-        vm.Image.load("fase.png")
-    with pytest.raises(FileNotFoundError, match=r"the directory nowhere does not exist"):
-        vm.open("nowhere/a.h5")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
-
 import numpy as np
 import pytest
 from astropy import units as u
@@ -83,23 +80,6 @@ def test_a_scene_is_seen_by_its_camera(gas, capsys):
         assert u.isclose(table["p"][0], momentum, rtol=1e-12)
 
 
-def test_commas_have_the_units_in_the_names(capsys):
-    assert told(capsys, "gas.h5", "--unit", "volume=cm3", "-q", "-o", "table.csv") == ""
-    with open("table.csv", newline="") as file:
-        (row,) = csv.DictReader(file)
-    assert list(row) == ["density [g]", "volume [cm3]", "cells"]
-    assert float(row["volume [cm3]"]) == pytest.approx(8 * (1 * u.pc).to_value("cm") ** 3)
-
-
-def test_options_of_the_format_are_those_of_the_other_commands(gas, capsys):
-    np.save("plain.npy", gas.array("density"))
-    bounds = json.dumps([[0, 4], [0, 5], [0, 6]])
-    out = told(capsys, "plain.npy", "--set", "name=rho", "--set", f"bounds={bounds}")
-    assert out.splitlines()[0].split() == ["rho", "volume", "cells"]
-    total = gas.array("density").sum()  # of unit cells
-    assert float(out.splitlines()[-1].split()[0]) == pytest.approx(total, rel=1e-7)
-
-
 def test_a_region_is_that_of_python(gas, capsys):
     text = "doublecone((0, 0, 0), (0, 0, 1), 40 deg, 0.8 pc, side=up) & ~sphere((0,0,0), 4e4 AU)"
     told(capsys, "gas.h5", "--region", text, "--where", "temperature > 50", "-o", "cone.ecsv")
@@ -129,20 +109,6 @@ def test_an_aperture_fills_the_frame(gas, capsys):
     columns = gas.array("density").sum(axis=2) / 3 * (1 * u.pc).to_value("cm") ** 3
     seen = shares[0] @ columns @ shares[1]
     assert table["density"].to_value("g")[0] == pytest.approx(seen, rel=1e-10)
-
-
-def test_a_scene_with_an_aperture_is_seen_by_its_camera(gas, capsys):
-    for views in ([], ["--angles", "60,30"]):
-        told(capsys, "gas.toml", "--aperture", "circle((0, 0), 0.5)", *views, "-o", "round.ecsv")
-        camera = vm.Orthographic(60, 30, resolution=8)
-        if views:
-            camera = vm.Orthographic(60, 30, width=1.0002)
-        ring = np.linspace(0, 2 * np.pi, 2000)[:-1]
-        circle = 0.5 * np.stack([np.cos(ring), np.sin(ring)], axis=1)
-        expected = vm.measure(gas, "density", camera=camera, aperture=circle)
-        (row,) = QTable.read("round.ecsv")
-        # Pixels that are cut count by 16 x 16 points, some of which are between the two polygons.
-        assert u.isclose(row["density"], expected["density"], rtol=1e-3)
 
 
 @pytest.mark.parametrize(

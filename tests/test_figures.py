@@ -58,12 +58,6 @@ def test_a_row_has_one_scale_one_unit_and_one_bar(channels):
         np.testing.assert_allclose(shown[1].get_array(), half, atol=0.01)
 
 
-def test_media_that_differ_have_bars_of_their_own():
-    other = picture(medium={**SHELLS, "color": [0.8, 0.1, 0.1]})
-    axes = vm.plot_row([picture(), other], Figure(layout="constrained").subplots(2, 1))
-    assert [len(ax.child_axes) for ax in axes] == [1, 1]
-
-
 @pytest.mark.parametrize(
     ("images", "options", "message"),
     [
@@ -99,13 +93,6 @@ def test_annotations_are_drawn_into_given_axes():
     assert np.ptp(ends[:, 0]) == pytest.approx(0.2, rel=1e-6)
     with pytest.raises(vm.InputError, match="leave out ax"):
         image.annotate(ax=left, paper="white")
-
-
-def test_axes_and_scale_bar_have_one_unit():
-    figure = picture().annotate(ticks=True).figure
-    labels = {ax.get_xlabel() for ax in figure.axes}
-    assert "x [pc]" in labels
-    assert "0.2 pc" in {t.get_text() for t in figure.texts}
 
 
 def test_a_probe_is_drawn_into_given_axes():

@@ -3,17 +3,15 @@
 import copy
 import io
 import pickle
-import sys
 
 import numpy as np
 import pytest
 from astropy import units as u
-from astropy.wcs import WCS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image as Pillow
 
-from voluminous.errors import InputError, UnitsError, UnknownNameError
+from voluminous.errors import InputError, UnitsError
 from voluminous.image import Image
 from voluminous.image.lengths import round_length
 
@@ -44,11 +42,6 @@ def test_unusable_intensities_are_refused(bad):
         Image(bad)
 
 
-def test_complex_intensities_are_refused():
-    with pytest.raises(InputError, match="real numbers"):
-        Image(np.ones((2, 2), complex))
-
-
 @pytest.mark.parametrize("shape", [(), (2, 3), (2, 3, 1), (2, 3, 4), (4,), (1, 1, 4)])
 def test_planes_broadcast_to_the_image_and_are_read_only(shape):
     values = np.random.default_rng(0).random(shape)
@@ -58,22 +51,6 @@ def test_planes_broadcast_to_the_image_and_are_read_only(shape):
         np.testing.assert_array_equal(plane, np.broadcast_to(spread, (2, 3, 4)))
         with pytest.raises(ValueError, match="read-only"):
             plane[0, 0, 0] = 1
-
-
-def test_grey_planes_take_no_memory_per_channel():
-    image = Image(np.zeros((2, 3, 4)), transparency=np.ones((2, 3, 1)))
-    assert image.transparency.strides[-1] == 0
-
-
-def test_unknown_planes_are_none():
-    image = Image(np.zeros((2, 3)))
-    assert image.transparency is None
-    assert image.optical_depth is None
-
-
-def test_planes_of_another_size_are_refused():
-    with pytest.raises(InputError, match=r"transparency has shape \(3, 2\)"):
-        Image(np.zeros((2, 3, 4)), transparency=np.ones((3, 2)))
 
 
 def test_optical_depth_is_computed_once_and_only_when_asked_for():
@@ -106,20 +83,6 @@ def test_oblong_pixels():
     assert image.extent == (0, 6, 7.5, 17.5)
 
 
-def test_a_single_column_has_square_pixels_unless_told():
-    single = Image(np.zeros((3, 1)), x=[4.0], y=[0, 2, 4])
-    assert single.pixel_size == (2, 2)
-    told = Image(np.zeros((3, 1)), x=[4.0], y=[0, 2, 4], pixel_size=(0.5, 2))
-    assert told.extent == (3.75, 4.25, -1, 5)
-    assert Image([[1.0]]).pixel_area == 1
-
-
-def test_decreasing_coordinates_keep_a_positive_area():
-    image = Image(np.zeros((2, 3)), x=[3, 2, 1], y=[0, 1])
-    assert image.extent == (3.5, 0.5, -0.5, 1.5)
-    assert image.pixel_area == 1
-
-
 @pytest.mark.parametrize("x", [[0, 1], [0, 1, 1], [0, 2, 1], [0, 1, np.nan], [[0, 1, 2]]])
 def test_unusable_coordinates_are_refused(x):
     with pytest.raises(InputError, match=r"^x "):
@@ -132,12 +95,6 @@ def test_unusable_pixel_sizes_are_refused(size):
         Image(np.zeros((2, 3)), pixel_size=size)
 
 
-def test_pixel_sizes_are_converted_to_the_unit_of_the_plane():
-    image = Image([[1.0]], unit="pc", pixel_size=(2000, 500) * u.mpc)
-    assert image.pixel_size == pytest.approx((2.0, 0.5))
-    assert image.extent == pytest.approx((-1.0, 1.0, -0.25, 0.25))
-
-
 def test_quantities_bring_their_units():
     image = Image(
         np.ones((1, 2)) * u.Jy,
@@ -148,15 +105,6 @@ def test_quantities_bring_their_units():
     assert (image.unit, image.intensity_unit) == ("pc", "Jy")
     assert image.y[0] == pytest.approx(1, rel=1e-8)  # the digits given for au per pc
     np.testing.assert_allclose(image.transparency[..., 0], [[0.5, 0.2]])
-
-
-def test_quantities_are_converted_to_the_unit_that_is_given():
-    image = Image(np.ones((1, 2)) * u.Jy, x=[1, 2] * u.km, unit=u.m, intensity_unit="mJy")
-    np.testing.assert_allclose(image.x, [1000, 2000])
-    np.testing.assert_allclose(image.intensity, 1000)
-    assert (image.unit, image.intensity_unit) == ("m", "mJy")
-    with pytest.raises(UnitsError, match="expected pc"):
-        Image(np.ones((1, 2)), x=[1, 2] * u.s, unit="pc")
 
 
 def test_camera_and_provenance_become_what_a_file_gives_back():
@@ -238,31 +186,6 @@ def _check_labels(ax):
         assert np.all(box.max <= whole.max)
 
 
-@pytest.mark.parametrize("shape", [(60, 60), (60, 100), (100, 60)])
-def test_no_label_is_cut_off_beside_maps_of_the_sky(shape):
-    image = Image(5000 * np.random.default_rng(3).random(shape), unit="pc", intensity_unit="K")
-    ax = image.on_sky(distance=4 * u.kpc, position=(10, -30)).plot(colormap="magma")
-    ax.figure.draw_without_rendering()
-    box = ax.images[0].colorbar.ax.get_tightbbox()
-    assert box.x1 <= ax.figure.bbox.x1
-
-
-def test_numbers_along_an_axis_keep_their_sign():
-    """Of -1000 and -500 astropy would show -1000 and 500."""
-    offsets = WCS(naxis=2)
-    offsets.wcs.ctype, offsets.wcs.cunit = ["OFFSET", "VRAD"], ["arcsec", "km / s"]
-    offsets.wcs.crpix, offsets.wcs.cdelt = [25.5, 25.5], [50.0, 200.0]
-    ax = Image(np.eye(50), wcs=offsets).plot()
-    ax.figure.draw_without_rendering()
-    for coordinate, end in zip(ax.coords, (1250, 5.0), strict=True):
-        for side in coordinate._ticklabels.text.values():
-            shown = [float(text.replace("\N{MINUS SIGN}", "-")) for text in side]
-            assert min(shown) <= -0.6 * end
-            assert max(shown) >= 0.6 * end
-            # As even as ticks are, up to rounding.
-            np.testing.assert_allclose(np.diff(shown), shown[1] - shown[0], rtol=1e-9)
-
-
 def test_limits_may_have_units():
     image = Image([[1.0, 5.0], [50.0, 100.0]], intensity_unit="K")
     one, other = {"vmin": 2, "vmax": 60}, {"vmin": 2 * u.K, "vmax": 60000 * u.mK}
@@ -283,12 +206,6 @@ def test_plot_draws_into_given_axes_and_saves_without_a_display(tmp_path):
     assert (tmp_path / "plot.png").stat().st_size > 0
 
 
-def test_plot_leaves_pyplot_alone_unless_it_is_in_use(monkeypatch):
-    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
-    Image(np.eye(3)).plot()
-    assert "matplotlib.pyplot" not in sys.modules
-
-
 def test_plot_uses_pyplot_where_the_user_does():
     import matplotlib.pyplot as plt
 
@@ -296,11 +213,6 @@ def test_plot_uses_pyplot_where_the_user_does():
     figure = Image(np.eye(3)).plot().figure
     assert set(plt.get_fignums()) - set(before) == {figure.number}
     plt.close(figure)
-
-
-def test_plot_names_the_nearest_option():
-    with pytest.raises(UnknownNameError, match="'colormap'"):
-        Image(np.eye(3)).plot(colourmap="inferno")
 
 
 @pytest.mark.parametrize(
@@ -359,14 +271,6 @@ def test_to_another_unit_converts_intensities_their_errors_and_bounds():
         np.testing.assert_allclose(getattr(there, name), 10 * getattr(image, name), rtol=1e-6)
     assert (there.transparency, there.unit) == (pytest.approx(image.transparency), "cm")
     np.testing.assert_array_equal(there.x, image.x)
-
-
-def test_maps_of_lengths_have_both_converted_and_angles_are_lengths_of_a_screen():
-    depth = many_planes(unit="cm", intensity_unit="cm").to("km")
-    assert (depth.unit, depth.intensity_unit) == ("km", "km")
-    assert depth.intensity.max() == pytest.approx(2e-5)
-    screen = Image(np.ones((2, 2)), x=[0, 1e-3], y=[0, 1e-3], unit="rad").to("arcsec")
-    assert screen.pixel_size[0] == pytest.approx(206.265, rel=1e-5)
 
 
 def test_to_a_unit_that_the_image_has_not_is_refused():

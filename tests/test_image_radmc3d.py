@@ -86,13 +86,6 @@ def test_stokes_parameters_are_channels(made):
             np.testing.assert_allclose(found, values[w, k], rtol=made.rounding)
 
 
-def test_fortran_leaves_out_letters(tmp_path):
-    path = tmp_path / "image.out"
-    content = text(1, np.ones((2, 1, NY, NX)))
-    path.write_text(content.replace("1.00000000000000E+00", "-0.12345678901234-100", 1))
-    assert vm.Image.load(path).intensity[0, 0, 0] == -0.12345678901234e-100
-
-
 @pytest.mark.parametrize("suffix", [".out", ".bout"])
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_what_was_saved_comes_back(tmp_path, suffix, number):
@@ -144,12 +137,6 @@ def test_heads_that_cannot_be(tmp_path, head):
     path.write_text("{}\n{} {}\n{}\n".format(*head) + "0.0\n" * 34)
     with pytest.raises(vm.FileFormatError):
         vm.Image.load(path)
-
-
-def test_a_spectrum_is_no_image(tmp_path):
-    (tmp_path / "spectrum.out").write_text("1\n2\n\n1300.0 1e-20\n870.0 2e-20\n")
-    with pytest.raises(vm.FileFormatError, match=r"spectrum.out"):
-        vm.Image.load(tmp_path / "spectrum.out")
 
 
 def test_a_reference_image_as_radmc3d_writes_it(tmp_path):

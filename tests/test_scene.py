@@ -1,10 +1,8 @@
 """Scenes: what the file says is what is rendered; what it cannot say is refused with its place."""
 
 import math
-import re
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 import pytest
 from astropy import units as u
@@ -14,7 +12,6 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.files import MissingPathError
 from voluminous.scene.settings import dumps, loads
-from voluminous.scene.source import models
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.toml"))
 GAUSSIAN = {
@@ -95,25 +92,6 @@ def test_every_medium_survives_the_file(medium):
     assert again.medium.key() == medium.key()
 
 
-def test_a_changed_colormap_is_not_taken_for_that_of_its_name():
-    few = matplotlib.colormaps["viridis"].resampled(3)
-    medium = vm.Colormap("density", few, 1.0, 10.0, 0.3)
-    with pytest.raises(vm.errors.UnknownNameError, match=r"unknown colormap 'viridis \(changed\)'"):
-        vm.Scene({"volume": CORE["volume"], "medium": medium})
-
-
-def test_a_camera_by_its_view_direction():
-    scene = vm.Scene(changed(SPHERE, "camera", view_direction=[1, 2, -1], up=[0, 1, 0]))
-    expected = vm.Orthographic.looking([1, 2, -1], [0, 1, 0], resolution=4)
-    assert scene.camera.describe() == expected.describe()
-    scene = vm.Scene(
-        changed(SPHERE, "camera", type="perspective", position=[3, 0, 0], view_direction=[-1, 0, 0])
-    )
-    assert scene.camera.describe() == vm.Perspective([3, 0, 0], [2, 0, 0], resolution=4).describe()
-    with pytest.raises(vm.InputError, match=r"\[camera\]: view_direction takes the place.*incl"):
-        vm.Scene(changed(SPHERE, "camera", view_direction=[1, 2, -1], incl=3))
-
-
 def test_derived_fields_and_units():
     volume = vm.Scene(
         changed(
@@ -126,11 +104,6 @@ def test_derived_fields_and_units():
     assert volume.fields == ("inside", "half", "far")
     assert volume.units["inside"] == "K"
     np.testing.assert_array_equal(volume.array("half"), volume.array("inside") / 2)
-
-
-def test_a_single_medium_needs_no_list():
-    scene = vm.Scene({**SPHERE, "medium": SPHERE["medium"][0]})
-    assert scene.medium.channels == 1
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
@@ -221,24 +194,6 @@ def test_what_a_scene_cannot_hold_is_told(tmp_path):
     assert image.provenance["scene"]["render"] == {"tolerance": 1e-3}
     with pytest.warns(UserWarning, match="scene is without background"):
         scene.render(background=behind.intensity)
-
-
-def test_paths_and_quantities_in_place_of_texts(tmp_path):
-    vm.models.prestellar_core(4).save(tmp_path / "core.h5")
-    camera = {"incl": np.float64(60), "width": (0.1, 0.2) * u.pc, "resolution": (4, 8)}
-    scene = vm.Scene({**CORE, "volume": {"path": tmp_path / "core.h5"}, "camera": camera})
-    scene.save(tmp_path / "core.toml")
-    assert vm.Scene.load(tmp_path / "core.toml").to_dict()["camera"] == {
-        "incl": 60.0,
-        "width": ["0.1 pc", "0.2 pc"],
-        "resolution": [4, 8],
-    }
-
-
-def test_saved_scenes_load_again(tmp_path):
-    scene = vm.Scene({**CORE, "image": {"stretch": "asinh", "bits": 16}})
-    scene.save(tmp_path / "a.toml")
-    assert vm.Scene.load(tmp_path / "a.toml").to_dict() == scene.to_dict()
 
 
 def test_image_options_go_to_formats_that_have_them(tmp_path):
@@ -370,14 +325,6 @@ def test_what_is_wrong_with_a_medium(change, expected):
         vm.Scene({**CORE, "medium": [GAUSSIAN, second]})
 
 
-def test_a_field_that_does_not_exist():
-    medium = {**GAUSSIAN, "expr": "log10(densty)"}
-    with pytest.raises(vm.errors.UnknownNameError, match="'densty'; did you mean 'density'"):
-        vm.Scene({**CORE, "medium": [medium]}).render()
-    with pytest.raises(vm.errors.UnknownNameError, match=r"\[volume\]: .*did you mean 'density'"):
-        vm.Scene(changed(CORE, "volume", derived={"a": "densty"})).volume()
-
-
 def test_errors_of_a_file_name_it(tmp_path):
     with pytest.raises(MissingPathError, match="there is no file"):
         vm.Scene.load(tmp_path / "scene.toml")
@@ -391,16 +338,6 @@ def test_errors_of_a_file_name_it(tmp_path):
     scene = vm.Scene({**SPHERE, "volume": {"path": "none.h5"}}, tmp_path)
     with pytest.raises(MissingPathError, match=r"\[volume\]: there is no file .*none\.h5"):
         scene.volume()
-
-
-def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
-    scene = vm.Scene.load(written(tmp_path, "\ufeff" + vm.Scene(SPHERE).dumps()))
-    assert scene.to_dict() == vm.Scene(SPHERE).to_dict()
-
-
-def test_models_are_those_of_the_module():
-    assert "prestellar_core" in models()
-    assert all(callable(getattr(vm.models, name)) for name in models())
 
 
 # Quantities and TOML
@@ -436,22 +373,11 @@ def normal(value):
     return [normal(v) for v in value] if isinstance(value, list) else repr(value)
 
 
-@given(st.dictionaries(st.text(), st.text()))
-def test_toml_keeps_the_order_of_derived_fields(table):
-    assert list(loads(dumps({"volume": {"derived": table}}))["volume"]["derived"]) == list(table)
-
-
 def test_toml_cannot_hold_everything():
     with pytest.raises(vm.InputError, match="cannot hold"):
         dumps({"a": math})
     with pytest.raises(vm.InputError, match=r"cannot hold 'a\\udcff\.h5', which is no UTF-8"):
         dumps({"path": "a\udcff.h5"})
-
-
-def test_scenes_show_what_they_are():
-    assert re.fullmatch(
-        r"<Scene of sphere: Coefficients\(.*\), Orthographic\(.*\)>", repr(vm.Scene(SPHERE))
-    )
 
 
 def test_colours_by_name(tmp_path):

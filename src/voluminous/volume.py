@@ -169,7 +169,7 @@ class Volume(Evaluation):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates that expressions know: x, y, z, r and the grid's own."""
+        """Names of the coordinates that expressions know (x, y, z, r and the grid's own)."""
         return coordinate_names(self.grid)
 
     @property

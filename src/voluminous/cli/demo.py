@@ -42,7 +42,7 @@ def _surfaces(**changes: Any) -> dict[str, Any]:
     return {"type": "isosurface", "expr": "log10(density)", "shading": 0.8, **changes}
 
 
-class Panel(NamedTuple):
+class DemoPanel(NamedTuple):
     """A picture of the core: its scheme and media; `title` starts with a scheme where it can."""
 
     scheme: str
@@ -51,15 +51,15 @@ class Panel(NamedTuple):
 
 
 PANELS = (
-    Panel("first-order", "{scheme}", _shells("gaussian", "sigma", 0.001)),
-    Panel("second-order", "{scheme}", _shells("gaussian", "sigma", 0.001)),
-    Panel("second-order", "{scheme}, α = 0.1 inside", _shells("gaussian", "sigma", 0.1)),
+    DemoPanel("first-order", "{scheme}", _shells("gaussian", "sigma", 0.001)),
+    DemoPanel("second-order", "{scheme}", _shells("gaussian", "sigma", 0.001)),
+    DemoPanel("second-order", "{scheme}, α = 0.1 inside", _shells("gaussian", "sigma", 0.1)),
 )
 """The first figure of the note."""
 
 MORE_PANELS = (
-    Panel("post-classified", "rectangle functions", _shells("rectangle", "half_width", 0.001)),
-    Panel(
+    DemoPanel("post-classified", "rectangle functions", _shells("rectangle", "half_width", 0.001)),
+    DemoPanel(
         "post-classified",
         "isosurfaces without thickness",
         [
@@ -67,7 +67,7 @@ MORE_PANELS = (
             for shell in (_OUTER, _INNER)
         ],
     ),
-    Panel(
+    DemoPanel(
         "post-classified",
         "seven isosurfaces, cut open",
         [

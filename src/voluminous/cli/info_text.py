@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import VoluminousError
 from ..fields import is_angle
+from ..files import url_of
 from ..geometry import span
 from .data import (
     DataFile,
@@ -21,7 +22,7 @@ from .data import (
     rank,
 )
 from .render_volume import LEVELS, PIXELS
-from .statistics import Statistics, histogram, numbers, statistics, stride
+from .statistics import ValueSummary, histogram, numbers, statistics, stride
 
 if TYPE_CHECKING:
     from ..image import Image
@@ -41,7 +42,7 @@ class Look:
     ----------
     field : FieldInfo
         What the file tells of it.
-    found : Statistics or VoluminousError
+    found : ValueSummary or VoluminousError
         What its values are, or why they cannot be read.
     bytes : int
         Memory that it takes.
@@ -50,7 +51,7 @@ class Look:
     """
 
     field: FieldInfo
-    found: Statistics | VoluminousError
+    found: ValueSummary | VoluminousError
     bytes: int
     volume: Volume
 
@@ -63,7 +64,7 @@ class Look:
     @property
     def varies(self) -> bool:
         """True if there is anything to see."""
-        return isinstance(self.found, Statistics) and self.found.least < self.found.greatest
+        return isinstance(self.found, ValueSummary) and self.found.least < self.found.greatest
 
 
 def title(field: FieldInfo) -> str:
@@ -99,7 +100,7 @@ def values(volume: Volume, seen: Look, bars: bool) -> Iterator[str]:
         yield f"  {histogram(array, found, wide)}  {scale}"
 
 
-def _is_wide(found: Statistics) -> bool:
+def _is_wide(found: ValueSummary) -> bool:
     return found.greatest > _WIDE * found.positive
 
 
@@ -332,7 +333,7 @@ def describe_scene(path: Path) -> Iterator[str]:
             yield f"{section} {number}" if isinstance(content, list) else section
             yield from _lines(table, inline)
     data = settings["volume"].get("path")
-    if data is not None and not (scene.directory / data).exists():
+    if data is not None and not (url_of(Path(data)) or (scene.directory / data).exists()):
         yield ""
         yield f"There is no file {scene.directory / data}: put it there, or change volume.path"
     yield ""

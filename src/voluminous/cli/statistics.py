@@ -16,7 +16,7 @@ _COUNTED = 1 << 24
 
 
 @dataclass
-class Statistics:
+class ValueSummary:
     """What there is in an array: numbers of values, and the range of the finite ones.
 
     Attributes
@@ -56,9 +56,9 @@ class Statistics:
         return self.size - self.finite - self.nan
 
 
-def statistics(array: np.ndarray) -> Statistics:
+def statistics(array: np.ndarray) -> ValueSummary:
     """Return range, mean, and numbers and first places of NaN and infinities of an array."""
-    found = Statistics()
+    found = ValueSummary()
     for piece in _pieces(array):
         # Infinite only if something is that, or beyond: most pieces are passed over once.
         total = _sum(piece)
@@ -74,7 +74,7 @@ def _sum(values: np.ndarray) -> float:
         return float(values.sum(dtype=np.float64))
 
 
-def _finite(found: Statistics, piece: np.ndarray) -> np.ndarray:
+def _finite(found: ValueSummary, piece: np.ndarray) -> np.ndarray:
     nan, finite = np.isnan(piece), np.isfinite(piece)
     found.nan += int(np.count_nonzero(nan))
     if found.first_nan is None and nan.any():
@@ -85,7 +85,7 @@ def _finite(found: Statistics, piece: np.ndarray) -> np.ndarray:
     return piece[finite]
 
 
-def numbers(found: Statistics, shape: tuple[int, ...] | None = None) -> str:
+def numbers(found: ValueSummary, shape: tuple[int, ...] | None = None) -> str:
     """Return range, mean and what is not finite in words, with first places in an array of a shape.
 
     Examples
@@ -114,7 +114,7 @@ def _place(first: int | None, shape: tuple[int, ...] | None) -> str:
     return f" (first at [{place}])"
 
 
-def histogram(array: np.ndarray, found: Statistics, logarithmic: bool) -> str:
+def histogram(array: np.ndarray, found: ValueSummary, logarithmic: bool) -> str:
     """Return bars that show how often values between least and greatest occur; any is visible.
 
     Logarithmic ones show those above zero.

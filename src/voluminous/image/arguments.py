@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -255,3 +256,11 @@ def _plain_number(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     raise TypeError(f"{value!r} is a {type(value).__name__}")
+
+
+def refuse_renamed(options: Mapping[str, Any]) -> None:
+    """Raise the error for an argument that does not exist, or that had another name before."""
+    for name in options:
+        if name == "position_angle":
+            raise InputError("position_angle is now posang, as that of cameras")
+        raise TypeError(f"unexpected argument {name!r}")

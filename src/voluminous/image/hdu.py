@@ -144,14 +144,12 @@ TEXT = "VOLMETA"
 _ANGLES = {"incl": "inclination", "phi": "azimuth", "posang": "position angle"}
 
 
-def to_hdu(
-    image: Image, distance: Any = None, position: Any = None, position_angle: Any = 0.0
-) -> Any:
+def to_hdu(image: Image, distance: Any = None, position: Any = None, posang: Any = 0.0) -> Any:
     """Return an astropy PrimaryHDU; see `Image.to_hdu`."""
     from astropy.io import fits
 
-    if distance is not None or position is not None or np.any(position_angle != 0.0):
-        image = on_sky(image, distance, position, position_angle)
+    if distance is not None or position is not None or np.any(posang != 0.0):
+        image = on_sky(image, distance, position, posang)
     return fits.PrimaryHDU(channels_first(image.intensity), header=_header(image))
 
 

@@ -190,7 +190,7 @@ class Image:
 
     @property
     def exposure(self) -> float:
-        """The automatic exposure of all channels: ``to_rgb(exposure=…)`` shows the same again.
+        """The automatic exposure of all channels; ``to_rgb(exposure=…)`` shows the same again.
 
         Given to other frames (`to_rgb`, `save`, `plot`, …), it shows equal intensities alike.
         """
@@ -314,7 +314,7 @@ class Image:
             PNG: all of `to_rgb`, ``bits=16``, ``transparent=True`` (alpha from the transparency),
             and ``annotate``: True, or options of `annotate`. JPEG, PDF, SVG: the same without bits;
             JPEG: ``quality=95`` in place of ``transparent``. EXR: ``half=True`` (16-bit floats).
-            FITS: ``distance``, ``position`` and ``position_angle`` of `on_sky`.
+            FITS: ``distance``, ``position`` and ``posang`` of `on_sky`.
 
         Raises
         ------
@@ -381,13 +381,13 @@ class Image:
         return room("image.plot").plot(shown, ax, scale_bar=scale_bar, colorbar=colorbar, **options)
 
     def to_hdu(
-        self, *, distance: Any = None, position: Any = None, position_angle: Any = 0.0
+        self, *, distance: Any = None, position: Any = None, posang: Any = 0.0, **old: Any
     ) -> PrimaryHDU:
         """Return the intensities as an astropy HDU with units, world coordinates and the camera.
 
         Parameters
         ----------
-        distance, position, position_angle : optional
+        distance, position, posang : optional
             As in `on_sky`: celestial coordinates. Without them those that the image has, or its
             plane's, linear and in its unit (always there, as WCS "A" beside celestial ones).
 
@@ -397,9 +397,12 @@ class Image:
             Of (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")`` writes
             it, and all else that is known.
         """
-        return room("image.hdu").to_hdu(self, distance, position, position_angle)
+        arguments.refuse_renamed(old)
+        return room("image.hdu").to_hdu(self, distance, position, posang)
 
-    def on_sky(self, *, distance: Any = None, position: Any, position_angle: Any = 0.0) -> Image:
+    def on_sky(
+        self, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
+    ) -> Image:
         """Return the image with celestial world coordinates: what is where on the sky.
 
         Parameters
@@ -409,7 +412,7 @@ class Image:
             perspective cameras, whose pictures are measured in angles.
         position : SkyCoord, (ra, dec) or str
             Of the plane's origin, where x = y = 0; plain numbers are degrees (ICRS).
-        position_angle : float or Quantity
+        posang : float or Quantity
             Angle of the picture's y axis from north towards east; plain numbers are degrees.
 
         Raises
@@ -422,7 +425,8 @@ class Image:
         East is on the left where north is up. A plane at a distance is a gnomonic projection (TAN)
         exactly; a dome is zenithal equidistant (ARC): Calabretta & Greisen (2002), A&A 395, 1077.
         """
-        return room("image.sky").on_sky(self, distance, position, position_angle)
+        arguments.refuse_renamed(old)
+        return room("image.sky").on_sky(self, distance, position, posang)
 
     def convolve(self, beam: Any) -> Image:
         """Return the image as seen with a telescope's beam, an elliptical Gaussian.

@@ -181,7 +181,7 @@ def _unit(wcs: Any, number: int) -> Any:
 _EVEN_TO = 1e-6
 
 
-def on_sky(image: Image, distance: Any, position: Any, position_angle: Any) -> Image:
+def on_sky(image: Image, distance: Any, position: Any, posang: Any) -> Image:
     """Return the image with celestial world coordinates; see `Image.on_sky`."""
     scale, projection = _plane(image, distance)
     steps = np.array(image.pixel_size) * scale
@@ -190,7 +190,7 @@ def on_sky(image: Image, distance: Any, position: Any, position_angle: Any) -> I
     ]
     center = as_position(position)
     wcs = _frame_wcs(center, projection)
-    angle = np.deg2rad(_finite(degrees(position_angle, "position_angle"), "position_angle"))
+    angle = np.deg2rad(_finite(degrees(posang, "posang"), "posang"))
     wcs.wcs.crpix = reference
     # Seen from here east is on the left: right ascension grows against x.
     wcs.wcs.cdelt = np.rad2deg([-steps[0], steps[1]])

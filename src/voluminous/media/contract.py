@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from .edges import Level
     from .ranges import Bounds
     from .sampled import Sampled
-    from .shell import Shell
     from .stretch import Panel, Stretch
 
 # Places and weights on [0, 1].
@@ -192,10 +191,6 @@ class Medium(Value):
     def visible_key(self) -> Any:
         """Return what `visible_in` depends on, besides the fields; None if nothing tells that."""
         return self.key()
-
-    def shells(self) -> tuple[Shell, ...]:
-        """Return its parts that show at some values only: a volume without these warns."""
-        return ()
 
     def strongest(self) -> tuple[float, float]:
         """Return the brightness and opacity of one path length at the peak; 0 if there is none."""

@@ -43,7 +43,6 @@ from .modulation import Factors, modulated_colors
 from .rectangle import box_extent, box_middle
 from .sampled import FIVE, UNKNOWN, WEIGHTS_OF_FIVE, Sampled, dot, unseen
 from .shading import Lamp, described_lights, given_lights, given_shade
-from .shell import Shell
 from .stretch import Middle, extremes, kept, may_turn
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor
 
@@ -227,12 +226,6 @@ class Isosurface(Medium):
             return super().sampled(stretch, context, fine=fine)
         own = self._finely_sampled if fine else self._roughly_sampled
         return own(stretch, context)
-
-    def shells(self) -> tuple[Shell, ...]:
-        return tuple(
-            Shell(self._level(k), _named(level), dark=not any(opacity))
-            for k, (level, opacity) in enumerate(zip(self.levels, self.opacities, strict=True))
-        )
 
     def _level(self, k: int) -> Isosurface:
         every = {"levels": self.levels, "colors": self.colors, "opacities": self.opacities}

@@ -31,7 +31,6 @@ from .contract import Feature, Medium, MediumSample, Sampling
 from .modulation import modulated
 from .sampled import EIGHT, FIVE, PLACES, Sampled, products
 from .shading import given_shade
-from .shell import Shell
 from .stretch import Middle, Straight, Stretch, extremes, kept, middle_of
 from .unresolved import LookedUp, bend, core, extent_of, slope_factor, thinness
 
@@ -127,10 +126,6 @@ class Shaped(Medium):
 
     def discontinuities(self, context: Context) -> list[Level]:
         return self.modulation.discontinuities(context)
-
-    def shells(self) -> tuple[Shell, ...]:
-        dark = not (any(self.color) or any(self.opacity))
-        return (Shell(self, _named(self.center), dark),)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         shape = self.mean_per_length(panel, context)

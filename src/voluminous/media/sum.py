@@ -17,7 +17,6 @@ from .stretch import extremes
 
 if TYPE_CHECKING:
     from .edges import Level
-    from .shell import Shell
     from .stretch import Panel, Stretch
 
 
@@ -53,9 +52,6 @@ class Sum(Medium):
     def features(self) -> tuple[Feature, ...]:
         rows = [part.features() for part in self.parts]
         return tuple(f for row in rows for f in row) if all(rows) else ()
-
-    def shells(self) -> tuple[Shell, ...]:
-        return tuple(shell for part in self.parts for shell in part.shells())
 
     def scalars(self) -> tuple[Expression, ...]:
         found = (e for part in self.parts for e in part.scalars())

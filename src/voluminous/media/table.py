@@ -32,7 +32,6 @@ from .modulation import Modulation
 from .piecewise_linear import PiecewiseLinear, Place, TableMiddles
 from .sampled import PAIR, Sampled, missed_by_pair
 from .shading import given_shade
-from .shell import Shell
 from .stretch import extremes, kept
 from .table_bends import TableBends
 from .unresolved import LookedUp, bend, core, extent_of, thinness
@@ -190,9 +189,6 @@ class Table(Medium):
 
     def discontinuities(self, context: Context) -> list[Level]:
         return self.modulation.discontinuities(context)
-
-    def shells(self) -> tuple[Shell, ...]:
-        return (Shell(self, None, dark=not self.rows.any(), has_entries=True),)
 
     def means(self, panel: Panel, context: Context) -> MediumSample:
         stretch = panel.stretch

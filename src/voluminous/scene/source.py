@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,8 +10,10 @@ from typing import Any
 
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
+from ..files import seen_from
 from ..io.contract import Reader
 from ..io.guard import placed
+from ..packages import room
 from ..units import parse_unit
 from ..volume import Volume
 from . import kinds
@@ -27,7 +28,7 @@ _OWN = {"path", "model", "format", "fields", "derived", "units"}
 
 
 @dataclass
-class Source:
+class VolumeSource:
     """Where a volume comes from.
 
     Attributes
@@ -54,7 +55,7 @@ class Source:
         """Return the volume; a relative path is relative to `directory`."""
         with placed("[volume]"):
             if self.path is not None:
-                volume = self._opened(directory / os.path.expanduser(self.path))
+                volume = self._opened(seen_from(directory, self.path))
             else:
                 volume = self._named(models()[str(self.model)](**self.options))
             for name, expression in self.derived.items():
@@ -79,7 +80,7 @@ class Source:
         return volume
 
 
-def read_source(section: Mapping[str, Any]) -> Source:
+def read_source(section: Mapping[str, Any]) -> VolumeSource:
     """Return what ``[volume]`` says, checked as far as that goes without the file.
 
     Raises
@@ -105,8 +106,7 @@ def read_source(section: Mapping[str, Any]) -> Source:
 
 def models() -> dict[str, Any]:
     """Return the functions of `voluminous.models` by name."""
-    from .. import models as module
-
+    module = room("models")
     return {
         name: function
         for name, function in vars(module).items()
@@ -116,7 +116,7 @@ def models() -> dict[str, Any]:
     }
 
 
-def _file(section: Mapping[str, Any], options: dict[str, Any]) -> Source:
+def _file(section: Mapping[str, Any], options: dict[str, Any]) -> VolumeSource:
     from ..io.registry import readers
 
     path = kinds.TEXT("path", section["path"])
@@ -127,7 +127,7 @@ def _file(section: Mapping[str, Any], options: dict[str, Any]) -> Source:
     asked = [known[form]] if form else _named_like(Path(path), known.values())
     if asked:  # else the content decides, when the file is opened
         kinds.check_keys(options, {*_OWN}.union(*(reader.options for reader in asked)))
-    return Source(
+    return VolumeSource(
         path=path,
         format=form,
         fields=kinds.FIELDS("fields", section["fields"]) if "fields" in section else None,
@@ -152,11 +152,11 @@ def _named_like(path: Path, among: Iterable[Reader]) -> list[Reader]:
     return [reader for reader in among if endings & set(reader.suffixes)]
 
 
-def _model(section: Mapping[str, Any], options: dict[str, Any]) -> Source:
+def _model(section: Mapping[str, Any], options: dict[str, Any]) -> VolumeSource:
     name = kinds.TEXT("model", section["model"])
     for key in ("format", "fields"):
         if key in section:
             raise InputError(f"{key} belongs to a file (path = …), not to a model")
     if name not in models():
         raise unknown_name("model", name, models())
-    return Source(model=name, options=arguments(models()[name], options, {}))
+    return VolumeSource(model=name, options=arguments(models()[name], options, {}))

@@ -243,7 +243,7 @@ class OctreeGrid(TreeCells):
 
     @property
     def refined(self) -> np.ndarray:
-        """The split flags of all nodes, depth first: uint8."""
+        """The split flags of all nodes, depth first; uint8."""
         return flags_from_levels(self.levels, self.places)
 
     @functools.cached_property

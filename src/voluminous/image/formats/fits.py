@@ -35,7 +35,7 @@ def write(image: Image, path: Path, **sky: Any) -> None:
     image : Image
     path : Path
     **sky
-        ``distance``, ``position`` and ``position_angle``, as in `Image.on_sky`.
+        ``distance``, ``position`` and ``posang``, as in `Image.on_sky`.
     """
     from astropy.io import fits
 
@@ -121,5 +121,5 @@ FORMAT = Format(
     (b"SIMPLE  =",),
     write,
     read,
-    frozenset({"distance", "position", "position_angle"}),
+    frozenset({"distance", "position", "posang"}),
 )

@@ -251,7 +251,7 @@ class World:
     def pointing(self) -> dict[str, Any]:
         """Return where the middle of the cube is on the sky, and how it is turned, in degrees.
 
-        ``position_angle`` is that of the y axis, from north to east; a camera with it as its
+        ``posang`` is that of the y axis, from north to east; a camera with the same
         ``posang`` shows north at the top.
         """
         middle = 0.5 * (np.array(self.wcs.pixel_shape) - 1)
@@ -259,7 +259,7 @@ class World:
         east, north = _linear(self.wcs)[:2, 1]
         told: dict[str, Any] = {"center": [float(lon), float(lat)]}
         angle = float(np.rad2deg(np.arctan2(east, north)))
-        return told | ({"position_angle": angle} if abs(angle) > _TURNED else {})
+        return told | ({"posang": angle} if abs(angle) > _TURNED else {})
 
 
 def world(
