@@ -137,7 +137,7 @@ class Bracket(Scheme):
     budget : int
         About how many panels are tried per segment, at most.
     signed : bool
-        The emissivity may be negative: what is negative is kept as emissions of its own.
+        The emissivity may be negative: its negative part is a separate emission.
     """
 
     name = "bracket"
@@ -192,7 +192,7 @@ class Bracket(Scheme):
 
         count = source.numbers.emissions
         nothing = empty_path(real, count, count)
-        # A jump to where the segment begins is a panel of its own, before it.
+        # A jump to where the segment begins is a separate panel before it.
         begin = dr.select(source.jumps(cubics, before), real(-1), 0)
         begin = dr.select(segment.active, begin, 1)
         state = BracketState(begin, real(1), real(0), nothing)

@@ -376,7 +376,7 @@ class Stretch:
         return [cubic[0], *inner, sum(cubic[1:], cubic[0])]
 
     def part(self, start: Any, width: Any) -> Stretch:
-        """Return the part from `start` on, of a width, as a stretch of its own."""
+        """Return the part from `start` on, of a width, as a stretch."""
         begin, part = self.context.real(start), self.context.real(width)
         cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
         return Stretch(cubics, self.context, self.length * width)
