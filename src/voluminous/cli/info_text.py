@@ -24,6 +24,8 @@ from .render_volume import LEVELS, PIXELS
 from .statistics import ValueSummary, histogram, numbers, statistics, stride
 
 if TYPE_CHECKING:
+    from astropy.wcs import WCS
+
     from ..image import Image
     from ..io import FieldInfo
     from ..volume import Volume
@@ -238,7 +240,7 @@ def _short(value: Any) -> str:
     return first if not more and len(first) <= _LONGEST else f"{first[:_LONGEST]} …"
 
 
-def _sky(wcs: Any) -> Iterator[str]:
+def _sky(wcs: WCS) -> Iterator[str]:
     for name, kind, unit, value in zip(
         wcs.wcs.ctype, wcs.world_axis_physical_types, wcs.wcs.cunit, wcs.wcs.crval, strict=True
     ):

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnitsError
 from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
+
+if TYPE_CHECKING:
+    from astropy.wcs import WCS
 
 Array = NDArray[np.floating[Any]]
 
@@ -219,7 +222,7 @@ def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
     return wcs
 
 
-def text_of(wcs: Any) -> str:
+def text_of(wcs: WCS) -> str:
     """Return a WCS as the text of a FITS header."""
     return str(wcs.to_header_string(relax=True))
 

@@ -16,7 +16,11 @@ from .arguments import json_value
 
 if TYPE_CHECKING:
     from astropy.io.fits import PrimaryHDU
+    from astropy.wcs import WCS
     from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+
+    from ..units import UnitLike
 
 Array = NDArray[np.floating[Any]]
 
@@ -77,9 +81,9 @@ class Image:
     _pending: Callable[[], ArrayLike] | None
     _planes: dict[str, Array | None]
     pixel_size: tuple[float, float]
-    wcs: Any
-    camera: Any
-    provenance: Any
+    wcs: WCS | None
+    camera: dict[str, Any] | None
+    provenance: dict[str, Any] | None
     # NumPy's functions would take display values for intensities.
     __array_ufunc__ = None
 
@@ -94,10 +98,10 @@ class Image:
         upper: ArrayLike | None = None,
         x: ArrayLike | None = None,
         y: ArrayLike | None = None,
-        unit: Any = "",
-        intensity_unit: Any = "",
+        unit: UnitLike = "",
+        intensity_unit: UnitLike = "",
         pixel_size: Any = None,
-        wcs: Any = None,
+        wcs: WCS | None = None,
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
     ) -> None:
@@ -214,7 +218,7 @@ class Image:
         channels: int | Sequence[int] | None = None,
         mix: ArrayLike | None = None,
         colormap: Any = None,
-        norm: Any = None,
+        norm: str | Normalize | None = None,
         vmin: float | None = None,
         vmax: float | None = None,
         background: Any = None,
@@ -349,7 +353,7 @@ class Image:
         self,
         ax: Axes | None = None,
         *,
-        unit: Any = None,
+        unit: UnitLike = None,
         scale_bar: bool = False,
         colorbar: bool = True,
         **options: Any,
@@ -454,7 +458,7 @@ class Image:
         """
         return room("image.beam").convolve(self, beam)
 
-    def to(self, unit: Any, *, beam: Any = None) -> Image:
+    def to(self, unit: UnitLike, *, beam: Any = None) -> Image:
         """Return the image in another unit: of its plane (`unit`), or of its intensities.
 
         Parameters

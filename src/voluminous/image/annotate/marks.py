@@ -19,6 +19,7 @@ from ..tone import finite
 from .sheet import LINE
 
 if TYPE_CHECKING:
+    from ...volume import Volume
     from ..image import Image
     from .sheet import Sheet
 
@@ -97,7 +98,7 @@ def _in_cm(told: Any) -> float:
 def compass(image: Image) -> list[Arrow]:
     """Return north and east in the middle of the picture; none without celestial coordinates."""
     to_sky = sky_matrix(image)
-    if to_sky is None:
+    if to_sky is None or image.wcs is None:
         return []
     kind = image.wcs.celestial.wcs.ctype[0].split("-")[0]
     up, left = _SKY.get(kind, ("N", "E"))
@@ -291,7 +292,7 @@ def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None
 _TITLE = 1.25
 
 
-def time_text(time: Any, volume: Any) -> str:
+def time_text(time: Any, volume: Volume | None) -> str:
     """Return the time stamp; the empty string if there is none.
 
     Parameters

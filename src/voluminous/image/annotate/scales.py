@@ -17,6 +17,10 @@ from ..tone import display, one_channel, shows_one_channel
 from .sheet import LINE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, Normalize
+
+    from ...volume import Volume
     from ..image import Image
     from .sheet import Sheet
 
@@ -46,8 +50,8 @@ class Scale:
     """
 
     label: str
-    norm: Any
-    colormap: Any
+    norm: Normalize
+    colormap: Colormap
     expr: str | None = None
     unit: str = ""
 
@@ -106,7 +110,7 @@ def with_units(scale: Scale, units: Mapping[str, str]) -> str:
     return ", ".join([scale.label, *(f"{name} in {pretty_unit(units[name])}" for name in names)])
 
 
-def limits(low: float, high: float, logarithmic: bool) -> Any:
+def limits(low: float, high: float, logarithmic: bool) -> Normalize:
     """Return a norm over a range."""
     from matplotlib.colors import LogNorm, Normalize
 
@@ -281,7 +285,7 @@ def _shown_colors(colors: list[Any], options: dict[str, Any]) -> NDArray[Any]:
     return full_colors(np.array(rows, dtype=float), options)
 
 
-def _norm(centers: NDArray[Any], widths: NDArray[Any], span: Span | None) -> Any:
+def _norm(centers: NDArray[Any], widths: NDArray[Any], span: Span | None) -> Normalize:
     """Return a norm that shows all shells, and of the field's range what is not too far off."""
     spread = [centers.min(), centers.max()] if span is None else [*span, *centers]
     logarithmic = bool(min(spread) > 0 and max(spread) > _DECADES * min(spread))
@@ -307,7 +311,7 @@ def _wider(low: float, high: float, span: Span, logarithmic: bool) -> Span:
 
 
 def _bands(
-    norm: Any, centers: NDArray[Any], widths: NDArray[Any], colors: NDArray[Any]
+    norm: Normalize, centers: NDArray[Any], widths: NDArray[Any], colors: NDArray[Any]
 ) -> NDArray[Any]:
     """Return colours and alpha along a bar: bands around the centres, the paper between them."""
     place = (np.arange(_ENTRIES) + 0.5) / _ENTRIES
@@ -379,7 +383,7 @@ def _draw_counts(sheet: Sheet, counts: Any, x: float) -> None:
     axes.set_axis_off()
 
 
-def _draw_colors(sheet: Sheet, axes: Any, scale: Scale) -> None:
+def _draw_colors(sheet: Sheet, axes: Axes, scale: Scale) -> None:
     bar = sheet.figure.colorbar(scale.mappable, cax=axes)
     bar.outline.set(linewidth=LINE * sheet.em, edgecolor=sheet.ink)
     axes.tick_params(which="both", colors=sheet.ink, labelsize=0.85 * sheet.em)
@@ -406,7 +410,7 @@ _LEAST, _GREATEST = 0.1, 99.9
 class FieldValues:
     """Values of expressions in a volume, or in a part of it that stands for the whole."""
 
-    def __init__(self, volume: Any) -> None:
+    def __init__(self, volume: Volume) -> None:
         self.volume = volume
         self._found: dict[str, NDArray[Any]] = {}
 
