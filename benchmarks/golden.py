@@ -68,7 +68,7 @@ MEDIA: dict[str, Any] = {
     "shells": SHELLS,
     "coefficients": vm.Coefficients(["a", "2*a*b", "a**2"], "3*a"),
     "per channel": vm.Coefficients(["a", "2*a*b", "a**2"], ["a", "2*a", "4*b"]),
-    "surfaces": vm.Isosurface("a", levels=[0.3, 0.7], color="plasma", opacity=0.4, shading=0.6),
+    "surfaces": vm.Isosurface("a", level=[0.3, 0.7], color="plasma", opacity=0.4, shading=0.6),
     "gated": vm.Colormap("a", "viridis", 0, 1.2, 0.8, 0.2, where="b > 0.4"),
     "coloured": vm.Gaussian("a", 0.5, 0.05, vm.ColorBy("b", "inferno", 0, 1), 0.8, 0.1),
     "table": vm.Table(

@@ -70,8 +70,8 @@ def isosurfaces(target: Path, pixels: int) -> None:
     camera = vm.Orthographic(60, 30, width=1.9, resolution=pixels)
     media = {
         "opacity=0.3": vm.Isosurface("density", 0.4, BLUE, 0.3),
-        "levels=[0.2, 0.5, 0.8]": vm.Isosurface(
-            "density", levels=[0.2, 0.5, 0.8], color="plasma", opacity=0.35
+        "level=[0.2, 0.5, 0.8]": vm.Isosurface(
+            "density", level=[0.2, 0.5, 0.8], color="plasma", opacity=0.35
         ),
         'density="gradient"': vm.Isosurface("density", 0.4, BLUE, 0.3, density="gradient"),
         "opacity=1, shading=0.8": vm.Isosurface("density", 0.4, BLUE, 1, shading=0.8),
@@ -87,7 +87,7 @@ def antialiasing(target: Path, pixels: int) -> None:
     """One ray per pixel, and as many as it takes."""
     volume = blobs(48)
     camera = vm.Orthographic(60, 30, width=0.9, shift=(0.2, 0.2), resolution=max(16, pixels // 6))
-    surface = vm.Isosurface("density", levels=[0.2, 0.5, 0.8], color="plasma", opacity=0.35)
+    surface = vm.Isosurface("density", level=[0.2, 0.5, 0.8], color="plasma", opacity=0.35)
     panels = {
         f"antialias={way!r}": vm.render(volume, surface, camera, antialias=way)
         for way in (None, "adaptive")

@@ -52,7 +52,7 @@ def medium() -> vm.Medium:
     colors = [[int(COLORS[k % 5][i : i + 2], 16) / 255 for i in (1, 3, 5)] for k in range(25)]
     behind = " + ".join(f"{n} * {w}" for n, w in zip("abc", TOWARDS.tolist(), strict=True))
     return vm.Isosurface(
-        "logn", levels=levels, color=colors, opacity=1, shading=0.9, where=f"{behind} < 0"
+        "logn", level=levels, color=colors, opacity=1, shading=0.9, where=f"{behind} < 0"
     )
 
 

@@ -112,7 +112,7 @@ def gaussians(rng):
 def surfaces(rng):
     """Two levels of a product of two fields."""
     levels, opacity = sorted(rng.uniform(0.2, 3.0, 2)), rng.uniform(0, 0.95)
-    medium = vm.Isosurface("a*b", levels=list(levels), color=COLORS, opacity=opacity)
+    medium = vm.Isosurface("a*b", level=list(levels), color=COLORS, opacity=opacity)
     parts = [
         twin.Surface(lambda f: f["a"] * f["b"], level, color, [opacity])
         for level, color in zip(levels, COLORS, strict=True)

@@ -218,7 +218,7 @@ def test_bars_of_shells_have_their_colours_at_their_centres():
 
 
 def test_bars_of_surfaces_and_rectangles():
-    surfaces = vm.Isosurface("x", levels=[1, 2] * u.K, color=[(1, 0, 0), (0, 1, 0)])
+    surfaces = vm.Isosurface("x", level=[1, 2] * u.K, color=[(1, 0, 0), (0, 1, 0)])
     (scale,) = of_medium(surfaces.describe(), {})
     assert scale.label == "x [K]"
     assert scale.colormap(scale.norm(2.0))[1] > 0.99

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import real_data
 import voluminous as vm
 from voluminous import rendering
-from voluminous.calibration.suggest import is_wide, labels_of, levels, main_scalar, noise_of
+from voluminous.calibration.suggest import is_wide, labels_of, main_scalar, noise_of
 from voluminous.calibration.thickness import histogram, sampled_values
 from voluminous.cli import main
 from voluminous.expressions import Expression
@@ -82,45 +80,12 @@ def test_levels_are_above_noise_around_zero():
     assert min(shell.center for shell in shells(vm.suggest_medium(volume))) < 0.4
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.random.default_rng(3).normal(0, 1, 10_000),  # noise alone, or a velocity
-        np.concatenate([np.full(5000, -1000.0), np.linspace(-200, 2000, 5000)]),  # air and bones
-        np.concatenate([np.linspace(-1, 0, 1000), np.linspace(0, 9, 1000)]),  # a ramp
-        np.concatenate([-np.abs(np.random.default_rng(4).normal(0, 1, 900)), np.full(9, 20.0)]),
-        np.linspace(0, 1, 100),
-        np.array([-1.0, 5.0]),
-    ],
-    ids=["signed", "ct", "ramp", "holes", "positive", "few"],
-)
-def test_negative_values_that_are_no_noise(values):
-    assert noise_of(np.sort(values)) == 0
-
-
 def test_velocities_of_a_cube_of_spectra_are_not_what_is_shown():
     volume = cube(lambda r: np.exp(-3 * r))
     volume["velocity"] = "z"
     assert main_scalar(volume).text == "a"
     del volume["a"]
     assert main_scalar(volume).text == "velocity"
-
-
-@given(st.floats(-3, 3), st.floats(0.01, 100))
-@settings(max_examples=15)
-def test_linear_levels_follow_the_data_when_it_is_scaled_and_shifted(shift, factor):
-    r = cube(lambda r: np.exp(-3 * r) + 0.2 * np.sin(9 * r), 24).array("a")
-    grid = vm.CartesianGrid.uniform(24, (-1, 1))
-
-    def found(values):
-        field = Expression("a")
-        volume = vm.Volume(grid, a=values)
-        centers, distance = levels(histogram(volume, field, sampled_values(volume, field)), 4)
-        return np.array([*centers, distance])
-
-    expected = found(r) * factor + [*[shift] * 4, 0]
-    # Rounding may push a cell into the next of 1024 bins.
-    np.testing.assert_allclose(found(shift + factor * r), expected, atol=0.02 * factor)
 
 
 def test_the_mean_gradient_is_that_of_the_field():
@@ -229,36 +194,6 @@ def test_rounding_is_no_structure(value):
     del volume["temperature"], volume["heat"]
     volume["temperature"] = odd
     assert len(shells(vm.suggest_medium(volume))) == 4
-
-
-def test_the_precision_of_a_field_does_not_move_levels():
-    core = vm.models.prestellar_core(32)  # many cells have the greatest density
-    double = vm.Volume(core.grid, density=core.array("density").astype(np.float64))
-    one, two = ([s.center for s in shells(vm.suggest_medium(v))] for v in (core, double))
-    assert core.array("density").dtype == np.float32
-    # Rounding may push a cell into the next of 1024 bins, of a range of four decades.
-    np.testing.assert_allclose(one, two, atol=0.01)
-
-
-@pytest.mark.parametrize("odd", [-1e20, 1e20])
-def test_one_odd_cell_does_not_matter_whatever_its_sign(odd):
-    volume = cube(lambda r: 2 + np.exp(-3 * r), 20)
-    a = volume.array("a").copy()
-    a[3, 4, 5] = odd
-    volume["a"] = a
-    found = [shell.center for shell in shells(vm.suggest_medium(volume))]
-    # Its neighbours are steep, so a level may move within its quarter of the range, 2 to 3.
-    assert (np.diff([2, *found, 3]) > 0).all()
-    assert np.ptp(found) > 0.4
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.0])
-def test_cells_without_a_value_do_not_matter(bad):
-    volume = cube(lambda r: np.where(r > 0.9, bad, 10 ** (4 - 4 * r)))
-    media = shells(vm.suggest_medium(volume, n=3))
-    assert {shell.expr.text for shell in media} == {"log10(a)"}
-    assert np.all(np.diff([shell.center for shell in media]) > 0)
-    assert all(0.4 < shell.center < 4 for shell in media)
 
 
 def test_the_same_data_gives_the_same_medium():
@@ -374,14 +309,6 @@ def test_options_for_data_files_are_refused_beside_a_scene(data, capsys):
     assert "--set camera.incl" in capsys.readouterr().err
 
 
-def test_a_file_of_no_known_kind_is_refused(data, capsys):
-    (data / "odd.bin").write_bytes(b"\xff\xfe\x00\x01")
-    assert main(["render", "odd.bin"]) == 2
-    told = capsys.readouterr().err
-    assert "Known formats" in told
-    assert "()" not in told  # what has no suffix
-
-
 @pytest.mark.parametrize("wrong", [4, 4.0, True, ["a"], np.zeros(3)])
 def test_what_is_no_expression_is_refused(wrong):
     with pytest.raises(vm.InputError, match="expr must be a field or an expression"):
@@ -434,19 +361,3 @@ def test_a_first_picture_of_labels_shows_no_others_between_two():
         chosen = vm.render(volume, medium, vm.Orthographic.framing(volume, medium), **options)
         np.testing.assert_array_equal(image.intensity, chosen.intensity)
     assert vm.render(volume, scheme="second-order").provenance["scheme"] == "second-order"
-
-
-def test_some_labels_are_drawn_cell_by_cell_and_with_a_shell_of_ones_own_as_usual():
-    volume = organs()
-    every = vm.suggest_medium(volume)
-    some = sum(every.components()[1:]).calibrated(volume)
-    own = vm.Rectangle("organ", 3.0, 0.5, (1, 1, 1), 1)
-    used = {
-        "first-order": (every, some, every.components()[0]),
-        "post-classified": (own, every + own, vm.Rectangle("a", 1, 0.5, 1, 1)),
-    }
-    for scheme, media in used.items():
-        for medium in media:
-            shown = cube(lambda r: 0 * r + 1) if "a" in medium.names else volume
-            assert vm.render(shown, medium, CAMERA).provenance["scheme"] == scheme
-            assert f", {scheme}," in str(vm.probe(shown, medium, CAMERA, (50, 50)))

@@ -33,7 +33,7 @@ MAKERS = {
     ),
     "several levels": (
         vm.Isosurface,
-        {"expr": "a", "levels": [0.3, 0.4], "color": "viridis", "opacity": [0.3, 0.2]},
+        {"expr": "a", "level": [0.3, 0.4], "color": "viridis", "opacity": [0.3, 0.2]},
     ),
     "Table": (
         vm.Table,

@@ -107,14 +107,6 @@ def test_what_an_octree_refines():
         assert {tuple(p) for line in second for p in line} == set(np.ndindex(2, 2, 2))
 
 
-def test_what_an_octree_refines_on_uneven_walls():
-    walls = [0.0, 1.0, 4.0]
-    grid = vm.OctreeGrid(walls, walls, walls, [0] * 7 + [1] + [0] * 7 + [1] + [0] * 8)
-    points = np.array(lines_of(grid, 2)).reshape(-1, 3)
-    assert points.min(axis=0).tolist() == [2.5] * 3
-    assert points.max(axis=0).tolist() == [4.0] * 3
-
-
 def tiles():
     """A domain of four tiles in a row; two of them, next to each other, are finer."""
     lower = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
@@ -132,17 +124,6 @@ def test_patches_are_drawn_each_or_as_one():
     # The domain, and the two coarse tiles in it.
     assert length(lines_of(grid, 0, merged=False)) == 4 * 4 + 4 * 4
     assert length(lines_of(grid, 0)) == 2 * 4 + 4 * 4
-
-
-def test_small_patches_far_apart_do_not_fill_the_space_between():
-    """Twenty levels deep, what is refined is found without the cells around it."""
-    low = np.zeros((20, 3), int)
-    shape = np.where(np.arange(20)[:, None] == 0, 64, 6) * np.ones((1, 3), int)
-    walls = np.linspace(0, 1, 65)
-    grid = vm.PatchGrid.from_boxes(walls, walls, walls, np.arange(20), low, shape, 2)
-    for level in range(20):
-        side = 1.0 if level == 0 else 6 / 64 / 2**level
-        assert length(lines_of(grid, level)) == pytest.approx(12 * side, rel=1e-14)
 
 
 # Polygons of one degree from arc to chord are shorter by 5e-5.
@@ -198,21 +179,6 @@ def test_what_a_sphere_refines():
     # The line between them is drawn all the same: it is one of the four meridians.
     curved = body + (2 + 3) * np.pi / 4 + 1  # the face at θ = 45 degrees is a cone
     assert length(lines_of(grid, 1)) == pytest.approx(curved, rel=ARCS)
-
-
-def test_rings_and_mirrors():
-    """A ring of one cell all around shows four sections; what is above the midplane is below."""
-    flags = split([0, 1, 0, 0], 4)  # an azimuth of one cell is not split
-    grid = vm.SphericalGrid([1, 2, 3], [0, 1, 0.5 * np.pi], mirror=True, refined=flags)
-    lines = lines_of(grid, 1)
-    points = np.concatenate(lines)
-    upper, lower = points[points[:, 2] > 0], points[points[:, 2] < 0]
-    assert upper.shape == lower.shape
-    assert np.allclose(np.sort(upper[:, 2]), np.sort(-lower[:, 2]), rtol=1e-12)
-    circles = 2 * np.pi * (2 + 3) * np.sin(1)
-    meridians = 4 * ((2 + 3) * 1 + 0)  # from the pole to the cone of one radian
-    spokes = 4 * 1
-    assert length(lines) / 2 == pytest.approx(circles + meridians + spokes, rel=ARCS)
 
 
 def seen_columns(volume, thing, row=30):

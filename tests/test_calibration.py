@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import voluminous as vm
 from voluminous.calibration.open_numbers import extent_of
 from voluminous.calibration.samples import pieces
-from voluminous.calibration.thickness import Profile, thicknesses, weighted_median
+from voluminous.calibration.thickness import Profile, thicknesses
 from voluminous.expressions import Expression
 from voluminous.scene import Scene
 
@@ -49,15 +49,6 @@ def test_a_rectangle_on_a_ramp_is_as_thick_as_it_is_wide(half_width):
     shell = vm.Rectangle("a", 40, half_width, 1, 1, "auto")
     # A few roundings of numbers around 40.
     np.testing.assert_allclose(length(shell, ramp()), 2 * half_width / 3, rtol=1e-11)
-
-
-@given(st.lists(st.floats(0.05, 3), min_size=30, max_size=60), st.floats(0.1, 50))
-def test_uneven_cells_do_not_matter(widths, slope):
-    volume = ramp(slope, np.concatenate([[0], np.cumsum(widths)]))
-    middle = 0.5 * slope * sum(widths)
-    shell = vm.Rectangle("a", middle, 0.01 * middle, 1, 1, "auto")
-    # A gradient of differences of positions: some roundings.
-    np.testing.assert_allclose(length(shell, volume), 0.02 * middle / slope, rtol=1e-9)
 
 
 @pytest.mark.parametrize("opacities", [[0, 1, 0], 0.0])
@@ -108,16 +99,6 @@ def test_the_shells_of_a_prestellar_core_are_as_thick_as_the_closed_form(center,
     np.testing.assert_allclose(found, thickness, rtol=0.012)
 
 
-@pytest.mark.parametrize("factor", [1e-20, 1.0, 1e20])
-def test_lengths_scale_with_the_volume(factor):
-    core = vm.models.prestellar_core(16, 1.0)
-    grid = vm.CartesianGrid(*[e * factor / vm.models.PARSEC for e in core.grid.edges])
-    scaled = vm.Volume(grid, density=core.array("density"))
-    shell = vm.Gaussian("log10(density)", 2.5, 0.1, 1, 1, "auto")
-    expected = length(shell, core) * factor / vm.models.PARSEC
-    np.testing.assert_allclose(length(shell, scaled), expected, rtol=1e-6)  # float32 fields
-
-
 def test_the_number_is_in_the_volumes_unit_and_the_scalar_in_its_own():
     u = pytest.importorskip("astropy.units")
     volume = ramp(unit="pc")
@@ -138,14 +119,6 @@ def test_only_what_is_auto_is_changed_and_only_in_the_copy():
     assert done.calibrated(ramp()) is done
     told = {**automatic.describe(), "path_length": done.components()[0].path_length}
     assert done.components()[0].describe() == told
-
-
-@given(st.integers(1, 40), st.integers(0, 2**31))
-def test_the_weighted_median_is_that_of_repeated_values(count, seed):
-    rng = np.random.default_rng(seed)
-    values, weights = rng.normal(size=count), rng.integers(1, 9, count)
-    repeated = np.sort(np.repeat(values, weights))
-    assert weighted_median(values, weights) == repeated[(len(repeated) - 1) // 2]
 
 
 @given(st.floats(-3, 3), st.floats(1e-9, 4))
@@ -178,37 +151,11 @@ def test_a_field_of_two_values_has_shells_between_its_cells(axis, center):
     np.testing.assert_allclose(length(shell, step), 0.02 * 2.0, rtol=1e-10)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_cells_without_a_value_are_left_out(bad):
-    volume = ramp()
-    a = volume.array("a").copy()
-    a[::7, 1] = bad
-    holes = vm.Volume(volume.grid, a=a)
-    shell = vm.Rectangle("a", 40, 3, 1, 1, "auto")
-    np.testing.assert_allclose(length(shell, holes), 2, rtol=1e-10)
-
-
 def test_zeros_under_a_logarithm_do_not_matter():
     a = np.zeros((8, 8, 8))
     a[2:6, 2:6, 2:6] = 10.0
     volume = vm.Volume(vm.CartesianGrid.uniform(8, (0, 4)), a=a)
     assert length(vm.Gaussian("log10(a)", 1, 0.1, 1, 1, "auto"), volume) == 4
-
-
-def test_pieces_tell_the_same_as_the_whole(monkeypatch):
-    from voluminous.calibration import samples
-
-    core, expr = vm.models.prestellar_core(12), Expression("log10(density) + x / (1e18 cm)")
-    whole = list(pieces(core, expr))
-    monkeypatch.setattr(samples, "_PIECE", 300)
-    parts = list(pieces(core, expr))
-    assert len(whole) == 1
-    assert len(parts) == 6
-    for name in ("x", "slope", "reach"):
-        joined = np.concatenate([getattr(p, name) for p in parts])
-        # Sums in another order, in single precision.
-        np.testing.assert_allclose(joined, getattr(whole[0], name), rtol=1e-5)
-    np.testing.assert_array_equal(np.concatenate([p.widths[0] for p in parts]), whole[0].widths[0])
 
 
 def test_of_a_large_volume_layers_are_looked_at_and_all_if_those_miss_the_shell(monkeypatch):
@@ -235,14 +182,6 @@ def test_a_line_crosses_a_closed_shell_twice_and_a_slanted_sheet_once():
     # radius 0.55 is the shell's volume over area and thickness, 4/3 (0.55³ - 0.45³) / 0.55² / 0.1.
     # The rim of that disc is as uncertain as a cell, 0.025, is large: 2 · 0.0125 / 0.55.
     assert closed.crossings == pytest.approx(4 / 3 * (0.55**3 - 0.45**3) / 0.55**2 / 0.1, rel=0.045)
-
-
-def test_a_medium_that_is_still_auto_says_so():
-    shell = vm.Gaussian("a", 40, 1, 1, 1, "auto")
-    table = vm.Table("a", [0, 1], [0, 1], [0, 1], "auto")
-    for medium in (shell, table):
-        with pytest.raises(vm.InputError, match=r"still 'auto'.*calibrate"):
-            medium.bounds({"a": 0.0}, {"a": 1.0})
 
 
 @pytest.mark.parametrize("bad", ["Auto", ""])

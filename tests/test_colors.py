@@ -23,7 +23,7 @@ DOORS = {
     "gaussian": lambda c: vm.Gaussian("a", 1, 1, c, 1).color,
     "rectangle": lambda c: vm.Rectangle("a", 1, 1, c, 1).color,
     "isosurface": lambda c: vm.Isosurface("a", 1, c).colors,
-    "isosurfaces": lambda c: vm.Isosurface("a", levels=[1, 2], color=[c, c]).colors,
+    "isosurfaces": lambda c: vm.Isosurface("a", level=[1, 2], color=[c, c]).colors,
     "table": lambda c: vm.Table("a", [1, 2], [c, c], [0, 1]).colors,
     "mix": lambda c: vm.Image(np.ones((2, 2, 2))).to_rgb(mix=[c, c]),
     "star": lambda c: drawn(objects=[vm.Stars([(0, 0, 0)], c, radii=1e16)]),

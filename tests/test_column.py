@@ -94,17 +94,6 @@ def test_needles_and_plates_keep_all_of_theirs(long):
             assert total(found) == pytest.approx(inside, rel=1e-12)
 
 
-@pytest.mark.parametrize("zoom", [1e2, 1e4])
-def test_a_look_through_cells_much_wider_than_the_frame(zoom):
-    volume = random_volume("even")
-    camera = vm.Orthographic(50, 30, 20, width=1 / zoom, resolution=(8, 6), shift=(0.03, 0.07))
-    # Rays through the middles of pixels are their means where no edge of a cell is seen.
-    rays = vm.column(volume, "a", camera, precision="double").intensity
-    exact = vm.column(volume, "a", camera, method="exact").intensity
-    # What a pixel shows of a cell is a difference: 1e-16 of the whole, that is 1e9 pixels.
-    np.testing.assert_allclose(exact, rays, atol=2e-5 * np.abs(rays).max())
-
-
 def test_pixels_too_small_for_exact_columns_are_refused():
     camera = vm.Orthographic(50, 30, width=1e-6, resolution=4)
     with pytest.raises(vm.InputError, match="in pixels that small method='rays'"):
@@ -147,18 +136,6 @@ def test_rays_converge_to_the_exact_mean(kind):
     assert wrong[-1] < 0.01 * np.abs(exact).max()
 
 
-def test_a_part_of_the_frame_is_the_same_part_of_the_picture():
-    volume = random_volume("octree")
-    whole = vm.column(volume, "a", vm.Orthographic(50, 30, width=4, resolution=40), method="exact")
-    part = vm.column(
-        volume,
-        "a",
-        vm.Orthographic(50, 30, width=1, resolution=10, shift=(0.5, -0.5)),
-        method="exact",
-    )
-    np.testing.assert_allclose(part.intensity, whole.intensity[10:20, 20:30], atol=1e-11)
-
-
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_a_ray_through_the_middle_sums_its_cells(precision):
     volume = random_volume("even")
@@ -168,14 +145,6 @@ def test_a_ray_through_the_middle_sums_its_cells(precision):
     # Sums of six numbers of either sign.
     exact = 1e-5 if precision == "single" else 1e-12
     np.testing.assert_allclose(image.intensity[..., 0], expected, atol=exact)
-
-
-def test_what_is_fainter_than_a_picture_shows_is_still_summed():
-    grid = vm.CartesianGrid.uniform(16, (0, 1))
-    values = np.full(grid.shape, 1e-20)
-    values[:8] = 1.0
-    image = vm.column(vm.Volume(grid, a=values), "a", vm.Orthographic(width=1, resolution=16))
-    np.testing.assert_allclose(image.intensity[:, 8:], 1e-20, rtol=1e-5)
 
 
 def test_units_lengths_are_taken_in_that_of_the_quantity():
@@ -257,16 +226,6 @@ def test_means_are_of_cells_in_which_everything_is_known(method):
     np.testing.assert_allclose(found, expected, atol=1e-9)
     speeds = vm.moments(volume, "w", camera, "t", 1, **how)
     np.testing.assert_allclose(speeds.mean.intensity, expected, atol=1e-9)
-
-
-def test_means_are_nowhere_outside_of_what_is_averaged():
-    volume = random_volume("octree")
-    volume["w"] = np.random.default_rng(3).random(volume.grid.size)
-    camera = vm.Orthographic(52, 21, resolution=60)
-    mean = vm.column(volume, "a", camera, weight="w", method="exact").intensity
-    assert np.isnan(mean[0, 0, 0])
-    values = volume.array("a")
-    assert values.min() - 1e-2 < np.nanmin(mean) < np.nanmax(mean) < values.max() + 1e-2
 
 
 def test_what_cannot_be_measured():

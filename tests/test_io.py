@@ -3,7 +3,6 @@
 import importlib.metadata
 import pickle
 import zipfile
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -272,12 +271,6 @@ def test_wrong_and_missing_files(tmp_path):
         vm.open(tmp_path / "a.npz")
 
 
-def test_content_counts_not_the_suffix(tmp_path):
-    vm.models.sphere(4).save(tmp_path / "a.h5")
-    (tmp_path / "a.h5").rename(tmp_path / "a.dat")
-    assert vm.open(tmp_path / "a.dat").fields == ("inside",)
-
-
 # Names
 
 
@@ -395,24 +388,3 @@ class TestHDF5(ReaderContract):
             return directory / "a.h5"
 
         return write
-
-
-def test_images_are_not_opened_as_volumes(tmp_path):
-    vm.Image(np.ones((2, 2, 3))).save(tmp_path / "a.png")
-    with pytest.raises(vm.FileFormatError, match=r"images are opened with vm\.Image\.load"):
-        vm.open(tmp_path / "a.png")
-
-
-def test_what_cannot_be_written_is_named_as_the_user_did(tmp_path, monkeypatch):
-    image = vm.Image(np.ones((2, 2, 3)))
-    with pytest.raises(vm.InputError, match=r"cannot save .*/x{300}.png: "):
-        image.save(tmp_path / f"{'x' * 300}.png")
-    assert not list(tmp_path.iterdir())
-
-    def refuse(self):
-        raise PermissionError(13, "Permission denied", str(self))
-
-    monkeypatch.setattr(Path, "touch", refuse)
-    for save in (image.save, lambda path: vm.models.sphere(4).save(path)):
-        with pytest.raises(OSError, match=r"cannot save .*/a.npz: Permission denied; give"):
-            save(tmp_path / "a.npz")

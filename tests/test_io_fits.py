@@ -621,35 +621,6 @@ def test_cubes_on_different_grids_are_not_mixed(tmp_path):
     assert vm.open(tmp_path / "cube.fits", "wide").grid.shape == (9, 7, 6)
 
 
-def test_a_cube_of_radmc3d(tmp_path):
-    """Cards as radmc3dPy writes them."""
-    cards = header(
-        {
-            "CRPIX1": 4.5,
-            "CDELT1": -1e-5,
-            "CRVAL1": 47.5,
-            "CUNIT1": "     DEG",
-            "CTYPE1": "RA---SIN",
-        },
-        {
-            "CRPIX2": 4.0,
-            "CDELT2": 1e-5,
-            "CRVAL2": -10.0,
-            "CUNIT2": "     DEG",
-            "CTYPE2": "DEC--SIN",
-        },
-        {"CRPIX3": 1.0, "CDELT3": 1e5, "CRVAL3": REST, "CUNIT3": "      HZ", "CTYPE3": "FREQ-LSR"},
-        {"RESTFRQ": REST, "BUNIT": "JY/PIXEL", "BTYPE": "INTENSITY", "EPOCH": 2000.0},
-        {"BZERO": 0.0, "BSCALE": 1.0, "LONPOLE": 180.0},
-    )
-    data = numbers((6, 7, 8), np.float64)
-    volume = vm.open(written(tmp_path / "image.fits", data, cards))
-    assert volume.fields == ("intensity", "velocity")
-    assert volume.units == {"intensity": "Jy / pix", "velocity": "km / s"}
-    np.testing.assert_array_equal(volume.array("intensity"), data[::-1].T)
-    assert volume.array("velocity")[0, 0, -1] == pytest.approx(0, abs=1e-6)
-
-
 # Pictures and cubes
 
 
@@ -778,14 +749,6 @@ def test_headers_that_cannot_be_true(tmp_path, old, new, message):
     with pytest.raises(vm.FileFormatError, match=message) as failure:
         vm.open(path)
     assert str(path) in str(failure.value)
-
-
-def test_packed_data_that_end_early(tmp_path):
-    content = written(tmp_path / "cube.fits").read_bytes()
-    path = tmp_path / "cube.fits.gz"
-    path.write_bytes(gzip.compress(content[:-2880]))
-    with pytest.raises(vm.FileFormatError, match="cut short"):
-        vm.open(path)
 
 
 # Real data, and CASA

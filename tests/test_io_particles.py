@@ -13,7 +13,6 @@ import voluminous as vm
 from contracts.reader import ReaderContract
 from reference import data_directory
 from voluminous.io import find_reader
-from voluminous.io.particles.common import common_name
 
 KPC, MSUN10, KMS = 3.085678e21, 1.989e43, 1e5
 RNG = np.random.default_rng(7)
@@ -107,17 +106,6 @@ def test_particles_with_densities_or_volumes_are_cells_of_a_mesh(tmp_path):
     # The box, which cells fill; Gadget's kpc is 1.4e-7 longer than the IAU's.
     np.testing.assert_allclose(one.grid.bounds, [[0, 10]] * 3, rtol=2e-7)
     assert total(one).to_value("g") == pytest.approx(MASSES.sum() * MSUN10, rel=1e-12)
-
-
-def test_particles_of_other_types_and_masses_from_the_header(tmp_path):
-    table = {"MassTable": [0, 0.25, 0, 0, 0, 0]}
-    path = gadget(tmp_path / "s.hdf5", data(Masses=None), 1, header=UNITS | table)
-    for kind in (1, "dark_matter"):
-        volume = vm.open(path, particle_type=kind)
-        assert total(volume).to_value("g") == pytest.approx(0.25 * COUNT * MSUN10, rel=1e-12)
-    assert find_reader(path).info(path, particle_type=1)[0].place == "Header/MassTable"
-    with pytest.raises(vm.errors.UnknownNameError, match="PartType1"):
-        vm.open(path)
 
 
 def test_several_files_are_one_snapshot(tmp_path):
@@ -248,20 +236,6 @@ def _promise(file, name):
     """A data set that says it is large, and has nothing in the file."""
     del file[f"PartType0/{name}"]
     file["PartType0"].create_dataset(name, (COUNT, 10**12), "f8", chunks=(1, 1 << 20))
-
-
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("InternalEnergies", "internal_energy"),
-        ("GFM_Metallicity", "metallicity"),
-        ("HI_Fraction", "hi_fraction"),
-        ("SmoothingLength", "smoothing_length"),
-        ("e", "e_"),
-    ],
-)
-def test_common_names(name, expected):
-    assert common_name(name) == expected
 
 
 # --- Phantom ----------------------------------------------------------------------------------
@@ -451,6 +425,7 @@ def column_of_kernels(positions, lengths, mass, ticks):
     return image
 
 
+@pytest.mark.exhaustive
 def test_columns_of_a_disc_are_those_of_its_kernels():
     path = real("phantom_disc/disc_00001.h5")
     with h5py.File(path) as file:
@@ -483,6 +458,7 @@ def test_the_two_files_of_a_disc_are_one():
     assert total(native).to_value("g") == pytest.approx(0.292845 * 1.9891e33, rel=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_columns_of_a_voronoi_mesh_are_near_the_exact_ones():
     path = real("arepo_galaxies/galaxy_interaction.hdf5")
     exact = np.load(path.with_name("galaxy_interaction-proj.npy")).T

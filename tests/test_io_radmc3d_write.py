@@ -237,13 +237,3 @@ def test_fields_that_cannot_be_written(tmp_path, fields, error, told):
     with pytest.raises(error, match=told):
         write(vm.Volume(grid, density=np.ones(grid.shape)), tmp_path / "m", fields)
     assert not (tmp_path / "m").exists()
-
-
-def test_save_writes_directories(tmp_path):
-    grid = vm.CartesianGrid(*CUBES, unit="cm")
-    volume = vm.Volume(grid, gas_density=np.ones(grid.shape))
-    volume.save(tmp_path / "model", format="radmc3d", binary=True)
-    assert vm.open(tmp_path / "model").fields == ("gas_density",)
-    assert vm.io.radmc3d.write is write
-    with pytest.raises(vm.InputError, match="does not exist"):
-        write(volume, tmp_path / "no" / "model")

@@ -62,24 +62,6 @@ def test_a_file_comes_back_as_it_was_written(tmp_path):
     assert volume.units == {"density": "g / cm3", "temperature": "K"}
 
 
-def test_options(tmp_path):
-    path = write_gdf(tmp_path / "x.gdf")
-    volume = vm.open(
-        path,
-        "density",
-        unit="au",
-        units={"density": "kg/m3"},
-        bounds=((0, 3e4), (0, 1e5), (0, 1e5)),
-    )
-    assert volume.units["density"] == "kg / m3"
-    au = 206264.806
-    ends = [np.round(e * 16) / 16 for e in (3e4 / au, 1e5 / au, 1e5 / au)]
-    np.testing.assert_allclose(volume.grid.bounds[:, 1] / au, ends, atol=1 / 15)
-    assert volume.grid.size < 200
-    with pytest.raises(vm.errors.UnknownNameError, match="units"):
-        vm.open(path, unitz={})
-
-
 def write_amrex(directory, ratios=(2,)):
     """Write a plotfile by hand: text headers, and boxes of x-fastest numbers."""
     boxes = [((0, 0, 0), ROOT), ((2, 2, 2), FINE)]
@@ -181,20 +163,6 @@ def test_a_parthenon_output(tmp_path):
         vm.open(write_parthenon(tmp_path / "ghosts.phdf", ghosts=1))
 
 
-def test_chombo_grids_of_pluto_that_are_bent(tmp_path):
-    path = tmp_path / "data.0001.hdf5"
-    with h5py.File(path, "w") as file:
-        file.attrs["num_levels"] = 1
-        file.create_group("Chombo_global").attrs["SpaceDim"] = 3
-        file.create_group("level_0").attrs.update(geometry=4, logr=1, g_x2stretch=1.0)
-    with pytest.raises(vm.InputError, match="Cartesian with equal cells, got geometry = 4, logr"):
-        vm.open(path)
-    with h5py.File(path, "a") as file:
-        file["level_0"].attrs.update(geometry=1, logr=0, domBeg1=-1.0)
-    with pytest.raises(vm.InputError, match=r"begins at .*-1\.0.*pluto\.ini"):
-        vm.open(path)
-
-
 @pytest.mark.parametrize(
     ("items", "attributes"),
     [
@@ -283,6 +251,7 @@ def test_a_ramses_output():
 ENZO = "enzo_minihalo/moving7_0010"
 
 
+@pytest.mark.exhaustive
 def test_an_enzo_output():
     path = real(ENZO)
     volume = vm.open(path)

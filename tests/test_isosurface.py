@@ -129,7 +129,7 @@ def seen(volume, medium, direction=(1.0, 0, 0), through=(2.5, 2.0, 2.0), **optio
 @pytest.mark.parametrize("width", [0.0, 1e-3, 0.4])
 def test_levels_are_seen_one_behind_the_other(width, precision, order):
     colors = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
-    medium = vm.Isosurface("a", levels=[0.7, 1.6, 3.1], color=colors, opacity=0.4, width=width)
+    medium = vm.Isosurface("a", level=[0.7, 1.6, 3.1], color=colors, opacity=0.4, width=width)
     options = {"precision": precision, "order": order}
     there, left = seen(slope(), medium, **options)
     back, _ = seen(slope(), medium, (-1.0, 0, 0), **options)
@@ -190,7 +190,7 @@ def test_shading_is_by_the_cosine(shading):
 
 
 def test_an_opaque_surface_hides_what_is_behind():
-    medium = vm.Isosurface("a", levels=[1.0, 2.0], color=[[1.0, 0], [0, 1.0]], opacity=1.0)
+    medium = vm.Isosurface("a", level=[1.0, 2.0], color=[[1.0, 0], [0, 1.0]], opacity=1.0)
     color, left = seen(slope(), medium, through=(2.4, 2.1, 2.2))
     np.testing.assert_allclose(color, [1.0, 0.0], atol=1e-6)
     assert left < 1e-15
@@ -203,7 +203,7 @@ def test_opacity_per_channel():
 
 
 def test_a_colormap_gives_colours():
-    medium = vm.Isosurface("a", levels=[1.2, 2.2, 3.2], color="viridis")
+    medium = vm.Isosurface("a", level=[1.2, 2.2, 3.2], color="viridis")
     assert (medium.channels, len(medium.colors)) == (3, 3)
     assert len(set(medium.colors)) == 3
 
@@ -229,23 +229,23 @@ def test_without_a_width_other_schemes_say_what_to_do():
 
 BAD = [
     ({}, "level"),
-    ({"level": 1.0, "levels": [1.0]}, "level"),
-    ({"levels": []}, "levels"),
+    ({"levels": [1.0]}, "is now level"),
+    ({"level": []}, "level"),
     ({"level": 1.0, "width": -1.0}, "width"),
     ({"level": 1.0, "opacity": 1.5}, "opacity"),
     ({"level": 1.0, "opacity": -0.1}, "opacity"),
     ({"level": 1.0, "opacity": [0.1, 0.2]}, "opacity"),
     ({"level": 1.0, "shading": 2}, "shading"),
     ({"level": float("nan")}, "level"),
-    ({"levels": [1.0, 2.0], "color": [[1.0, 0.0, 0.0]]}, "color"),
-    ({"levels": [1.0, 2.0], "color": [[1.0, 0.0], [1.0]]}, "color"),
+    ({"level": [1.0, 2.0], "color": [[1.0, 0.0, 0.0]]}, "color"),
+    ({"level": [1.0, 2.0], "color": [[1.0, 0.0], [1.0]]}, "color"),
 ]
 
 
 def test_levels_are_quantities_in_any_kind_of_list():
     array = [1.0, 2000.0] * u.m
     for levels in (array, list(array), (1 * u.m, 2 * u.km)):
-        medium = vm.Isosurface("a", levels=levels)
+        medium = vm.Isosurface("a", level=levels)
         assert [level.to_value("m") for level in medium.levels] == [1, 2000]
 
 
@@ -259,7 +259,7 @@ def test_what_does_not_fit_is_refused(given, named):
     "medium",
     [
         lambda: vm.Isosurface("log10(a + 1)", 0.4, [1.0, 0.5, 0.2], 0.3),
-        lambda: vm.Isosurface("a", levels=[1.2, 2.2], color="viridis", opacity=0.3, width=0.1),
+        lambda: vm.Isosurface("a", level=[1.2, 2.2], color="viridis", opacity=0.3, width=0.1),
         lambda: vm.Isosurface("a", 1.2, [1.0, 0, 0], [0.1, 0.2, 0.3], shading=0.5),
         lambda: vm.Isosurface("a", 1.2, (1.0, 0, 0), density="gradient"),
     ],
@@ -292,7 +292,7 @@ def ramp():
 )
 def test_every_level_has_its_own_opacity(opacity, rows, width):
     colors = np.array([[1.0, 0.2, 0.3], [0.4, 1.0, 0.6], [0.7, 0.8, 1.0]])
-    medium = vm.Isosurface("a", levels=[1, 2, 3], color=colors, opacity=opacity, width=width)
+    medium = vm.Isosurface("a", level=[1, 2, 3], color=colors, opacity=opacity, width=width)
     image = vm.render(ramp(), medium, vm.Orthographic(width=1, resolution=1), bounds=True)
     through = 1 - np.array(rows)
     # From the observer, above, to the last one: each shows color · opacity of what is left.

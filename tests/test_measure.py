@@ -165,43 +165,6 @@ def test_regions_thinner_than_a_cell_are_found(kind):
     np.testing.assert_allclose(found, expected, rtol=0.1)
 
 
-AROUND = {
-    "radial": vm.SphericalGrid(np.linspace(0, 1.5, 20)),
-    "axisymmetric": vm.SphericalGrid(np.linspace(0, 1.5, 20), np.linspace(0, np.pi, 12)),
-    "mirrored": vm.SphericalGrid(
-        np.linspace(0, 1.5, 20), np.linspace(0, np.pi / 2, 6), mirror=True
-    ),
-    "cylindrical": vm.CylindricalGrid(np.linspace(0, 1.5, 20), [0, 2 * np.pi], EDGES * 1.2),
-    "coarse": vm.SphericalGrid([0, 0.8, 1.5], np.linspace(0, np.pi, 4), np.linspace(0, 6, 4)),
-}
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("kind", AROUND)
-def test_regions_beside_corners_of_cells_that_go_around(kind):
-    """Half the space, and a ball: corners and middles of rings are where φ is 0 and π."""
-    volume = vm.Volume(AROUND[kind])
-    half = vm.regions.Box((-2, 0.02, -2), (2, 2, 2))
-    ball = vm.regions.Sphere((-0.1, 0.6, -0.4), 0.2)
-    found = [
-        vm.measure(volume, {"one": "1"}, region=region, samples=8).volume for region in (half, ball)
-    ]
-    points = np.random.default_rng(3).uniform(-1.5, 1.5, (3, 400_000))
-    inside = volume.grid.locate(points.T) >= 0
-    expected = [27 * np.mean(inside & region.inside(points, None)) for region in (half, ball)]
-    np.testing.assert_allclose(found, expected, rtol=0.08)
-
-
-def test_more_samples_measure_regions_better():
-    region, expected = REGIONS["sphere"]
-    volume = vm.Volume(GRIDS["cartesian"])
-    wrong = [
-        abs(vm.measure(volume, {"one": "1"}, region=region, samples=n).volume.value - expected)
-        for n in (1, 12)
-    ]
-    assert wrong[1] < 0.1 * wrong[0] + 1e-5
-
-
 @pytest.mark.parametrize("kind", ["cartesian", "octree"])
 def test_maps_add_up_to_the_totals(kind):
     volume = gas(kind)
@@ -261,18 +224,6 @@ def test_missing_values_are_counted():
     assert np.isfinite(found["mass"].value)
 
 
-def test_lengths_are_in_one_unit_though_velocities_take_one_away():
-    grid = vm.CartesianGrid.uniform(2, (0, 1), unit="pc")
-    ones = np.ones(grid.shape)
-    volume = vm.Volume(grid, rho=ones * u.g / u.cm**3, v=ones * u.cm / u.s)
-    found = vm.measure(volume, {"momentum": "rho * v", "energy": "rho * v**2"})
-    cubic = (1 * u.pc).to_value("cm") ** 3
-    assert found["momentum"].unit == u.Unit("g cm / s")
-    assert found["energy"].unit == u.Unit("g cm2 / s2")
-    assert found["momentum"].value == pytest.approx(cubic, rel=1e-14)
-    assert found["energy"].value == pytest.approx(cubic, rel=1e-14)
-
-
 def test_several_quantities_are_named_after_themselves():
     found = vm.measure(gas(), ["density", "0.5 * density"])
     assert list(found) == ["density", "0.5 * density"]
@@ -280,7 +231,6 @@ def test_several_quantities_are_named_after_themselves():
 
 
 NOT_A_NUMBER = np.full(CAMERA.resolution[::-1], np.nan)
-NO_POLYGON = [(0, 0), (1, np.nan), (1, 0)]
 
 
 @pytest.mark.parametrize("quantities", ["mass", ["density", "mass"], {"m": "mass"}])

@@ -121,7 +121,7 @@ def test_without_a_volume_one_path_length_is_drawn():
         vm.Rectangle("density", 1e4, 1e3, "red", 1, where="x > 0"),
         vm.Colormap("density", "viridis", where="x > 0"),
         vm.Gaussian("log10(density)", 4, 0.1, vm.ColorBy("density", "viridis"), 1),
-        vm.Isosurface("log10(density)", levels=[3.5, 4], color="turbo"),
+        vm.Isosurface("log10(density)", level=[3.5, 4], color="turbo"),
         vm.Isosurface("log10(density)", 4, "red", width=0.1),
         vm.Coefficients(["density", 0, "density"], 0),
         vm.Coefficients("density * x / r", 0),

@@ -152,20 +152,6 @@ def test_a_psf_spreads_what_there_is(psf):
             assert spread == pytest.approx(expected, rel=5e-3)
 
 
-def test_several_in_one_pixel_are_folded_in_order_of_depth():
-    zs, colors = np.array([1.2, 0.4, 0.9, -1.0]), np.array([3.0, 5.0, 7.0, 11.0])
-    opacity = np.array([0.3, 0.6, 0.1, 1.0])
-    balls = vm.Spheres([(0, 0, z) for z in zs], 0.08, colors[:, None], opacity=opacity)
-    image = vm.render(SLAB, MEDIUM, CAMERA, objects=[balls], precision="double", background=2.0)
-    expected, at = 0.0, -np.inf
-    for z, color, dense in sorted(zip(zs + 0.08, colors, opacity, strict=True)):
-        through = np.exp(-ALPHA * (front_of(at) - front_of(z)))
-        expected = expected * through + SOURCE * (1 - through)
-        expected, at = color + (1 - dense) * expected, z
-    expected = behind(front_of(at), expected)
-    assert image.intensity[10, 10, 0] == pytest.approx(expected, rel=1e-13)
-
-
 def test_points_between_layers_are_hidden_by_those_in_front():
     sheet = vm.Spheres([(0, 0, 0.5)], 0.05, 0.0, opacity=0.75)
     for z, part in ((0.7, 1.0), (0.3, 0.25)):
@@ -217,14 +203,6 @@ def test_a_channel_of_its_own(depth):
     hidden = 0.0 if depth == "foreground" else SOURCE * (1 - np.exp(-ALPHA * 0.95))
     assert image.intensity[10, 10, 0] == pytest.approx(hidden, abs=1e-13)
     assert image.to_rgb().shape == (21, 21, 3)
-
-
-def test_no_channel_is_left_empty_below_that_of_an_object():
-    medium = vm.Gaussian("a", 0.5, 0.1, (1.0,), 1.0, 1.0)
-    for channel in (2, 10**20):
-        star = vm.Stars([(0, 0, 0)], 5.0, radii=0.05, channel=channel)
-        with pytest.raises(vm.InputError, match=r"nothing would be in channel 1"):
-            vm.render(SLAB, medium, CAMERA, objects=[star])
 
 
 def test_channels_with_their_own_extinction():
@@ -298,22 +276,6 @@ def test_layers_that_show_nothing_change_nothing(grid, view, missing):
         np.testing.assert_allclose(image.transparency, plain.transparency, rtol=0, atol=exact)
 
 
-@pytest.mark.parametrize(
-    "rays", [{"samples": 3}, {"antialias": "adaptive"}, {"antialias": "radmc3d"}]
-)
-def test_pictures_of_many_rays_have_objects_too(rays):
-    ball = vm.Spheres([(0.2, 0.1, 0.3)], 0.3, 2.0)
-    volume = vm.models.sphere(12)
-    camera = vm.Orthographic(30, 40, width=2.4, resolution=20)
-    medium = vm.Coefficients("inside", "inside")
-    options = {"scheme": "first-order"}
-    image = vm.render(volume, medium, camera, objects=[ball], **rays, **options)
-    fine = vm.render(volume, medium, camera, objects=[ball], samples=8, **options)
-    # A pixel at the edge of coarse cells: 3 x 3 rays tell a ninth of it.
-    np.testing.assert_allclose(image.intensity, fine.intensity, atol=0.2)
-    assert np.mean(np.abs(image.intensity - fine.intensity)) < 0.01
-
-
 pairs = st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=7)
 
 
@@ -330,14 +292,6 @@ def test_folding_is_folding_one_after_another(groups):
         # Rounding: another order of the same sums of numbers up to 7.
         assert folded.emission[k, 0] == pytest.approx(emission, rel=1e-14, abs=1e-15)
         assert folded.transparency[k, 0] == pytest.approx(theta, rel=1e-14, abs=1e-300)
-
-
-def test_bright_things_behind_thick_clouds_are_not_cut_off():
-    volume = vm.models.uniform_slab(emissivity=1.0, extinction=14.0, thickness=1.0)
-    star = vm.Stars([(0, 0, -1)], 1e9, radii=0.05)
-    image = vm.render(volume, MEDIUM, CAMERA, objects=[star], scheme="first-order")
-    expected = 1e9 * np.exp(-14.0) + (1 - np.exp(-14.0)) / 14
-    assert image.intensity[10, 10, 0] == pytest.approx(expected, rel=1e-4)
 
 
 def test_relative_colors_count_in_the_brightest_pixel():

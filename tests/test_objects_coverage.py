@@ -40,18 +40,6 @@ def test_the_disc_in_all_pixels_is_the_whole_disc(x, y, radius, aspect):
         assert area.sum() == pytest.approx(np.pi * radius**2, rel=1e-12, abs=1e-12)
 
 
-def test_the_disc_in_a_pixel_by_counting():
-    rng = np.random.default_rng(2)
-    fine = (np.arange(2000) + 0.5) / 2000 - 0.5
-    for _ in range(5):
-        place, radius = rng.uniform(-1, 1, 2) @ [1, 1j], rng.uniform(0.2, 1.5)
-        corners = (np.array([-0.5 - 0.5j, 0.5 - 0.5j, 0.5 + 0.5j, -0.5 + 0.5j]) - place) / radius
-        counted = np.mean(np.abs(fine[:, None] + 1j * fine - place) < radius)
-        # The edge goes through about 2000 of 4 million points.
-        found = disc_in_polygon(corners[:, None]).item() * radius**2
-        assert found == pytest.approx(counted, abs=1e-4)
-
-
 @pytest.mark.parametrize("radius", [0.003, 0.02, 0.3])
 def test_areas_of_spheres_from_afar(radius):
     camera = vm.Orthographic(40, 60, 20, width=(2, 3), resolution=(40, 30))
@@ -101,18 +89,6 @@ def test_spheres_on_a_dome_are_where_rays_meet_them(radius):
     assert seen.sum() == pytest.approx(counted.sum(), rel=5e-3)
 
 
-def test_from_inside_a_sphere_there_is_nothing_else():
-    camera = vm.Perspective((0.1, 0, 0), (1, 0, 0), fov=90, resolution=8)
-    ball = vm.Spheres([[0, 0, 0]], 0.5, 3.0)
-    _, seen = shown(camera, ball)
-    np.testing.assert_array_equal(seen, 3.0)
-    behind = vm.Spheres([[-1, 0, 0], [-2, 1, 0]], [0.5, 0.1], 3.0)
-    assert not shown(camera, behind, vm.Stars([(-1, 0, 0)], luminosities=1.0))[1].any()
-    aside = vm.Spheres([[0.1, 0.6, 0]], 0.55, 3.0)  # partly behind the screen
-    _, seen = shown(camera, aside)
-    assert 0 < np.count_nonzero(seen) < 64
-
-
 @pytest.mark.parametrize("radius", [0.005, 0.2])
 def test_limb_darkening_keeps_the_luminosity(radius):
     camera = vm.Orthographic(width=2, resolution=100)
@@ -143,19 +119,6 @@ def test_lines_cover_their_width(width, angle):
     _, seen = shown(camera, vm.Lines(far, width=width), precision="double")
     expected = width / np.cos(np.deg2rad(angle))
     np.testing.assert_allclose(seen[:, columns].sum(axis=0), expected, rtol=1e-6)
-
-
-def test_lines_in_pieces_are_the_same_lines():
-    camera = vm.Orthographic(35, 20, width=2, resolution=50)
-    ends = np.array([[-0.5, -0.6, 0.3], [0.6, 0.4, -0.2]])
-    s = np.sort(np.random.default_rng(1).random(200))[:, None]
-    pieces = np.concatenate([ends[:1], ends[0] + s * (ends[1] - ends[0]), ends[1:]])
-    whole = shown(camera, vm.Lines(ends, width=1.7))[1]
-    np.testing.assert_allclose(shown(camera, vm.Lines(pieces, width=1.7))[1], whole, atol=1e-6)
-    assert whole.max() == pytest.approx(1.0)
-    # Half transparent, too: no joint is drawn twice.
-    half = shown(camera, vm.Lines(pieces, width=1.7, opacity=0.5))[1]
-    np.testing.assert_allclose(half, whole, atol=1e-6)
 
 
 def test_an_orbit_seen_edge_on_is_in_front_and_behind():
@@ -221,19 +184,6 @@ def test_boxes_of_patches_and_axes():
     image = vm.render(volume, three, camera, objects=[vm.Axes(width=3)], **options)
     np.testing.assert_array_equal(image.intensity[places[0], 30], [1, 0, 0])
     np.testing.assert_array_equal(image.intensity[30, places[0]], [0, 1, 0])
-
-
-def test_what_is_beside_the_picture_is_not_in_it():
-    camera = vm.Orthographic(width=2, resolution=10)
-    things = [
-        vm.Spheres([[3, 0, 0]], 0.5),
-        vm.Stars([(5, 0, 0)], luminosities=1.0, psf=2.0),
-        vm.Lines([[-5, 3, 0], [5, 2, 0]]),
-        vm.Stars(np.zeros((0, 3)), luminosities=1.0),
-    ]
-    assert not shown(camera, *things)[1].any()
-    half = shown(camera, vm.Spheres([[1, 0, 0]], 0.5))[1].sum() * 0.04
-    assert half == pytest.approx(np.pi * 0.125, rel=1e-6)
 
 
 def test_no_points_and_no_table_are_refused():

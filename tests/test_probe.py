@@ -9,7 +9,6 @@ from astropy.table import QTable
 
 import voluminous as vm
 from voluminous.cli import main
-from voluminous.measuring.probing import follow
 
 SCHEMES = [
     ("first-order", None),
@@ -145,17 +144,6 @@ def test_first_order_cell_by_cell(precision):
     assert table["begin"].unit == u.pc
 
 
-@pytest.mark.parametrize("scheme", ["second-order", "post-classified"])
-def test_mean_coefficients_are_those_that_are_integrated(scheme):
-    volume = volume_on(GRIDS["cartesian"])
-    medium = vm.Coefficients("a", "0")
-    options = {"scheme": scheme, "precision": "double", "tolerance": 1e-6}
-    found = vm.probe(volume, medium, SIDE, (3, 2), **options)
-    # Without extinction b = <j> s: exactly, for j linear or cubic along a segment.
-    expected = found.j * (found.end - found.begin)[:, None]
-    np.testing.assert_allclose(found.b, expected, rtol=1e-9, atol=1e-12)
-
-
 @pytest.mark.parametrize("scheme", ["first-order", "second-order"])
 def test_both_directions_tell_the_same(scheme):
     volume = volume_on(GRIDS["cartesian"])
@@ -217,15 +205,6 @@ def test_a_ray_stops_where_the_picture_stops():
     assert not whole.stopped
     assert len(found) < len(whole)
     np.testing.assert_allclose(found.intensity, image.intensity[2, 3], rtol=1e-6)
-
-
-def test_there_is_room_for_all_segments(monkeypatch):
-    volume = vm.Volume(vm.CartesianGrid(np.arange(201), [0, 1], [0, 1]), a=np.ones((200, 1, 1)))
-    along = vm.Orthographic(90, 90, width=1, resolution=1)
-    monkeypatch.setattr(follow, "_ROOM", 0)
-    found = vm.probe(volume, vm.Coefficients("a", 0), along, (0, 0), scheme="first-order")
-    np.testing.assert_array_equal(found.index[:, 0], np.arange(200))
-    np.testing.assert_allclose(found.gathered[:, 0], np.arange(1, 201), rtol=1e-5)
 
 
 def test_empty_cells_are_told_and_wide_steps_are_those_of_the_picture():

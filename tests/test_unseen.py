@@ -31,7 +31,7 @@ def volume():
             vm.Isosurface("density", 500.0),
             r"isosurface at 500 lies .* density is from 1 to 216 g / cm3 .*vm.suggest_medium",
         ),
-        (vm.Isosurface("density", levels=[300, 400]), r"isosurface at 300, 400 lies"),
+        (vm.Isosurface("density", level=[300, 400]), r"isosurface at 300, 400 lies"),
         (vm.Gaussian("log10(density)", -4, 0.1, 1, 1, 1), r"gaussian at -4 .* from 0 to 2.33445 "),
         (vm.Rectangle("density", 300, 1, 1, 1, 1), "rectangle at 300 lies"),
         (vm.Isosurface("density", 500.0, where="x > 0"), "at 500 where x > 0 lies"),
@@ -121,7 +121,7 @@ SEEN = vm.Isosurface("density", 3.5)
     [
         (vm.Isosurface("density", 500.0), r"isosurface at 500 lies outside .* density is from 1 "),
         (vm.Gaussian("log10(density)", -4, 0.3, (1, 1, 1), 1), r"gaussian at -4 lies .* from 0 to"),
-        (vm.Isosurface("density", levels=[500, 3, 900]), r"isosurface at 500, 900 lies outside"),
+        (vm.Isosurface("density", level=[500, 3, 900]), r"isosurface at 500, 900 lies outside"),
         (
             vm.Isosurface("density", 3.0, where="x > 2"),
             r"isosurface at 3 is left out everywhere by where='x > 2': x is from -1 to 1 in this",
@@ -144,9 +144,9 @@ def test_each_part_that_is_nowhere_is_told(grid, lost, told):
 
 
 def test_levels_of_one_surface(volume):
-    (message,) = warnings_of(volume, vm.Isosurface("density", levels=[0.5, 100, 300]))
+    (message,) = warnings_of(volume, vm.Isosurface("density", level=[0.5, 100, 300]))
     assert "isosurface at 0.5, 300 lies" in message
-    both = vm.Isosurface("density", levels=[300, 400])
+    both = vm.Isosurface("density", level=[300, 400])
     assert warnings_of(volume, both)[0].startswith("the picture shows nothing of the medium")
 
 
@@ -155,7 +155,7 @@ def test_levels_of_one_surface(volume):
     [
         vm.Isosurface("density", 100.0, where="y < 0"),
         vm.Isosurface("density", 500.0, opacity=0),
-        vm.Isosurface("density", levels=[100, 500], opacity=[0.5, 0.0]),
+        vm.Isosurface("density", level=[100, 500], opacity=[0.5, 0.0]),
         vm.Gaussian("density", 500.0, 1.0, (0, 0, 0), 0),
         vm.Gaussian("density", 216 + 40.0, 10.0, (1, 1, 1), 0.5),  # four σ: its tail shows
         vm.Gaussian("density", 216 + 60.0, 10.0, (1e9, 0, 0), 0),  # six σ, but bright
@@ -170,7 +170,7 @@ def test_no_false_alarms(volume, part):
 
 
 def test_a_sum_has_the_shells_of_its_parts():
-    part = vm.Isosurface("density", levels=[100, 500], opacity=[0.5, 0.0])
+    part = vm.Isosurface("density", level=[100, 500], opacity=[0.5, 0.0])
     medium = part + vm.Gaussian("density", 2.0, 1.0, (1, 1, 1), 1) + vm.Coefficients(["x"] * 3, 0)
     assert [shell.value for shell in medium.shells()] == [100, 500, 2.0]
     assert [shell.dark for shell in medium.shells()] == [False, True, False]

@@ -72,7 +72,7 @@ MORE_PANELS = (
         "seven isosurfaces, cut open",
         [
             _surfaces(
-                levels=[3.4, 3.6, 3.8, 4.0, 4.2, 4.4, 4.6],
+                level=[3.4, 3.6, 3.8, 4.0, 4.2, 4.4, 4.6],
                 color={"expr": "log10(density)", "cmap": "plasma", "vmin": 3.2, "vmax": 4.6},
                 opacity=1.0,
                 where="z < 0",

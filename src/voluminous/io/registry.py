@@ -180,8 +180,8 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
 
 def reader_for_suffix(path: Path) -> Reader | None:
     """Return the most general reader that the name of a file speaks for."""
-    found = [reader for reader in readers() if path.suffix.lower() in reader.suffixes]
-    return found[-1] if found else None
+    fitting = [reader for reader in readers() if path.suffix.lower() in reader.suffixes]
+    return fitting[-1] if fitting else None
 
 
 def check_options(reader: Reader, options: Any) -> None:
@@ -194,23 +194,23 @@ def check_options(reader: Reader, options: Any) -> None:
 @functools.cache
 def _foreign() -> tuple[Reader, ...]:
     """Return the readers of other packages; warn of one that cannot be loaded."""
-    found = []
+    result = []
     for entry in importlib.metadata.entry_points(group=GROUP):
         try:
             loaded = entry.load()
-            found.append(loaded() if isinstance(loaded, type) else loaded)
+            result.append(loaded() if isinstance(loaded, type) else loaded)
         except Exception as error:
             warnings.warn(
                 f"the reader {entry.name!r} ({entry.value}) cannot be loaded: {error}", stacklevel=2
             )
-    return tuple(found)
+    return tuple(result)
 
 
 def _named(name: str, among: Any) -> Reader:
-    known = {reader.name: reader for reader in among}
-    if name not in known:
-        raise unknown_name("format", name, known)
-    return known[name]
+    by_name = {reader.name: reader for reader in among}
+    if name not in by_name:
+        raise unknown_name("format", name, by_name)
+    return by_name[name]
 
 
 def _head(path: Path) -> bytes:
@@ -258,16 +258,16 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
 
 def _openable(directory: Path) -> str:
     """Return lines that name what can be opened in a directory; yt, which is slow, is not asked."""
-    found = []
+    lines = []
     try:
         for entry in sorted(itertools.islice(directory.iterdir(), _ENTRIES)):
             with contextlib.suppress(OSError, InputError):
                 reader = None if entry.name.startswith(".") else _quick_reader(entry)
-                found += [] if reader is None else [f"  {entry}: {reader.description}"]
+                lines += [] if reader is None else [f"  {entry}: {reader.description}"]
     except OSError:  # a directory that must not be read
         return ""
-    more = [] if len(found) <= _LISTED else [f"  … and {len(found) - _LISTED} more"]
-    return "\n".join(found[:_LISTED] + more)
+    more = [] if len(lines) <= _LISTED else [f"  … and {len(lines) - _LISTED} more"]
+    return "\n".join(lines[:_LISTED] + more)
 
 
 def _if_image(path: Path) -> str:

@@ -173,21 +173,12 @@ def check_positive(value: Any, what: str) -> None:
 _OPAQUE = 40.0
 
 
-def given_levels(level: Any, levels: Any) -> tuple[Any, ...]:
-    """Return the levels, from one or several.
-
-    Raises
-    ------
-    InputError
-        If both are given, or none.
-    """
-    if (level is None) == (levels is None):
-        raise InputError("an Isosurface needs level=…, or levels=[…] for several, and not both")
-    given = level if levels is None else levels
-    several = isinstance(given, (list, tuple)) or np.ndim(getattr(given, "value", given))
-    listed = list(given) if several else [given]
-    if not listed:
-        raise InputError("levels is empty; give at least one value")
+def given_levels(level: Any) -> tuple[Any, ...]:
+    """Return the levels of surfaces, from one value or several."""
+    several = isinstance(level, (list, tuple)) or np.ndim(getattr(level, "value", level))
+    listed = list(level) if several else [level]
+    if level is None or not listed:
+        raise InputError("level must be a value, or a list of at least one")
     return tuple(scalar(value, "level") for value in listed)
 
 

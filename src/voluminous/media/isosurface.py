@@ -135,14 +135,18 @@ class Isosurface(Medium):
         opacity: Any = 0.3,
         width: Any = 0.0,
         *,
-        levels: Any = None,
         density: str = "crossing",
         shading: float = 0.0,
         lights: Any = None,
         where: Any = None,
+        **options: Any,
     ) -> None:
+        for name in options:
+            if name == "levels":
+                raise InputError("levels=[…] is now level=[…], which takes one value or several")
+            raise TypeError(f"Isosurface() has no argument {name!r}")
         self.expr = Expression(expr)
-        self.levels = given_levels(level, levels)
+        self.levels = given_levels(level)
         self.colors, self.modulation = modulated_colors(color, where, len(self.levels))
         self.opacities = given_opacities(opacity, len(self.levels), len(self.colors[0]))
         self.width = _scalar(width, "width")

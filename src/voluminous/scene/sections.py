@@ -23,7 +23,7 @@ _MEDIUM: dict[str, Kind] = {
     **dict.fromkeys(("vmin", "vmax"), kinds.QUANTITY),
     "values": kinds.QUANTITIES,
     "samples": kinds.WHOLE,
-    **dict.fromkeys(("level", "levels", "width"), kinds.QUANTITIES),
+    **dict.fromkeys(("level", "width"), kinds.QUANTITIES),
     "density": kinds.TEXT,
     "shading": kinds.NUMBER,
     "lights": kinds.ANYTHING,

@@ -17,7 +17,7 @@ from ..contract import FieldChoice, FieldInfo, Reader, UnitLike
 from ..hdf5 import data_sets, holds, opened, read
 from ..names import chosen_fields
 from .reader import REGULAR, AthenaReader, in_unit
-from .variables import CodeUnits, known
+from .variables import CodeUnits, described
 
 if TYPE_CHECKING:
     import h5py
@@ -82,7 +82,7 @@ def _variables(
     for name, item in data_sets(path, _step(file)["vars"])[0].items():
         if item.shape != shape:
             raise FileFormatError(f"{item.name} has shape {item.shape}, expected {shape} (z, y, x)")
-        called, what = known(name, kind)
+        called, what = described(name, kind)
         factor, unit = code.of(what)
         dtype = str(item.dtype.newbyteorder("="))
         place = item.name.strip("/")
@@ -94,7 +94,7 @@ def _grid(file: h5py.File) -> tuple[str, Sequence[np.ndarray]]:
     nodes = [file[_NODES][axis] for axis in "XYZ"]
     if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):
         raise InputError(f"its grid has {nodes[0].ndim} dimensions, expected 3")
-    # Lines along x1, x2 and x3 where angles are well known: off the centre and the poles.
+    # Lines along x1, x2 and x3 where angles are well determined: off the centre and the poles.
     z, y, x = (n // 2 for n in nodes[0].shape)
     x, every = nodes[0].shape[2] - 1, slice(None)
     lines = ((z, y, every), (z, every, x), (every, y, x))

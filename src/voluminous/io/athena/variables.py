@@ -57,16 +57,16 @@ def variables(attrs: Any, kind: str) -> list[Variable]:
     datasets = [_text(name) for name in np.ravel(attrs["DatasetNames"])]
     counts = [int(n) for n in np.ravel(attrs["NumVariables"])]
     rows = [(d, k) for d, n in zip(datasets, counts, strict=True) for k in range(max(n, 0))]
-    found: list[Variable] = []
+    listed: list[Variable] = []
     for (dataset, row), place in zip(rows, names, strict=True):
-        name, what = known(place, kind)
-        taken = {variable.name for variable in found}
+        name, what = described(place, kind)
+        taken = {variable.name for variable in listed}
         own = field_name(place)
-        found.append(Variable(place, dataset, row, own if name in taken else name, what))
-    return found
+        listed.append(Variable(place, dataset, row, own if name in taken else name, what))
+    return listed
 
 
-def known(place: str, kind: str) -> tuple[str, Kind | None]:
+def described(place: str, kind: str) -> tuple[str, Kind | None]:
     """Return the common name of a variable, and what it is."""
     if place in _SCALARS:
         return _SCALARS[place][0], _SCALARS[place]
@@ -85,22 +85,22 @@ class CodeUnits:
     """Units of length, mass and time, from those that a user tells."""
 
     def __init__(self, **given: Any) -> None:
-        known = {name: _unit(name, unit) for name, unit in given.items() if unit is not None}
-        length: Any = known.get("length_unit")
-        if length is None and known:
-            raise InputError(f"{', '.join(known)}: give length_unit too")
+        units = {name: _unit(name, unit) for name, unit in given.items() if unit is not None}
+        length: Any = units.get("length_unit")
+        if length is None and units:
+            raise InputError(f"{', '.join(units)}: give length_unit too")
         for name, other in (("time_unit", "velocity_unit"), ("mass_unit", "density_unit")):
-            if name in known and other in known:
+            if name in units and other in units:
                 raise InputError(f"give {name} or {other}, not both: one follows from the other")
-        self.length, self.time = length, known.get("time_unit")
-        self.mass = known.get("mass_unit")
-        if "velocity_unit" in known:
-            self.time = length / known["velocity_unit"]
-        if "density_unit" in known:
-            self.mass = known["density_unit"] * length**3
+        self.length, self.time = length, units.get("time_unit")
+        self.mass = units.get("mass_unit")
+        if "velocity_unit" in units:
+            self.time = length / units["velocity_unit"]
+        if "density_unit" in units:
+            self.mass = units["density_unit"] * length**3
 
     def of(self, kind: Kind | None) -> tuple[float, Any]:
-        """Return the factor to the unit of what a variable is, and that; 1 and None if not known.
+        """Return the factor to the unit of what a variable is, and that; 1 and None if unknown.
 
         A field in these codes lacks the factor 4π of Gaussian units: B²/2 is its energy density.
         """

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 _MAGIC = b"SIMPLE  ="
 # What `Image.save` writes into the first header; volumes are not marked so.
 _CREATOR, _TEXT = "CREATOR", "VOLMETA"
-# Cards that tell what was seen, and how; kept in `Volume.meta` under their names in small letters.
-_TOLD = (
+# Cards about the observation; they go into `Volume.meta` under their names in small letters.
+_META_CARDS = (
     *("OBJECT", "TELESCOP", "INSTRUME", "OBSERVER", "DATE-OBS", "BUNIT", "BMAJ", "BMIN", "BPA"),
     *("SPECSYS", "RADESYS", "EQUINOX", "RESTFRQ", "RESTFREQ", "RESTWAV", "LINE"),
 )
@@ -63,39 +63,39 @@ class FITSReader(Reader):
 
     def holds_image(self, path: Path) -> bool:
         try:
-            found = parts(path)
+            hdus = parts(path)
         except Exception:  # damaged: the error comes when it is read
             return False
-        return _is_picture(found) or not any(len(real) >= 3 for _, real in images(found))
+        return _is_picture(hdus) or not any(len(real) >= 3 for _, real in images(hdus))
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        found = _cubes(path, options)
-        told = [cube.info() for cube in found]
-        axis = _layout(found[0], options)[1].axis
-        if axis is not None and axis.name not in {field.name for field in told}:
-            shape = tuple(found[0].sides[::-1])
-            told.append(FieldInfo(axis.name, axis.name, shape, "float32", unit_name(axis.unit)))
-        return tuple(told)
+        every = _cubes(path, options)
+        infos = [cube.info() for cube in every]
+        axis = _layout(every[0], options)[1].axis
+        if axis is not None and axis.name not in {field.name for field in infos}:
+            shape = tuple(every[0].sides[::-1])
+            infos.append(FieldInfo(axis.name, axis.name, shape, "float32", unit_name(axis.unit)))
+        return tuple(infos)
 
     def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         from ...volume import Volume
 
-        found = _cubes(path, options)
-        by_place = {cube.place: cube for cube in found}
-        known = {cube.place: cube.name for cube in found}
-        axis = _layout(found[0], options)[1].axis
-        if axis is not None and axis.name not in known.values():
-            known[axis.name] = axis.name
-        chosen = chosen_fields(known, fields)
-        own = [by_place[place] for place in chosen.values() if place in by_place] or found[:1]
-        seen, where = _common(own, options)
+        every = _cubes(path, options)
+        by_place = {cube.place: cube for cube in every}
+        names = {cube.place: cube.name for cube in every}
+        axis = _layout(every[0], options)[1].axis
+        if axis is not None and axis.name not in names.values():
+            names[axis.name] = axis.name
+        chosen = chosen_fields(names, fields)
+        own = [by_place[place] for place in chosen.values() if place in by_place] or every[:1]
+        sky, where = _common(own, options)
         volume = Volume(where.grid)
         volume.wcs = where.wcs
-        volume.meta.update(_told(own[0].part, seen, where))
+        volume.meta.update(_meta_of(own[0].part, sky, where))
         for name, place in chosen.items():
             if place in by_place:
                 cube = by_place[place]
-                load = functools.partial(_load, path, cube, seen)
+                load = functools.partial(_load, path, cube, sky)
                 volume[name] = Deferred(load, cube.scaling.dtype, cube.unit)
             else:
                 assert where.axis is not None
@@ -107,16 +107,16 @@ class FITSReader(Reader):
         write(volume, path)
 
 
-def _is_picture(found: list[HDU]) -> bool:
-    header = found[0].header
+def _is_picture(hdus: list[HDU]) -> bool:
+    header = hdus[0].header
     return card(header, _CREATOR) == "voluminous" and _TEXT in header
 
 
 def _cubes(path: Path, options: dict[str, Any]) -> list[Cube]:
-    found = parts(path)
-    if _is_picture(found):
+    hdus = parts(path)
+    if _is_picture(hdus):
         raise FileFormatError("expected a volume; this is an image: vm.Image.load reads it")
-    return cubes(found, options.get("hdu"), options.get("plane"))
+    return cubes(hdus, options.get("hdu"), options.get("plane"))
 
 
 def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
@@ -125,34 +125,34 @@ def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, CubeLayo
     header = cube.part.header
     if bounds is not None or options.get("wcs") is False or not has_world(cube.part):
         return None, unit_cells(cube.sides, bounds, unit)
-    found = world(cube.part, cube.axes, cube.sides, options.get("velocity"), options.get("rest"))
+    place = world(cube.part, cube.axes, cube.sides, options.get("velocity"), options.get("rest"))
     depth, scale = options.get("depth"), options.get("spectral_scale")
     if unit is None and card(header, UNIT):  # we wrote it
         unit = card(header, UNIT)
         depth = card(header, DEPTH) if depth is None and scale is None else depth
-    return found, layout(found, header, unit, depth, scale)
+    return place, layout(place, header, unit, depth, scale)
 
 
 def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
     """Return what all cubes share."""
     first = chosen[0]
-    seen, where = _layout(first, options)
+    sky, where = _layout(first, options)
     for cube in chosen[1:]:
         same = cube.sides == first.sides and cube.axes == first.axes
-        if same and seen is not None and has_world(cube.part):
+        if same and sky is not None and has_world(cube.part):
             other = _layout(cube, options)[0]
-            same = other is not None and seen.agrees(other)
+            same = other is not None and sky.agrees(other)
         if not same:
             listed = ", ".join(f"{c.name} ({c.part.name}) {c.sides}" for c in chosen)
             raise InputError(
                 f"cubes must lie on one grid to be read together, got {listed}; choose with hdu=… "
                 "or fields=[…]"
             )
-    return seen, where
+    return sky, where
 
 
-def _load(path: Path, cube: Cube, seen: World | None) -> np.ndarray:
-    arrange = (lambda stored: stored.T) if seen is None else seen.arrange
+def _load(path: Path, cube: Cube, sky: World | None) -> np.ndarray:
+    arrange = (lambda stored: stored.T) if sky is None else sky.arrange
     return values(path, cube.part, cube.index, arrange)
 
 
@@ -160,9 +160,9 @@ def _spread(axis: ThirdAxis, shape: tuple[int, ...]) -> np.ndarray:
     return np.broadcast_to(axis.values.astype(np.float32), shape)
 
 
-def _told(part: HDU, seen: World | None, where: CubeLayout) -> dict[str, Any]:
-    told = {key.lower(): card(part.header, key) for key in _TOLD}
-    told = {k: v for k, v in told.items() if v != "" and isinstance(v, (str, int, float))}
-    if seen is not None and seen.on_sky:
-        told |= seen.pointing()
-    return told
+def _meta_of(part: HDU, sky: World | None, where: CubeLayout) -> dict[str, Any]:
+    meta = {key.lower(): card(part.header, key) for key in _META_CARDS}
+    meta = {k: v for k, v in meta.items() if v != "" and isinstance(v, (str, int, float))}
+    if sky is not None and sky.on_sky:
+        meta |= sky.pointing()
+    return meta

@@ -49,11 +49,11 @@ def grid_out(grid: Any, coordinates: Any = None) -> GridOut:
             "with volume.resample(vm.CartesianGrid…) first"
         )
     least = SPHERICAL if make is _spherical else 0
-    known = isinstance(coordinates, int) and least <= coordinates < least + SPHERICAL
-    found = make(grid, coordinates if known else least or CARTESIAN)
-    for told in _complaints(found.file):
-        warnings.warn(f"RADMC-3D will refuse this grid: {told}", stacklevel=3)
-    return found
+    fits = isinstance(coordinates, int) and least <= coordinates < least + SPHERICAL
+    out = make(grid, coordinates if fits else least or CARTESIAN)
+    for complaint in _complaints(out.file):
+        warnings.warn(f"RADMC-3D will refuse this grid: {complaint}", stacklevel=3)
+    return out
 
 
 def in_cm(edges: NDArray[np.float64], unit: UnitLike) -> NDArray[np.float64]:
@@ -130,14 +130,14 @@ def _check_angles(theta: NDArray[np.float64], phi: NDArray[np.float64], mirror: 
         )
 
 
-def _complaints(found: GridFile) -> list[str]:
+def _complaints(file: GridFile) -> list[str]:
     """Return what RADMC-3D says of grids that it could describe, but does not take."""
-    if found.spherical:
-        theta = found.walls[1]
-        across = found.active[1] and theta[0] < _HALF < theta[-1] and _HALF not in theta
-        told = ["theta needs a wall at the midplane, pi/2"] if across else []
-        return told + (["r must not begin at 0"] if found.walls[0][0] <= 0 else [])
-    widths = np.concatenate([np.diff(w) for w in found.walls])
+    if file.spherical:
+        theta = file.walls[1]
+        across = file.active[1] and theta[0] < _HALF < theta[-1] and _HALF not in theta
+        complaints = ["theta needs a wall at the midplane, pi/2"] if across else []
+        return complaints + (["r must not begin at 0"] if file.walls[0][0] <= 0 else [])
+    widths = np.concatenate([np.diff(w) for w in file.walls])
     even = np.abs(widths / widths[0] - 1).max() <= _NEAR
     return [] if even else ["Cartesian cells must be cubes, all of one size"]
 
@@ -151,11 +151,11 @@ def layers_of(grid: Any, base: GridFile) -> tuple[GridFile, Flat] | None:
     if not _halved(patches) or not _one_base(patches) or len(patches.level) > _MOST_LAYERS:
         return None
     refined = np.flatnonzero(patches.level > 0).tolist()
-    found = {k: parent for k in refined if (parent := _parent(patches, k)) is not None}
-    if len(found) < len(refined):
+    parents = {k: parent for k in refined if (parent := _parent(patches, k)) is not None}
+    if len(parents) < len(refined):
         return None
-    order = _parents_first(patches, found)
-    file = replace(base, style=LAYERS, layers=_rows(patches, found, order))
+    order = _parents_first(patches, parents)
+    file = replace(base, style=LAYERS, layers=_rows(patches, parents, order))
     try:
         uncovered(file)
     except FileFormatError:  # they overlap
@@ -237,9 +237,9 @@ def octree_of(grid: Any) -> tuple[Any, Ints]:
     try:
         x, y, z = grid.base_edges
         index = (low // size).T
-        found: tuple[Any, Ints] = OctreeGrid.from_leaves(x, y, z, level, index, unit=grid.unit)
+        octree: tuple[Any, Ints] = OctreeGrid.from_leaves(x, y, z, level, index, unit=grid.unit)
     except InputError as error:
         raise InputError(
             f"RADMC-3D has no grids with holes ({error}); resample it with volume.resample(…) first"
         ) from error
-    return found
+    return octree

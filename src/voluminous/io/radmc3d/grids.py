@@ -39,66 +39,66 @@ class ArrangedGrid:
     in_order: bool = False  # nothing need be moved
 
 
-def cartesian_grid(found: GridFile, unit: UnitLike = None) -> ArrangedGrid:
+def cartesian_grid(file: GridFile, unit: UnitLike = None) -> ArrangedGrid:
     """Return the Cartesian grid, regular or refined; lengths are in `unit`, by default cm."""
-    x, y, z = (converted(w, unit) for w in _finite(found))
-    make = _octree if found.flags is not None else _regular if found.layers is None else _patches
-    return make(found, (x, y, z), unit or "cm")
+    x, y, z = (converted(w, unit) for w in _finite(file))
+    make = _octree if file.flags is not None else _regular if file.layers is None else _patches
+    return make(file, (x, y, z), unit or "cm")
 
 
-def _regular(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
+def _regular(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import CartesianGrid
 
-    return ArrangedGrid(CartesianGrid(*walls, unit=unit), shaped(found.shape))
+    return ArrangedGrid(CartesianGrid(*walls, unit=unit), shaped(file.shape))
 
 
-def _octree(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
+def _octree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import OctreeGrid
 
-    if not all(found.active):
-        return _flat_tree(found, walls, unit)
-    return ArrangedGrid(OctreeGrid(*walls, refined=found.flags, unit=unit), as_they_are, True)
+    if not all(file.active):
+        return _flat_tree(file, walls, unit)
+    return ArrangedGrid(OctreeGrid(*walls, refined=file.flags, unit=unit), as_they_are, True)
 
 
-def _flat_tree(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
+def _flat_tree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     """Return a tree that is not refined along all axes: each leaf is a patch."""
     from ...grids import PatchGrid
     from ...grids.trees.octree_order import levels_from_flags
     from ...grids.trees.octree_places import Places
 
-    assert found.flags is not None
-    axes = tuple(np.flatnonzero(found.active).tolist())
-    base_cells = int(np.prod(found.shape))
-    levels = levels_from_flags(found.flags, base_cells, 1 << len(axes))
+    assert file.flags is not None
+    axes = tuple(np.flatnonzero(file.active).tolist())
+    base_cells = int(np.prod(file.shape))
+    levels = levels_from_flags(file.flags, base_cells, 1 << len(axes))
     places = Places(levels, axes)
     base, corner = places.corners()
-    nx, ny, _ = found.shape
+    nx, ny, _ = file.shape
     corner += np.stack([base % nx, base // nx % ny, base // (nx * ny)]) * (
-        found.factors[:, None] ** places.deepest
+        file.factors[:, None] ** places.deepest
     )
-    size = found.factors[:, None] ** (places.deepest - levels.astype(np.int64))
+    size = file.factors[:, None] ** (places.deepest - levels.astype(np.int64))
     grid = PatchGrid.from_boxes(
         *walls,
         level=levels,
         low=(corner // size).T,
         shape=np.ones((len(levels), 3), np.int64),
-        ratio=np.tile(found.factors, (places.deepest, 1)),
+        ratio=np.tile(file.factors, (places.deepest, 1)),
         unit=unit,
     )
     return ArrangedGrid(grid, as_they_are, True)
 
 
-def _patches(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
+def _patches(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import PatchGrid
 
-    uncovered(found)  # refuses what overlaps
-    layers = boxes(found)
+    uncovered(file)  # refuses what overlaps
+    layers = boxes(file)
     grid = PatchGrid.from_boxes(
         *walls,
         level=layers.level,
         low=layers.low,
         shape=layers.shape,
-        ratio=np.tile(found.factors, (int(layers.level.max()), 1)),
+        ratio=np.tile(file.factors, (int(layers.level.max()), 1)),
         unit=unit,
     )
     shapes = [tuple(shape) for shape in layers.shape.tolist()]
@@ -111,52 +111,52 @@ def _patches(found: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     return ArrangedGrid(grid, arranged)
 
 
-def _finite(found: GridFile) -> Sequence[NDArray[np.float64]]:
+def _finite(file: GridFile) -> Sequence[NDArray[np.float64]]:
     """Return walls, those of dimensions without end (slabs) as far apart as the others are."""
-    endless = [bool(np.abs(w).max() >= _ENDLESS) for w in found.walls]
+    endless = [bool(np.abs(w).max() >= _ENDLESS) for w in file.walls]
     if not any(endless):
-        return found.walls
-    lengths = [np.ptp(w) for w, far in zip(found.walls, endless, strict=True) if not far]
+        return file.walls
+    lengths = [np.ptp(w) for w, far in zip(file.walls, endless, strict=True) if not far]
     half = 0.5 * max(lengths, default=0.0)
     if half == 0:
         raise FileFormatError("the grid has no end in any direction")
-    axes = " and ".join(axis for axis, far in zip(found.names, endless, strict=True) if far)
+    axes = " and ".join(axis for axis, far in zip(file.names, endless, strict=True) if far)
     warnings.warn(
         f"the grid has no end along {axes}; it is made {2 * half:g} cm wide there", stacklevel=2
     )
     one_cell = np.array([-half, half])
-    return [one_cell if far else w for w, far in zip(found.walls, endless, strict=True)]
+    return [one_cell if far else w for w, far in zip(file.walls, endless, strict=True)]
 
 
-def spherical_grid(found: GridFile, unit: UnitLike = None) -> ArrangedGrid:
+def spherical_grid(file: GridFile, unit: UnitLike = None) -> ArrangedGrid:
     """Return the spherical grid; one that ends at the midplane is mirrored."""
     from ...grids import SphericalGrid
 
-    theta, phi = _angles(found)
-    walls = (converted(found.walls[0], unit), theta, phi)
+    theta, phi = _angles(file)
+    walls = (converted(file.walls[0], unit), theta, phi)
     unit = unit or "cm"
     make = functools.partial(SphericalGrid, mirror=bool(theta[-1] == _HALF))
-    if found.flags is not None:
-        return ArrangedGrid(make(*walls, refined=found.flags, unit=unit), as_they_are, True)
-    if found.layers is None:
-        return ArrangedGrid(make(*walls, unit=unit), shaped(found.shape))
-    level, index, value = leaves(found)
-    axes = np.flatnonzero(found.active).tolist()
+    if file.flags is not None:
+        return ArrangedGrid(make(*walls, refined=file.flags, unit=unit), as_they_are, True)
+    if file.layers is None:
+        return ArrangedGrid(make(*walls, unit=unit), shaped(file.shape))
+    level, index, value = leaves(file)
+    axes = np.flatnonzero(file.active).tolist()
     grid, source = tree_of_leaves(make, walls, level, index, axes, unit=unit)
     order = value[source]
     return ArrangedGrid(grid, lambda values: values[order])
 
 
-def _angles(found: GridFile) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    with_r, with_theta, with_phi = found.active
+def _angles(file: GridFile) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    with_r, with_theta, with_phi = file.active
     if not with_r or (with_phi and not with_theta):
         raise FileFormatError(
             "in spherical coordinates r must be active, and theta where phi is; the active "
-            f"dimensions are {' '.join(str(int(active)) for active in found.active)}"
+            f"dimensions are {' '.join(str(int(active)) for active in file.active)}"
         )
-    theta = _polar(found.walls[1].copy()) if with_theta else np.array([0.0, np.pi])
-    phi = _azimuth(found.walls[2].copy()) if with_phi else np.array([0.0, _WHOLE])
-    refined = found.flags is not None or found.layers is not None
+    theta = _polar(file.walls[1].copy()) if with_theta else np.array([0.0, np.pi])
+    phi = _azimuth(file.walls[2].copy()) if with_phi else np.array([0.0, _WHOLE])
+    refined = file.flags is not None or file.layers is not None
     for active, walls, whole in ((with_theta, theta, np.pi), (with_phi, phi, _WHOLE)):
         if refined and active and len(walls) == 2 and np.ptp(walls) >= whole:
             raise FileFormatError("an angle with one cell all around cannot be refined")
@@ -207,10 +207,10 @@ def shaped(shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
     """Return what makes an array [i1, i2, i3] of values of which the first index is fastest."""
 
     def arranged(values: np.ndarray) -> np.ndarray:
-        found = values.reshape(shape[::-1])
+        flat = values.reshape(shape[::-1])
         array = np.empty(shape, values.dtype.newbyteorder("="))
         for j in range(shape[1]):  # a third of the time of transposing the whole
-            array[:, j] = found[:, j].T
+            array[:, j] = flat[:, j].T
         return array
 
     return arranged

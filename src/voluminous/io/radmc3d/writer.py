@@ -146,22 +146,22 @@ def _replace(work: dict[Path, Callable[[TextOut], None]], binary: bool) -> None:
 
 
 def _write_grid(grid: GridOut, out: TextOut) -> None:
-    found = grid.file
+    file = grid.file
     out.format(1)
-    out.integers(found.style)
-    out.integers(found.coordinates)
+    out.integers(file.style)
+    out.integers(file.coordinates)
     out.integers(0)
-    out.integers(*map(int, found.active))
-    out.integers(*found.shape)
-    if found.flags is not None:
-        out.integers(grid.levels, found.cells, len(found.flags))
-    if found.layers is not None:
-        out.integers(grid.levels, len(found.layers))
-    for walls in found.walls:
+    out.integers(*map(int, file.active))
+    out.integers(*file.shape)
+    if file.flags is not None:
+        out.integers(grid.levels, file.cells, len(file.flags))
+    if file.layers is not None:
+        out.integers(grid.levels, len(file.layers))
+    for walls in file.walls:
         out.rows([walls])
-    if found.flags is not None:
-        out.flags(found.flags)
-    for row in () if found.layers is None else found.layers.tolist():
+    if file.flags is not None:
+        out.flags(file.flags)
+    for row in () if file.layers is None else file.layers.tolist():
         out.integers(*row)
 
 
