@@ -123,6 +123,11 @@ def _parts(number: float) -> tuple[str, str]:
     return f"{float(mantissa):g}", power
 
 
+def labelled(name: str, unit: str) -> str:
+    """Return a name and a unit in brackets, if there is one."""
+    return f"{name} [{unit}]" if unit else name
+
+
 def pretty_unit(unit: str) -> str:
     """Return a unit as it is printed: ``g cm⁻²``; as it is, if astropy does not know it.
 

@@ -13,7 +13,7 @@ from ...rotation import angles_towards, image_axes, position_angle
 from ...units import as_quantity, is_quantity, parse_unit, plain
 from ..arguments import known_unit
 from ..beam import sky_matrix
-from ..lengths import bar_length, number_text, readable, with_unit
+from ..lengths import bar_length, labelled, number_text, readable, with_unit
 from ..sky import is_linear, label_axes, plain_axes
 from ..tone import finite
 from .sheet import LINE
@@ -409,7 +409,7 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float, shown: tuple[fl
     from matplotlib.ticker import MaxNLocator
 
     factor, name = shown
-    edges, labels = tuple(factor * v for v in image.extent), [_label(axis, name) for axis in "xy"]
+    edges, labels = tuple(factor * v for v in image.extent), [labelled(axis, name) for axis in "xy"]
     if image.wcs is not None:
         edges, labels = plain_axes(image.wcs)
     sides = (axes.xaxis, axes.yaxis), (sheet.width, sheet.height), (edges[:2], edges[2:]), labels
@@ -426,10 +426,6 @@ def readable_axes(image: Image) -> tuple[float, str]:
     left, right, bottom, top = image.extent
     size = 0.5 * max(abs(right - left), abs(top - bottom))
     return (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
-
-
-def _label(axis: str, name: str) -> str:
-    return f"{axis} [{name}]" if name else axis
 
 
 def _is_screen(image: Image) -> bool:

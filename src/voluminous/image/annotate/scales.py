@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...errors import UnknownNameError
 from ...expressions import Expression
 from ...units import parse_unit
-from ..lengths import pretty_unit
+from ..lengths import labelled, pretty_unit
 from ..tone import display, one_channel, shows_one_channel
 from .sheet import LINE
 
@@ -66,7 +66,7 @@ class Scale:
 def of_intensity(image: Image, options: dict[str, Any]) -> Scale:
     """Return the scale of a picture that shows one channel."""
     shown = one_channel(image, **options)
-    label = labelled(quantity_name(image), image.intensity_unit)
+    label = labelled(quantity_name(image), pretty_unit(image.intensity_unit))
     return Scale(label, shown["norm"], shown["cmap"], unit=image.intensity_unit)
 
 
@@ -81,11 +81,6 @@ def quantity_name(image: Image) -> str:
         kind = "mean" if "weight" in how else "column"
     says = str(kind).endswith(f" of {quantity}")
     return str(kind) if says else f"{kind}, {quantity}"
-
-
-def labelled(name: str, unit: str) -> str:
-    """Return a name and a unit to print."""
-    return f"{name} [{pretty_unit(unit)}]" if unit else name
 
 
 def field_units(image: Image) -> dict[str, str]:
@@ -105,7 +100,7 @@ def with_units(scale: Scale, units: Mapping[str, str]) -> str:
     if scale.unit or scale.expr is None:
         return scale.label
     if scale.expr in units:
-        return labelled(scale.label, units[scale.expr])
+        return labelled(scale.label, pretty_unit(units[scale.expr]))
     names = [name for name in Expression(scale.expr).names if units.get(name)]
     return ", ".join([scale.label, *(f"{name} in {pretty_unit(units[name])}" for name in names)])
 
@@ -257,7 +252,7 @@ def _of_shells(expr: str, parts: Any, options: dict[str, Any], spans: Any) -> Sc
     norm = _norm(centers, widths, span)
     colors = _shown_colors([color for _, _, color, _, _ in shells], options)
     bar = _bands(norm, centers, widths, colors)
-    return Scale(labelled(expr, unit), norm, ListedColormap(bar), expr, unit)
+    return Scale(labelled(expr, pretty_unit(unit)), norm, ListedColormap(bar), expr, unit)
 
 
 def _shells(part: dict[str, Any]) -> Iterator[tuple[float, float, Any, str, str]]:
@@ -348,7 +343,7 @@ def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
     norm = limits(low, _converted(high, other, unit), name in _LOGARITHMIC)
     rows = colormap(np.linspace(0.0, 1.0, _ENTRIES))[:, :3]
     bar = ListedColormap(displayed(rows, options, 1.0))
-    return Scale(labelled(part["expr"], unit), norm, bar, part["expr"], unit)
+    return Scale(labelled(part["expr"], pretty_unit(unit)), norm, bar, part["expr"], unit)
 
 
 _GAP, _BAR, _COUNTS = 1.0, 1.1, 2.8
