@@ -159,7 +159,7 @@ def chosen_fields(given: list[str] | None) -> Any:
     return {name.strip(): (place or name).strip() for name, _, place in pairs}
 
 
-# What codes and people call the first thing that one looks at …
+# Usual names of the field of most interest …
 _FIRST = re.compile(r"(gas_|mass_)?density|rho|dens|(number_)?density|n|nh|n_h", re.I)
 # … and what sounds like it.
 _LIKE = re.compile(r".*densit(y|ies).*|.*numdens.*|rho.*|.*_rho|intensity|brightness.*|data", re.I)
@@ -178,7 +178,7 @@ _PIECE = 1 << 20
 
 
 def rank(name: str) -> int:
-    """Return how late a field of this name is looked at, 0 for the first ones."""
+    """Return the rank of a field by its name: 0 for those of most interest."""
     for number, names in enumerate((_FIRST, _LIKE)):
         if names.fullmatch(name):
             return number

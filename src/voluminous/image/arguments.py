@@ -127,7 +127,7 @@ def length_unit(unit: Any, x: Any, y: Any) -> str:
 
 
 def known_unit(unit: Any) -> Any:
-    """Return the unit of a picture; None for one that is not known, as another program may name."""
+    """Return the unit of a picture; None for one that astropy does not know."""
     try:
         return parse_unit(unit)
     except UnitsError:

@@ -25,7 +25,7 @@ Linear = tuple[NDArray[np.float64], float]  # coordinates and their step
 _PLANE, _PLANE_NAME = "A", "image plane"
 # As radio astronomers' programs write it and look for it.
 _PER_BEAM = "Jy/beam"
-# Coordinates this near to a linear axis (in pixels) are told by it; rounding is far below.
+# Coordinates this near to a linear axis (in pixels) count as linear; rounding is far below.
 _LINEAR_TO = 1e-6
 # Kinds of axes that are in degrees unless their header says otherwise.
 _ON_SKY = re.compile("RA--|DEC-|[A-Z]{1,2}L(ON|AT)-")
@@ -133,7 +133,7 @@ def _linear_axis(header: Header, number: int, count: int, key: str) -> Linear | 
     step = header.get(f"CDELT{number}{key}", header.get(f"CD{number}_{number}{key}"))
     other = 3 - number
     rotated = any(header.get(f"{m}{number}_{other}{key}", 0.0) for m in ("CD", "PC"))
-    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS told it
+    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS writes it
     if not step or rotated:
         return None
     projected = "-" in str(header.get(f"CTYPE{number}{key}", ""))
@@ -141,7 +141,7 @@ def _linear_axis(header: Header, number: int, count: int, key: str) -> Linear | 
     return _linear(count, header.get(f"CRPIX{number}{key}", 0.0), value, step), step
 
 
-# The card with all that is known besides, as JSON.
+# The card with all other metadata, as JSON.
 TEXT = "VOLMETA"
 _ANGLES = {"incl": "inclination", "phi": "azimuth", "posang": "position angle"}
 

@@ -31,7 +31,7 @@ class Image:
     Parameters
     ----------
     intensity : array_like or Quantity, shape (ny, nx, channel) or (ny, nx)
-        Row 0 is at the bottom, x runs to the right. float32 and float64 are kept as they are,
+        Row 0 is at the bottom, x runs to the right. float32 and float64 stay as they are,
         integers become float64.
     transparency : array_like, optional
         exp(-optical depth) along each ray. Broadcastable to (ny, nx, channel); two axes mean
@@ -39,7 +39,7 @@ class Image:
     optical_depth : array_like or callable, optional
         Likewise; or a function without arguments that gives it, called once, on first use.
     error : array_like, shape (ny, nx), optional
-        How far the intensity may be off in any channel.
+        Estimated absolute error of the intensity, the largest of all channels.
     lower, upper : array_like, shape (ny, nx, channel), optional
         Guaranteed bounds of the intensity.
     x, y : array_like or Quantity, shapes (nx,) and (ny,), optional
@@ -168,18 +168,18 @@ class Image:
 
     @property
     def error(self) -> Array | None:
-        """How far the intensity may be off in any channel, (ny, nx); None if unknown."""
+        """Estimated error of the intensity, largest of all channels, (ny, nx); None if unknown."""
         array = self._planes["error"]
         return None if array is None else array[..., 0]
 
     @property
     def lower(self) -> Array | None:
-        """What the intensity is at least, (ny, nx, channel); None if not asked for."""
+        """Guaranteed lower bound of the intensity, (ny, nx, channel); None if not asked for."""
         return arguments.spread(self._planes["lower"], self.shape)
 
     @property
     def upper(self) -> Array | None:
-        """What the intensity is at most, (ny, nx, channel); None if not asked for."""
+        """Guaranteed upper bound of the intensity, (ny, nx, channel); None if not asked for."""
         return arguments.spread(self._planes["upper"], self.shape)
 
     @property
@@ -257,7 +257,7 @@ class Image:
             Of one channel, in place of `stretch`; without a `colormap` it is shown in grey. "log"
             starts at the least positive value, though at most six decades below `vmax`.
         vmin, vmax : float or Quantity, optional
-            Intensities shown as black (default: 0) and as white (another way to say `exposure`).
+            Intensities shown as black (default: 0) and as white (1 / `exposure`).
             Plain numbers are in `intensity_unit`.
         background : color, optional
             Put this behind the picture, seen through its transparency. For images rendered in
@@ -303,7 +303,7 @@ class Image:
         return tone.display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
-        """Write the image to a file, whose suffix tells the format.
+        """Write the image to a file; its suffix chooses the format.
 
         The file appears whole or not at all: an error or an interruption leaves an existing file
         as it was.
@@ -478,7 +478,7 @@ class Image:
         Raises
         ------
         UnitsError
-            If the image has no such unit, it cannot be converted, or a solid angle is not known.
+            If the image has no such unit, it cannot be converted, or a solid angle is missing.
         """
         return room("image.conversion").to_unit(self, unit, beam)
 
@@ -511,12 +511,12 @@ class Image:
         title : str
             Above the picture, no wider than it.
         time : bool, str, float or Quantity
-            Time stamp at the upper left. True: what ``volume.meta`` tells as ``"time"`` (in
+            Time stamp at the upper left. True: ``volume.meta["time"]`` (in
             ``"time_unit"``) and ``"redshift"``.
         volume : Volume, optional
             For the time, and the histogram of its cells beside each colour bar (logarithmic).
         medium : Medium, optional
-            Default: what the image's provenance tells of it.
+            Default: the medium in the image's provenance.
         paper : color or "none"
             Colour of the margins; "none" is transparent. Default: `background`, else black; nothing
             for `transparent`.

@@ -7,7 +7,7 @@ from typing import Any
 
 from .arguments import known_unit
 
-# A length is told in the last of these units that it is at least so many of.
+# A length is written in the last of these units of which it is at least so many.
 _LENGTHS = (
     ("nm", "nm", 0.0),
     ("um", "µm", 1.0),

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Extent = tuple[float, float, float, float]
 _BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
 _MARGIN = 0.05
-_LONG_NUMBERS = (1e4, 1e6)  # longer ones are told as powers of ten
+_LONG_NUMBERS = (1e4, 1e6)  # longer ones become powers of ten
 
 
 def plot(

@@ -76,7 +76,7 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
 def wcs_of_header(header: Header) -> Any:
     """Return the WCS of the first two axes of an image's header; None if it has none to speak of.
 
-    Axes without a name, or called X and Y as ours are, are told by plain coordinates.
+    Axes without a name, or named X and Y as ours are, have plain coordinates.
     """
     from astropy.wcs import WCS
 

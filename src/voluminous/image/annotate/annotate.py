@@ -85,7 +85,7 @@ def annotate(image: Image, **options: Any) -> Any:
             draw(sheet)
         return sheet
 
-    # How far letters reach is known when they are drawn.
+    # The first drawing measures how far letters reach, the second has the margins for them.
     return Annotated(image, drawn(drawn((0, 0, 0, 0)).overhang()))
 
 

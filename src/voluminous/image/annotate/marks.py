@@ -67,7 +67,7 @@ def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
                 turned = position_angle(incl, phi, np.array(camera["up"]))
             return image_axes(incl, phi, turned)
     except (KeyError, TypeError, ValueError, VoluminousError):
-        return None  # from another program, or a unit that is not known here
+        return None  # from another program, or an unknown unit
     return None
 
 
@@ -215,7 +215,7 @@ def scale_bar(
     wanted : bool, Quantity, str or float
         True: a round length that fits. A length: this one, such as ``"100 au"``.
     shown : (float, str), optional
-        The unit in which a round length is told; see `bar_length`.
+        The unit of a round length; see `bar_length`.
 
     Raises
     ------
@@ -298,7 +298,7 @@ def time_text(time: Any, volume: Volume | None) -> str:
     Parameters
     ----------
     time : bool, str, float or Quantity
-        True: what ``volume.meta`` tells.
+        True: the time in ``volume.meta``.
     volume : Volume or None
 
     Raises
@@ -422,14 +422,14 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float, shown: tuple[fl
 
 
 def readable_axes(image: Image) -> tuple[float, str]:
-    """Return a unit that suits the size of the picture: how many are one of its own, and a name."""
+    """Return a factor to, and the name of, a unit that suits the size of the picture."""
     left, right, bottom, top = image.extent
     size = 0.5 * max(abs(right - left), abs(top - bottom))
     return (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
 
 
 def _is_screen(image: Image) -> bool:
-    """Return True for a wide flat screen: its coordinates are tangents, not angles to be told."""
+    """Return True for a wide flat screen: its coordinates are tangents, not angles."""
     return is_wide(image) and (image.camera or {}).get("projection") == "flat"
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 # Display options that decide which colour a channel has.
 _COLORS = ("channels", "mix")
-# Far beyond white: with its hue kept, a colour is then as bright as can be.
+# Far beyond white: full brightness with the hue unchanged.
 _BRIGHT = 1e6
 
 
@@ -150,7 +150,7 @@ _SHELLS = {
 _ENTRIES = 512
 # A shell is at least this wide on either side, as a part of the bar.
 _THIN = 0.006
-# Values that are this far from each other are told on a logarithmic scale.
+# Values that span more than this factor get a logarithmic scale.
 _DECADES = 30.0
 # A bar shows so many widths beside a shell, and this part of itself beside all.
 _BESIDE, _AROUND = 3.0, 0.08
@@ -333,7 +333,7 @@ def _of_table(part: dict[str, Any], options: dict[str, Any]) -> Scale:
 
 
 def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
-    """Return a colormap over its range; None if its norm or its name tells too little."""
+    """Return a colormap over its range; None if its norm or its name is unknown."""
     from matplotlib.colors import ListedColormap
 
     colormap, name = colormap_of(part["cmap"]), part.get("norm")
@@ -395,7 +395,7 @@ def _draw_colors(sheet: Sheet, axes: Axes, scale: Scale) -> None:
         label.set_fontsize(sheet.em * sheet.height / long)
 
 
-# So many cells tell a histogram; more are looked at in so many pieces, evenly spread.
+# A histogram counts at most so many cells, in so many evenly spread pieces.
 _CELLS, _PIECES = 1 << 20, 128
 _BINS = 60
 # All but a few values: one odd cell is no range.
@@ -440,7 +440,7 @@ class FieldValues:
 def counts(scale: Scale, image: Image, fields: FieldValues | None, channel: int) -> Any:
     """Return counts in bins along a colour bar, from 0 to 1 on a logarithmic scale.
 
-    None where the values are not known.
+    None without a volume.
     """
     if scale.expr is None:
         values = image.intensity[..., channel].ravel()

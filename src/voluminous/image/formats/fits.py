@@ -30,7 +30,7 @@ _WHOLE: dict[str, Any] = {"memmap": False, "lazy_load_hdus": False}
 
 
 def write(image: Image, path: Path, **sky: Any) -> None:
-    """Write intensities into the primary HDU, all else that is known into image extensions.
+    """Write intensities into the primary HDU, all other planes into image extensions.
 
     Parameters
     ----------
