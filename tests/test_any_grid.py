@@ -33,7 +33,7 @@ def test_expressions_are_evaluated_cell_by_cell(text):
     assert flat.evaluate(text).shape == FLAT.shape
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("precision", ["single"])
 @pytest.mark.parametrize("scheme", ["first-order", "second-order", "olson-kunasz"])
 @pytest.mark.parametrize("emission", ["a", "a * x + r"])
 def test_pictures_are_the_same(scheme, emission, precision):
@@ -129,7 +129,7 @@ def test_a_field_may_be_called_phi_where_that_is_no_coordinate():
     np.testing.assert_array_equal(volume.evaluate("phi"), VALUES)
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("precision", ["single"])
 def test_an_octree_shows_the_grid_that_it_refines(precision):
     edges = np.linspace(-1, 1, 5)
     tree = vm.OctreeGrid.from_function(
@@ -150,7 +150,7 @@ def test_an_octree_shows_the_grid_that_it_refines(precision):
     assert found.intensity.max() > 0.3
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("precision", ["single"])
 def test_the_picture_of_a_shell_on_a_spherical_grid(precision):
     grid = vm.SphericalGrid(np.linspace(0.5, 1, 6), np.linspace(0, np.pi, 5), np.linspace(0, 6, 7))
     volume = vm.Volume(vm.SphericalGrid(grid.edges[0], grid.edges[1]))

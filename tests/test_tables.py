@@ -7,7 +7,7 @@ import pytest
 
 import voluminous as vm
 from contracts.scheme import coloured, random_volume
-from voluminous.rendering.sources.table import Table
+from voluminous.rendering.sources.table import CoefficientTable
 from voluminous.rendering.tracer import KernelCache
 from voluminous.schemes import SCHEMES
 
@@ -53,7 +53,7 @@ def test_classifying_on_the_ray_gives_the_same_bits(name, precision, monkeypatch
     options = {"scheme": "first-order", "precision": precision}
     volume = core(shape=(3, 3, 3))
     tabulated = picture(volume, MEDIA[name], **options)
-    tables = [thing for thing, _ in volume.tables.values() if isinstance(thing, Table)]
+    tables = [thing for thing, _ in volume.tables.values() if isinstance(thing, CoefficientTable)]
     assert len(tables) == 1
     monkeypatch.setattr("voluminous.rendering.sources.table.fits", lambda needed: False)
     fresh = core(shape=(3, 3, 3))
@@ -101,7 +101,9 @@ def test_caches_are_limited_by_bytes(monkeypatch):
     volume = core(shape=(64, 64, 64))  # 1 MiB per channel
     for k in range(12):
         picture(volume, shell(center=0.05 * k), scheme="first-order")
-        tables = [size for thing, size in volume.tables.values() if isinstance(thing, Table)]
+        tables = [
+            size for thing, size in volume.tables.values() if isinstance(thing, CoefficientTable)
+        ]
         assert 1 << 20 <= tables[-1] < 2 << 20
         assert sum(size for _, size in volume.tables.values()) <= 10 << 20
     assert len(tables) > 1

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 UnitLike: TypeAlias = "str | UnitBase | None"
 
+Unit: TypeAlias = Any
+"""An astropy unit, or None for plain numbers."""
+
 # A value in an error message is written out up to so many characters.
 _LONGEST = 100
 _ANGLES = ("deg", "rad")

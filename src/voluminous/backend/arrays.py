@@ -20,13 +20,6 @@ def from_host(kind: Any, values: Any) -> Any:
     aligned: with most arrays that is chance. Each chance was a kernel of its own, 100 to 2000 ms
     (of the 4 kernels of a first picture, a second run found 2 in the cache on disk, now all), and
     numbers that lie side by side were gathered together only if they happened to be aligned.
-
-    Parameters
-    ----------
-    kind : type
-        A Dr.Jit array type.
-    values : array of numbers, shape (n,)
-        Converted to that type.
     """
     return kind(aligned(np.ascontiguousarray(values, dtype=_DTYPES[dr.type_v(kind)])))
 

@@ -24,11 +24,6 @@ def attenuation(tau: Any) -> tuple[Any, Any]:
     The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both come from
     one polynomial. Where all lanes are thin that is all there is: a branch, since the division
     alone takes as long as the polynomial (first order: 29 instead of 34 ms).
-
-    Parameters
-    ----------
-    tau : Dr.Jit float array
-        Optical depth; negative ones (signed measurements) down to about -80.
     """
     return dr.if_stmt(
         args=(tau,), cond=dr.abs(tau) <= THIN, true_fn=thin_attenuation, false_fn=any_attenuation
@@ -104,15 +99,6 @@ def first_true(count: int, UInt: Any, holds: Any) -> Any:
 
     A loop, and its count run-time data: grids of all sizes share a kernel. Unrolled, one on a
     spherical grid took 2.5 times as long to compile (1.2 s), and no less to run.
-
-    Parameters
-    ----------
-    count : int
-        Number of entries.
-    UInt : type
-        Index type.
-    holds : callable
-        Called with lane arrays of indices below `count`; false up to somewhere, true from there.
     """
     lanes = dr.width(holds(UInt(0)))
 

@@ -14,7 +14,7 @@ from ..expressions.interval_ops import IntervalOps
 from ..geometry import CARTESIAN, metric, mirror_images, position
 from ..regions import Region
 from ..regrid.resample import points_along
-from ..rendering.cache import Statistics
+from ..rendering.cache import VolumeStatistics
 from .quantity import CellQuantity
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _defined(volume: Volume, expression: Expression) -> bool:
     if not expression.partial:
         return True
     with np.errstate(all="ignore"):
-        statistics = Statistics(volume)
+        statistics = VolumeStatistics(volume)
         fields = {name: statistics.range_of(name) for name in expression.names}
         ops = IntervalOps()
         range_ = ops.number(expression.evaluate(ops, fields))

@@ -12,7 +12,7 @@ from ..errors import InputError, check_name
 from ..media import Coefficients
 from ..progress import Progress, with_progress
 from ..rendering import prepare
-from ..rendering.march import State
+from ..rendering.march import MarchState
 from ..rendering.tracer import RayTracer
 from ..schemes.base import Position, Scheme, Source
 from ..schemes.path import Path
@@ -65,7 +65,7 @@ class Scan(RayTracer):
     def nothing(self) -> Path:
         return NOTHING
 
-    def _followed(self, ray: Any) -> State:
+    def _followed(self, ray: Any) -> MarchState:
         state = super()._followed(ray)
         return replace(state, path=Path(state.carried[: self.counts[0]], [], []))
 

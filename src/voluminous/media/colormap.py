@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from ..errors import InputError
 from .arguments import check_plain, named
 from .color_by import SAMPLES, ColorScale, OpenRange
 from .context import Context
-from .shell import Shell
 from .table import Table
 
 
@@ -26,7 +24,7 @@ class Colormap(Table):
         Name or object; its RGB become three channels.
     vmin, vmax : float or Quantity, optional
         Range of x; beyond it the colours of the ends go on. What is not given is measured when a
-        volume is drawn, as in `calibrate`: so that 99 % of the volume is between.
+        volume is drawn, as in `calibrated`: so that 99 % of the volume is between.
     opacity : float, callable or array_like, shape (samples,), default 1
         Extinction h_α, or a function of the position 0 … 1 in the colormap, or what it gives for
         each of the entries.
@@ -96,9 +94,6 @@ class Colormap(Table):
         """
         _ = self.range.scale
         return super().nodes(context)
-
-    def shells(self) -> tuple[Shell, ...]:
-        return tuple(replace(s, value=self.range.describe()["vmin"]) for s in super().shells())
 
     def describe(self) -> dict[str, Any]:
         ends = {key: value for key, value in self.range.describe().items() if value is not None}

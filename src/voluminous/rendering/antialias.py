@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Backend, dr, from_host
+from ..backend.types import Int
 from ..errors import InputError
 from ..geometry import CYLINDRICAL, SPHERICAL
 from ..grids.contract import Ray
@@ -91,15 +92,7 @@ class Means:
 
 
 def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
-    """Replace the paths of pixels where the picture is not smooth by means over more rays.
-
-    Parameters
-    ----------
-    paths : Paths
-        One ray through the centre of every pixel.
-    tolerance : float
-        Differences that matter, as a fraction of the brightest pixel (of transparencies: as such).
-    """
+    """Replace the paths of pixels where the picture is not smooth by means over more rays."""
     seen, pixels = _seen(tracer, paths), tracer.job.frame.pixels
     scale = _scale(seen, len(paths.transparency))
     seen = seen / scale
@@ -222,7 +215,7 @@ def _count(
 
 
 @dataclass
-class State:
+class WidthState:
     """What goes round the loop: where a ray is, and the least width so far."""
 
     cursor: Any
@@ -232,7 +225,7 @@ class State:
 class MinCellWidth:
     """Follows rays through a grid's cells."""
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
         self.walk = grid.walk(backend)
 
@@ -241,19 +234,19 @@ class MinCellWidth:
         track, cursor = self.walk.enter(ray)
         sight = self.sight(ray)
 
-        def inside(state: State) -> Any:
+        def inside(state: WidthState) -> Any:
             return state.cursor.inside
 
-        def step(state: State) -> tuple[State]:
+        def step(state: WidthState) -> tuple[WidthState]:
             here = state.cursor
             if self.walk.has_gaps:
                 here = self.walk.cross(track, here).cursor
             segment, cursor = self.walk.next(track, here)
             width = self.width(here, segment, sight)
             narrower = segment.active & (segment.length > 0.0) & (width < state.least)
-            return (State(cursor, dr.select(narrower, width, state.least)),)
+            return (WidthState(cursor, dr.select(narrower, width, state.least)),)
 
-        state = State(cursor, self.before(sight, dr.width(ray.direction)))
+        state = WidthState(cursor, self.before(sight, dr.width(ray.direction)))
         (state,) = dr.while_loop((state,), inside, step, label="min_cell_width")
         return np.asarray(state.least, np.float64) * self.unit
 
@@ -275,7 +268,7 @@ class MinCellWidth:
 class TreeCellWidth(MinCellWidth):
     """Widths in units of the first base cell's finest parts."""
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, backend)
         largest = int(np.argmin(grid.levels))
         self.largest = float(grid.boxes(largest, largest + 1)[1][0, 0])
@@ -328,7 +321,7 @@ class SphericalCellWidth(MinCellWidth):
         Rays run towards the camera.
     """
 
-    def __init__(self, grid: Any, backend: Any, backward: bool) -> None:
+    def __init__(self, grid: Any, backend: Backend, backward: bool) -> None:
         super().__init__(grid, backend)
         self.backward = backward
         self.unit = grid.scale
@@ -382,7 +375,7 @@ class SphericalCellWidth(MinCellWidth):
 class CylindricalCellWidth(MinCellWidth):
     """Widths along R, φ and z, with the limits that RADMC-3D has for spherical grids."""
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, backend)
         self.unit = grid.scale
         low, high = grid.spans()
@@ -417,7 +410,7 @@ def _depth(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return depth
 
 
-def _packets(backend: Any, *columns: np.ndarray) -> Any:
+def _packets(backend: Backend, *columns: np.ndarray) -> Any:
     return from_host(backend.Float, np.stack(columns, axis=1).reshape(-1))
 
 
@@ -449,7 +442,7 @@ class PixelParts:
         """Their area in pixels."""
         return float(0.25**self.depth)
 
-    def of(self, index: Any) -> PixelParts:
+    def of(self, index: Int) -> PixelParts:
         """Return some of them."""
         return PixelParts(self.entry[index], self.center[:, index], self.depth)
 
@@ -538,13 +531,7 @@ class _PathMeans:
 
 
 def _narrowest(job: RenderJob) -> MinCellWidth:
-    """Return what finds the narrowest cells that a job's rays meet.
-
-    Raises
-    ------
-    InputError
-        If there is no rule for such a grid.
-    """
+    """Return what finds the narrowest cells that a job's rays meet."""
     grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
     if kind == SPHERICAL:
         return SphericalCellWidth(grid, job.backend, job.backward)

@@ -17,7 +17,7 @@ from ..packages import room
 from ..progress import Progress, silent, with_progress
 from ..units import unit_name
 from ..volume import Volume
-from .empty_picture import warn_of_unseen
+from .empty_picture import warn_if_empty
 from .framing import first_camera, first_medium, framed
 from .job import RenderJob, RenderResult
 from .layers import with_channels
@@ -116,8 +116,7 @@ def render(
     Warns
     -----
     UserWarning
-        If the picture shows nothing of the medium, or a part of it (of a sum, of several levels) is
-        nowhere in the volume; with the ranges of what it looks at.
+        If the picture shows nothing of the medium; with the ranges of its expressions.
 
     Raises
     ------
@@ -150,7 +149,7 @@ def render(
     planes = job.run(float(np.max(np.abs(behind))))
     if not planes.finite:
         refuse_unusable(job.backend.precision)
-    warn_of_unseen(job, planes, others=bool(things))
+    warn_if_empty(job, planes, others=bool(things))
     told: dict[str, Any] = {"samples": samples if antialias is None else antialias, "order": order}
     if things:
         channels = channel_count(things, job)

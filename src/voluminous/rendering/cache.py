@@ -1,4 +1,4 @@
-"""Statistics of a volume's fields, and the cache of everything that was made from them."""
+"""VolumeStatistics of a volume's fields, and the cache of everything that was made from them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEAST = 1 << 18
 SLABS = 96 << 20
 
 
-class Statistics:
+class VolumeStatistics:
     """Least value, largest value and digest of each field: all that planning a picture needs.
 
     Parameters
@@ -100,7 +100,7 @@ class Cache:
 
     def __init__(self, volume: Volume) -> None:
         self.volume = volume
-        self.statistics = Statistics(volume, self)
+        self.statistics = VolumeStatistics(volume, self)
         self._used: set[Hashable] = set()
 
     def get(self, key: Hashable) -> Any:

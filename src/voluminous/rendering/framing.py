@@ -73,7 +73,7 @@ def perspective(framing: Orthographic, volume: Volume, fov: float) -> tuple[Any,
 
 
 def first_camera(
-    volume: Any, incl: Any = None, phi: Any = None, *, view: str | None = None
+    volume: Volume, incl: Any = None, phi: Any = None, *, view: str | None = None
 ) -> Orthographic:
     """Return a camera that sees all of a volume from given angles, or in a view."""
     given = {name: v for name, v in (("incl", incl), ("phi", phi)) if v is not None}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import functools
+import importlib
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import Backend, dr
+from ..media.contract import Medium
 from ..schemes.base import Scheme
 from ..volume import Volume
 from .antialias import FluxConserving, refine
@@ -78,11 +80,11 @@ class RenderJob:
     """
 
     volume: Volume
-    medium: Any
+    medium: Medium
     camera: Any
     frame: Any
     scheme: Scheme
-    backend: Any
+    backend: Backend
     backward: bool
     cutoff: float | None
     tolerance: float
@@ -256,10 +258,9 @@ class RenderJob:
 
     def provenance(self) -> dict[str, Any]:
         """Return what is drawn, and how, as plain values."""
-        from .. import __version__
-
+        package = importlib.import_module(__package__.partition(".")[0])
         return {
-            "software": f"voluminous {__version__}",
+            "software": f"voluminous {package.__version__}",
             "scheme": self.scheme.name,
             "precision": self.backend.precision,
             "device": self.backend.device,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr, from_host
+from ..backend.types import Int
 from ..grids.contract import Ray
 from ..objects.contract import Layers
 from .antialias import left_of_edges
@@ -60,7 +61,7 @@ class Pairs:
         ]
         return np.stack(error, axis=1)
 
-    def some(self, index: Any) -> Pairs:
+    def some(self, index: Int) -> Pairs:
         """Return some of them."""
         return Pairs(*(part.take(index, axis=0) for part in self.parts))
 
@@ -84,13 +85,6 @@ def fold(pairs: Pairs, count: np.ndarray) -> Pairs:
 
     Folding is associative: neighbours are joined in each round, so that there are few rounds,
     however many pairs one pixel has.
-
-    Parameters
-    ----------
-    pairs : Pairs
-        Group after group.
-    count : int array
-        How many pairs each group has, at least one.
     """
     count = np.asarray(count)
     several = np.flatnonzero(count > 1)
@@ -155,15 +149,6 @@ class Stretches(RayTracer):
         """Return the stretches in front of layers: from the observer, or from the layer before.
 
         Rays are followed in the order of `layers`, where neighbours cross the same cells.
-
-        Parameters
-        ----------
-        order : array of int
-            The order of the result: layers of one pixel after one another, the nearest first.
-        first : array of int
-            Where in that order a pixel's first one is.
-        offsets : list of (float, float)
-            Where in pixels rays go through, from their centres: each gives stretches of its own.
         """
         before = np.roll(layers.depth.take(order), 1)
         before[first] = -np.inf

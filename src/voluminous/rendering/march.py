@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..backend import dr
-from ..backend.types import Mask
+from ..backend.types import Float, Mask
 from ..grids.cartesian.leap import Way, leap
 from ..grids.contract import Landing, Ray
 from ..schemes.base import Position, Scheme, Source
@@ -52,17 +52,17 @@ class RayState:
     """
 
     path: Path
-    carried: list[Any] | None = None
+    carried: list[Float] | None = None
     begun: Mask = None
     over: Mask = None
 
 
 @dataclass
-class State:
+class MarchState:
     """The state of the loop; `over` are the lanes that reached the cut-off."""
 
     cursor: Any
-    carried: list[Any]
+    carried: list[Float]
     path: Path
     over: Mask
 
@@ -75,35 +75,22 @@ def march(
     before: RayState,
     cutoff: Cutoff | None,
     backward: bool,
-) -> State:
+) -> MarchState:
     """Follow rays through the volume and return where they end, and what they have gathered.
 
     The cursor of a ray that stopped early is still inside.
-
-    Parameters
-    ----------
-    walk, source, scheme
-        How to step, what the medium is, and how one segment is solved.
-    ray : Ray
-        Rays to follow; they run towards the camera if `backward`.
-    before : RayState
-        What the rays bring along from the piece of the domain before this one.
-    cutoff : Cutoff or None
-        When to stop early (only away from the camera).
-    backward : bool
-        Fold back to front.
     """
     track, cursor = walk.enter(ray)
     never = cursor.inside & False
     carried = scheme.start(Position(walk, track, cursor), source)
     if before.carried is not None:
         carried = dr.select(before.begun, before.carried, carried)
-    state = State(cursor, carried, before.path, never if before.over is None else before.over)
+    state = MarchState(cursor, carried, before.path, never if before.over is None else before.over)
 
-    def going_on(state: State) -> Any:
+    def going_on(state: MarchState) -> Any:
         return state.cursor.inside & ~state.over
 
-    def step(state: State) -> tuple[State]:
+    def step(state: MarchState) -> tuple[MarchState]:
         segment, cursor = walk.next(track, state.cursor)
         segment.ray, segment.walk, segment.track = ray, walk, track
         segment.backward = backward
@@ -112,12 +99,12 @@ def march(
         # The path BEFORE this segment is tested: the next look-up then need not wait for this
         # segment's exponential (first order: 32 instead of 43 ms; one segment more is harmless).
         reached = never if cutoff is None else cutoff.reached(state.path)
-        return (State(cursor, carried, over(front, back), reached),)
+        return (MarchState(cursor, carried, over(front, back), reached),)
 
     leaps = walk.leaps and source.blocks is not None
     way = Way(walk, track, source.blocks) if leaps else None
 
-    def visit(state: State) -> tuple[State]:
+    def visit(state: MarchState) -> tuple[MarchState]:
         """Cross what is empty, then the block, or the cells up to a gap, where something is."""
         found: Landing
         if way is not None:
@@ -127,10 +114,10 @@ def march(
         here = Position(walk, track, found.cursor)
         carried = scheme.after_skip(here, source, state.carried, found.moved)
 
-        def within(state: State) -> Any:
+        def within(state: MarchState) -> Any:
             return going_on(state) & found.holds(state.cursor)
 
-        entered = State(found.cursor, carried, state.path, state.over)
+        entered = MarchState(found.cursor, carried, state.path, state.over)
         if leaps and source.blocks.coarse:
             # One step crosses most blocks: a loop over them takes longer than looking again where
             # it does not (core, 100³: 20 ms with it, 17 ms without).
@@ -144,7 +131,7 @@ def march(
     return state
 
 
-def hand_on(before: RayState, entered: Mask, after: State) -> RayState:
+def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:
     """Return what rays take to the next piece, with the lanes that `entered` this one."""
     begun = entered if before.begun is None else before.begun | entered
     return RayState(after.path, after.carried, begun, after.over)

@@ -15,13 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import Backend, dr
 from ..backend.types import Float, Int, Mask
 from ..errors import InputError
 from ..grids.contract import Segment
 from ..grids.two_walks import TwoWalks, cell_of
 from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import empty_path
+from ..volume import Volume
 from .cache import Cache
 
 
@@ -39,12 +40,12 @@ class HiddenCells:
         packed = np.packbits(missing.reshape(-1), bitorder="little")
         self.words = np.pad(packed, (0, -len(packed) % 4)).view("<u4")
 
-    def on(self, backend: Any) -> Any:
+    def on(self, backend: Backend) -> Any:
         """Return the bits where kernels find them."""
         return backend.UInt(np.ascontiguousarray(self.words, np.uint32))
 
 
-def through_cells(walk: Any, grid: Any, backend: Any) -> Any:
+def through_cells(walk: Any, grid: Any, backend: Backend) -> Any:
     """Return a walk whose segments lie in one cell of the grid each."""
     return walk if walk.in_cells else TwoWalks(walk, grid.walk(backend))
 
@@ -99,29 +100,14 @@ class Completed:
         How many values each field lacks.
     """
 
-    volume: Any
+    volume: Volume
     cache: Cache
     hidden: HiddenCells | None
     counts: dict[str, int]
 
 
 def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
-    """Return the volume with values in place of those that are missing; itself if none is.
-
-    Parameters
-    ----------
-    cache : Cache
-        What is kept of the volume.
-    names : iterable of str
-        What the medium looks at.
-    hashed : bool
-        All fields are going to be hashed in any case.
-
-    Raises
-    ------
-    InputError
-        If a field has infinite values, or nothing but missing ones.
-    """
+    """Return the volume with values in place of those that are missing; itself if none is."""
     volume = cache.volume
     fields = sorted(volume.given(names))
     if hashed:
@@ -136,14 +122,14 @@ def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
     return Completed(seen, Cache(seen), hidden, counts)
 
 
-def _all_finite(volume: Any, name: str, cache: Any) -> bool:
+def _all_finite(volume: Volume, name: str, cache: Any) -> bool:
     """Return whether a field has a value everywhere: its least and largest tell."""
     if volume.array(name).dtype.kind != "f":
         return True
     return bool(np.all(np.isfinite(cache.statistics.extremes(name))))
 
 
-def _complete(volume: Any, names: list[str]) -> tuple[Any, HiddenCells, dict[str, int]]:
+def _complete(volume: Volume, names: list[str]) -> tuple[Any, HiddenCells, dict[str, int]]:
     """Return the volume with values everywhere, the cells that lack some, and how many."""
     missing, counts, arrays = np.zeros(volume.grid.size, bool), {}, {}
     for name in names:
@@ -157,7 +143,7 @@ def _complete(volume: Any, names: list[str]) -> tuple[Any, HiddenCells, dict[str
     return volume.with_arrays(arrays), HiddenCells(missing), counts
 
 
-def _check_finite(volume: Any, name: str, missing: np.ndarray) -> None:
+def _check_finite(volume: Volume, name: str, missing: np.ndarray) -> None:
     array = volume.array(name).reshape(-1)
     count, first = 0, -1
     for start in range(0, array.size, _CHUNK):
@@ -180,11 +166,6 @@ def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     """Return a field with the mean of what touches them in its missing cells.
 
     Cells that touch none with a value get the mean of the field: nothing shows it.
-
-    Parameters
-    ----------
-    array : array, of the grid's shape
-    missing : array of bool, flat
     """
     out = array.copy()
     flat = out.reshape(-1)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError
+from ..media.contract import Medium
 from ..media.ranges import RangeContext
 from ..objects import SceneObject
 from ..objects.contract import REACH, Layers, PointLights, View
@@ -36,20 +37,7 @@ _RISE = np.append(np.diff(_BELOW), 0.0)
 def spread(
     points: PointLights, flux: np.ndarray, pixels: tuple[int, int]
 ) -> tuple[np.ndarray, int]:
-    """Return what points of light add to some rows of a picture, and which is the first of them.
-
-    Parameters
-    ----------
-    flux : array, shape (n, channel)
-        Of each point, as it is seen.
-    pixels : (int, int)
-        Size of the picture: what is outside is lost.
-
-    Returns
-    -------
-    array, shape (channel, rows, nx)
-    int
-    """
+    """Return what points of light add to some rows of a picture, and which is the first of them."""
     (nx, ny), (width, height) = pixels, points.sigma.tolist()
     x, share = _shares(points.x, width, nx)
     y, other = _shares(points.y, height, ny)
@@ -87,14 +75,7 @@ def _parts(offset: np.ndarray, sigma: float, reach: int) -> np.ndarray:
 def seen_through(
     points: PointLights, layers: Layers, tracer: Stretches
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return how much of each point of light comes through what is in front, and how far it is off.
-
-    Returns
-    -------
-    array, shape (n, channel or 1)
-    array, shape (n, 1) or (n, 0)
-        Nothing, if the scheme does not tell.
-    """
+    """Return how much of each point of light comes through what is in front, and its error."""
     nx, ny = tracer.job.frame.pixels
     x, y = (np.clip(np.floor(w + 0.5), 0, n - 1) for w, n in ((points.x, nx), (points.y, ny)))
     pixel = (y * nx + x).astype(np.int64)
@@ -140,13 +121,7 @@ def shine(
 
 
 def check_objects(objects: Any, bounds: Any) -> list[SceneObject]:
-    """Return objects as a list.
-
-    Raises
-    ------
-    InputError
-        If one is something else, or bounds are asked for.
-    """
+    """Return objects as a list."""
     listed = [objects] if isinstance(objects, SceneObject) else objects
     if not isinstance(listed, Sequence) or isinstance(listed, str):
         raise InputError(f"objects must be a list of vm.Stars, vm.Lines, …, got {objects!r}")
@@ -170,14 +145,7 @@ def wide_background(background: np.ndarray, channels: int, total: int) -> np.nda
 
 
 def channel_count(objects: list[SceneObject], job: RenderJob) -> int:
-    """Return how many channels a picture has: the medium's, and those of objects.
-
-    Raises
-    ------
-    InputError
-        If nothing is known of the extinction in an object's channel, or channels without anything
-        would be left between the medium's and an object's.
-    """
+    """Return how many channels a picture has: the medium's, and those of objects."""
     own = int(job.medium.channels)
     beyond = {one.channel for one in objects if one.channel is not None and one.channel >= own}
     if beyond and max(beyond) >= own + len(beyond):
@@ -229,17 +197,7 @@ def with_objects(
     background: np.ndarray,
     total: int,
 ) -> RenderResult:
-    """Return the planes of a picture with objects in it.
-
-    Parameters
-    ----------
-    planes : RenderResult
-        Of the medium alone.
-    background : array
-        Intensities behind everything.
-    total : int
-        Channels of the picture, see `channel_count`.
-    """
+    """Return the planes of a picture with objects in it."""
     planes = _widened(planes, job.medium, total)
 
     def brightest_pixel() -> float:
@@ -267,7 +225,7 @@ def with_objects(
     return planes
 
 
-def _widened(planes: RenderResult, medium: Any, total: int) -> RenderResult:
+def _widened(planes: RenderResult, medium: Medium, total: int) -> RenderResult:
     more = total - int(medium.channels)
     if not more:
         return planes

@@ -48,15 +48,7 @@ _named: set[str] = set()
 
 
 def check_pixels(pixels: tuple[int, int], channels: int, backend: Backend) -> None:
-    """Refuse a picture that cannot be held.
-
-    Raises
-    ------
-    InputError
-        If it has more pixels than an array can have.
-    MemoryNeededError
-        If there is not enough memory for it.
-    """
+    """Refuse a picture that cannot be held."""
     count = int(pixels[0]) * int(pixels[1])
     size = f"a picture of {pixels[0]} x {pixels[1]} pixels"
     if count > _MOST_PIXELS:
@@ -73,13 +65,7 @@ def check_order(order: Any) -> bool:
 
 
 def check_cutoff(cutoff: Any) -> float | None:
-    """Return the transparency at which rays stop; None for the default criterion.
-
-    Raises
-    ------
-    InputError
-        If the cut-off is not between 0 and 1.
-    """
+    """Return the transparency at which rays stop; None for the default criterion."""
     if cutoff is None:
         return None
     real = isinstance(cutoff, Real)
@@ -92,13 +78,7 @@ def check_cutoff(cutoff: Any) -> float | None:
 
 
 def refuse_unusable(precision: str) -> None:
-    """Raise the error for what is not finite after all rays were followed.
-
-    Raises
-    ------
-    InputError
-        Always.
-    """
+    """Raise the error for what is not finite after all rays were followed."""
     raise InputError(
         "the picture is not finite: the medium gives coefficients that are not, or too large "
         f"for {precision} precision, or a negative extinction, in cells that rays "
@@ -108,13 +88,7 @@ def refuse_unusable(precision: str) -> None:
 
 
 def check_tolerance(tolerance: Any) -> float:
-    """Return the error allowed, relative to the brightest pixel.
-
-    Raises
-    ------
-    InputError
-        If it is not between 1e-9 and 1.
-    """
+    """Return the error allowed, relative to the brightest pixel."""
     if tolerance is None:
         return _CARELESS
     real = isinstance(tolerance, Real)
@@ -127,12 +101,7 @@ def check_tolerance(tolerance: Any) -> float:
 
 
 def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
-    """Refuse numbers of rays and ways to choose them that there are not.
-
-    Raises
-    ------
-    InputError, UnknownNameError
-    """
+    """Refuse numbers of rays and ways to choose them that there are not."""
     renamed = {"adaptive": "adaptive", "flux-conserving": "radmc3d"}
     if isinstance(samples, str) and samples in renamed:
         raise InputError(f"samples={samples!r} is now antialias={renamed[samples]!r}")
@@ -160,11 +129,6 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
     RADMC-3D quarters a pixel while its longer side exceeds the width of the narrowest cell that its
     ray meets. Where all cells count as wide as the first one, every ray decides alike: it is a
     regular division into 2^k × 2^k. Otherwise n is 1, and `antialias.FluxConserving` does the rest.
-
-    Raises
-    ------
-    InputError
-        If there would be too many.
     """
     if antialias != "radmc3d" or not grid.is_rectilinear:
         return int(samples)
@@ -179,13 +143,7 @@ def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -
 
 
 def check_walk(scheme: Scheme, grid: Grid) -> None:
-    """Refuse a scheme that a grid has no walk for.
-
-    Raises
-    ------
-    InputError
-        Names a scheme that every grid has.
-    """
+    """Refuse a scheme that a grid has no walk for."""
     missing = scheme.coefficients_at == "field" and "dual" not in grid.walk_kinds
     missing |= scheme.coefficients_at == "vertex" and not grid.has_vertices
     if missing:
@@ -199,11 +157,6 @@ def check_coordinates(scheme: Scheme, grid: Grid, names: Iterable[str]) -> None:
     """Refuse coordinates that differ within cells, for schemes that look at these as wholes.
 
     A disc of cells all around the axis cannot be cut open by ``x > 0`` cell by cell.
-
-    Raises
-    ------
-    InputError
-        Tells how they can be had.
     """
     several = many_valued(grid)
     for name in names:
@@ -218,13 +171,7 @@ def check_coordinates(scheme: Scheme, grid: Grid, names: Iterable[str]) -> None:
 
 
 def background_array(background: Any, pixels: tuple[int, int], channels: int) -> np.ndarray:
-    """Return the background as an array that broadcasts to (ny, nx, channel).
-
-    Raises
-    ------
-    InputError
-        If it is neither a number, nor one per channel, nor an image of the right size.
-    """
+    """Return the background as an array that broadcasts to (ny, nx, channel)."""
     given = as_quantity(getattr(background, "intensity", background))
     if channels == 3 and isinstance(given, str):
         given = get_color(given)

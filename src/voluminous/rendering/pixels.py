@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Backend, dr, from_host
 
 # Side of a block of pixels: within one, lanes follow the Morton curve, so that the lanes of a
 # vector (16 of them) and the vectors after one another walk through the same cells.
@@ -49,7 +49,7 @@ class Lanes:
 
 
 def some_lanes(
-    pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, pixels: tuple[int, int], backend: Any
+    pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, pixels: tuple[int, int], backend: Backend
 ) -> Lanes:
     """Return the lanes of rays: their pixels' flat numbers, and where they are in these.
 
@@ -68,7 +68,7 @@ MOST_KEPT = 1 << 20
 
 
 @functools.lru_cache(maxsize=4)
-def whole_picture(pixels: tuple[int, int], backend: Any) -> Lanes:
+def whole_picture(pixels: tuple[int, int], backend: Backend) -> Lanes:
     """Return all lanes of an image of (nx, ny) pixels, kept: nobody may write to them."""
     order = PixelOrder(pixels)
     return order.lanes(0, order.count, backend)
@@ -106,7 +106,7 @@ class PixelOrder:
         """Number of lanes, those beyond the image's edges included."""
         return self.columns * self.rows * BLOCK * BLOCK
 
-    def lanes(self, first: int, count: int, backend: Any) -> Lanes:
+    def lanes(self, first: int, count: int, backend: Backend) -> Lanes:
         """Return consecutive lanes, whole blocks of them, through the middles of their pixels."""
         UInt, Wide = backend.UInt, backend.Wide
         lane = dr.arange(UInt, count)

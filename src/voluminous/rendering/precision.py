@@ -107,12 +107,6 @@ def sums_need_double(numbers: Any, bounds: list[float]) -> bool:
 
     Optical depths, and emission compared with the colours: where path lengths are very short or
     very long, or only the tails of shells are there.
-
-    Parameters
-    ----------
-    numbers : PerChannel or SharedProfiles
-    bounds : list of float
-        Bounds of the numbers, as they are in kernels.
     """
     emission = np.array(bounds[: numbers.emissions])
     return _tiny_or_huge(emission, _TINY_SUM) or bool(numbers.densest(bounds) > _DENSE)

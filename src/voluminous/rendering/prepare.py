@@ -110,13 +110,7 @@ def _usual_scheme(medium: Medium) -> str:
 
 
 def _check_units(volume: Volume, medium: Medium) -> None:
-    """Refuse expressions that are not in plain numbers: those of media that others have written.
-
-    Raises
-    ------
-    UnitsError
-        If their units cannot be derived, or numbers would have to be converted.
-    """
+    """Refuse expressions that are not in plain numbers: those of media that others have written."""
     for expr in (feature.expr for feature in medium.known_features()):
         if volume.without_units(expr) is not expr:
             raise UnitsError(

@@ -42,15 +42,6 @@ def render_to_tolerance(
 
     Returns the paths, and False if the medium's faint places, which are left out, may show more.
     The errors are those of segments; `add_rounding_error` adds the others.
-
-    Parameters
-    ----------
-    tolerance : float
-        Fraction of the brightest pixel.
-    background : float
-        Brightest intensity behind the volume.
-    seconds, focus
-        See `RayTracer.batches`.
     """
     source = tracer.source
     behind = in_kernel_unit(background, source.numbers.unit)

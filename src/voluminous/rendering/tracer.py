@@ -16,7 +16,7 @@ from ..backend import clone_inputs, copy_into, dr
 from ..backend.functions import flush_subnormal
 from ..grids.contract import Ray
 from ..schemes.path import Path, empty_path
-from .march import Cutoff, RayState, State, march
+from .march import Cutoff, MarchState, RayState, march
 from .missing import Hiding, through_cells
 from .pixels import BLOCK, MOST_KEPT, Lanes, PixelOrder, some_lanes, subpixel_offsets, whole_picture
 
@@ -234,15 +234,7 @@ class RayTracer:
     def batches(
         self, seconds: float | None = None, focus: tuple[float, float] | None = None
     ) -> Generator[Traced, None, Paths]:
-        """Trace all pixels: yield what each batch has traced, and return all paths at last.
-
-        Parameters
-        ----------
-        seconds : float, optional
-            About how long a batch may take; by default a few tenths.
-        focus : (float, float), optional
-            The pixel around which to begin, the middle of the picture by default.
-        """
+        """Trace all pixels: yield what each batch has traced, and return all paths at last."""
         total: Paths | None = None
         offsets = subpixel_offsets(self.job.samples)
         for offset in offsets:
@@ -286,15 +278,7 @@ class RayTracer:
         )
 
     def rays(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Paths:
-        """Return the paths of single rays.
-
-        Parameters
-        ----------
-        pixel : array of int, shape (n,)
-            Flat numbers of their pixels.
-        du, dv : array, shape (n,)
-            Where in the pixel they go through, in pixels from its centre.
-        """
+        """Return the paths of single rays."""
         gathered = OutputBuffers(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
@@ -337,7 +321,7 @@ class RayTracer:
             other.source.tolerance = numbers.tolerance
         return other
 
-    def _followed(self, ray: Ray) -> State:
+    def _followed(self, ray: Ray) -> MarchState:
         before, backward = RayState(self.nothing()), self.job.backward
         try:
             return march(self.walk, self.source, self.scheme, ray, before, self.ending, backward)

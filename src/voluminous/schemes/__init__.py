@@ -22,11 +22,6 @@ def get_scheme(name: Any, *, controlled: bool = True) -> Scheme:
     """Return the scheme of a name; a `Scheme` is returned as it is.
 
     Without error control ``"post-classified"`` is ``"pre-integrated"``.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such scheme.
     """
     if isinstance(name, Scheme):
         return name

@@ -55,15 +55,7 @@ class SecondOrder(VertexScheme):
 def visibility(
     a_front: list[Float], a_back: list[Float], depth: list[Float]
 ) -> tuple[list[tuple[Float, Float]], list[Float]]:
-    """Return (W_f, W_b), how much of each end's emission is seen, and θ, for each extinction.
-
-    Parameters
-    ----------
-    a_front, a_back : list of arrays
-        Extinction times segment length at the two ends.
-    depth : list of arrays
-        Optical depth of the segment, the mean of both.
-    """
+    """Return (W_f, W_b), how much of each end's emission is seen, and θ, for each extinction."""
     precision = precision_of(type(depth[0]))
     deepest = functools.reduce(lambda a, b: dr.select(a > b, a, b), depth)
     flat: list[Float] = dr.if_stmt(

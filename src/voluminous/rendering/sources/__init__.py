@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ...backend import Backend
+from ...media.contract import Medium
+from ...schemes.base import Scheme
+from ...volume import Volume
 from ..cache import Cache
 from .cells import CellEvaluator
 from .channel_layout import choose_layout
@@ -13,10 +17,10 @@ from .table import tabulated
 
 
 def get_source(
-    volume: Any,
-    medium: Any,
-    scheme: Any,
-    backend: Any,
+    volume: Volume,
+    medium: Medium,
+    scheme: Scheme,
+    backend: Backend,
     steps: float,
     report: Callable[..., None],
     tolerance: float = 1e-3,
@@ -25,23 +29,7 @@ def get_source(
     cache: Cache,
     whole: bool = True,
 ) -> Any:
-    """Return the coefficients for a scheme.
-
-    Parameters
-    ----------
-    steps : float
-        About how many cells the rays will cross in all.
-    report : callable
-        Called as ``report(done, total)`` while classifying.
-    tolerance : float
-        What a scheme that controls its error is to keep to.
-    faintest : bool
-        Leave nothing out, however faint.
-    cache : Cache
-        What was made of the volume before.
-    whole : bool
-        No cell is hidden: rays may cross several at once.
-    """
+    """Return the coefficients for a scheme."""
     numbers = choose_layout(medium, scheme, backend)
     evaluator = CellEvaluator(volume, medium, numbers, backend, cache.statistics)
     if scheme.coefficients_at == "field":

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import aligned, dr, from_host
+from ...backend import Backend, aligned, dr, from_host
+from ...backend.types import Float, Int, Mask
 from ...errors import InputError
 from ...expressions import Expression
 from ...expressions.interval import Interval
@@ -16,7 +17,8 @@ from ...media.context import Context
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
 from ...memory import check_memory
-from ..cache import Statistics
+from ...volume import Volume
+from ..cache import VolumeStatistics
 
 # Cells whose coordinates are computed at once.
 _CHUNK = 1 << 20
@@ -36,7 +38,7 @@ class CellCenters:
         What the medium looks at; may hold fields.
     """
 
-    def __init__(self, volume: Any, names: Any, backend: Any) -> None:
+    def __init__(self, volume: Volume, names: Any, backend: Backend) -> None:
         self.grid, self.backend = volume.grid, backend
         self.names = [n for n in names if n in volume.coordinates and n not in volume]
         cartesian = all(name in COORDINATES for name in self.names)
@@ -52,7 +54,7 @@ class CellCenters:
         found = coordinates(self.grid, self.names, first, first + count)
         return {name: self._on_device(values) for name, values in found.items()}
 
-    def at(self, cell: Any, active: Any) -> dict[str, Any]:
+    def at(self, cell: Int, active: Mask) -> dict[str, Any]:
         """Return the coordinates of any cells (traced)."""
         if self.traced:
             return self._computed(cell)
@@ -73,7 +75,7 @@ class CellCenters:
             self._whole = {name: self._on_device(values) for name, values in filled.items()}
         return self._whole
 
-    def _computed(self, cell: Any) -> dict[str, Any]:
+    def _computed(self, cell: Int) -> dict[str, Any]:
         values = dict(zip("xyz", self.grid.traced_centers(cell, self.backend), strict=True))
         values["r"] = dr.sqrt(sum(values[name] * values[name] for name in "xyz"))
         return {name: values[name] for name in self.names}
@@ -95,16 +97,16 @@ class CellEvaluator:
 
     def __init__(
         self,
-        volume: Any,
+        volume: Volume,
         medium: Medium,
         numbers: Any,
-        backend: Any,
-        statistics: Statistics | None = None,
+        backend: Backend,
+        statistics: VolumeStatistics | None = None,
     ) -> None:
         self.volume, self.medium, self.numbers = volume, medium, numbers
         self._largest: list[float] | None = None
         self.backend, self.grid = backend, volume.grid
-        self.statistics = statistics or Statistics(volume)
+        self.statistics = statistics or VolumeStatistics(volume)
         check_fields(volume, medium)
         self.centers = CellCenters(volume, medium.names, backend)
 
@@ -152,7 +154,7 @@ class CellEvaluator:
             found = self.numbers.ranges(fields, context)
         return [np.maximum(np.abs(v.lo), np.abs(v.hi)) * self.grid.scale for v in found]
 
-    def unusable(self, values: list[Any]) -> Any:
+    def unusable(self, values: list[Float]) -> Any:
         """Return where numbers are not finite, or an extinction is negative (traced)."""
         bad = self.backend.Bool(False)
         for v in values:
@@ -165,14 +167,8 @@ class CellEvaluator:
         flat = self.volume.array(name).reshape(-1)[first : first + count]
         return self.backend.Wide(device_array(aligned(_floating(flat)), self.backend))
 
-    def refuse(self, values: list[Any], bad: Any, first: int) -> None:
-        """Raise the error that names the first cell with unusable coefficients.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
+    def refuse(self, values: list[Float], bad: Any, first: int) -> None:
+        """Raise the error that names the first cell with unusable coefficients."""
         bad = np.asarray(bad)
         place = int(np.flatnonzero(bad)[0])
         cell = tuple(int(i) for i in np.unravel_index(first + place, self.grid.shape))
@@ -195,14 +191,14 @@ class CellEvaluator:
         )
 
 
-def check_fields(volume: Any, medium: Medium) -> None:
+def check_fields(volume: Volume, medium: Medium) -> None:
     """Raise the error that names the nearest field if a medium looks at an unknown one."""
     for name in medium.names:
         if name not in volume.coordinates and name not in volume:
             volume.array(name)
 
 
-def device_array(flat: np.ndarray, backend: Any) -> Any:
+def device_array(flat: np.ndarray, backend: Backend) -> Any:
     """Return numbers on the device, integers as floating point that holds them.
 
     Float arrays in the CPU's memory are used where they are: to gather from, unless they are
@@ -223,7 +219,7 @@ def _floating(flat: np.ndarray) -> np.ndarray:
 _ACROSS = "sqrt(x*x + y*y)"
 
 
-def ray_coordinates(volume: Any, names: Iterable[str]) -> dict[str, Expression]:
+def ray_coordinates(volume: Volume, names: Iterable[str]) -> dict[str, Expression]:
     """Return the grid's own coordinates among some names, computed from x, y and z."""
     grid = volume.grid
     own = [n for n in names if n in grid.coordinates and n not in (*COORDINATES, *volume)]

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ...backend import Backend, dr, from_host
+from ...backend.types import Int, Mask
 from ...errors import InputError
 from ...grids.cartesian.coarse_walk import CoarseChord, padded_count
 from ...grids.cartesian.dual_walk import Chord
@@ -32,7 +33,7 @@ _FIELDS = 4
 Corners = list[list[list[Any]]]
 
 
-class Lattice:
+class FieldLattice:
     """A field as rays gather it: what a grid's `lattice` returns for each array.
 
     Attributes
@@ -43,7 +44,7 @@ class Lattice:
 
     unit: float
 
-    def corners(self, chord: Any, active: Any) -> Corners:
+    def corners(self, chord: Any, active: Mask) -> Corners:
         """Return the values around the dual cell of a segment."""
         raise NotImplementedError
 
@@ -57,7 +58,7 @@ class Lattice:
 
 
 @dataclass
-class FacePackets(Lattice):
+class FacePackets(FieldLattice):
     """Values of faces of constant x: f[i, j, k], f[i, j, k+1], f[i, j+1, k], f[i, j+1, k+1]."""
 
     data: Any
@@ -65,20 +66,20 @@ class FacePackets(Lattice):
     stride: Any
     packet: Any
 
-    def corners(self, chord: Chord, active: Any) -> Corners:
+    def corners(self, chord: Chord, active: Mask) -> Corners:
         """Return the eight values around a dual cell."""
         return faces(self.packet, self.data, chord.cell, self.stride, active)
 
 
 @dataclass
-class NodalValues(Lattice):
+class NodalValues(FieldLattice):
     """Every value once."""
 
     data: Any
     unit: float
     strides: tuple[Any, Any]
 
-    def corners(self, chord: Chord, active: Any) -> Corners:
+    def corners(self, chord: Chord, active: Mask) -> Corners:
         """Return the eight values around a dual cell."""
         x, y = self.strides
         return [
@@ -86,24 +87,24 @@ class NodalValues(Lattice):
             for a in (0, x)
         ]
 
-    def _value(self, index: Any, active: Any) -> Any:
+    def _value(self, index: Int, active: Mask) -> Any:
         return dr.gather(type(self.data), self.data, index, active)
 
 
 @dataclass
-class CornerPackets(Lattice):
+class CornerPackets(FieldLattice):
     """The eight values of every cell of a tree side by side (`corner_values`)."""
 
     data: Any
     unit: float
     packet: Any
 
-    def corners(self, chord: Any, active: Any) -> Corners:
+    def corners(self, chord: Any, active: Mask) -> Corners:
         """Return the eight values at the corners of a cell."""
         return faces(self.packet, self.data, 2 * chord.cell, 1, active)
 
 
-def faces(packet: Any, data: Any, index: Any, stride: Any, active: Any) -> Corners:
+def faces(packet: Any, data: Any, index: Int, stride: Any, active: Mask) -> Corners:
     """Return the eight values around a dual cell, from the quads of its two faces."""
     found = [list(dr.gather(packet, data, k, active)) for k in (index, index + stride)]
     return [[f[0:2], f[2:4]] for f in found]
@@ -115,16 +116,8 @@ def faces_size(shape: Any) -> int:
     return 4 * (nx + 2) * (ny + 1) * (nz + 1)
 
 
-def _check_size(count: int, backend: Any) -> None:
-    """Refuse a field that cannot be held beside the volume, as so many numbers.
-
-    Raises
-    ------
-    InputError
-        If it has more values than an array can hold.
-    MemoryNeededError
-        If there is not enough memory for a copy.
-    """
+def _check_size(count: int, backend: Backend) -> None:
+    """Refuse a field that cannot be held beside the volume, as so many numbers."""
     if count > LARGEST:
         raise InputError(
             f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "
@@ -134,7 +127,7 @@ def _check_size(count: int, backend: Any) -> None:
     check_memory(count * backend.dtype.itemsize, "a field between cell centres", advice)
 
 
-def field_unit(array: np.ndarray, backend: Any) -> float:
+def field_unit(array: np.ndarray, backend: Backend) -> float:
     """Return the number a field is divided by so that single precision can hold it, mostly 1."""
     ends = np.fmin.reduce(array, axis=None), np.fmax.reduce(array, axis=None)
     most = max(abs(float(end)) for end in ends)
@@ -143,7 +136,7 @@ def field_unit(array: np.ndarray, backend: Any) -> float:
     return unit_near(most)
 
 
-def make_faces(array: np.ndarray, backend: Any, unit: float) -> FacePackets:
+def make_faces(array: np.ndarray, backend: Backend, unit: float) -> FacePackets:
     """Return the quads of a field, divided by a unit.
 
     Faces are gathered from the array itself, some layers of it at a time.
@@ -167,7 +160,7 @@ def _fill(
     layers: tuple[int, int],
     held: tuple[int, int],
     shape: Any,
-    backend: Any,
+    backend: Backend,
     unit: float,
 ) -> None:
     """Write the quads of some layers, from the layers of the field that are held."""
@@ -196,7 +189,7 @@ def _fill(
     dr.eval(data)
 
 
-def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> NodalValues:
+def make_nodes(padded: np.ndarray, backend: Backend, unit: float) -> NodalValues:
     """Return values at the vertices of a dual grid, divided by a unit."""
     if unit != 1.0 or padded.dtype != backend.dtype:
         padded = (
@@ -208,7 +201,7 @@ def make_nodes(padded: np.ndarray, backend: Any, unit: float) -> NodalValues:
 
 
 def make_corner_packets(
-    grid: Any, arrays: Sequence[np.ndarray], backend: Any
+    grid: Any, arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[CornerPackets]:
     """Return the values of fields at the corners of a tree's cells, each divided by a unit.
 
@@ -226,14 +219,14 @@ def make_corner_packets(
     return made
 
 
-def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Any) -> list[CornerPackets]:
+def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Backend) -> list[CornerPackets]:
     """Return the `Grid.lattice` of trees: values at the corners of their cells."""
     _check_size(8 * grid.size, backend)
     return make_corner_packets(grid, arrays, backend)
 
 
 def curvilinear_lattices(
-    grid: Any, arrays: Sequence[np.ndarray], backend: Any
+    grid: Any, arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[NodalValues]:
     """Return the `Grid.lattice` of curvilinear grids."""
     return [
@@ -243,18 +236,18 @@ def curvilinear_lattices(
 
 
 def cartesian_lattices(
-    arrays: Sequence[np.ndarray], backend: Any
+    arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[FacePackets | NodalValues]:
     """Return the `Grid.lattice` of Cartesian grids, each in the layout that pays."""
     return [_cartesian_lattice(array, backend) for array in arrays]
 
 
-def _checked_unit(array: np.ndarray, backend: Any) -> float:
+def _checked_unit(array: np.ndarray, backend: Backend) -> float:
     _check_size(int(np.prod([n + 2 for n in array.shape], dtype=object)), backend)
     return field_unit(array, backend)
 
 
-def _cartesian_lattice(array: np.ndarray, backend: Any) -> FacePackets | NodalValues:
+def _cartesian_lattice(array: np.ndarray, backend: Backend) -> FacePackets | NodalValues:
     unit = _checked_unit(array, backend)
     size = faces_size(array.shape) * backend.dtype.itemsize
     small = size <= _LARGEST_QUADS and fits(4 * size)
@@ -264,7 +257,7 @@ def _cartesian_lattice(array: np.ndarray, backend: Any) -> FacePackets | NodalVa
 
 
 @dataclass
-class Pyramid(Lattice):
+class Pyramid(FieldLattice):
     """FacePackets of every 2nd, 4th and 8th centre, one after the other, and all centres.
 
     Attributes
@@ -287,7 +280,7 @@ class Pyramid(Lattice):
         """Take the unit of the finest values."""
         self.unit = self.fine.unit
 
-    def corners(self, chord: CoarseChord, active: Any) -> Corners:
+    def corners(self, chord: CoarseChord, active: Mask) -> Corners:
         """Return the eight values around a cube of dual cells."""
         found: Corners = dr.if_stmt(
             args=(active,),
@@ -297,7 +290,7 @@ class Pyramid(Lattice):
         )
         return found
 
-    def _coarse(self, chord: CoarseChord, active: Any) -> Corners:
+    def _coarse(self, chord: CoarseChord, active: Mask) -> Corners:
         UInt = type(self.levels[0][0])
         wide = UInt(chord.width)
         step, first, ny, nz = self.levels[0]
@@ -311,7 +304,7 @@ class Pyramid(Lattice):
 
 
 def make_pyramid(
-    array: np.ndarray, fine: FacePackets | NodalValues, steps: tuple[int, ...], backend: Any
+    array: np.ndarray, fine: FacePackets | NodalValues, steps: tuple[int, ...], backend: Backend
 ) -> Pyramid:
     """Return the pyramid of a field, for steps of 2^k cells."""
     parts, levels, total = [], [], 0

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from ...backend import Backend
 from ...expressions.interval import Interval
 from ...grids.cartesian.leap import BITS, Blocks, block_shape, make_blocks
 from ...media.contract import Medium
 from ...media.ranges import RangeContext
+from ...volume import Volume
 from ..cache import Cache
 from .cells import CellEvaluator
 from .corner_layouts import CornerPackets
@@ -109,7 +111,7 @@ def visible_blocks(
 
 
 def worthwhile_blocks(
-    visible: np.ndarray, backend: Any, window: Window, steps: np.ndarray | None = None
+    visible: np.ndarray, backend: Backend, window: Window, steps: np.ndarray | None = None
 ) -> Blocks | None:
     """Return blocks for rays to leap over, or None if few are empty and steps are never wide."""
     if steps is None and np.count_nonzero(visible) > window.worthwhile * visible.size:
@@ -124,7 +126,7 @@ _WORTHWHILE = 0.05
 _CHUNK = 1 << 20
 
 
-def pruned_walk(grid: Any, visible: np.ndarray, backend: Any, kind: str) -> Any:
+def pruned_walk(grid: Any, visible: np.ndarray, backend: Backend, kind: str) -> Any:
     """Return a walk through the leaves that are visible, or None if most of them are."""
     if np.count_nonzero(visible) > _WORTHWHILE * len(visible):
         return None
@@ -192,15 +194,7 @@ class Neglected:
 def empty_blocks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
 ) -> tuple[Any, Neglected]:
-    """Return blocks to leap over, None if there are few empty ones, and what is missed by that.
-
-    Parameters
-    ----------
-    ranges : dict of str to Interval
-        The values of all fields in each block.
-    tolerance : float
-        How wide brackets may be, as a fraction of the brightest pixel.
-    """
+    """Return blocks to leap over, None if there are few empty ones, and what is missed by that."""
     volume, grid = evaluator.volume, evaluator.grid
     if not grid.has_blocks:
         return None, Neglected(np.zeros(evaluator.medium.channels), 0.0)
@@ -277,7 +271,7 @@ def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> dict[s
     return {name: _ranges(evaluator.volume, cache, name, window) for name in names}
 
 
-def _ranges(volume: Any, cache: Cache, name: str, window: Window) -> Any:
+def _ranges(volume: Volume, cache: Cache, name: str, window: Window) -> Any:
     if name not in volume:
         return coordinate_ranges(name, volume.grid.edges, window)
     key = ("ranges", name, cache.statistics.digest(name), window)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import Backend, dr
 from ...backend.types import Float
 from ...expressions import Expression
 from ...grids.cartesian.dual_walk import Chord
@@ -16,6 +16,7 @@ from ...grids.contract import Segment
 from ...media.context import Context
 from ...media.edges import Level
 from ...media.stretch import Panel, Straight, Stretch, with_coordinates, within_limits
+from ...schemes.base import Scheme
 from ...schemes.path import Path, layer
 from ..cache import Cache
 from ..precision import Exactness, exactness
@@ -125,7 +126,7 @@ class Interpolated:
 
     def cubics(
         self, chord: Chord, corners: dict[str, Corners], *, rough: bool = False
-    ) -> dict[str, list[Any]]:
+    ) -> dict[str, list[Float]]:
         """Return every field along a segment, as a polynomial of s from 0 to 1.
 
         Where it is none, it is one to fourth order, or to third if that is enough (`rough`).
@@ -137,15 +138,17 @@ class Interpolated:
             found["xyz"[a]] = [chord.position[a], chord.step[a]]
         return found
 
-    def stretch(self, cubics: dict[str, list[Any]], length: Any, *, rough: bool = False) -> Stretch:
+    def stretch(
+        self, cubics: dict[str, list[Float]], length: Float, *, rough: bool = False
+    ) -> Stretch:
         """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
         return Stretch(self._own(cubics), self.context, length, rough=rough)
 
-    def straight(self, cubics: dict[str, list[Any]], length: Any) -> Straight:
+    def straight(self, cubics: dict[str, list[Float]], length: Float) -> Straight:
         """Return the same with scalars taken as linear."""
         return Straight(self._own(cubics), self.context, length)
 
-    def _own(self, cubics: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    def _own(self, cubics: dict[str, list[Float]]) -> dict[str, list[Float]]:
         return {name: [self._value(name, v) for v in c] for name, c in cubics.items()}
 
     def _value(self, name: str, value: Any) -> Any:
@@ -244,7 +247,7 @@ _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 def interpolated_fields(
     evaluator: CellEvaluator,
     cache: Cache,
-    scheme: Any,
+    scheme: Scheme,
     tolerance: float,
     faintest: bool,
     whole: bool,
@@ -283,7 +286,7 @@ def interpolated_fields(
     return source
 
 
-def _lost_by_places(backend: Any, contrast: float) -> float:
+def _lost_by_places(backend: Backend, contrast: float) -> float:
     """Return the part of a pixel that is lost because places are rounded.
 
     By as much, in parts of their range, scalars are off: a shell that is grazed shows more or less.

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import Backend, dr
 from ...backend.functions import flush_subnormal
-from ...backend.types import Float, Mask
+from ...backend.types import Float, Int, Mask
 from ...errors import InputError
 from ...grids.contract import Corners, Segment
 from ...memory import check_memory, fits
-from ...schemes.base import Coefficients
+from ...schemes.base import Coefficients, Scheme
 from ..cache import SLABS, Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .empty_space import CELLS, get_blocks, pruned_walk, tabled
@@ -31,7 +31,7 @@ def packet_widths(count: int) -> list[int]:
 
 
 @dataclass
-class Table:
+class CoefficientTable:
     """Tabulated coefficients: what a scheme looks up.
 
     Attributes
@@ -52,16 +52,16 @@ class Table:
     widths: list[int]
     numbers: Any
     largest: list[float]
-    backend: Any
+    backend: Backend
     bounds: list[float]
     blocks: Any = None
     walk: Any = None
     walk_kind: ClassVar[str | None] = None
     tolerance: ClassVar[tuple[Float, ...]] = ()
 
-    def gather(self, index: Any, active: Any) -> list[Any]:
+    def gather(self, index: Int, active: Mask) -> list[Any]:
         """Return all numbers at a flat index."""
-        values: list[Any] = []
+        values: list[Float] = []
         for data, width in zip(self.packets, self.widths, strict=True):
             got = dr.gather(self.backend.packet(width), data, self.backend.UInt(index), active)
             values += [got] if width == 1 else list(got)
@@ -84,20 +84,12 @@ class Table:
         return total
 
 
-def cell_table(evaluator: Any, backend: Any, report: Any) -> Table:
-    """Return the coefficients of all cells.
-
-    Parameters
-    ----------
-    evaluator : CellEvaluator
-        Evaluates the medium on ranges of cells.
-    report : callable
-        Called as ``report(done, total)``; may raise to interrupt.
-    """
+def cell_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTable:
+    """Return the coefficients of all cells."""
     return _cells(evaluator, backend, 0, evaluator.grid.size, report)
 
 
-def _cells(evaluator: Any, backend: Any, low: int, high: int, report: Any) -> Table:
+def _cells(evaluator: Any, backend: Backend, low: int, high: int, report: Any) -> CoefficientTable:
     table = _empty_table(evaluator, backend, high - low)
     for first in range(low, high, SLAB):
         last = min(first + SLAB, high)
@@ -106,7 +98,7 @@ def _cells(evaluator: Any, backend: Any, low: int, high: int, report: Any) -> Ta
     return table
 
 
-def vertex_table(evaluator: Any, backend: Any, report: Any) -> Table:
+def vertex_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTable:
     """Return the coefficients at all vertices: plain means over the cells that touch them.
 
     RADMC-3D's rule: cells outside the domain are left out, not counted as zero. Each cell is
@@ -145,7 +137,7 @@ def _unheard(done: int, total: int) -> None:
     """Report nothing."""
 
 
-def _means(cells: Table, grid: Any, vertices: tuple[int, int], low: int) -> list[Any]:
+def _means(cells: CoefficientTable, grid: Any, vertices: tuple[int, int], low: int) -> list[Any]:
     """Return the means at consecutive vertices, from a table of cells that begins with `low`."""
     backend = cells.backend
     UInt, Float = backend.UInt, backend.Float
@@ -161,7 +153,7 @@ def _means(cells: Table, grid: Any, vertices: tuple[int, int], low: int) -> list
     return [t / number for t in total]
 
 
-def _empty_table(evaluator: Any, backend: Any, size: int) -> Table:
+def _empty_table(evaluator: Any, backend: Backend, size: int) -> CoefficientTable:
     count = evaluator.numbers.count
     widths = packet_widths(count)
     if size * max(widths) > LARGEST:
@@ -171,10 +163,12 @@ def _empty_table(evaluator: Any, backend: Any, size: int) -> Table:
         )
     packets = [dr.empty(backend.Float, size * w) for w in widths]
     bounds = evaluator.numbers.in_units(evaluator.largest())
-    return Table(packets, widths, evaluator.numbers, [0.0] * count, backend, bounds)
+    return CoefficientTable(packets, widths, evaluator.numbers, [0.0] * count, backend, bounds)
 
 
-def _classify_into(table: Table, evaluator: Any, first: int, count: int, place: int) -> None:
+def _classify_into(
+    table: CoefficientTable, evaluator: Any, first: int, count: int, place: int
+) -> None:
     """Classify cells from `first` on and write them into a table from `place` on."""
     values = evaluator.classify(first, count)
     bad = evaluator.unusable(values)
@@ -183,7 +177,7 @@ def _classify_into(table: Table, evaluator: Any, first: int, count: int, place: 
         evaluator.refuse(values, bad, first)
 
 
-def _store(table: Table, values: list[Any], first: int, *also: Any) -> None:
+def _store(table: CoefficientTable, values: list[Float], first: int, *also: Any) -> None:
     """Write the numbers of consecutive places into a table, in one kernel with `also`."""
     real = table.backend.Float
     values = [flush_subnormal(real(v)) for v in values]
@@ -210,7 +204,7 @@ class OnRay:
     blocks = walk = walk_kind = None
     tolerance: tuple[Float, ...] = ()
 
-    def __init__(self, evaluator: CellEvaluator, backend: Any) -> None:
+    def __init__(self, evaluator: CellEvaluator, backend: Backend) -> None:
         self.evaluator, self.backend = evaluator, backend
         self.numbers = evaluator.numbers
         volume = evaluator.volume
@@ -241,7 +235,7 @@ class OnRay:
         return flush_subnormal(self.backend.Float(value))
 
 
-def _whole_field(array: np.ndarray, backend: Any) -> Any:
+def _whole_field(array: np.ndarray, backend: Backend) -> Any:
     if array.dtype.kind != "f":
         size = array.size * (4 if array.dtype.itemsize <= 2 else 8)
         check_memory(size, "an integer field as floating point", "crop or coarsen the volume")
@@ -259,7 +253,7 @@ _FAINT = {"single": 1e-9, "double": 1e-18}
 def tabulated(
     evaluator: CellEvaluator,
     cache: Cache,
-    scheme: Any,
+    scheme: Scheme,
     steps: float,
     report: Callable[..., None],
     whole: bool,
@@ -290,7 +284,7 @@ def tabulated(
     return table if key is None else cache.put(key, table)
 
 
-def _pruned(table: Table, grid: Any, scheme: Any, faint: float) -> Any:
+def _pruned(table: CoefficientTable, grid: Any, scheme: Scheme, faint: float) -> Any:
     if scheme.coefficients_at != "cell" or not grid.can_be_pruned:
         return None
     return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
@@ -310,19 +304,19 @@ def _crowded(numbers: Any, needed: int, cells_per_step: float) -> bool:
     return numbers.key() is None or not fits(4 * needed)
 
 
-def _on_ray(evaluator: CellEvaluator, backend: Any) -> OnRay:
+def _on_ray(evaluator: CellEvaluator, backend: Backend) -> OnRay:
     evaluator.numbers.normalise(evaluator.largest())
     return OnRay(evaluator, backend)
 
 
-def table_bytes(evaluator: CellEvaluator, scheme: Any, backend: Any) -> int:
+def table_bytes(evaluator: CellEvaluator, scheme: Scheme, backend: Backend) -> int:
     """Return the memory of a scheme's table."""
     grid = evaluator.grid
     places = grid.vertex_count if scheme.coefficients_at == "vertex" else grid.size
     return places * evaluator.numbers.count * backend.dtype.itemsize
 
 
-def _key(evaluator: CellEvaluator, scheme: Any, cache: Cache, left_out: tuple[Any, ...]) -> Any:
+def _key(evaluator: CellEvaluator, scheme: Scheme, cache: Cache, left_out: tuple[Any, ...]) -> Any:
     own = evaluator.numbers.key()
     if own is None:
         return None

@@ -23,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ...backend import Backend, dr, from_host
+from ...backend.types import Float, Int, Mask
 from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
 from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings
@@ -50,7 +51,7 @@ class CellSamples:
     least: Any
     most: Any
 
-    def with_one(self, value: Any, rise: Any, there: Any) -> CellSamples:
+    def with_one(self, value: Any, rise: Any, there: Mask) -> CellSamples:
         """Return it with one cell more, where there is one."""
         return CellSamples(
             self.values + dr.select(there, value, 0.0),
@@ -91,13 +92,13 @@ class VertexStencil:
     alike: Any
     width: list[Any]
     hanging: Any
-    number: Any
-    low: list[Any]
-    extent: list[Any]
+    number: Int
+    low: list[Float]
+    extent: list[Float]
     size: Any
 
     @classmethod
-    def start(cls, backend: Any, count: int, fields: int) -> VertexStencil:
+    def start(cls, backend: Backend, count: int, fields: int) -> VertexStencil:
         """Return what is known of so many fields before any cell is asked."""
 
         def full(value: float) -> Any:
@@ -135,7 +136,7 @@ class VertexStencil:
         return [said.mean(self.count, share) for said in self.said]
 
 
-def is_corner(vertex: list[Any], low: list[Any], extent: list[Any]) -> Any:
+def is_corner(vertex: list[Float], low: list[Float], extent: list[Float]) -> Any:
     """Return which vertices are corners of boxes that they touch."""
     found = True
     for v, a, s in zip(vertex, low, extent, strict=True):
@@ -165,7 +166,7 @@ class CornerValues:
         If there is not enough memory.
     """
 
-    def __init__(self, grid: Any, fields: Sequence[np.ndarray], backend: Any) -> None:
+    def __init__(self, grid: Any, fields: Sequence[np.ndarray], backend: Backend) -> None:
         advice = "use scheme='first-order', or a coarser or smaller volume"
         needed = corner_bytes(grid, len(fields), backend)
         check_memory(needed, "fields at the corners of cells", advice)
@@ -234,7 +235,7 @@ class CornerValues:
                 dr.scatter(data, value, slot)
             dr.eval(self.data)
 
-    def _lacking(self, cell: Any) -> Any:
+    def _lacking(self, cell: Int) -> Any:
         UInt = self.backend.UInt
         if not dr.width(cell):
             return UInt()
@@ -245,19 +246,19 @@ class CornerValues:
         dr.eval(slot)
         return slot
 
-    def _values(self, vertex: list[Any]) -> list[Any]:
+    def _values(self, vertex: list[Float]) -> list[Any]:
         found = self._meeting(vertex)
         pairs = zip(self._inside(vertex, found), found.means(), strict=True)
         return [self.real(dr.select(found.hanging, inside, mean)) for inside, mean in pairs]
 
-    def _cell(self, vertex: list[Any], octant: Any) -> tuple[Cell, Any]:
+    def _cell(self, vertex: list[Float], octant: Any) -> tuple[Cell, Any]:
         place = [
             v + dr.select((octant >> (2 - axis)) & 1 == 1, 0.5, -0.5)
             for axis, v in enumerate(vertex)
         ]
         return self.around.cell_at(place, dr.full(self.backend.Bool, True, dr.width(vertex)))
 
-    def _meeting(self, vertex: list[Any]) -> VertexStencil:
+    def _meeting(self, vertex: list[Float]) -> VertexStencil:
         def more(octant: Any, found: VertexStencil) -> Any:
             return octant < 8
 
@@ -271,7 +272,7 @@ class CornerValues:
         return found
 
     def _asked(
-        self, found: VertexStencil, vertex: list[Any], cell: Cell, there: Any
+        self, found: VertexStencil, vertex: list[Float], cell: Cell, there: Mask
     ) -> VertexStencil:
         low, extent = self.around.box(cell)
         middle = [dr.fma(e, 0.5, a) for a, e in zip(low, extent, strict=True)]
@@ -301,16 +302,16 @@ class CornerValues:
             dr.select(larger, size, found.size),
         )
 
-    def _rise(self, slopes: list[Any], way: list[Any], number: Any, active: Any) -> Any:
+    def _rise(self, slopes: list[Any], way: list[Any], number: Int, active: Mask) -> Any:
         rise = self.backend.Float(0)
         for own, slope in zip(way, slopes, strict=True):
             rise = dr.fma(own, self._of(slope, number, active), rise)
         return rise
 
-    def _of(self, table: Any, number: Any, active: Any) -> Any:
+    def _of(self, table: Any, number: Int, active: Mask) -> Any:
         return self.backend.Float(dr.gather(self.real, table, number, active))
 
-    def _inside(self, vertex: list[Any], found: VertexStencil) -> list[Any]:
+    def _inside(self, vertex: list[Float], found: VertexStencil) -> list[Any]:
         """Return what is interpolated in the largest cells, whose corners are known."""
         totals = [self.backend.Float(0) for _ in self.data]
         box = zip(vertex, found.low, found.extent, strict=True)
@@ -325,7 +326,7 @@ class CornerValues:
         return totals
 
 
-def corner_bytes(grid: Any, fields: int, backend: Any) -> int:
+def corner_bytes(grid: Any, fields: int, backend: Backend) -> int:
     """Return the memory that fields at the corners of all cells take while they are computed."""
     # Eight corners, three slopes and a value for each; where a cell is.
     needed = (12 * fields * backend.dtype.itemsize + 24) * grid.size

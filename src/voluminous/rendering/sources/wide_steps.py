@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Float, Int
 from ...expressions.interval import Interval
 from ...grids.cartesian.coarse_walk import WIDEST
 from ...grids.cartesian.leap import BITS
@@ -98,7 +99,7 @@ _WORTHWHILE = 0.1
 
 
 @dataclass
-class Fields:
+class FieldSamples:
     """The fields that a medium needs, as they are, and what may be lost of its expressions.
 
     Attributes
@@ -134,21 +135,11 @@ def wide_steps(
     ranges: dict[str, Interval],
     limits: tuple[Limit, ...],
 ) -> np.ndarray | None:
-    """Return log2 of how wide steps may be in each block, or None if few may be wide.
-
-    Parameters
-    ----------
-    visible : bool array, shape (nx, ny, nz) in blocks
-        Blocks that are not empty.
-    ranges : dict of str to Interval
-        The values of all fields in each block.
-    limits : tuple of Limit
-        How far expressions may be off.
-    """
+    """Return log2 of how wide steps may be in each block, or None if few may be wide."""
     backend, volume = evaluator.backend, evaluator.volume
     names = evaluator.medium.names
     data = {n: device_array(volume.array(n).reshape(-1), backend) for n in names}
-    fields = Fields(data, volume.grid.shape, limits, evaluator)
+    fields = FieldSamples(data, volume.grid.shape, limits, evaluator)
     most = _widest(evaluator, visible, ranges)
     steps = np.zeros(visible.shape, np.uint8)
     for step in range(WIDEST, 0, -1):
@@ -190,7 +181,7 @@ def _resized(cubes: np.ndarray, bits: int, all_or_any: Any) -> np.ndarray:
     return np.asarray(found)
 
 
-def _good(fields: Fields, cubes: np.ndarray, step: int) -> np.ndarray:
+def _good(fields: FieldSamples, cubes: np.ndarray, step: int) -> np.ndarray:
     """Return which of some cubes of 2^step dual cells may be crossed in one step."""
     place = np.nonzero(cubes)
     found = np.zeros(cubes.shape, bool)
@@ -208,7 +199,7 @@ class _Cubes:
     fields that are trilinear between the corners: so both are compared with what is there.
     """
 
-    def __init__(self, fields: Fields, first: list[Any], side: int) -> None:
+    def __init__(self, fields: FieldSamples, first: list[Float], side: int) -> None:
         self.fields, self.first, self.side = fields, first, side
         self.backend = fields.evaluator.backend
         self.context = fields.evaluator.context(self.backend.Wide)
@@ -223,10 +214,10 @@ class _Cubes:
         exprs = {limit.expr.text: limit.expr for limit in self.fields.limits}
         planes = {text: (expr, self._affine(expr)) for text, expr in exprs.items()}
 
-        def going_on(number: Any, good: Any) -> Any:
+        def going_on(number: Int, good: Any) -> Any:
             return good & (number < count)
 
-        def body(number: Any, good: Any) -> tuple[Any, Any]:
+        def body(number: Int, good: Any) -> tuple[Any, Any]:
             plane = backend.quotient(number, row)
             layer = backend.quotient(plane, row)
             inner = [layer, plane - layer * row, number - plane * row]
@@ -250,7 +241,7 @@ class _Cubes:
             )
         return means
 
-    def _alike(self, inner: list[Any], planes: dict[str, tuple[Any, list[Any]]]) -> Any:
+    def _alike(self, inner: list[Float], planes: dict[str, tuple[Any, list[Any]]]) -> Any:
         exact = self.fields.at([f + i for f, i in zip(self.first, inner, strict=True)])
         fraction = [self.backend.Wide(i) * (1.0 / self.side) for i in inner]
         near = self._trilinear(fraction)
@@ -264,7 +255,7 @@ class _Cubes:
             alike &= limit.kept(*values[limit.expr.text], self.context)
         return alike
 
-    def _trilinear(self, fraction: list[Any]) -> dict[str, Any]:
+    def _trilinear(self, fraction: list[Float]) -> dict[str, Any]:
         weights = []
         for up in _UP:
             parts = [f if b else 1.0 - f for f, b in zip(fraction, up, strict=True)]
