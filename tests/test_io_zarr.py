@@ -147,6 +147,11 @@ def test_over_http(tmp_path, served):
     cells = vm.open(f"{served}/cells.ome.zarr", time=1, level=1)
     np.testing.assert_array_equal(cells.array("DAPI"), CELLS[1, 0, ::2, ::2, ::2].T)
     assert cells.unit == u.um
+    scene = tmp_path / "sub" / "scene.toml"
+    scene.parent.mkdir()
+    medium = '[[medium]]\ntype = "coefficients"\nemissivity = "rho"\nextinction = 0\n'
+    scene.write_text(f'[volume]\npath = "{served}/plain.zarr"\n{medium}')
+    np.testing.assert_array_equal(vm.Scene.load(scene).volume().array("rho"), RHO)
     with pytest.raises(vm.FileFormatError, match=f"{served}/none.zarr"):
         vm.open(f"{served}/none.zarr")
 

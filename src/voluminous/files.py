@@ -48,6 +48,12 @@ def url_of(path: Path) -> str:
     return f"{found[1]}://{path.as_posix()[found.end() :]}" if found else ""
 
 
+def seen_from(directory: Path, path: str) -> Path:
+    """Return a path that is relative to a directory; absolute ones and URLs are not."""
+    expanded = Path(path).expanduser()
+    return expanded if url_of(expanded) else directory / expanded
+
+
 class UnwritablePathError(InputError, OSError):
     """A file that cannot be written where it shall be."""
 

@@ -95,7 +95,7 @@ def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
     return dr.select(one_sign, low, -dr.inf), dr.select(one_sign, high, dr.inf)
 
 
-def _absorbed(depth: Any) -> Any:
+def _absorbed(depth: Float) -> Float:
     theta, mean = any_attenuation(depth)
     return dr.select(depth < 1.0, depth * mean, 1.0 - theta)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import VoluminousError
 from ..fields import is_angle
+from ..files import url_of
 from ..geometry import span
 from .data import (
     DataFile,
@@ -332,7 +333,7 @@ def describe_scene(path: Path) -> Iterator[str]:
             yield f"{section} {number}" if isinstance(content, list) else section
             yield from _lines(table, inline)
     data = settings["volume"].get("path")
-    if data is not None and not (scene.directory / data).exists():
+    if data is not None and not (url_of(Path(data)) or (scene.directory / data).exists()):
         yield ""
         yield f"There is no file {scene.directory / data}: put it there, or change volume.path"
     yield ""

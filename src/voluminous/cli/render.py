@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files import url_of
 from . import render_volume
 from .common import (
     add_render_options,
@@ -136,7 +137,7 @@ def _annotate(scene: Scene, outputs: list[Path]) -> None:
 
 def changed_value(place: str, value: Any, scene: Scene) -> Any:
     """Return a value for a place in a scene."""
-    if place in _PATHS and isinstance(value, str):
+    if place in _PATHS and isinstance(value, str) and not url_of(Path(value)):
         return os.path.relpath(os.path.expanduser(value), scene.directory)
     return value
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FileFormatError, InputError
-from ..files import as_path, missing, replacing
+from ..files import as_path, missing, replacing, seen_from, url_of
 from ..io.guard import placed
 from . import settings
 from .sections import (
@@ -160,7 +160,7 @@ class Scene:
             told["object"] = [one.describe() for one in objects]
         told["render"] = _held({**self._settings["render"], **overrides})
         there = self.directory.absolute()
-        told = with_paths(told, lambda path: str(there / os.path.expanduser(path)))
+        told = with_paths(told, lambda path: url_of(Path(path)) or str(seen_from(there, path)))
         return image.replace(provenance={**(image.provenance or {}), "scene": told})
 
     def _background(self, path: str) -> Image:

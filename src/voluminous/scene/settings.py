@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileFormatError, InputError, unknown_name
+from ..files import url_of
 from ..objects.values import described
 
 SECTIONS = ("volume", "medium", "object", "camera", "render", "image")
@@ -128,7 +129,7 @@ def with_paths(settings: dict[str, Any], change: Callable[[str], str]) -> dict[s
 def relative_path(old: Path, path: str, new: Path) -> str:
     """Return a path that is relative to one directory as it is seen from another."""
     expanded = Path(os.path.expanduser(path))
-    if expanded.is_absolute():
+    if expanded.is_absolute() or url_of(expanded):
         return path
     return Path(os.path.relpath(old / expanded, new)).as_posix()
 

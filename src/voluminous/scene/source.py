@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
+from ..files import seen_from
 from ..io.contract import Reader
 from ..io.guard import placed
 from ..packages import room
@@ -55,7 +55,7 @@ class VolumeSource:
         """Return the volume; a relative path is relative to `directory`."""
         with placed("[volume]"):
             if self.path is not None:
-                volume = self._opened(directory / os.path.expanduser(self.path))
+                volume = self._opened(seen_from(directory, self.path))
             else:
                 volume = self._named(models()[str(self.model)](**self.options))
             for name, expression in self.derived.items():
