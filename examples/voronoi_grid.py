@@ -15,8 +15,7 @@ from scipy.spatial import Voronoi, cKDTree
 import voluminous as vm
 from voluminous.backend import dr, from_host
 from voluminous.errors import InputError
-from voluminous.grids.axes import make_axis
-from voluminous.grids.box_walk import BoxWalk
+from voluminous.grids.box_walk import BoxWalk, make_axis
 from voluminous.grids.contract import Box, Grid, Segment
 from voluminous.units import plain, space_unit, unit_of
 

@@ -12,8 +12,12 @@ from test_octree import random_octree, zoom
 from test_patches import random_patches, tiles
 from voluminous.backend import from_host, get_backend
 from voluminous.grids.trees.lookup import TreeLookup
-from voluminous.grids.trees.octree_order import flags_from_levels, levels_from_flags, split_levels
-from voluminous.grids.trees.octree_places import Places
+from voluminous.grids.trees.octree_order import (
+    Places,
+    flags_from_levels,
+    levels_from_flags,
+    split_levels,
+)
 from voluminous.grids.trees.octree_tree import octree_tree
 from voluminous.grids.trees.tree import NONE
 

@@ -109,7 +109,7 @@ def test_verbs_that_are_refused_in_words(volume, tmp_path):
         "a region needs": lambda: vm.measure(
             volume, "density", region=vm.regions.Sphere((0, 0, 0), 0.5)
         ),
-        "native file": lambda: vm.io.save(volume, tmp_path / "cells.h5"),
+        "native file": lambda: volume.save(tmp_path / "cells.h5"),
         "cannot be resampled onto": lambda: volume.resample(volume.grid),
         "confined": lambda: volume.grid.walk(
             vm.backend.get_backend("cpu", "single"), box=vm.grids.contract.Box((0,) * 3, (1,) * 3)

@@ -10,11 +10,14 @@ import functools
 import re
 from collections.abc import Callable, Sized
 from numbers import Real
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .errors import UnitsError
+
+Unit: TypeAlias = Any
+"""An astropy unit, or None for plain numbers."""
 
 # A value in an error message is written out up to so many characters.
 _LONGEST = 100

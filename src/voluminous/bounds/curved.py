@@ -15,8 +15,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interval import TracedInterval, extremes
-from ..expressions.traced_rounding import lowered, raised
+from ..expressions.traced_interval import TracedInterval, extremes, lowered, raised
 from ..grids.curvilinear.edges import FULL_CIRCLE
 
 _EPS = float(np.finfo(np.float64).eps)

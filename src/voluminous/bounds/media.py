@@ -17,8 +17,15 @@ from ..backend import dr
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
-from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_rounding import float_info, larger, lowered, positive, raised, smaller
+from ..expressions.traced_interval import (
+    TracedInterval,
+    float_info,
+    larger,
+    lowered,
+    positive,
+    raised,
+    smaller,
+)
 from ..media.arguments import depth_of, length_in
 from ..media.coefficients import Coefficients
 from ..media.contract import Medium, MediumSample

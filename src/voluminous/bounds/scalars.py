@@ -14,10 +14,17 @@ from ..backend import dr
 from ..backend.types import Float
 from ..expressions import Expression
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interpolation import interpolate_traced_ranges
-from ..expressions.traced_interval import TracedInterval, extremes, traced
-from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_rounding import larger, lowered, raised, smaller
+from ..expressions.traced_interval import (
+    TracedInterval,
+    TracedIntervalOps,
+    extremes,
+    interpolate_traced_ranges,
+    larger,
+    lowered,
+    raised,
+    smaller,
+    traced,
+)
 from ..media.context import Context, completed
 
 

@@ -62,7 +62,7 @@ class Camera(Value):
 
     #: Unit of the image plane: "" stands for the volume's length unit.
     plane_unit = ""
-    #: True if the observer is at infinity: rays then come with a `Ray.start`.
+    #: True if the observer is at infinity.
     parallel = False
 
     def frame(self, grid: Grid) -> Frame:

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..grids.contract import Ray
 from ..packages import room
-from ..rotation import angles_towards, cosine_sine, image_axes, position_angle
+from ..rotation import angles_towards, image_axes, position_angle
 from ..units import as_given, is_quantity, plain, unit_of
 from .contract import (
     Camera,
@@ -186,17 +186,13 @@ class Orthographic(Camera):
             width = plain(self.width, grid.unit, "width")
             size = plane_size(width, self.resolution, "width")
         shift = as_vector(plain(self.shift, grid.unit, "shift"), 2, "shift")
-        turns = np.array([cosine_sine(a) for a in (self.posang, self.incl, self.phi)]).T
-        back = _shift(bounds, center) * axes[2]
-        vectors = np.stack([center, axes[0], axes[1], -axes[2], *turns, back])
+        vectors = np.stack([center, axes[0], axes[1], -axes[2]])
         return Frame(self.resolution, size, (float(shift[0]), float(shift[1])), vectors)
 
     def rays(self, vectors: list[list[Any]], u: Any, v: Any) -> Ray:
-        center, ex, ey, away, *turns, back = vectors
+        center, ex, ey, away = vectors
         origin = [c + u * x + v * y for c, x, y in zip(center, ex, ey, strict=True)]
-        turned = _turned(u, v, *turns)
-        start = [p + c - b for p, c, b in zip(turned, center, back, strict=True)]
-        return Ray(origin, list(away), start=start)
+        return Ray(origin, list(away))
 
     def key(self) -> Hashable:
         return "orthographic" if type(self) is Orthographic else None
@@ -221,19 +217,6 @@ class Orthographic(Camera):
         ):
             told["shift"] = described(self.shift)
         return told
-
-
-def _turned(u: Any, v: Any, cosines: list[Any], sines: list[Any]) -> list[Any]:
-    """Return ``u e_x + v e_y`` by RADMC-3D's three rotations, one after another."""
-    (c, ci, cp), (s, si, sp) = cosines, sines
-    x, y = c * u + s * v, c * v - s * u
-    y, z = ci * y, si * y
-    return [cp * x + sp * y, cp * y - sp * x, z]
-
-
-def _shift(bounds: np.ndarray, center: np.ndarray) -> float:
-    """Return how far behind the image plane RADMC-3D's rays start: beyond any domain."""
-    return float(3.0 * (np.linalg.norm(center) + np.sqrt(3.0) * np.abs(bounds).max()))
 
 
 def _framing(

@@ -38,8 +38,6 @@ class Ray:
         The walk is confined to ``first <= t <= last``; None where it is not.
     active : array of Bool or None
         Lanes that are rays at all.
-    start : list of three arrays, optional
-        A point of the ray before the domain, rounded as in RADMC-3D; for a walk by dead reckoning.
     """
 
     origin: list[Float]
@@ -47,7 +45,6 @@ class Ray:
     first: Float = None
     last: Float = None
     active: Mask = None
-    start: list[Float] | None = None
 
 
 @dataclass
@@ -389,7 +386,7 @@ class Grid:
             Device and precision.
         kind : str
             ``"cells"``: through the cells; ``"dual"``: through the dual cells between their
-            centres; ``"reckoned"``: through the cells in RADMC-3D's steps.
+            centres; ``"substeps"``: through the cells in the sub-steps of RADMC-3D.
         box : Box, optional
             Confine it to these cells. Geometry and distances are those of the whole domain; cells
             are numbered within the box, and vertices of the dual walk within `Box.with_ghosts`.

@@ -5,8 +5,70 @@ from __future__ import annotations
 from typing import Any
 
 from ..backend import dr
+from ..backend.functions import horner
 from .contract import Segment
-from .trilinear import Values, trilinear_cubic
+
+# Values at the corners of a cube: values[x][y][z].
+Values = list[list[list[Any]]]
+
+
+def trilinear(values: Values, place: list[Any]) -> Any:
+    """Return a trilinear function at a place in the unit cube."""
+    edges = [
+        [horner(place[0], [values[0][b][c], values[1][b][c] - values[0][b][c]]) for c in (0, 1)]
+        for b in (0, 1)
+    ]
+    faces = [horner(place[1], [edges[0][c], edges[1][c] - edges[0][c]]) for c in (0, 1)]
+    return horner(place[2], [faces[0], faces[1] - faces[0]])
+
+
+def trilinear_cubic(values: Values, start: list[Any], way: list[Any]) -> list[Any]:
+    """Return a trilinear function along a straight line, as a cubic (power basis).
+
+    Parameters
+    ----------
+    values : nested lists [x][y][z]
+        Values at the corners of the unit cube.
+    start, way : three arrays each
+        The line is ``start + s way``.
+    """
+    edges = [
+        [_line(values[0][b][c], values[1][b][c], start[0], way[0]) for c in (0, 1)] for b in (0, 1)
+    ]
+    faces = [_blend(edges[0][c], edges[1][c], start[1], way[1]) for c in (0, 1)]
+    return _blend(faces[0], faces[1], start[2], way[2])
+
+
+def cubic_through(samples: list[Any]) -> list[Any]:
+    """Return the cubic (power basis) with given values at 0, 1/3, 2/3 and 1."""
+    a, b, c, d = samples
+    p, q, r = b - a, c - b, d - c
+    return [
+        a,
+        5.5 * p - 3.5 * q + r,
+        -9.0 * p + 13.5 * q - 4.5 * r,
+        4.5 * (p - 2.0 * q + r),
+    ]
+
+
+def parabola_through(samples: list[Any]) -> list[Any]:
+    """Return the parabola (power basis) with given values at 0, 1/2 and 1."""
+    a, b, c = samples
+    p, q = b - a, c - b
+    return [a, 3.0 * p - q, 2.0 * (q - p)]
+
+
+def _line(low: Any, high: Any, start: Any, way: Any) -> list[Any]:
+    rise = high - low
+    return [horner(start, [low, rise]), rise * way]
+
+
+def _blend(low: list[Any], high: list[Any], start: Any, way: Any) -> list[Any]:
+    rise = [b - a for a, b in zip(low, high, strict=True)]
+    here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
+    onward = [r * way for r in rise]
+    inner = [a + b for a, b in zip(here[1:], onward[:-1], strict=True)]
+    return [here[0], *inner, onward[-1]]
 
 
 class StraightChord:

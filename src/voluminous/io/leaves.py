@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..grids.trees.octree_order import DEEPEST, flags_from_levels
-from ..grids.trees.octree_places import Places, interleaved
+from ..grids.trees.octree_order import DEEPEST, Places, flags_from_levels, interleaved
 from .contract import UnitLike
 
 # What a cell is that no leaf of the data lies in.

@@ -14,7 +14,7 @@ from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
-from ..expressions.traced_rounding import larger
+from ..expressions.traced_interval import larger
 from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Feature, Medium, MediumSample, Sampling

@@ -48,7 +48,7 @@ def values_at(position: np.ndarray, norm: Any, vmin: float, vmax: float) -> np.n
 def get_norm(norm: Any, vmin: float, vmax: float) -> Any:
     """Return an invertible matplotlib norm over a range, from its name (default linear) or itself.
 
-    A norm object is copied, and takes the range where it has none of its own.
+    A norm object is copied, and takes the range where it has none.
 
     Raises
     ------

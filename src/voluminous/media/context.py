@@ -11,7 +11,7 @@ import numpy as np
 from ..backend import dr
 from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Margin, Ops
-from ..expressions.drjit_ops import interpolate
+from ..expressions.interpolation import interpolate
 
 
 def _same(value: Any) -> Any:

@@ -386,7 +386,7 @@ class Medium(Value):
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __call__(self, values: Any) -> tuple[Any, Any]:
-        """Return j and α per unit length at values of what the medium looks at.
+        """Return j and α per unit length at values of its fields or expressions.
 
         Parameters
         ----------
@@ -403,7 +403,7 @@ class Medium(Value):
         Raises
         ------
         InputError
-            If values of something that it looks at are missing, or some path lengths are
+            If values of something that it depends on are missing, or some path lengths are
             ``"auto"`` and others are not.
         UnitsError
             If units do not fit.
@@ -463,7 +463,7 @@ class Medium(Value):
         return found
 
     def plot(self, volume: Any = None, ax: Any = None) -> Any:
-        """Draw j and α over the values that the medium looks at, and how many cells have these.
+        """Draw j and α over the values of its expressions, with the number of cells at each.
 
         One panel for each expression. Gates, and colours by other expressions, are named and not
         drawn. Where the medium is a function of several fields, medians over the cells are drawn.
@@ -480,7 +480,7 @@ class Medium(Value):
         Returns
         -------
         matplotlib Axes, or an array of them if there are several panels
-            For j, on the left; α, on the right, has axes of its own.
+            For j, on the left; α, on the right, has separate axes.
 
         Raises
         ------

@@ -340,7 +340,7 @@ class Isosurface(Medium):
         return [*slope, *(self.normal if self.shading > 0 else ())]
 
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it looks at."""
+        """Return the fields and coordinates it depends on."""
         used = [name for e in (self.expr, *self._directions()) for name in e.names]
         used += self.slope.names if self.thick else ()
         used += self.shade.names if self.shade is not None else ()

@@ -99,7 +99,7 @@ class Modulation:
     fixed : bool
         True if there is neither: everything is multiplied with one.
     names : tuple of str
-        The fields it looks at.
+        The fields it depends on.
     """
 
     def __init__(

@@ -91,7 +91,7 @@ class Shaped(Medium):
         self.names = self.used_names()
 
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it looks at."""
+        """Return the fields and coordinates it depends on."""
         return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @property

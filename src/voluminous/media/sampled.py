@@ -110,7 +110,7 @@ def missed_by_pair(nodes: list[Float], pair: list[Float]) -> Float:
     return dr.abs(mean - 0.5 * both)
 
 
-# What the polynomial through five values may be off by, in what `unseen` tells. With 0.5 0.8 % of
+# What the polynomial through five values may be off by, in units of `unseen`. With 0.5 0.8 % of
 # the pixels of coloured sheets in noise were beyond their error, with 2 0.3 %, in 1.05 of the time.
 UNKNOWN = 2.0
 

@@ -247,7 +247,7 @@ class Lamp:
         return 1.0 - share + share * self._cosine(fields, stretch, context)
 
     def off(self, stretch: Stretch, context: Context) -> Float:
-        """Return what light may be off by in a surface of some width, as a part of its emission.
+        """Return the relative error of the light in a surface with a width.
 
         A panel and its halves look at the same places where the surface is all in one of them.
         """
@@ -257,7 +257,7 @@ class Lamp:
         return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
 
     def across(self, stretch: Stretch, context: Context, extent: Float, depth: Float) -> Float:
-        """Return what light may be off by in a surface that absorbs: its front is seen most.
+        """Return the relative error of the light in a surface that absorbs: its front is seen most.
 
         Parameters
         ----------

@@ -20,10 +20,8 @@ from ..backend.types import Float, Mask
 from ..expressions import Expression, Margin
 from ..expressions.analysis import Monotonicity
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interval import TracedInterval
+from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, larger, smaller
 from ..expressions.traced_interval import extremes as without_nan
-from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_rounding import larger, smaller
 from .context import Context, completed
 
 # Intervals tell something of a stretch if they tell of one place so much more.
@@ -378,7 +376,7 @@ class Stretch:
         return [cubic[0], *inner, sum(cubic[1:], cubic[0])]
 
     def part(self, start: Any, width: Any) -> Stretch:
-        """Return the part from `start` on, of a width, as a stretch of its own."""
+        """Return the part from `start` on, of a width, as a stretch."""
         begin, part = self.context.real(start), self.context.real(width)
         cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
         return Stretch(cubics, self.context, self.length * width)

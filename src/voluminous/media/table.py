@@ -151,7 +151,7 @@ class Table(Medium):
         self.names = self.used_names()
 
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it looks at."""
+        """Return the fields and coordinates it depends on."""
         return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @staticmethod

@@ -98,28 +98,20 @@ class RenderJob:
     _numbers: Any = None
 
     def __post_init__(self) -> None:
-        """Turn the loop where positions are reckoned: RADMC-3D's rays run towards the observer."""
-        self.backward |= self.reckoned
+        """Turn the loop where steps are RADMC-3D's: its rays run towards the observer."""
+        self.backward |= self.radmc3d_steps
 
     @property
-    def reckoned(self) -> bool:
-        """True if steps are to be RADMC-3D's.
-
-        On curvilinear grids these are shorter. On others only the last bits of positions differ:
-        they matter where there are bits to spare.
-        """
-        grid = self.volume.grid
-        if not self.scheme.radmc3d_steps or "reckoned" not in grid.walk_kinds:
-            return False
-        double = self.backend.precision == "double"
-        return not grid.has_blocks or bool(double and self.camera.parallel)
+    def radmc3d_steps(self) -> bool:
+        """Whether rays take the sub-steps of RADMC-3D, on grids that have them."""
+        return bool(self.scheme.radmc3d_steps) and "substeps" in self.volume.grid.walk_kinds
 
     @property
     def walk_kind(self) -> str:
         """Which walk through the grid the scheme needs."""
         if self.scheme.coefficients_at == "field":
             return "dual"
-        return "reckoned" if self.reckoned else "cells"
+        return "substeps" if self.radmc3d_steps else "cells"
 
     @property
     def early_error(self) -> float:

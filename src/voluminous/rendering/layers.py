@@ -136,7 +136,7 @@ class Stretches(RayTracer):
 
     def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
         super().__init__(job, source, brightest_background)
-        if job.reckoned:  # these begin outside of the domain, whatever they are told
+        if job.radmc3d_steps:
             self.walk = job.volume.grid.walk(job.backend, "cells")
 
     def up_to(

@@ -6,9 +6,7 @@ optically thin trapezoid. This is not the exact solution for coefficients linear
 (scheme ``second-order``): it differs by 2e-4 (smooth) to 1e-1 (white noise) of the image maximum.
 
 RADMC-3D computes ``τ - (1 - e^-τ)`` by subtraction: for τ just above 1e-6 the last bit of a path
-length is 1e-9 of the image maximum. In double precision, for parallel rays, positions are therefore
-rounded as RADMC-3D rounds them (`grids.cartesian.reckoned_walk`). Its rays run towards the camera:
-the order asked for does not matter then, and no ray stops early.
+length is 1e-9 of the image maximum. By that much pictures differ from RADMC-3D's.
 """
 
 from __future__ import annotations
@@ -32,8 +30,8 @@ _SERIES_ENDS = 0.35
 class OlsonKunasz(VertexScheme):
     """Solve a segment as RADMC-3D's ``secondorder`` does.
 
-    With ``precision="double"`` and a camera at infinity `cutoff` has no effect: rays go from behind
-    to the camera.
+    On spherical grids rays go from behind to the camera, in RADMC-3D's sub-steps: `cutoff` and
+    `order` have no effect.
     """
 
     name = "olson-kunasz"
@@ -80,22 +78,10 @@ def _radmc_weights(tau: Float) -> tuple[Float, Float, Float]:
 
 def _subtracted_weights(tau: Float, thin: Float) -> tuple[Float, Float, Float]:
     """Return e^-τ and the weights as RADMC-3D gets them: differences of nearly equal numbers."""
-    e = _correctly_rounded_exp(tau)
+    e = dr.exp(-tau)
     e0 = 1.0 - e
     front = (tau - e0) / dr.select(thin, 1.0, tau)
     return e, e0 - front, front
-
-
-def _correctly_rounded_exp(tau: Float) -> Float:
-    """Return exp(-tau), correctly rounded for small depths in 99.9 % of cases.
-
-    RADMC-3D subtracts this from 1 and then from τ: near τ = 1e-6 one flipped last bit becomes 2e-9
-    of the image maximum, and exponentials of different libraries do flip it.
-    """
-    series = type(tau)(1.0)
-    for k in range(8, 1, -1):
-        series = 1.0 - tau * series / k
-    return dr.select(tau < 1e-2, 1.0 - tau * series, dr.exp(-tau))
 
 
 def _emission(

@@ -13,7 +13,7 @@ from typing import Any
 
 from ...backend import dr
 from ...backend.functions import inverse_power_of_two, unit_interval
-from ..axes import Side
+from ..box_walk import Side
 from ..contract import Segment
 from .dual_walk import Chord, DualTrack, DualWalk
 from .leap import cell_ahead

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
-from ..axes import Side
+from ..box_walk import Side
 from ..contract import Box, Ray, Segment
 from ..straight_chord import StraightChord
 from .walk import CartesianWalk, Cursor, Track

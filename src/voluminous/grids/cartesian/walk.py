@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...backend import dr
-from ..axes import NEVER, AxisTrack, Side, make_axis
-from ..box_walk import BoxWalk
+from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
 from ..contract import Box, Corners, Segment
 from ..wall_corners import bilinear, pick, trilinear
 
@@ -238,20 +237,17 @@ class CartesianWalk(BoxWalk):
 
     def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
-        return trilinear(cursor.vertex, self._entry_fractions(track, cursor), track.vertex_stride)
+        return trilinear(
+            cursor.vertex, self.fractions(track, cursor.index, cursor.t), track.vertex_stride
+        )
 
     def exit_corners(self, track: Track, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
-        leaving, f = segment.exit, self._exit_fractions(track, segment)
+        leaving = segment.exit
+        f = self.fractions(track, leaving.index, segment.end)
         if track.bounded:  # it may end inside the cell
             return trilinear(leaving.vertex, f, track.vertex_stride)
         return bilinear(leaving.next_vertex, leaving.through, f, track.vertex_stride)
-
-    def _entry_fractions(self, track: Track, cursor: Cursor) -> list[Any]:
-        return self.fractions(track, cursor.index, cursor.t)
-
-    def _exit_fractions(self, track: Track, segment: Segment) -> list[Any]:
-        return self.fractions(track, segment.exit.index, segment.end)
 
     def fractions(self, track: Track, index: list[Any], t: Any) -> list[Any]:
         """Return where in its mirrored cell a ray is along each axis, from 0 to 1."""

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...geometry import CYLINDRICAL
-from ..extent import check_extent
-from ..points import plain_points
+from ..arguments import check_extent, plain_points
 from .edges import (
     angle_edges,
     azimuths,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
-from ..axes import NEVER
+from ..box_walk import NEVER
 from ..contract import Walk
-from .order import either, later, lesser, nearest
+from .crossing import either, later, lesser, nearest
 
 # Counts beyond a wall, and the distance of that wall.
 Jump = tuple[list[Any], Any]

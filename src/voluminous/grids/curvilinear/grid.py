@@ -13,8 +13,8 @@ from ...geometry import span
 from ...packages import room
 from ...units import unit_name
 from ..contract import Box, Grid
+from .corners import cells_around
 from .edges import FULL_CIRCLE, is_closed
-from .vertices import cells_around
 
 # Single precision must tell this many points apart across the thinnest cell.
 _POINTS_PER_CELL = 256
@@ -34,7 +34,7 @@ class CurvilinearGrid(Grid):
     """
 
     coordinates: tuple[str, str, str]
-    walk_kinds: tuple[str, ...] = ("cells", "reckoned", "dual")
+    walk_kinds: tuple[str, ...] = ("cells", "substeps", "dual")
     cells_are_boxes = has_vertices = True
     edges: tuple[np.ndarray, np.ndarray, np.ndarray]
     unit: Any
@@ -170,7 +170,7 @@ class CurvilinearGrid(Grid):
         ----------
         backend : Backend
             Device and precision.
-        kind : {"cells", "reckoned", "dual"}
+        kind : {"cells", "substeps", "dual"}
             Through the cells; through the cells in the sub-steps that RADMC-3D takes; or through
             the dual cells between their centres.
 

@@ -14,19 +14,15 @@ import numpy as np
 
 from ...errors import InputError
 from ..contract import Box
-from ..trees.octree_leaves import checked_flags
-from ..trees.octree_order import levels_from_flags
-from ..trees.octree_places import Places
+from ..trees.octree_order import Places, checked_flags, levels_from_flags
 from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
 from ..trees.tree import Tree
-from ..trees.vertex_numbers import VertexNumbers
-from ..trees.vertices import cells_around
+from ..trees.vertices import VertexNumbers, cells_around
 from .cylindrical import CylindricalGrid
 from .edges import ANGLE_ROUNDING, FULL_CIRCLE
 from .grid import CurvilinearGrid
-from .refined_straight import StraightSurroundings
-from .refined_surroundings import RefinedSurroundings
+from .refined_surroundings import RefinedSurroundings, StraightSurroundings
 from .spherical import SphericalGrid
 
 # Finest cells along one axis: kernels hold a table of their walls.
@@ -168,11 +164,11 @@ class RefinedCells(CurvilinearGrid):
         ----------
         backend : Backend
             Device and precision.
-        kind : {"cells", "reckoned", "dual"}
+        kind : {"cells", "substeps", "dual"}
             Through the leaves; the same in RADMC-3D's sub-steps; or the same where fields are
             known between the corners of each.
         """
-        from .refined_dual import RefinedFieldWalk
+        from .refined_walk import RefinedFieldWalk
 
         if kind != "dual":
             return super().walk(backend, kind, box)
@@ -197,7 +193,7 @@ class RefinedCells(CurvilinearGrid):
 class RefinedSphericalGrid(RefinedCells, SphericalGrid):
     """A spherical grid with cells that are split; made by ``SphericalGrid(..., refined=...)``."""
 
-    walk_kinds = ("cells", "reckoned", "dual")
+    walk_kinds = ("cells", "substeps", "dual")
 
 
 class RefinedCylindricalGrid(RefinedCells, CylindricalGrid):

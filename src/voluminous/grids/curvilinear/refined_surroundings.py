@@ -1,8 +1,12 @@
-"""The leaves around the vertices of a refined curvilinear grid, and the distances between them.
+"""Neighbours of leaves of a refined curvilinear grid in straight space: which, and how far.
 
-Azimuth that closes a circle goes on beyond its ends: places there are of leaves a full turn away.
-Beyond a mirrored midplane are the images of the leaves above it. Beyond the other ends, poles and
-axis included, there is nothing.
+Ways are along the directions of r, θ and φ (R, φ and z) at the leaf they start from, which are the
+same all the way. So functions of x, y and z are fitted, which are smooth on the axis and in the
+centre, where functions of r, θ and φ need not be. Beyond the axis and the centre are the leaves
+opposite.
+
+Along an angle with one cell all is symmetric: the same leaf is found wherever that angle is turned
+to. Turned by a little it tells that nothing changes on the way round.
 """
 
 from __future__ import annotations
@@ -14,9 +18,11 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...geometry import SPHERICAL
+from ..trees.axes import Spacing
 from ..trees.lookup import Cell
-from ..trees.spacing import Spacing
 from ..trees.vertices import Surroundings
+from .opposite import Opposite
 
 
 class RefinedSurroundings(Surroundings):
@@ -155,3 +161,169 @@ def _continued(edges: np.ndarray, turning: bool, mirrored: bool) -> np.ndarray:
         turn = edges[-1] - edges[0]
         return np.concatenate([edges[:-1] - turn, edges, edges[1:] + turn])
     return np.append(edges, 2 * edges[-1] - edges[-2::-1]) if mirrored else edges
+
+
+# By how much leaves are turned along angles with one cell, in radian: second derivatives that
+# follow from the gradient are off by a quarter of its square.
+_TURNED = 2.0**-18
+# How far to look around along an angle, at most, in radian; and where, in parts of that.
+_WIDEST, _FARTHEST = 2.0, 0.75
+
+
+class StraightSurroundings(RefinedSurroundings):
+    """Finds neighbours of leaves, also beyond the axis and the centre.
+
+    Parameters
+    ----------
+    grid : RefinedCells
+    backend : Backend
+        In double precision.
+    """
+
+    def __init__(self, grid: Any, backend: Any) -> None:
+        super().__init__(grid, backend)
+        self.alike = _alike(grid)
+        self.opposite = Opposite(grid, self.alike, np.pi / _TURNED, backend)
+
+    def spacing(self, grid: Any, backend: Any) -> StraightSpacing:
+        return StraightSpacing(grid, backend)
+
+    def cell_at(self, place: list[Any], active: Any) -> tuple[Cell, Any]:
+        # Aside of a place is the leaf itself, not one that is turned.
+        whole = [
+            dr.round(p - 0.5) if alike else p for p, alike in zip(place, self.alike, strict=True)
+        ]
+        found = self.opposite.moved(whole)
+        inner = [dr.fma(0.0, p, 0.5) if a else p for p, a in zip(found, self.alike, strict=True)]
+        cell, there = super().cell_at(inner, active)
+        low = [
+            p if alike else own for p, alike, own in zip(found, self.alike, cell.low, strict=True)
+        ]
+        return Cell(cell.number, low, cell.size), there
+
+
+class StraightSpacing(ContinuedSpacing):
+    """Ways along the directions of the coordinates at their start, in units of the grid's scale.
+
+    Parameters
+    ----------
+    grid : RefinedCells
+    backend : Backend
+        In double precision.
+    """
+
+    def __init__(self, grid: Any, backend: Any) -> None:
+        angles = [name in ("theta", "phi") for name in grid.coordinates]
+        alike = _alike(grid)
+        edges = [
+            e.mean() + _TURNED * np.array([-0.5, 0.5]) if a else e / (1.0 if angle else grid.scale)
+            for e, a, angle in zip(grid.edges, alike, angles, strict=True)
+        ]
+        super().__init__(grid, edges, backend, alike)
+        self.starts = [dr.opaque(backend.Float, float(e[0])) for e in edges]
+        self.spherical = tuple(grid.coordinates) == SPHERICAL
+        self.alike, self.centre = alike, grid.edges[0][0] == 0.0
+        extent = grid.tree.extent
+        self.extent = [dr.opaque(backend.Float, float(n)) for n in extent]
+        self.open = _open(grid, alike)
+
+    def widths(self, middle: list[Any], size: list[Any]) -> list[Any]:
+        own, (first, second, third) = self._own(middle), super().widths(middle, size)
+        if self.spherical:
+            return [first, own[0] * second, own[0] * dr.sin(own[1]) * third]
+        return [first, own[0] * second, third]
+
+    def reaches(self, middle: list[Any], size: list[Any]) -> list[list[Any]]:
+        """Return how far to look around boxes for second derivatives, in finest units.
+
+        Close to the axis cells are narrow along φ, and the finer the grid the narrower compared
+        with their other widths; close to the centre along θ too. Fits to neighbours as narrow do
+        not converge: they take third derivatives along a wide side for second ones along a narrow
+        one. So there cells further away are looked at too.
+        """
+        own, width, out = self._own(middle), self.widths(middle, size), list(size)
+        if self.spherical:
+            if self.centre or self.alike[1]:
+                width[1] = self._wider(1, own[0], width[0], middle, width, out)
+            least = dr.maximum(width[0], width[1])
+            self._wider(2, own[0] * dr.sin(own[1]), least, middle, width, out)
+        else:
+            self._wider(1, own[0], dr.maximum(width[0], width[2]), middle, width, out)
+        return [size, out]
+
+    def _wider(
+        self, axis: int, radius: Any, least: Any, middle: list[Any], width: list[Any], size: Any
+    ) -> Any:
+        """Widen sizes along an angle to a least width, within the grid, and return their width."""
+        wanted = size[axis] * dr.minimum(least, _WIDEST * radius) / width[axis]
+        for end, open_ in zip((0.0, self.extent[axis]), self.open[axis], strict=True):
+            if not open_:
+                wanted = dr.minimum(wanted, dr.abs(middle[axis] - end) / _FARTHEST)
+        wide = dr.maximum(wanted, size[axis])
+        width[axis] = width[axis] * wide / size[axis]
+        size[axis] = wide
+        return width[axis]
+
+    def turning(self, axis: Any, middle: list[Any], gradient: list[Any]) -> Any:
+        """Return by how much a gradient that turns with an angle changes along it, per length.
+
+        That is the gradient's part away from the axis (centre), over the distance from there.
+        """
+        r, theta, _ = self._own(middle)
+        away = gradient[0] / r
+        if not self.spherical:
+            return dr.select(axis == 1, away, 0.0)
+        around = dr.fma(gradient[1], dr.cos(theta) / (r * dr.sin(theta)), away)
+        return dr.select(axis == 0, 0.0, dr.select(axis == 1, away, around))
+
+    def ways(self, start: list[Any], end: list[Any]) -> list[Any]:
+        own, differences = self._own(start), super().ways(start, end)
+        return (_spherical if self.spherical else _cylindrical)(own, differences)
+
+    def _own(self, place: list[Any]) -> list[Any]:
+        axes = zip(self.axes, self.before, place, self.starts, strict=True)
+        return [axis.way(before, before + p) + start for axis, before, p, start in axes]
+
+
+def _alike(grid: Any) -> list[bool]:
+    counts = grid.tree.extent
+    return [
+        bool(count == 1) and name in ("theta", "phi")
+        for name, count in zip(grid.coordinates, counts, strict=True)
+    ]
+
+
+def _open(grid: Any, alike: list[bool]) -> list[tuple[bool, bool]]:
+    turning, mirrored = endless(grid)
+    found = [(turns, turns or mirror) for turns, mirror in zip(turning, mirrored, strict=True)]
+    if grid.is_periodic and "theta" in grid.coordinates:
+        low, high = grid.edges[1][[0, -1]]
+        found[1] = (low == 0.0, grid.mirror or high == np.pi)
+    return [(a or low, a or high) for a, (low, high) in zip(alike, found, strict=True)]
+
+
+def _spherical(own: list[Any], differences: list[Any]) -> list[Any]:
+    """Return a way along r, θ and φ, from where it starts and the differences of these.
+
+    Of differences of cosines no digit is lost.
+    """
+    (r, theta, _), (dr_, dtheta, dphi) = own, differences
+    end = r + dr_
+    across = end * dr.sin(theta + dtheta)
+    inwards = across * _versine(dphi)
+    return [
+        dr_ - end * _versine(dtheta) - inwards * dr.sin(theta),
+        end * dr.sin(dtheta) - inwards * dr.cos(theta),
+        across * dr.sin(dphi),
+    ]
+
+
+def _cylindrical(own: list[Any], differences: list[Any]) -> list[Any]:
+    outwards, dphi, dz = differences
+    end = own[0] + outwards
+    return [outwards - end * _versine(dphi), end * dr.sin(dphi), dz]
+
+
+def _versine(angle: Any) -> Any:
+    sine = dr.sin(0.5 * angle)
+    return 2.0 * sine * sine

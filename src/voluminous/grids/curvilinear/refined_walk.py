@@ -1,12 +1,14 @@
-"""The walk of rays through the leaves of a refined curvilinear grid.
+"""The walk through a refined curvilinear grid, with fields multilinear between corners of leaves.
 
-A ray's place among the surfaces of the evenly refined grid is known by integers, as in a grid that
-is not refined; but it goes from one wall of a leaf to the next, over all the walls of finer cells
-that are not there.
+Values at corners are chosen such that neighbours of any size agree on what is between them
+(`rendering.sources.vertex_values`). In a leaf a field is linear in each of the grid's own
+coordinates; along a ray the cubic through four of its values stands for it, as in
+`curvilinear.field_walk`.
 """
 
 from __future__ import annotations
 
+import copy
 import functools
 from dataclasses import dataclass
 from typing import Any
@@ -15,8 +17,10 @@ from ...backend import dr
 from ..contract import Corners, Segment
 from ..trees.lookup import TreeLookup
 from .approach import dot
-from .order import either, later, lesser, nearest
-from .steps import cut
+from .arithmetic import NUMBERS, Arithmetic
+from .crossing import either, later, lesser, nearest
+from .field_walk import CurvilinearChord, Smooth, Smoothed
+from .radmc3d_substeps import cut
 from .surfaces import Turning
 from .walk import Cursor, CurvilinearWalk, Exit, Track
 
@@ -55,7 +59,7 @@ class RefinedWalk(CurvilinearWalk):
         Which axis of the tree each family is.
     grid : RefinedCells
     stepped : bool
-        Segments end inside leaves where RADMC-3D's sub-steps do (`curvilinear.steps`).
+        Segments end inside leaves where RADMC-3D's sub-steps do (`radmc3d_substeps`).
     """
 
     def __init__(
@@ -187,3 +191,74 @@ def leaf_corners(
         vertices += [v + strides[walk.axes[n]] for v in vertices]
         weights = [w * (1.0 - f) for w in weights] + [w * f for w in weights]
     return Corners(vertices, weights)
+
+
+class RefinedChord(CurvilinearChord):
+    """A segment through a leaf, a curve in its coordinates."""
+
+    walk: Any
+
+    def __init__(self, walk: RefinedFieldWalk, track: Any, segment: Segment) -> None:
+        own: Any = walk
+        super().__init__(own, track, segment)
+
+    @property
+    def cell(self) -> Any:
+        """Flat number of the leaf."""
+        return self.segment.cell
+
+    def place(self, point: list[Any], own: Arithmetic = NUMBERS) -> list[Any]:
+        return self.walk.fractions(self.segment.exit.left, point, own)
+
+
+class RefinedFieldWalk(Smoothed, RefinedWalk):
+    """Rays through a refined grid that know where in its leaves they are.
+
+    Parameters
+    ----------
+    grid : RefinedCells
+    walk : RefinedWalk
+        The walk through its leaves, whose surfaces it takes over.
+    backend : Backend
+    """
+
+    def __init__(self, grid: Any, walk: RefinedWalk, backend: Any) -> None:
+        super().__init__(
+            walk.families,
+            walk.approach,
+            grid.scale,
+            backend,
+            axes=walk.axes,
+            grid=grid,
+            stepped=True,
+        )
+        self.smooth = Smooth.of(grid, self.backend)
+        self.length = self.backend.opaque(float(grid.scale))
+        parts = [float(grid.divisions[axis]) for axis in self.axes]
+        self.parts = [self.backend.opaque(p) for p in parts]
+        self.wide = [_over(f, p) for f, p in zip(self.families, parts, strict=True)]
+
+    def chord(self, track: Any, segment: Segment) -> RefinedChord:
+        """Return a segment through its leaf."""
+        return RefinedChord(self, track, segment)
+
+    def fractions(self, leaf: Leaf, point: list[Any], own: Arithmetic) -> list[Any]:
+        """Return where in leaves points are, from 0 to 1 along all three axes."""
+        Float = self.backend.Float
+        found = [Float(0)] * 3
+        for axis, family, parts, low, size in zip(
+            self.axes, self.wide, self.parts, leaf.low, leaf.size, strict=True
+        ):
+            found[axis] = own.stretched(family.fraction(low, point, own), parts / Float(size))
+        return found
+
+
+def _over(family: Any, parts: float) -> Any:
+    """Return a family whose fractions are of as many finest cells as a base cell has.
+
+    These are equally wide there, and a power of two: fractions of a leaf lose no digits.
+    """
+    wide = copy.copy(family)
+    wide.inverse_width = family.inverse_width / parts
+    wide.widest = family.widest * parts
+    return wide

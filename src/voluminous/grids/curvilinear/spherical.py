@@ -8,8 +8,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...geometry import SPHERICAL
-from ..extent import check_extent
-from ..points import plain_points
+from ..arguments import check_extent, plain_points
 from .edges import (
     ANGLE_ROUNDING,
     angle_edges,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
-from ..axes import NEVER
+from ..box_walk import NEVER
 from .approach import PARALLEL, AxisApproach, CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines

@@ -16,11 +16,10 @@ import numpy as np
 
 from ...backend import dr, from_host
 from ..contract import Corners, Ray, Segment
+from .approach import Passage, pass_axis
 from .corners import cell_corners, wall_corners
-from .crossing import choose, meet, pick
+from .crossing import choose, later, lesser, meet, nearest, pick
 from .gaps import GapCrossing, beyond
-from .order import later, lesser, nearest
-from .passage import Passage, pass_axis
 from .surfaces import ahead
 
 # Counts beyond a wall, the next walls' distances, the one there, and the number of its family.

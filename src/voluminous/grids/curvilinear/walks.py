@@ -6,17 +6,16 @@ from functools import partial
 from typing import Any
 
 from .approach import approach_axis, approach_centre
-from .field_walk import CurvilinearFieldWalk, DualGrid
+from .field_walk import CurvilinearFieldWalk, DualGrid, Smooth
+from .radmc3d_substeps import SteppedWalk
 from .refined_walk import RefinedWalk
-from .smooth import Smooth
-from .steps import SteppedWalk
+from .surfaces import Planes
 from .surfaces_azimuth import HalfPlanes
 from .surfaces_cone import Cones
-from .surfaces_plane import Planes
 from .surfaces_round import Shells, Tubes
 from .walk import CurvilinearWalk
 
-KINDS = {"cells": CurvilinearWalk, "reckoned": SteppedWalk, "dual": CurvilinearFieldWalk}
+KINDS = {"cells": CurvilinearWalk, "substeps": SteppedWalk, "dual": CurvilinearFieldWalk}
 
 
 def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
@@ -54,7 +53,7 @@ def _refined_walk(grid: Any, backend: Any, kind: str) -> RefinedWalk:
         backend,
         axes=axes,
         grid=grid,
-        stepped=kind == "reckoned",
+        stepped=kind == "substeps",
     )
 
 

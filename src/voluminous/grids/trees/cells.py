@@ -11,10 +11,10 @@ import numpy as np
 from ...geometry import is_uniform, span
 from ...packages import room
 from ...units import unit_name
+from ..arguments import plain_points
 from ..contract import Box, Grid
-from ..points import plain_points
 from .tree import Tree
-from .vertex_numbers import VertexNumbers
+from .vertices import VertexNumbers
 
 AXES = "xyz"
 # Single precision must tell this many points apart across the smallest cell.
@@ -229,8 +229,7 @@ class TreeCells(Grid):
 
     def walk_through(self, tree: Tree, backend: Any, kind: str = "cells") -> Any:
         """Return a walk through another tree over the same domain, such as one with more holes."""
-        from .field_walk import TreeFieldWalk
-        from .walk import TreeWalk
+        from .walk import TreeFieldWalk, TreeWalk
 
         kinds = {"cells": TreeWalk, "dual": TreeFieldWalk}
         return kinds[kind](self, tree, backend)

@@ -12,25 +12,23 @@ from ...errors import InputError
 from ...memory import check_memory
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
-from .octree_leaves import (
+from .octree_order import (
+    DEEPEST,
+    Places,
     checked_choice,
     checked_deepest,
     checked_flags,
     checked_levels,
-    levels_of_leaves,
-)
-from .octree_order import (
-    DEEPEST,
     flags_from_levels,
     levels_from_flags,
+    levels_of_leaves,
     merged,
     split_levels,
 )
-from .octree_places import Places
 from .octree_tree import octree_tree
 from .octree_vertices import octree_vertices
 from .tree import NONE, Tree
-from .vertex_numbers import VertexNumbers
+from .vertices import VertexNumbers
 
 # Per cell: for where it is, twice over, while a function is asked; for its level and its parent.
 _ASKED_BYTES, _CELL_BYTES = 180, 12

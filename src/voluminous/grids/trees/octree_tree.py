@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import InputError
-from .octree_numbering import STEP, Halved
-from .octree_places import Places
+from .octree_order import Places
+from .octree_vertices import STEP, Halved
 from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 
 # The kind has three bits: evenly refined entries are 2^3 cells wide at most, cells 2^3 entries.

@@ -15,8 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from .patch_numbering import TABLED, PatchNumbering
-from .patch_painting import Boxes
-from .patch_tree import PatchEntries, patch_entries
+from .patch_tree import Boxes, PatchEntries, patch_entries
 from .tree import ABSENT, NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 
 # Parts of cells that are rounding.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .patch_cells import Patches
-from .vertex_numbers import VertexNumbers, corner_numbers
+from .vertices import VertexNumbers, corner_numbers
 
 # Cells along each side of a tile: 1.2 vertices per cell, of which neighbours are near in memory.
 _SIDE = 16

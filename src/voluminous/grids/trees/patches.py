@@ -10,15 +10,14 @@ import numpy as np
 from ...errors import InputError
 from ...memory import check_memory
 from ...units import plain, space_unit, unit_of
+from ..arguments import as_array
 from ..cartesian.grid import CartesianGrid
 from .cells import TreeCells
-from .inputs import as_array
 from .octree_order import DEEPEST
-from .patch_lattice import Lattice, lattice_of
-from .patch_layers import boxes_of_layers
+from .patch_lattice import Lattice, boxes_of_layers, lattice_of
 from .patch_vertices import patch_vertices
 from .tree import Tree
-from .vertex_numbers import VertexNumbers
+from .vertices import VertexNumbers
 
 # Double precision must tell places in the middle of finest cells apart.
 _LONGEST = 1 << 50

@@ -1,16 +1,26 @@
-"""The corners of a tree's cells, and the cells around them."""
+"""How the vertices of a tree's cells are numbered: by lattices.
+
+Cells come in lattices, boxes of evenly spaced points of which the eight corners of each cell are
+some. So the numbers of a cell's corners are ``first + a·sx + b·sy + c·sz``, with a, b and c from 0
+to 1, and two words per cell tell them all. Points where lattices meet have a number in each.
+
+Eight numbers of its own for every cell would need no words, but 2 to 5 times as many vertices: of
+0.7 million leaves, with four coefficients each, 28 MB in place of 86, so that caches hold more of
+them (400² rays in second order take 0.92 of the time, on tiles of 8³ cells 0.75).
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 
 from ...backend import dr, from_host
+from .axes import Spacing
 from .lookup import Cell, TreeLookup
-from .spacing import Spacing
 
 # Corners of a cell, or octants around a vertex: below (0) or above along x, y and z.
 OCTANTS = tuple(itertools.product((0, 1), repeat=3))
@@ -128,3 +138,123 @@ def cells_around(grid: Any, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
     place = grid.vertex_numbers.places(int(numbers[0]), int(numbers[-1]) + 1, backend)
     around = grid.surroundings(backend).cells(place, dr.full(backend.Bool, True, len(numbers)))
     return [(cell.number, there) for cell, there in around]
+
+
+# Strides along y and z take so many bits, that along x all others.
+_STRIDE_BITS = 10
+_MASK = (1 << _STRIDE_BITS) - 1
+
+
+class Lattices(Protocol):
+    """Where lattices are, in the order of their points' numbers."""
+
+    def boxes(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return first points and spacings in finest units, and points per axis: int64 (3, n)."""
+
+
+@dataclass(frozen=True)
+class VertexNumbers:
+    """The numbers of the vertices of all cells.
+
+    Attributes
+    ----------
+    cells : array of uint32, shape (n, 2)
+        Per cell the number of its lower corner, and the strides to the others (`packed_strides`).
+    first : array of int64, shape (m + 1,)
+        Number of the first point of each lattice, and how many points there are.
+    lattices : Lattices
+    """
+
+    cells: np.ndarray
+    first: np.ndarray
+    lattices: Lattices
+    _traced: dict[Any, Any] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """How many vertices there are."""
+        return int(self.first[-1])
+
+    def places(self, first: int, last: int, backend: Any) -> list[Any]:
+        """Return where consecutive vertices are, in finest units: x, y and z (traced).
+
+        Parameters
+        ----------
+        first, last : int
+        backend : Backend
+            Of double precision.
+        """
+        UInt, Wide = backend.UInt, backend.Wide
+        begin = int(np.searchsorted(self.first, first, "right")) - 1
+        end = int(np.searchsorted(self.first, last))
+        low, step, points = self.lattices.boxes(begin, end)
+        starts, ends = self.first[begin:end], self.first[begin + 1 : end + 1]
+        counts = np.minimum(ends, last) - np.maximum(starts, first)
+        own = from_host(UInt, np.repeat(np.arange(end - begin, dtype=np.uint32), counts))
+        skipped = dr.gather(backend.Int, from_host(backend.Int, first - starts), own)
+        ny, nz = (dr.gather(UInt, from_host(UInt, points[axis]), own) for axis in (1, 2))
+        local = UInt(dr.arange(backend.Int, last - first) + skipped)
+        row = backend.quotient(local, nz)
+        plane = backend.quotient(row, ny)
+        index = (plane, row - plane * ny, local - row * nz)
+        return [
+            dr.fma(
+                Wide(i),
+                dr.gather(Wide, from_host(Wide, step[axis]), own),
+                dr.gather(Wide, from_host(Wide, low[axis]), own),
+            )
+            for axis, i in enumerate(index)
+        ]
+
+    def traced(self, backend: Any) -> TracedNumbers:
+        """Return the same for kernels (made once per device)."""
+        key = backend.UInt  # the same in both precisions
+        if key not in self._traced:
+            self._traced[key] = TracedNumbers(self.cells, backend)
+        return self._traced[key]
+
+
+class TracedNumbers:
+    """The numbers of the vertices of cells, in kernels."""
+
+    def __init__(self, cells: np.ndarray, backend: Any) -> None:
+        self.pair = backend.module.Array2u
+        self.cells = from_host(backend.UInt, cells.reshape(-1))
+
+    def of(self, cell: Any, active: Any) -> tuple[Any, list[Any]]:
+        """Return the numbers of the lower corners of cells, and the strides along x, y and z.
+
+        Cells of lanes that are not active may be any numbers.
+        """
+        corner, strides = dr.gather(self.pair, self.cells, cell, active)
+        bits = _STRIDE_BITS
+        return corner, [strides >> (2 * bits), (strides >> bits) & _MASK, strides & _MASK]
+
+
+def packed_strides(strides: np.ndarray) -> np.ndarray:
+    """Return strides along x, y and z (3, n) as one word each."""
+    x, y, z = strides
+    packed: np.ndarray = (x << (2 * _STRIDE_BITS) | y << _STRIDE_BITS | z).astype(np.uint32)
+    return packed
+
+
+def corner_numbers(first: Any, index: np.ndarray, points: np.ndarray, scale: Any) -> np.ndarray:
+    """Return what `VertexNumbers.cells` tells of cells.
+
+    Parameters
+    ----------
+    first : array of int, shape (n,)
+        Number of the first point of each cell's lattice.
+    index : array of int, shape (3, n)
+        The point at the lower corner of each cell.
+    points : array of int, shape (3, n)
+        Points per axis of its lattice.
+    scale : array of int, shape (3, n) or int
+        How many spacings cells are wide.
+    """
+    rows = points[2]
+    planes = points[1] * rows
+    found = np.empty((len(rows), 2), np.uint32)
+    found[:, 0] = first + index[0] * planes + index[1] * rows + index[2]
+    found[:, 1] = packed_strides(np.stack([planes, rows, np.ones_like(rows)]) * scale)
+    return found

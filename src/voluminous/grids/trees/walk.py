@@ -11,15 +11,96 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
+from ...backend.functions import unit_interval
 from ...geometry import is_uniform
-from ..axes import AxisTrack
-from ..box_walk import BoxWalk
+from ..box_walk import AxisTrack, BoxWalk
 from ..cartesian.walk import least, nearest
-from ..contract import Corners, Segment
+from ..contract import Corners, Ray, Segment
+from ..straight_chord import StraightChord
+from ..wall_corners import bilinear, trilinear
 from .axes import make_tree_axis
-from .corners import entry_corners, exit_corners
 from .lookup import Cell, Orientation, TreeLookup
 from .tree import Tree
+
+
+@dataclass
+class Corner:
+    """The vertex of a cell that a ray comes by first, and the steps to the others."""
+
+    base: Any
+    strides: list[Any]
+
+
+def first_corner(walk: Any, track: Any, cell: Cell, active: Any) -> Corner:
+    """Return the first corner of cells, in the sense of the rays.
+
+    In a hole that of any cell: its values are multiplied by a length of zero, but must be there.
+    """
+    number = cell.number
+    if walk.holes:
+        number = dr.select(walk.lookup.is_cell(cell), number, 0)
+    base, strides = walk.grid.vertex_numbers.traced(walk.backend).of(number, active)
+    signed = []
+    for stride, flip in zip(strides, track.way.flip, strict=True):
+        base = base + (stride & flip)  # all bits or none: modulo 2^32, the stride or minus it
+        signed.append((stride ^ flip) - flip)
+    return Corner(base, signed)
+
+
+def fractions(walk: Any, track: Any, cell: Cell, t: Any) -> list[Any]:
+    """Return where in cells rays are at a distance, from 0 to 1 in the sense of the rays."""
+    # Sizes along the axes are one and the same array mostly: so is one over it.
+    inverse = [1.0 / size for size in walk.lookup.sizes(cell)]
+    return [
+        unit_interval(axis.beyond(own, t, low) * part)
+        for axis, own, low, part in zip(walk.axes, track.axes, cell.low, inverse, strict=True)
+    ]
+
+
+def entry_corners(walk: Any, track: Any, cursor: Any) -> Corners:
+    """Return the vertices of the cell that the cursor is in, and trilinear weights."""
+    corner = first_corner(walk, track, cursor.cell, cursor.inside)
+    return trilinear(corner.base, fractions(walk, track, cursor.cell, cursor.t), corner.strides)
+
+
+def exit_corners(walk: Any, track: Any, segment: Segment) -> Corners:
+    """Return the vertices around the end of a segment: four of the wall it leaves through."""
+    leaving = segment.exit
+    entered = entered_is_finer(walk, leaving)
+    cell = choose(entered, leaving.entered, leaving.left)
+    corner = first_corner(walk, track, cell, segment.active)
+    f = fractions(walk, track, cell, segment.end)
+    ahead = dr.select(entered, 0.0, walk.backend.Float(1))
+    f = [dr.select(crossed, ahead, v) for crossed, v in zip(leaving.through, f, strict=True)]
+    if track.bounded:  # it may end inside the cell
+        f = [
+            dr.select(leaving.ends, own, v)
+            for own, v in zip(fractions(walk, track, leaving.left, segment.end), f, strict=True)
+        ]
+        return trilinear(corner.base, f, corner.strides)
+    base = corner.base
+    for crossed, stride in zip(leaving.through, corner.strides, strict=True):
+        base += dr.select(crossed & ~entered, stride, 0)
+    return bilinear(base, leaving.through, f, corner.strides)
+
+
+def entered_is_finer(walk: Any, leaving: Any) -> Any:
+    """Return which rays come to a finer cell than they leave, or come out of a hole."""
+    old, new = (walk.lookup.sizes(cell) for cell in (leaving.left, leaving.entered))
+    finer = (new[0] < old[0]) | (new[1] < old[1]) | (new[2] < old[2])
+    if walk.holes:
+        finer = finer & walk.lookup.is_cell(leaving.entered)
+        finer |= ~walk.lookup.is_cell(leaving.left) & walk.lookup.is_cell(leaving.entered)
+    return leaving.onward & finer
+
+
+def choose(mask: Any, first: Cell, second: Cell) -> Cell:
+    """Return one of two cells."""
+    return Cell(
+        dr.select(mask, first.number, second.number),
+        [dr.select(mask, a, b) for a, b in zip(first.low, second.low, strict=True)],
+        [dr.select(mask, a, b) for a, b in zip(first.size, second.size, strict=True)],
+    )
 
 
 @dataclass
@@ -171,3 +252,72 @@ class TreeWalk(BoxWalk):
     def exit_corners(self, track: TreeTrack, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
         return exit_corners(self, track, segment)
+
+
+@dataclass
+class TreeRayTrack(TreeTrack):
+    """Also the ray: where distances start, and the way per distance, in the volume's unit."""
+
+    origin: list[Any]
+    direction: list[Any]
+
+
+class TreeChord(StraightChord):
+    """A segment through a cell of a tree."""
+
+    def _fractions(self, t: Any) -> list[Any]:
+        mirrored = fractions(self.walk, self.track, self.segment.exit.left, t)
+        return [
+            dr.select(flip != 0, 1.0 - f, f)
+            for f, flip in zip(mirrored, self.track.way.flip, strict=True)
+        ]
+
+
+@dataclass
+class HoleLanding:
+    """Where rays are once none of them is in a hole: see `grids.contract.Landing`."""
+
+    cursor: TreeCursor
+    moved: Any
+    walk: TreeFieldWalk
+
+    def holds(self, cursor: TreeCursor) -> Any:
+        """Return the lanes that are in a cell still."""
+        return self.walk.lookup.is_cell(cursor.cell)
+
+
+class TreeFieldWalk(TreeWalk):
+    """Rays through a tree of Cartesian cells that know where they are.
+
+    In holes there are no fields: rays are moved beyond them, and what was known of a field before
+    is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
+    """
+
+    def __init__(self, grid: Any, tree: Tree, backend: Any) -> None:
+        super().__init__(grid, tree, backend)
+        self.has_gaps = self.holes
+
+    def cross(self, track: TreeRayTrack, cursor: TreeCursor) -> HoleLanding:
+        """Return rays where they are in a cell, beyond the holes they were in, or out."""
+        moved = self._in_hole(cursor)
+
+        def step(cursor: TreeCursor) -> tuple[TreeCursor]:
+            return (self.next(track, cursor)[1],)
+
+        (there,) = dr.while_loop((cursor,), self._in_hole, step, label="holes")
+        return HoleLanding(there, moved, self)
+
+    def _in_hole(self, cursor: TreeCursor) -> Any:
+        return cursor.inside & ~self.lookup.is_cell(cursor.cell)
+
+    def enter(self, ray: Ray) -> tuple[TreeRayTrack, TreeCursor]:
+        track, cursor = super().enter(ray)
+        Float = self.backend.Float
+        here = track.entry * self.scale
+        origin = [Float(dr.fma(here, d, o)) for o, d in zip(ray.origin, ray.direction, strict=True)]
+        direction = [Float(d * self.scale) for d in ray.direction]
+        return TreeRayTrack(**vars(track), origin=origin, direction=direction), cursor
+
+    def chord(self, track: TreeRayTrack, segment: Segment) -> TreeChord:
+        """Return a segment as a straight line through its cell."""
+        return TreeChord(self, track, segment)

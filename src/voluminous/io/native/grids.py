@@ -161,9 +161,7 @@ def _make_curvilinear(plain: PlainGrid, unit: UnitLike) -> Any:
 def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
     if "levels" not in arrays:
         return None
-    from ...grids.trees.octree_leaves import checked_levels
-    from ...grids.trees.octree_order import flags_from_levels
-    from ...grids.trees.octree_places import Places
+    from ...grids.trees.octree_order import Places, checked_levels, flags_from_levels
 
     levels = checked_levels(arrays["levels"])
     split = sorted({int(axis) for axis in np.ravel(attributes["split"])})

@@ -63,8 +63,7 @@ def _octree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
 def _flat_tree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     """Return a tree that is not refined along all axes: each leaf is a patch."""
     from ...grids import PatchGrid
-    from ...grids.trees.octree_order import levels_from_flags
-    from ...grids.trees.octree_places import Places
+    from ...grids.trees.octree_order import Places, levels_from_flags
 
     assert file.flags is not None
     axes = tuple(np.flatnonzero(file.active).tolist())

@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...grids.cartesian.coarse_walk import CoarseChord, padded_count
 from ...grids.cartesian.dual_walk import Chord
 from ...grids.curvilinear.field_walk import dual_values
-from ...grids.trilinear import trilinear
+from ...grids.straight_chord import trilinear
 from ...memory import check_memory, fits
 from ..cache import Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
