@@ -396,7 +396,7 @@ path_length = 0.3
 [[medium]]
 type = "isosurface"
 expr = "r"
-levels = [0.3, 0.5]
+level = [0.3, 0.5]
 color = "plasma"
 opacity = 0.1
 [camera]

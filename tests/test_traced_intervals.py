@@ -18,8 +18,7 @@ from voluminous.backend import dr, from_host, get_backend
 from voluminous.bounds.scalars import TracedRangeContext
 from voluminous.expressions import DrjitOps, Expression, IntervalOps, NumpyOps
 from voluminous.expressions.interval import Interval
-from voluminous.expressions.traced_interval import TracedInterval, traced
-from voluminous.expressions.traced_interval_ops import TracedIntervalOps
+from voluminous.expressions.traced_interval import TracedInterval, TracedIntervalOps, traced
 from voluminous.media import Context, Gaussian, Medium, Rectangle, Table
 from voluminous.media.context import no_unit
 

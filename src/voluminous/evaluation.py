@@ -2,25 +2,50 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from .derivatives import component_of_cells, is_component
 from .errors import UnitsError, UnknownNameError, unknown_name
-from .expressions import Expression, NumpyOps, components, has_units, required_names, resolve
+from .expressions import (
+    DerivedField,
+    Expression,
+    NumpyOps,
+    components,
+    has_units,
+    required_names,
+    resolve,
+)
 from .fields import coordinates, is_angle
 from .geometry import CARTESIAN
-from .units import parse_unit
+from .units import Unit, parse_unit
 
 # Cells evaluated at once: temporary arrays stay small beside the fields.
 _CHUNK = 1 << 20
 
 
-class Evaluation:
+class Evaluation(ABC):
     """Values, names and units of expressions of a volume's fields and coordinates."""
 
-    def evaluate(self: Any, expression: Any, *, camera: Any = None) -> np.ndarray:
+    grid: Any
+    coordinates: Any
+    _fields: Any
+    _units: dict[str, Unit]
+    array: Callable[[str], np.ndarray]
+    field_unit: Callable[[str], Unit]
+    given: Callable[[Iterable[str]], set[str]]
+    refresh: Callable[[], None]
+    seen_by: Callable[[Any], Evaluation]
+    _derived: Callable[[str], DerivedField | None]
+
+    @abstractmethod
+    def __contains__(self, name: object) -> bool:
+        """Return True for fields, and for what can be made of fields and coordinates."""
+
+    def evaluate(self, expression: Any, *, camera: Any = None) -> np.ndarray:
         """Return an expression of fields and coordinates on all cells, as a plain array.
 
         Parameters
@@ -53,7 +78,7 @@ class Evaluation:
             return self._evaluate_whole(parts[0])
         return np.stack([self._evaluate_whole(part) for part in parts])
 
-    def _evaluate_whole(self: Any, expression: Expression) -> np.ndarray:
+    def _evaluate_whole(self, expression: Expression) -> np.ndarray:
         size, out = self.grid.size, None
         for first in range(0, size, _CHUNK):
             last = min(first + _CHUNK, size)
@@ -66,7 +91,7 @@ class Evaluation:
         return out.reshape(self.grid.shape)
 
     def evaluate_cells(
-        self: Any, expression: Expression, first: int, last: int, *, double: bool = False
+        self, expression: Expression, first: int, last: int, *, double: bool = False
     ) -> np.ndarray:
         """Return an expression on the cells with flat numbers from `first` to `last`.
 
@@ -82,20 +107,20 @@ class Evaluation:
         result = np.asarray(expression.evaluate(NumpyOps(), values))
         return np.broadcast_to(result, (last - first,))  # a constant has no axes
 
-    def _cells(self: Any, name: str, first: int, last: int) -> np.ndarray:
+    def _cells(self, name: str, first: int, last: int) -> np.ndarray:
         derived = self._derived(name)
         if derived is not None and is_component(derived):
             return component_of_cells(self, derived, first, last)  # not kept: it is quickly made
         return self.array(name).reshape(-1)[first:last]
 
-    def check_names(self: Any, expression: Expression) -> None:
+    def check_names(self, expression: Expression) -> None:
         """Raise the error that names the nearest field if an expression uses an unknown one."""
         known = (*self._fields, *self.coordinates)
         for name in required_names(expression):
             if name not in known and name not in self:
                 raise _unknown(name, known)
 
-    def without_units(self: Any, expression: Expression) -> Expression:
+    def without_units(self, expression: Expression) -> Expression:
         """Return an expression in plain numbers of the fields' own units.
 
         ``los(velocity)/(0.2 km/s)`` has 2e4 in it where velocities are in cm/s.
@@ -109,7 +134,7 @@ class Evaluation:
         """
         return self.resolved(expression)[0]
 
-    def expression_unit(self: Any, expression: Expression) -> Any:
+    def expression_unit(self, expression: Expression) -> Unit:
         """Return the unit of an expression (astropy), None for a plain number.
 
         Raises
@@ -121,7 +146,7 @@ class Evaluation:
         """
         return self.resolved(expression)[1]
 
-    def resolved(self: Any, expression: Expression) -> tuple[Expression, Any]:
+    def resolved(self, expression: Expression) -> tuple[Expression, Any]:
         """Return what `without_units` and `expression_unit` do, at once."""
         expression = expression.among((*self._fields, *self.coordinates))
         self.check_names(expression)
@@ -132,7 +157,7 @@ class Evaluation:
                 raise
             return expression, None  # of coordinates alone, such as exp(-r**2)
 
-    def _unit_in_expressions(self: Any, name: str) -> Any:
+    def _unit_in_expressions(self, name: str) -> Any:
         """Return the unit of a field; radian of the grid's angles, which lengths may multiply."""
         angle = is_angle(name) and name in self.coordinates
         return parse_unit("rad") if angle else self.field_unit(name)

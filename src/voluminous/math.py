@@ -63,7 +63,7 @@ def interp(x: Any, xp: Any, fp: Any) -> Any:
     InputError
         If there are fewer than two places, they do not increase, or there are not as many values.
     """
-    from .expressions.drjit_ops import interpolate
+    from .expressions.interpolation import interpolate
     from .expressions.parser import table
 
     if is_symbolic(x):

@@ -10,11 +10,19 @@ import functools
 import re
 from collections.abc import Callable, Sized
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .errors import UnitsError
+
+if TYPE_CHECKING:
+    from astropy.units import UnitBase
+
+UnitLike: TypeAlias = "str | UnitBase | None"
+
+Unit: TypeAlias = Any
+"""An astropy unit, or None for plain numbers."""
 
 # A value in an error message is written out up to so many characters.
 _LONGEST = 100

@@ -20,8 +20,7 @@ from typing import Any
 from ..backend import dr
 from ..backend.functions import any_attenuation
 from ..backend.types import Float, Mask
-from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_rounding import positive
+from ..expressions.traced_interval import TracedInterval, positive
 from ..grids.contract import Segment
 from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import Path, empty_path, most, over
@@ -95,7 +94,7 @@ def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
     return dr.select(one_sign, low, -dr.inf), dr.select(one_sign, high, dr.inf)
 
 
-def _absorbed(depth: Any) -> Any:
+def _absorbed(depth: Float) -> Float:
     theta, mean = any_attenuation(depth)
     return dr.select(depth < 1.0, depth * mean, 1.0 - theta)
 
@@ -138,7 +137,7 @@ class Bracket(Scheme):
     budget : int
         About how many panels are tried per segment, at most.
     signed : bool
-        The emissivity may be negative: what is negative is kept as emissions of its own.
+        The emissivity may be negative: its negative part is a separate emission.
     """
 
     name = "bracket"
@@ -193,7 +192,7 @@ class Bracket(Scheme):
 
         count = source.numbers.emissions
         nothing = empty_path(real, count, count)
-        # A jump to where the segment begins is a panel of its own, before it.
+        # A jump to where the segment begins is a separate panel before it.
         begin = dr.select(source.jumps(cubics, before), real(-1), 0)
         begin = dr.select(segment.active, begin, 1)
         state = BracketState(begin, real(1), real(0), nothing)

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interval import TracedInterval, extremes
-from ..expressions.traced_rounding import lowered, raised
+from ..expressions.traced_interval import TracedInterval, extremes, lowered, raised
 from ..grids.curvilinear.edges import FULL_CIRCLE
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -57,7 +57,7 @@ class JetArithmetic:
         sign: Any = dr.select(a.value.lo + a.value.hi >= 0.0, 1.0, -1.0)
         return self.ops.multiply(a, self.constant(sign))
 
-    def part(self, value: TracedJet, lower: Any, inverse: Any) -> TracedJet:
+    def part(self, value: TracedJet, lower: Float, inverse: Any) -> TracedJet:
         """Return where between two walls a coordinate is, from 0 to 1."""
         above = self.ops.subtract(value, self.constant(lower))
         return self.stretched(above, inverse)
@@ -83,7 +83,7 @@ class JetArithmetic:
         high = dr.select(around, FULL_CIRCLE, high)
         return TracedJet(TracedInterval(low, high, value.nan), angle.first, angle.second)
 
-    def multilinear(self, values: Any, place: list[Any]) -> TracedJet:
+    def multilinear(self, values: Any, place: list[Float]) -> TracedJet:
         """Return a field with given values[x][y][z] at the corners of the unit cube."""
         if not place:
             return self.constant(values)
@@ -147,7 +147,7 @@ class CurvedField:
         self.before: TracedInterval | None = None  # where the segment before has ended
         self.slack = doubt * (high - low) + _LOSS * _EPS * (dr.abs(low) + dr.abs(high))
 
-    def piece(self, begin: Any, width: Any) -> CurvedPiece:
+    def piece(self, begin: Float, width: Any) -> CurvedPiece:
         """Return the field on a panel of the segment."""
         first, last = self.chord.point(begin), self.chord.point(begin + width)
         ends = [self._value(point) for point in (first, last)]
@@ -158,7 +158,7 @@ class CurvedField:
         """Return the value at the segment's beginning (0) or end (1)."""
         return self._value(self.chord.point(s))
 
-    def _value(self, point: list[Any]) -> TracedInterval:
+    def _value(self, point: list[Float]) -> TracedInterval:
         return self._field([_point(p, p) for p in point]).value
 
     def _field(self, point: list[TracedJet]) -> TracedJet:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval, extremes
 from ..geometry import CARTESIAN
@@ -44,12 +45,12 @@ class Numbers:
 class Enclosed:
     """A field along a segment: a cubic, how far off that may be, and what it never leaves."""
 
-    cubic: list[Any]
-    slack: Any
-    low: Any
-    high: Any
+    cubic: list[Float]
+    slack: Float
+    low: Float
+    high: Float
 
-    def piece(self, begin: Any, width: Any) -> CubicPiece:
+    def piece(self, begin: Float, width: Any) -> CubicPiece:
         """Return the field on a panel of the segment."""
         c = shifted(self.cubic, begin, width)
         inner = [control_point(c, k) for k in (1, 2)]
@@ -124,17 +125,17 @@ class Bracketed:
             cubic, slack, dr.select(unknown, dr.nan, low), dr.select(unknown, dr.nan, high)
         )
 
-    def unknown(self) -> list[Any]:
+    def unknown(self) -> list[Float]:
         """Return in place of `ends` what stands for: not known."""
         count = 2 * len(self.lattices) if self.curved else 0
         return [self.backend.Float(math.nan) for _ in range(count)]
 
-    def ends(self, cubics: dict[str, Any]) -> list[Any]:
+    def ends(self, cubics: dict[str, Any]) -> list[Float]:
         """Return between what the fields are at a segment's end, if they may jump there."""
         found = [field.end(1.0) for field in _curved(cubics)]
         return [end for value in found for end in (value.lo, value.hi)]
 
-    def jumps(self, cubics: dict[str, Any], before: list[Any]) -> Any:
+    def jumps(self, cubics: dict[str, Any], before: list[Float]) -> Mask:
         """Return where fields jump to a segment's beginning, from where they were `before`.
 
         They do on the axis of a curvilinear grid: azimuth is another one on the other side.
@@ -146,7 +147,7 @@ class Bracketed:
             found |= (field.before.hi < start.lo) | (start.hi < field.before.lo)
         return found
 
-    def courses(self, cubics: dict[str, Any], length: Any, begin: Any, width: Any) -> Courses:
+    def courses(self, cubics: dict[str, Any], length: Float, begin: Float, width: Any) -> Courses:
         """Return how all scalars run along a panel of a segment.
 
         One that begins before the segment is the jump to it, which has no length.

@@ -14,10 +14,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
-from ..expressions.traced_interval import TracedInterval
-from ..expressions.traced_rounding import float_info, larger, lowered, positive, raised, smaller
+from ..expressions.traced_interval import (
+    TracedInterval,
+    float_info,
+    larger,
+    lowered,
+    positive,
+    raised,
+    smaller,
+)
 from ..media.arguments import depth_of, length_in
 from ..media.coefficients import Coefficients
 from ..media.contract import Medium, MediumSample
@@ -56,7 +64,7 @@ class PartBounds:
     extinction: list[TracedInterval]
     emitted: list[TracedInterval]
     depth: list[TracedInterval]
-    source: list[Any] = field(default_factory=list)
+    source: list[Float] = field(default_factory=list)
 
     def spread(self, count: int) -> PartBounds:
         """Return the same with a number of extinctions."""
@@ -65,7 +73,7 @@ class PartBounds:
         alike = self.extinction * count, self.depth * count
         return PartBounds(self.emissivity, alike[0], self.emitted, alike[1], self.source)
 
-    def source_of(self, channel: int) -> tuple[Any, Any]:
+    def source_of(self, channel: int) -> tuple[Float, Float]:
         """Return between which values j/α is; infinite where nothing is known."""
         if self.source and self.source[channel] is not None:
             return self.source[channel]
@@ -79,7 +87,7 @@ def part_bounds(
 ) -> PartBounds:
     """Return bounds from ranges and from means of the coefficients over a panel of a length."""
 
-    def whole(values: list[Any]) -> list[TracedInterval]:
+    def whole(values: list[Float]) -> list[TracedInterval]:
         return [length * v for v in values]
 
     j, alpha, emitted, depth = (
@@ -112,7 +120,7 @@ def _added(rows: list[list[TracedInterval]]) -> list[TracedInterval]:
     return [functools.reduce(lambda a, b: a + b, column) for column in zip(*rows, strict=True)]
 
 
-def _source(parts: list[PartBounds], channel: int, sums: Sums) -> tuple[Any, Any]:
+def _source(parts: list[PartBounds], channel: int, sums: Sums) -> tuple[Float, Float]:
     """Return the hull of j/α over the parts that may absorb or emit, met with that of the sums."""
     own = PartBounds(*sums).source_of(channel)
     low, high = dr.inf, -dr.inf
@@ -194,7 +202,7 @@ def _mean_of_profile(
     return found
 
 
-def gaussian_bounds(mean: Any, off: Any, z: TracedInterval) -> TracedInterval:
+def gaussian_bounds(mean: Float, off: Float, z: TracedInterval) -> TracedInterval:
     """Return the mean of exp(-z²/2), given that on the chord.
 
     Its slope z exp(-z²/2) is largest at 1 and falls to both sides.
@@ -205,7 +213,7 @@ def gaussian_bounds(mean: Any, off: Any, z: TracedInterval) -> TracedInterval:
     return _around(mean, raised(slope * off * (1.0 + 1e-12)) + _SHAPE_LOSS)
 
 
-def box_bounds(first: Any, last: Any, farthest: Any) -> TracedInterval:
+def box_bounds(first: Float, last: Float, farthest: Float) -> TracedInterval:
     """Return the part of a panel with z from -1 to 1: between those with limits moved both ways."""
     inner, outer = 1.0 - farthest, 1.0 + farthest
     some = dr.select(inner > 0.0, inner, 1.0)
@@ -309,7 +317,7 @@ def _modulated(
     medium: Any,
     plain: list[TracedInterval],
     means: MediumSample,
-    sources: list[Any],
+    sources: list[Float],
     courses: Courses,
     context: CourseContext,
 ) -> PartBounds:
@@ -368,11 +376,11 @@ def _mean_times(gate: TracedInterval, f: TracedInterval, mean: TracedInterval) -
     )
 
 
-def _around(middle: Any, off: Any) -> TracedInterval:
+def _around(middle: Float, off: Float) -> TracedInterval:
     return TracedInterval(lowered(middle - off), raised(middle + off))
 
 
-def _unit(value: Any) -> Any:
+def _unit(value: Any) -> Float:
     """Return a number between 0 and 1; NaN, of which nothing is known, as it is."""
     return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
 
@@ -464,7 +472,7 @@ def _place(x: TracedInterval, level: Any, width: Any) -> TracedInterval:
     return TracedInterval(*ends)
 
 
-def _monotonic(course: Course) -> Any:
+def _monotonic(course: Course) -> Mask:
     return (course.slope.lo >= 0.0) | (course.slope.hi <= 0.0)
 
 

@@ -11,12 +11,20 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float
 from ..expressions import Expression
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interpolation import interpolate_traced_ranges
-from ..expressions.traced_interval import TracedInterval, extremes, traced
-from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_rounding import larger, lowered, raised, smaller
+from ..expressions.traced_interval import (
+    TracedInterval,
+    TracedIntervalOps,
+    extremes,
+    interpolate_traced_ranges,
+    larger,
+    lowered,
+    raised,
+    smaller,
+    traced,
+)
 from ..media.context import Context, completed
 
 
@@ -58,7 +66,7 @@ class TracedRangeContext(Context):
         return TracedIntervalOps(self._float, self._constant)
 
     def interpolate(
-        self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]
+        self, x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]
     ) -> list[TracedInterval]:
         return interpolate_traced_ranges(x, nodes, columns)
 
@@ -90,10 +98,10 @@ class CubicPiece:
         The field is never outside, such as beyond the corners of its cell.
     """
 
-    points: list[Any]
-    slack: Any
-    low: Any
-    high: Any
+    points: list[Float]
+    slack: Float
+    low: Float
+    high: Float
 
     def end(self, number: int) -> TracedInterval:
         """Return the value at the first or last control point."""
@@ -112,13 +120,13 @@ class CubicPiece:
             self._within(*extremes(p)), self._times(3.0, rises, 2.0), self._times(6.0, bends, 4.0)
         )
 
-    def _within(self, low: Any, high: Any) -> TracedInterval:
+    def _within(self, low: Float, high: Float) -> TracedInterval:
         low, high = low - self.slack, high + self.slack
         return TracedInterval(
             dr.select(low < self.low, self.low, low), dr.select(high > self.high, self.high, high)
         )
 
-    def _times(self, factor: float, values: list[Any], slacks: float) -> TracedInterval:
+    def _times(self, factor: float, values: list[Float], slacks: float) -> TracedInterval:
         low, high = extremes(values)
         slack = slacks * self.slack
         return factor * TracedInterval(low - slack, high + slack)
@@ -142,20 +150,20 @@ class Course:
     last: TracedInterval
     values: TracedInterval
     slope: TracedInterval
-    bow: Any
+    bow: Float
 
     @property
-    def off(self) -> Any:
+    def off(self) -> Float:
         """The mean distance from the chord between the middles of both ends, at most."""
         return self.bow * (1.0 / 12.0) + self._doubt
 
     @property
-    def farthest(self) -> Any:
+    def farthest(self) -> Float:
         """The largest distance from that chord, at most."""
         return self.bow * 0.125 + self._doubt
 
     @property
-    def _doubt(self) -> Any:
+    def _doubt(self) -> Float:
         return larger(self.first.hi - self.first.lo, self.last.hi - self.last.lo)
 
 
@@ -173,7 +181,7 @@ class CourseContext(TracedRangeContext):
         self._opaque = number
         self.courses: Courses | None = None
 
-    def plain(self, value: float) -> Any:
+    def plain(self, value: float) -> Float:
         """Return a number for kernels, which is put there once."""
         return self.keep(("number", value), lambda: self._opaque(value))
 
@@ -195,7 +203,7 @@ class Courses:
         How expressions are evaluated.
     """
 
-    def __init__(self, pieces: dict[str, Piece], length: Any, context: CourseContext) -> None:
+    def __init__(self, pieces: dict[str, Piece], length: Float, context: CourseContext) -> None:
         self.real = type(length)
         # Ends of segments are differences of distances, which round.
         self.length = TracedInterval(lowered(length), raised(length))

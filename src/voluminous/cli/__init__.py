@@ -44,7 +44,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         0 if all went well, 1 if `doctor` found something, 2 after an error, 130 after Ctrl-C.
     """
-    _open_streams()
     for stream in (sys.stdout, sys.stderr):
         # A terminal without the characters shows question marks instead of failing.
         if hasattr(stream, "reconfigure"):
@@ -53,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with _plain_warnings():
             code = int(COMMANDS[args.command].run(args))
-        sys.stdout.flush()
+        print(end="", flush=True)
         return code
     except KeyboardInterrupt:
         print("voluminous: interrupted", file=sys.stderr)
@@ -68,16 +67,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(f"voluminous: error: {str(error) or type(error).__name__}", file=sys.stderr)
         return FAILED
-
-
-def _open_streams() -> None:
-    """Open streams that are closed, as by ``>&-``, to nowhere: Python has None for them.
-
-    Files that are opened later do not get their numbers then, under which libraries may write.
-    """
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""What several commands share: options of rendering, and how results are told."""
+"""What several commands share: options of rendering, and messages about results."""
 
 from __future__ import annotations
 
@@ -86,6 +86,6 @@ def told(image: Image, seconds: float) -> str:
 
 
 def say(quiet: bool, *lines: str) -> None:
-    """Print lines unless told to be quiet."""
+    """Print lines unless `quiet`."""
     if not quiet:
         print(*lines, sep="\n", file=sys.stdout, flush=True)

@@ -1,4 +1,4 @@
-"""What a format could not hold: found by reading back what was written."""
+"""Convert a data file to another format; tell what that format could not hold."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ from ..errors import FileFormatError, InputError, VoluminousError
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..io.contract import FieldChoice
     from ..volume import Volume
 
 
@@ -39,11 +40,11 @@ class DataFile:
     path: Path
     format: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
-    fields: Any = None
+    fields: FieldChoice = None
 
     @classmethod
     def given(
-        cls, path: Path, format: str | None, options: Mapping[str, Any], fields: Any = None
+        cls, path: Path, format: str | None, options: Mapping[str, Any], fields: FieldChoice = None
     ) -> DataFile:
         """Return a file of which ``--set`` may give format and fields, with ``volume.`` or without.
 
@@ -53,7 +54,7 @@ class DataFile:
             If one is given twice, or of the wrong kind, or for a path.
         """
         rest = {key.removeprefix("volume."): value for key, value in options.items()}
-        own = {"format": format, "fields": fields}
+        own: dict[str, Any] = {"format": format, "fields": fields}
         for key, value in own.items():
             if key not in rest:
                 continue
@@ -67,7 +68,7 @@ class DataFile:
             raise InputError(f"--set {key}: the file is the argument of the command, {path}")
         return cls(path, own["format"], rest, own["fields"])
 
-    def open(self, fields: Any = None) -> Volume:
+    def open(self, fields: FieldChoice = None) -> Volume:
         """Return the volume, with fields that are read when they are first used."""
         from ..io.registry import open_lazily
 
@@ -80,13 +81,13 @@ class DataFile:
 
         return typed_options(self.options)
 
-    def section(self, fields: Any = None, path: str | None = None) -> dict[str, Any]:
+    def section(self, fields: FieldChoice = None, path: str | None = None) -> dict[str, Any]:
         """Return ``[volume]`` of a scene."""
         given = {"format": self.format, "fields": fields or self.fields}
         told = {key: value for key, value in given.items() if value}
         return {"path": path or str(self.path), **told, **self.options}
 
-    def call(self, fields: Any = None) -> str:
+    def call(self, fields: FieldChoice = None) -> str:
         """Return the line of Python that opens it."""
         options = {key: value for key, value in self.section(fields).items() if key != "path"}
         listed = [f"{key}={value!r}" for key, value in options.items()]
@@ -101,7 +102,7 @@ class DataFile:
         return shlex.join(parts)
 
 
-def add_reading_options(parser: Any) -> None:
+def add_reading_options(parser: argparse._ActionsContainer) -> None:
     """Add the options that say how a data file is read."""
     parser.add_argument("--format", metavar="NAME", help="format, if the file itself does not tell")
     parser.add_argument(
@@ -113,7 +114,7 @@ def add_reading_options(parser: Any) -> None:
     )
 
 
-def add_fields_option(parser: Any, what: str) -> None:
+def add_fields_option(parser: argparse._ActionsContainer, what: str) -> None:
     """Add the option that chooses fields."""
     parser.add_argument(
         "--fields",
@@ -158,7 +159,7 @@ def chosen_fields(given: list[str] | None) -> Any:
     return {name.strip(): (place or name).strip() for name, _, place in pairs}
 
 
-# What codes and people call the first thing that one looks at …
+# Usual names of the field of most interest …
 _FIRST = re.compile(r"(gas_|mass_)?density|rho|dens|(number_)?density|n|nh|n_h", re.I)
 # … and what sounds like it.
 _LIKE = re.compile(r".*densit(y|ies).*|.*numdens.*|rho.*|.*_rho|intensity|brightness.*|data", re.I)
@@ -177,7 +178,7 @@ _PIECE = 1 << 20
 
 
 def rank(name: str) -> int:
-    """Return how late a field of this name is looked at, 0 for the first ones."""
+    """Return the rank of a field by its name: 0 for those of most interest."""
     for number, names in enumerate((_FIRST, _LIKE)):
         if names.fullmatch(name):
             return number

@@ -97,7 +97,7 @@ def _devices() -> Iterator[str]:
 
 
 def _cache() -> Iterator[str]:
-    """Yield where compiled kernels are kept; without it every process compiles again."""
+    """Yield the folder of the cache of compiled kernels."""
     folder = _cache_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -161,4 +161,4 @@ CHECKS: dict[str, Callable[[], Iterator[str]]] = {
     "cache": _cache,
     "rays": _rays,
 }
-"""What is looked at, in this order; each yields lines, and raises if something is wrong."""
+"""The checks, in this order; each yields lines, and raises if something is wrong."""

@@ -51,12 +51,12 @@ def _table(readers: list[Reader]) -> Iterator[str]:
 
 def _one(reader: Reader) -> Iterator[str]:
     yield f"{reader.name}: {_what(reader)}"
-    yield f"  files: {_files(reader)}; {'read and written' if _writes(reader) else 'read'}"
+    yield f"  files: {_files(reader)}; {'read and written' if reader.writes else 'read'}"
     if needs := _needs(reader):
         yield f"  needs: {needs}"
         yield f"    {install_line(reader.extra)}" if reader.extra else ""
     yield from _options("options (--set KEY=VALUE, voluminous.open)", reader.options)
-    yield from _options("options for writing (volume.save)", getattr(reader, "write_options", {}))
+    yield from _options("options for writing (volume.save)", reader.write_options)
 
 
 def _options(title: str, options: dict[str, str]) -> Iterator[str]:
@@ -75,16 +75,12 @@ def _what(reader: Reader) -> str:
     return reader.description + foreign
 
 
-def _writes(reader: Reader) -> bool:
-    return bool(getattr(reader, "writes", False))
-
-
 def _modes(reader: Reader) -> str:
-    return "rw" if _writes(reader) else "r"
+    return "rw" if reader.writes else "r"
 
 
 def _files(reader: Reader, most: int | None = None) -> str:
-    if getattr(reader, "writes_directory", False) or not reader.suffixes:
+    if reader.writes_directory or not reader.suffixes:
         return "by content"
     return " ".join(reader.suffixes[:most]) + " …" * (len(reader.suffixes) > (most or 99))
 
@@ -92,7 +88,7 @@ def _files(reader: Reader, most: int | None = None) -> str:
 def _needs(reader: Reader) -> str:
     from ..packages import is_installed
 
-    packages = getattr(reader, "packages", ())
+    packages = reader.packages
     if not packages:
         return ""
     missing = [name for name in packages if not is_installed(name)]

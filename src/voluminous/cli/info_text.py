@@ -25,12 +25,14 @@ from .render_volume import LEVELS, PIXELS
 from .statistics import ValueSummary, histogram, numbers, statistics, stride
 
 if TYPE_CHECKING:
+    from astropy.wcs import WCS
+
     from ..image import Image
     from ..io import FieldInfo
     from ..volume import Volume
 
 
-# A field whose greatest value is so many times its least is looked at logarithmically.
+# Fields whose greatest value is more than this times the least get a logarithmic histogram.
 _WIDE = 1e2
 
 
@@ -41,7 +43,7 @@ class Look:
     Attributes
     ----------
     field : FieldInfo
-        What the file tells of it.
+        Its name, place, shape, type and unit in the file.
     found : ValueSummary or VoluminousError
         What its values are, or why they cannot be read.
     bytes : int
@@ -214,12 +216,12 @@ def _next(path: Path, image: Image) -> Iterator[str]:
 
 
 _LONGEST, _UNIT = 100, "_unit"
-# What is told of the grid that is made of them.
+# Shown with the grid.
 _TOLD_BY = ("particles",)
 
 
 def describe_meta(volume: Volume) -> Iterator[str]:
-    """Yield what a file told besides."""
+    """Yield the other metadata of a file."""
     for key, value in volume.meta.items():
         told = _short(value)
         if told and key not in _TOLD_BY and not _is_unit(key, volume.meta):
@@ -229,7 +231,7 @@ def describe_meta(volume: Volume) -> Iterator[str]:
 
 
 def _is_unit(key: str, meta: Mapping[str, Any]) -> bool:
-    """Return True for ``time_unit`` where there is a ``time``, beside which it is told."""
+    """Return True for ``time_unit`` where there is a ``time``, which shows it."""
     return key.endswith(_UNIT) and key.removesuffix(_UNIT) in meta
 
 
@@ -239,7 +241,7 @@ def _short(value: Any) -> str:
     return first if not more and len(first) <= _LONGEST else f"{first[:_LONGEST]} …"
 
 
-def _sky(wcs: Any) -> Iterator[str]:
+def _sky(wcs: WCS) -> Iterator[str]:
     for name, kind, unit, value in zip(
         wcs.wcs.ctype, wcs.world_axis_physical_types, wcs.wcs.cunit, wcs.wcs.crval, strict=True
     ):
@@ -248,7 +250,7 @@ def _sky(wcs: Any) -> Iterator[str]:
 
 
 _DIGITS = 4
-# More digits where a shell is thin: its place is told to 10 to the minus this of its width.
+# More digits where a shell is thin: its place is rounded to 10 to the minus this of its width.
 _FINE = 2
 # What is in the unit of the expression, beside the place of a shell.
 _WIDTHS = ("sigma", "half_width")
@@ -390,7 +392,7 @@ def _nothing(data: DataFile) -> Iterator[str]:
 
 
 def _about(volume: Volume, told: Any) -> Iterator[str]:
-    """Yield lines about the grid, unless the one before was the same, and what else is known."""
+    """Yield lines about the grid, unless the one before was the same, and the metadata."""
     if told is None:
         yield from describe_grid(volume.grid, volume.meta.get("particles"))
         yield from describe_meta(volume)
@@ -400,7 +402,7 @@ def _about(volume: Volume, told: Any) -> Iterator[str]:
 
 
 def _readable(data: DataFile, known: Iterable[FieldInfo]) -> Iterator[Readable]:
-    """Yield the fields to be told of: those asked for, or all that are read by default.
+    """Yield the fields to describe: those asked for, or all that are read by default.
 
     The file is opened once; where its fields do not fit together, once for each.
     """
@@ -425,7 +427,7 @@ def _alone(data: DataFile, field: FieldInfo) -> Volume | VoluminousError:
 
 
 def _told_by(volume: Volume, name: str) -> FieldInfo:
-    """Return what a volume tells of a field, such as one with a name of the user's."""
+    """Return the description of a field by the volume, for names that the user chose."""
     from ..io import FieldInfo
 
     dtype = str(volume.describe()["fields"][name]["dtype"])
@@ -433,7 +435,7 @@ def _told_by(volume: Volume, name: str) -> FieldInfo:
 
 
 def _rest(known: Iterable[FieldInfo], looks: list[Look]) -> Iterator[str]:
-    """Yield what the fields take, and the names of those that were not looked at."""
+    """Yield what the fields take, and the names of the remaining ones."""
     if looks:
         sizes = [found.bytes for found in looks]
         total = f"{in_bytes(sum(sizes))} for all, " if len(sizes) > 1 else ""

@@ -113,7 +113,7 @@ def _probe(scene: Scene, args: argparse.Namespace) -> Probe:
 
     options: dict[str, Any] = {k: v for k, v in scene.render_options.items() if k in _OPTIONS}
     if isinstance(options.get("background"), str):
-        options["background"] = _background(scene, options["background"])
+        options["background"] = scene.background(options["background"])
     options |= {"pixel": args.pixel, "at": _point(args.at), "also": args.also}
     with progress_bar(False if args.quiet else None, args.scene.name) as progress:
         return probe(scene.volume(), scene.medium, scene.camera, **options, progress=progress)
@@ -123,9 +123,3 @@ def _point(text: str | None) -> Any:
     from ..scene.kinds import QUANTITIES
 
     return None if text is None else QUANTITIES("--at", [part.strip() for part in text.split(",")])
-
-
-def _background(scene: Scene, path: str) -> Any:
-    from ..image import Image
-
-    return Image.load(scene.directory / Path(path).expanduser())

@@ -19,7 +19,6 @@ from .common import (
     told,
 )
 from .data import assignment, is_volume
-from .render_volume import retyped
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -99,11 +98,10 @@ def scene_from(args: argparse.Namespace, given: dict[str, Any], of_data: bool) -
     if of_data:
         scene, choice = render_volume.scene_of(args, _taken_options(given), given)
         say(args.quiet, choice)
-        changes = retyped(scene.to_dict()["medium"], given)
     else:
         render_volume.refuse_options(args)
-        scene, changes = Scene.load(args.scene), {}
-    changes |= {place: changed_value(place, value, scene) for place, value in given.items()}
+        scene = Scene.load(args.scene)
+    changes = {place: changed_value(place, value, scene) for place, value in given.items()}
     changes |= options
     return scene.replaced(changes) if changes else scene
 

@@ -1,9 +1,8 @@
-"""Types of media set with ``--set`` in a scene that the command made: its numbers give way."""
+"""The scene for a data file: automatic shells, and a camera that frames what shows."""
 
 from __future__ import annotations
 
 import argparse
-import inspect
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -167,30 +166,3 @@ def _count(medium: Medium) -> str:
 def _listed(texts: Iterable[str]) -> str:
     known = list(texts)
     return ", ".join([*known[:_SHOWN], *["…"][: len(known) > _SHOWN]])
-
-
-def retyped(media: list[dict[str, Any]], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the section ``medium`` without what the types in `given` do not have, if it changes.
-
-    Parameters
-    ----------
-    media : list of dict
-        As the command chose them, not the user.
-    given : mapping
-        Places and values of ``--set``; wrong ones are left for `Scene.replaced` to complain of.
-    """
-    from ..media import MEDIA
-
-    kept = [
-        _fitting(table, MEDIA.get(str(given.get(f"medium.{number}.type"))))
-        for number, table in enumerate(media, start=1)
-    ]
-    return {"medium": kept} if kept != media else {}
-
-
-def _fitting(table: dict[str, Any], make: Any) -> dict[str, Any]:
-    """Return what of a table a type has; all of it for a type that does not exist."""
-    if make is None:
-        return table
-    known = {"type", *inspect.signature(make).parameters}
-    return {key: value for key, value in table.items() if key in known}

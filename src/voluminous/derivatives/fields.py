@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from .neighbours import NeighbourDifferences
 from .structured import Curvilinear, differentiate, in_single, whole
 from .tree_slopes import BoxesOfTree, is_tree
 from .vectors import common_unit, component_everywhere, is_component
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 
 def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndarray:
@@ -53,7 +56,7 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
 
 
 def differences(
-    grid: Any, evaluate: Callable[[int, int], np.ndarray]
+    grid: Grid, evaluate: Callable[[int, int], np.ndarray]
 ) -> NeighbourDifferences | BoxesOfTree:
     """Return what compares the neighbours of any grid: in kernels, where these find them.
 

@@ -20,12 +20,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..geometry import metric, position
 from ..memory import check_memory
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 _CHUNK = 1 << 16
 # Where to look, in cell widths: just beyond the face (neighbours may be narrow), and aside where
@@ -54,7 +57,7 @@ class NeighbourDifferences:
     centers : array, shape (3, N)
     """
 
-    def __init__(self, grid: Any, evaluate: Callable[[int, int], np.ndarray]) -> None:
+    def __init__(self, grid: Grid, evaluate: Callable[[int, int], np.ndarray]) -> None:
         size = grid.size
         check_memory(40 * size, f"differences between {size} cells", "coarsen the volume")
         self.grid, self.values = grid, evaluated(size, evaluate)

@@ -23,7 +23,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from ..backend import dr, from_host, get_backend
 from ..geometry import CARTESIAN
 from ..memory import check_memory
 from .neighbours import evaluated, filled_up
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 # Where to look beyond a face, in widths of the cell: where centres of cells half as wide are.
 _SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -477,7 +480,7 @@ def _solved(matrix: dict[tuple[int, int], Any], right: list[Any]) -> list[Any]:
     return [f * s for f, s in zip(found, scale, strict=True)]
 
 
-def is_tree(grid: Any) -> bool:
+def is_tree(grid: Grid) -> bool:
     """Return True for grids that kernels find neighbours on."""
     return bool(grid.has_neighbourhood)
 
@@ -496,7 +499,7 @@ class BoxesOfTree:
     values : array, shape (N,)
     """
 
-    def __init__(self, grid: Any, evaluate: Callable[[int, int], np.ndarray]) -> None:
+    def __init__(self, grid: Grid, evaluate: Callable[[int, int], np.ndarray]) -> None:
         size = grid.size
         check_memory(16 * size, f"differences between {size} cells", "coarsen the volume")
         self.grid, self.values = grid, evaluated(size, evaluate)

@@ -7,7 +7,7 @@ A vector is three fields: ``name_x, name_y, name_z``, or ``name_r, name_theta, n
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from ..expressions import DerivedField, Expression
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, turns
 from ..units import unit_name
 
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
+
 _SYSTEMS = (CARTESIAN, SPHERICAL, CYLINDRICAL)
 _CHUNK = 1 << 20
 
 
-def component(name: str, fields: Container[str], grid: Any) -> DerivedField | None:
+def component(name: str, fields: Container[str], grid: Grid) -> DerivedField | None:
     """Return what a component such as ``velocity_x`` is made of, None if that is not there.
 
     Parameters
@@ -109,7 +112,7 @@ def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     return own, factors
 
 
-def _unit_vector(grid: Any, axis: str, first: int, last: int) -> np.ndarray:
+def _unit_vector(grid: Grid, axis: str, first: int, last: int) -> np.ndarray:
     """Return the direction in which a coordinate increases, at cell centres, shape (3, n).
 
     Zero where it has none: along r in the origin, along R, θ and φ on the axis.
@@ -142,7 +145,7 @@ _ALIKE = 1e-9
 class LinesOfSight:
     """Lines of sight of a camera, None if none is known, through the cells of a grid."""
 
-    def __init__(self, grid: Any, camera: Any = None) -> None:
+    def __init__(self, grid: Grid, camera: Any = None) -> None:
         self.grid, self.camera = grid, camera
 
     def directions(self, first: int, last: int) -> np.ndarray:

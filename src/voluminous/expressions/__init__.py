@@ -22,7 +22,8 @@ from .expression import (
 from .interval_ops import IntervalOps
 from .language import CONSTANTS, FUNCTIONS
 from .ops import NumpyOps, Ops
-from .units import has_units, is_dex, product, resolve, shifted, times, without_unit
+from .tree import is_dex
+from .units import has_units, product, resolve, shifted, times, without_unit
 
 __all__ = [
     "CONSTANTS",

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..backend import dr, from_host
-from ..backend.functions import first_true
 from .ops import Ops
-from .traced_rounding import positive, smaller
 
 # log10(2) in two parts: the product of the first, of 16 bits, and an exponent is exact.
 _LOG10_2_HIGH = 39457 / 2**17
@@ -72,6 +68,7 @@ class DrjitOps(Ops):
         return self._float(value)
 
     def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+        from .interpolation import interpolate
 
         return interpolate(self._float, x, places, [entries])[0]
 
@@ -176,63 +173,3 @@ class DrjitOps(Ops):
             dr.select(lifted, quotient - 1, quotient),
             dr.select(lifted, rest + right, rest),
         )
-
-
-def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
-    """Return the columns interpolated at x (traced by Dr.Jit); NaN where x is.
-
-    Parameters
-    ----------
-    real : type
-        Dr.Jit float type of `x` and of the result.
-    x : array
-        Places.
-    nodes : array, shape (n,)
-        Increasing places of the entries, at least two.
-    columns : sequence of array, shape (n,)
-        The entries.
-    """
-    place = locate(x, from_host(real, nodes))
-    place.fraction = dr.select(dr.isnan(x), x, place.fraction)
-    return [place.between(*place.around(from_host(real, column))) for column in columns]
-
-
-@dataclass
-class TablePosition:
-    """Where in a table a number lies.
-
-    Attributes
-    ----------
-    passed : Dr.Jit integer array
-        How many nodes do not lie above it.
-    upper : Dr.Jit integer array
-        The node that ends the piece in which it lies.
-    fraction : Dr.Jit float array
-        How far it is from the node before that one.
-    """
-
-    passed: Any
-    upper: Any
-    fraction: Any
-
-    def around(self, column: Any) -> tuple[Any, Any]:
-        """Return the entries before and after it."""
-        real = type(self.fraction)
-        return dr.gather(real, column, self.upper - 1), dr.gather(real, column, self.upper)
-
-    def between(self, before: Any, after: Any) -> Any:
-        """Return the interpolated entry."""
-        return dr.fma(self.fraction, after - before, before)
-
-
-def locate(x: Any, nodes: Any) -> TablePosition:
-    """Return where in a table a number lies; where it is NaN, anywhere."""
-    real, count = type(x), len(nodes)
-    UInt = dr.uint32_array_t(real)
-    passed = first_true(count, UInt, lambda k: dr.gather(real, nodes, k) > x)
-    upper = dr.clip(passed, 1, dr.opaque(UInt, count - 1))
-    low, high = dr.gather(real, nodes, upper - 1), dr.gather(real, nodes, upper)
-    width = high - low
-    inside = smaller(positive((x - low) / dr.select(width > 0, width, 1)), real(1))
-    fraction = dr.select(width > 0, inside, dr.select(x < high, real(0), real(1)))
-    return TablePosition(passed, upper, fraction)

@@ -2,21 +2,125 @@
 
 Rounding goes outward, after Moore, Kearfott & Cloud, *Introduction to Interval Analysis* (2009),
 chapters 2 and 5. Values that do not exist (``0/0``) are kept apart from the numbers, in a flag.
+
+One set of rules serves NumPy arrays (`Interval`) and arrays inside kernels (`TracedInterval`); what
+differs is in `Ends`. On the host sums, products and quotients are rounded by their own errors,
+which are floating-point numbers: Knuth, *The Art of Computer Programming* II (1997), section 4.2.2,
+and Dekker, *Numerische Mathematik* 18 (1971), 224-242.
 """
 
 from __future__ import annotations
 
 import functools
 import itertools
+import operator
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from .error_free import Array, outward, product, quotient, total
+Array = Any  # ends: NumPy arrays of float64, or Dr.Jit arrays
+Operation = Callable[[Array, Array], Array]
+Own = TypeVar("Own", bound="Interval")
 
+# In ε: each of the four operations loses 0.5, and division on a GPU 2.
+ROUNDING = 4.0
 _TINY = float(np.finfo(np.float64).tiny)
+
+
+class Ends(ABC):
+    """Arithmetic with ends of intervals, for one kind of arrays."""
+
+    select: Callable[..., Array]
+    abs: Callable[[Array], Array]
+    floor: Callable[[Array], Array]
+    ceil: Callable[[Array], Array]
+    log2: Callable[[Array], Array]
+    isfinite: Callable[[Array], Array]
+
+    @abstractmethod
+    def info(self, value: Array) -> Any:
+        """Return NumPy's description of the floating-point numbers of an array."""
+
+    @abstractmethod
+    def smaller(self, left: Array, right: Array) -> Array:
+        """Return the smaller of two arrays, ignoring NaN."""
+
+    @abstractmethod
+    def larger(self, left: Array, right: Array) -> Array:
+        """Return the larger of two arrays, ignoring NaN."""
+
+    @abstractmethod
+    def lowered(self, value: Array, loss: Any = ROUNDING) -> Array:
+        """Return a lower limit of a number that was computed with an error of `loss` ε.
+
+        Parameters
+        ----------
+        value : array
+            As computed. The limit of a positive value is never negative. Zero may be an underflow
+            and infinity an overflow.
+        loss : float or array
+            In ε of the value.
+        """
+
+    def raised(self, value: Array, loss: Any = ROUNDING) -> Array:
+        """Return an upper limit; see `lowered`."""
+        return -self.lowered(-value, loss)
+
+    @abstractmethod
+    def sums(self, low: tuple[Array, Array], high: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Return a lower limit of one sum and an upper limit of another."""
+
+    @abstractmethod
+    def limits(self, operation: Operation, pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+        """Return limits of all products or quotients of some pairs."""
+
+    def extremes(self, values: Iterable[Array]) -> tuple[Array, Array]:
+        """Return the smallest and the largest of some arrays."""
+        listed = list(values)
+        return functools.reduce(self.smaller, listed), functools.reduce(self.larger, listed)
+
+    def positive(self, value: Array) -> Array:
+        """Return the value, and zero in place of negative ones."""
+        return self.select(value < 0, 0, value)
+
+
+class _HostEnds(Ends):
+    select = staticmethod(np.where)
+    abs = staticmethod(np.abs)
+    floor = staticmethod(np.floor)
+    ceil = staticmethod(np.ceil)
+    log2 = staticmethod(np.log2)
+    isfinite = staticmethod(np.isfinite)
+
+    def info(self, value: Array) -> Any:
+        return np.finfo(np.float64)
+
+    def smaller(self, left: Array, right: Array) -> Array:
+        return np.fmin(left, right)
+
+    def larger(self, left: Array, right: Array) -> Array:
+        return np.fmax(left, right)
+
+    def lowered(self, value: Array, loss: Any = ROUNDING) -> Array:
+        # Kernels overflow a little before NumPy does.
+        most, info = 2.0**1023, np.finfo(np.float64)
+        capped = np.minimum(value, most)
+        moved = capped - np.abs(capped) * (float(info.eps) * loss) - 2 * _TINY
+        moved = np.where(moved < -most, -np.inf, moved)
+        return np.where((value > 0) & (moved < 0), 0, moved)
+
+    def sums(self, low: tuple[Array, Array], high: tuple[Array, Array]) -> tuple[Array, Array]:
+        return _outward(*_sum(*low), -np.inf), _outward(*_sum(*high), np.inf)
+
+    def limits(self, operation: Operation, pairs: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+        # Corners such as 0 · inf have no value; the others then give the range of the numbers.
+        function = _product if operation is operator.mul else _quotient
+        found = [function(x, y) for x, y in pairs]
+        lo = functools.reduce(np.fmin, (_outward(v, error, -np.inf) for v, error in found))
+        return lo, functools.reduce(np.fmax, (_outward(v, error, np.inf) for v, error in found))
 
 
 class Interval:
@@ -25,7 +129,8 @@ class Interval:
     Parameters
     ----------
     lo, hi : array_like
-        The ends, any shapes that broadcast. An end that is NaN stands for: anything, or NaN.
+        The ends, any shapes that broadcast. Where one is NaN, or `lo` is above `hi`, the value is
+        anything, or NaN.
     nan : array_like of bool, optional
         Where, besides, the value may be undefined (NaN).
 
@@ -41,10 +146,15 @@ class Interval:
     __hash__ = None  # type: ignore[assignment]
     __array_ufunc__ = None  # so that a NumPy number on the left leaves the operation to us
 
+    ends: ClassVar[Ends] = _HostEnds()
+    lo: Array
+    hi: Array
+    nan: Array
+
     def __init__(self, lo: Any, hi: Any = None, nan: Any = False) -> None:
         lo = np.asarray(lo, dtype=np.float64)
         hi = lo if hi is None else np.asarray(hi, dtype=np.float64)
-        unknown = np.isnan(lo) | np.isnan(hi)
+        unknown = ~(lo <= hi)
         self.lo = np.where(unknown, -np.inf, np.where((lo > 0) & (lo < _TINY), 0.0, lo))
         self.hi = np.where(unknown, np.inf, np.where((hi < 0) & (hi > -_TINY), 0.0, hi))
         self.nan = unknown | nan
@@ -55,99 +165,133 @@ class Interval:
         return value if isinstance(value, Interval) else Interval(value)
 
     @property
+    def is_constant(self) -> bool:
+        """Whether this is one number, the same everywhere."""
+        return bool(self.lo.ndim == 0 and self.lo == self.hi)
+
+    @property
     def size(self) -> Array:
         """The largest absolute value."""
-        return np.maximum(np.abs(self.lo), np.abs(self.hi))
+        return self.ends.larger(self.ends.abs(self.lo), self.ends.abs(self.hi))
 
     @property
     def smallest(self) -> Array:
         """The smallest absolute value."""
-        return np.maximum(np.maximum(self.lo, -self.hi), 0.0)
+        return self.ends.positive(self.ends.larger(self.lo, -self.hi))
 
     @property
     def infinite(self) -> Array:
         """Where an infinity is among the values."""
-        return np.isinf(self.size)
+        return (self.lo == -np.inf) | (self.hi == np.inf)
 
     def contains(self, number: Any) -> Array:
         """Return where a number is among the values."""
         return (self.lo <= number) & (number <= self.hi)
 
-    def __neg__(self) -> Interval:
-        return Interval(-self.hi, -self.lo, self.nan)
+    def unknown_where(self: Own, condition: Array, nan: Array) -> Own:
+        """Return this interval, but all numbers where a condition holds; undefined where `nan`."""
+        select = self.ends.select
+        lo, hi = select(condition, -np.inf, self.lo), select(condition, np.inf, self.hi)
+        return type(self)(lo, hi, self.nan | nan)
 
-    def __pos__(self) -> Interval:
+    def corners(self, other: Interval) -> list[tuple[Array, Array]]:
+        """Return the pairs of ends of two intervals: four, or fewer if one is a constant."""
+        ends = ((x.lo,) if x.is_constant else (x.lo, x.hi) for x in (self, other))
+        return list(itertools.product(*ends))
+
+    def _like(self: Own, other: Any) -> Own:
+        return other if isinstance(other, Interval) else type(self)(other)  # type: ignore[return-value]
+
+    def __neg__(self: Own) -> Own:
+        return type(self)(-self.hi, -self.lo, self.nan)
+
+    def __pos__(self: Own) -> Own:
         return self
 
-    def __abs__(self) -> Interval:
-        return Interval(self.smallest, self.size, self.nan)
+    def __abs__(self: Own) -> Own:
+        return type(self)(self.smallest, self.size, self.nan)
 
-    def __add__(self, other: Any) -> Interval:
-        other = Interval.of(other)
-        opposite = _both(self.hi, other.lo, np.inf) | _both(self.lo, other.hi, -np.inf)
-        lo = outward(*total(self.lo, other.lo), -np.inf)
-        hi = outward(*total(self.hi, other.hi), np.inf)
-        return Interval(lo, hi, self.nan | other.nan | opposite)
+    def __add__(self: Own, other: Any) -> Own:
+        other = self._like(other)
+        opposite = (self.hi == np.inf) & (other.lo == -np.inf)
+        opposite |= (self.lo == -np.inf) & (other.hi == np.inf)
+        lo, hi = self.ends.sums((self.lo, other.lo), (self.hi, other.hi))
+        return type(self)(lo, hi, self.nan | other.nan | opposite)
 
-    def __sub__(self, other: Any) -> Interval:
-        return self + -Interval.of(other)
+    def __sub__(self: Own, other: Any) -> Own:
+        return self + -self._like(other)
 
-    def __mul__(self, other: Any) -> Interval:
+    def __mul__(self: Own, other: Any) -> Own:
         if self is other:
-            return _square(self)
-        other = Interval.of(other)
+            low, high = self.smallest, self.size
+            lo, _ = self.ends.limits(operator.mul, [(low, low)])
+            _, hi = self.ends.limits(operator.mul, [(high, high)])
+            return type(self)(self.ends.positive(lo), hi, self.nan)
+        other = self._like(other)
         undefined = (self.contains(0) & other.infinite) | (other.contains(0) & self.infinite)
-        return _hull(product, self, other, self.nan | other.nan | undefined)
+        return self._hull(operator.mul, other, undefined)
 
-    def __truediv__(self, other: Any) -> Interval:
-        other = Interval.of(other)
+    def __truediv__(self: Own, other: Any) -> Own:
+        other = self._like(other)
         by_zero = other.contains(0)
         undefined = (by_zero & self.contains(0)) | (self.infinite & other.infinite)
-        found = _hull(quotient, self, other, self.nan | other.nan | undefined)
-        # Zeros have signs, which ends do not tell: 1/0 can be either infinity.
-        lo, hi = np.where(by_zero, -np.inf, found.lo), np.where(by_zero, np.inf, found.hi)
-        return Interval(lo, hi, found.nan)
+        found = self._hull(operator.truediv, other, undefined)
+        # Zeros have signs, which ends do not have: 1/0 can be either infinity.
+        return found.unknown_where(by_zero, found.nan)
 
-    def __radd__(self, other: Any) -> Interval:
-        return Interval.of(other) + self
+    def _hull(self: Own, operation: Operation, other: Own, undefined: Array) -> Own:
+        """Return the range of a product or quotient, from its corners; it has the sign of both.
 
-    def __rsub__(self, other: Any) -> Interval:
-        return Interval.of(other) - self
+        Corners without value (0 · inf) are undefined, or quotients by zero: the caller handles
+        both.
+        """
+        lo, hi = self.ends.limits(operation, self.corners(other))
+        same = ((self.lo >= 0) & (other.lo >= 0)) | ((self.hi <= 0) & (other.hi <= 0))
+        opposite = ((self.lo >= 0) & (other.hi <= 0)) | ((self.hi <= 0) & (other.lo >= 0))
+        select = self.ends.select
+        lo, hi = select(same & (lo < 0), 0, lo), select(opposite & (hi > 0), 0, hi)
+        return type(self)(lo, hi, self.nan | other.nan | undefined)
 
-    def __rmul__(self, other: Any) -> Interval:
-        return Interval.of(other) * self
+    def __radd__(self: Own, other: Any) -> Own:
+        return self._like(other) + self
 
-    def __rtruediv__(self, other: Any) -> Interval:
-        return Interval.of(other) / self
+    def __rsub__(self: Own, other: Any) -> Own:
+        return self._like(other) - self
+
+    def __rmul__(self: Own, other: Any) -> Own:
+        return self._like(other) * self
+
+    def __rtruediv__(self: Own, other: Any) -> Own:
+        return self._like(other) / self
 
     def __lt__(self, other: Any) -> Truth:
-        return self._compare(np.less, Interval.of(other))
+        return self._compare(operator.lt, self._like(other))
 
     def __le__(self, other: Any) -> Truth:
-        return self._compare(np.less_equal, Interval.of(other))
+        return self._compare(operator.le, self._like(other))
 
     def __gt__(self, other: Any) -> Truth:
-        return Interval.of(other) < self
+        return self._like(other) < self
 
     def __ge__(self, other: Any) -> Truth:
-        return Interval.of(other) <= self
+        return self._like(other) <= self
 
     def __eq__(self, other: Any) -> Truth:  # type: ignore[override]
         if self is other:
-            return Truth(np.ones_like(self.nan), self.nan)
-        other = Interval.of(other)
+            return Truth(self.nan | True, self.nan)
+        other = self._like(other)
         apart = (self.lo > other.hi) | (self.hi < other.lo)
         one_number = (self.lo == other.hi) & (self.hi == other.lo)
         return Truth(~apart, ~one_number | self.nan | other.nan)
 
-    def _compare(self, ordered: Callable[..., Array], other: Interval) -> Truth:
+    def _compare(self, ordered: Operation, other: Interval) -> Truth:
         always = ordered(self.hi, other.lo) & ~(self.nan | other.nan)
         return Truth(ordered(self.lo, other.hi), ~always)
 
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What a truth value can be, element by element: true, false, or either.
+    """The possible results of a comparison, element by element: true, false, or either.
 
     Attributes
     ----------
@@ -168,38 +312,47 @@ class Truth:
         return Truth(self.false, self.true)
 
 
-def extremes(values: Iterable[Array]) -> tuple[Array, Array]:
-    """Return the smallest and the largest of some arrays; NaN only where all of them are."""
-    listed = list(values)
-    return functools.reduce(np.fmin, listed), functools.reduce(np.fmax, listed)
+# Splits 53 bits into halves.
+_SPLITTER = 2.0**27 + 1
+# Errors of smaller products may be too small to be a number.
+_SMALLEST = 2.0**-960
 
 
-def corners(a: Interval, b: Interval) -> list[tuple[Array, Array]]:
-    """Return the pairs of ends: four, or less where one of them is a constant."""
-    return list(itertools.product(_ends(a), _ends(b)))
+def _sum(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the rounded sum and its error."""
+    rounded = x + y
+    shift = rounded - x
+    return rounded, (x - (rounded - shift)) + (y - shift)
 
 
-def _ends(x: Interval) -> tuple[Array, ...]:
-    return (x.lo,) if x.lo.ndim == 0 and x.lo == x.hi else (x.lo, x.hi)
+def _product(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the rounded product and its error, NaN where that is not a number."""
+    rounded = x * y
+    (a, b), (c, d) = _halves(x), _halves(y)
+    error = ((a * c - rounded) + a * d + b * c) + b * d
+    known = (np.abs(rounded) > _SMALLEST) | (x == 0) | (y == 0)
+    return rounded, np.where(known, error, np.nan)
 
 
-def _hull(
-    function: Callable[..., tuple[Array, Array]], a: Interval, b: Interval, nan: Array
-) -> Interval:
-    """Return the range of a function that is monotonic in each argument, from its corners.
+def _quotient(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the rounded quotient and a number with the sign of its error."""
+    rounded = x / y
+    back, error = _product(rounded, y)
+    known = (np.abs(rounded) > _SMALLEST) | (x == 0)
+    return rounded, np.where(known, ((x - back) - error) / y, np.nan)
 
-    Corners such as 0 · inf have no value; the others then tell the range of the numbers.
+
+def _outward(value: Array, error: Array, toward: float) -> Array:
+    """Return a rounded value, moved on towards an infinity if it was rounded away from there.
+
+    What underflows to a zero keeps the sign that the zero carries.
     """
-    found = [function(x, y) for x, y in corners(a, b)]
-    lo, _ = extremes(outward(value, error, -np.inf) for value, error in found)
-    _, hi = extremes(outward(value, error, np.inf) for value, error in found)
-    return Interval(lo, hi, nan)
+    sign = np.sign(toward)
+    underflow = (value == 0) & (np.signbit(value) == (sign > 0))
+    return np.where((error * sign <= 0) | underflow, value, np.nextafter(value, toward))
 
 
-def _square(x: Interval) -> Interval:
-    (low, low_error), (high, high_error) = (product(end, end) for end in (x.smallest, x.size))
-    return Interval(outward(low, low_error, -np.inf), outward(high, high_error, np.inf), x.nan)
-
-
-def _both(x: Array, y: Array, infinity: float) -> Array:
-    return (x == infinity) & (y == -infinity)
+def _halves(x: Array) -> tuple[Array, Array]:
+    large = _SPLITTER * x
+    high = large - (large - x)
+    return high, x - high

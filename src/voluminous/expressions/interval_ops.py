@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
-from .error_free import Array
-from .interval import Interval, Truth, corners, extremes
-from .interval_functions import (
-    angle_of,
-    enclosed,
-    from_zero,
-    increasing,
-    positive_power,
-    relative_loss,
-    tangent,
-    unknown_where,
-    wave,
-)
-from .interval_interpolation import interpolate_ranges
-from .ops import Ops
+from .interval import Array, Interval, Own, Truth
+from .ops import NumpyOps, Ops
 
-# From here on a quotient and its neighbours are hard to tell apart.
-_LARGEST_QUOTIENT = 0.25 / float(np.finfo(np.float64).eps)
+# Loss of a library's functions in ε: NumPy's 2, Dr.Jit's 4, first at the end of an interval and
+# then at the place inside; and as much again for safety.
+_LOSS = 16.0
+# Loss of an interpolated value in ε of the largest value around: the position loses 1.5, the
+# difference of two values 1, their sum 0.5, and as much again for safety.
+LOSS_OF_TABLES = 8.0
+_EPS = float(np.finfo(np.float64).eps)
 
 
 class IntervalOps(Ops):
@@ -34,48 +26,68 @@ class IntervalOps(Ops):
     The fields are independent of each other: each takes every value of its interval. The result
     holds every value of the expression, computed with real numbers, or in double precision by
     `NumpyOps` or `DrjitOps` (in single precision, it may lie outside by that rounding). It is tight
-    to a few ε where each field occurs once and the expression is continuous; elsewhere, it may be
-    too large, but never too small.
+    to some ε where each field occurs once and the expression is continuous, but for ``//`` and
+    ``%``; elsewhere, it may be too large, but never too small.
     """
 
-    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        return self, {name: Interval.of(value) for name, value in values.items()}
+    loss_of_angles: ClassVar[float] = _LOSS
 
-    def constant(self, value: float) -> Interval:
+    def __init__(self) -> None:
+        self._real: Callable[[float], Array] = np.float64
+        self._at: Ops = NumpyOps()
+
+    def of(self, value: Any) -> Any:
+        """Return a value as an interval."""
+        return Interval.of(value)
+
+    def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
+        return self, {name: self.of(value) for name, value in values.items()}
+
+    def constant(self, value: float) -> Any:
         return Interval(value)
 
-    def interpolate(self, x: Interval, places: np.ndarray, entries: np.ndarray) -> Interval:
+    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
         return interpolate_ranges(x, places, [entries])[0]
 
     def is_mask(self, value: Any) -> bool:
         return isinstance(value, Truth)
 
-    def number(self, value: Any) -> Interval:
-        if isinstance(value, Truth):
-            return Interval(np.where(value.false, 0.0, 1.0), np.where(value.true, 1.0, 0.0))
-        return Interval.of(value)
+    def number(self, value: Any) -> Any:
+        if not isinstance(value, Truth):
+            return self.of(value)
+        zero, one, interval = self._real(0.0), self._real(1.0), type(self.literal(1.0))
+        select = interval.ends.select
+        return interval(select(value.false, zero, one), select(value.true, one, zero))
 
-    def ones_like(self, value: Interval) -> Interval:
+    def ones_like(self, value: Any) -> Any:
         """Return ones, as many as `value` has."""
         return Interval(np.ones_like(value.lo))
 
-    def where(self, mask: Truth, chosen: Interval, otherwise: Interval) -> Interval:
+    def where(self, mask: Truth, chosen: Own, otherwise: Own) -> Own:
         """Return the one, the other, or the hull of both where the mask can be either."""
-        lo, _ = extremes(_choices(mask, chosen.lo, otherwise.lo))
-        _, hi = extremes(_choices(mask, chosen.hi, otherwise.hi))
-        return Interval(lo, hi, (mask.true & chosen.nan) | (mask.false & otherwise.nan))
+        ends = chosen.ends
+        lo, hi = (
+            ends.select(mask.true, ends.select(mask.false, extreme(one, other), one), other)
+            for extreme, one, other in (
+                (ends.smaller, chosen.lo, otherwise.lo),
+                (ends.larger, chosen.hi, otherwise.hi),
+            )
+        )
+        return type(chosen)(lo, hi, (mask.true & chosen.nan) | (mask.false & otherwise.nan))
 
-    def minimum(self, left: Interval, right: Interval) -> Interval:
+    def minimum(self, left: Own, right: Own) -> Own:
         """Return the smaller of both; undefined if one is."""
-        ends = np.minimum(left.lo, right.lo), np.minimum(left.hi, right.hi)
-        return Interval(*ends, left.nan | right.nan)
+        smaller = left.ends.smaller
+        limits = smaller(left.lo, right.lo), smaller(left.hi, right.hi)
+        return type(left)(*limits, left.nan | right.nan)
 
-    def maximum(self, left: Interval, right: Interval) -> Interval:
+    def maximum(self, left: Own, right: Own) -> Own:
         """Return the larger of both; undefined if one is."""
-        ends = np.maximum(left.lo, right.lo), np.maximum(left.hi, right.hi)
-        return Interval(*ends, left.nan | right.nan)
+        larger = left.ends.larger
+        limits = larger(left.lo, right.lo), larger(left.hi, right.hi)
+        return type(left)(*limits, left.nan | right.nan)
 
-    def integer_power(self, base: Interval, exponent: int) -> Interval:
+    def integer_power(self, base: Any, exponent: int) -> Any:
         if exponent < 3 or exponent % 2 == 0:
             return super().integer_power(base, exponent)
         low, high = (
@@ -84,85 +96,212 @@ class IntervalOps(Ops):
         )
         return Interval(low.lo, high.hi, base.nan)
 
-    def power(self, base: Interval, exponent: Interval) -> Interval:
+    def power(self, base: Own, exponent: Own) -> Own:
         """Return base**exponent; undefined for a negative base unless the exponent is whole."""
-        whole = (exponent.lo == exponent.hi) & (np.floor(exponent.lo) == exponent.lo)
-        odd = whole & (np.remainder(exponent.lo, 2) == 1)
-        up = positive_power(Interval(np.maximum(base.lo, 0), np.maximum(base.hi, 0)), exponent)
-        down = positive_power(Interval(np.maximum(-base.hi, 0), np.maximum(-base.lo, 0)), exponent)
+        floor, make = base.ends.floor, type(base)
+        whole = (exponent.lo == exponent.hi) & (floor(exponent.lo) == exponent.lo)
+        odd = whole & ~(floor(exponent.lo / 2) * 2 == exponent.lo)
+        up = self._positive_power(base, exponent)
+        down = self._positive_power(make(-base.hi, -base.lo), exponent)
         down = self.where(Truth(~odd, ~whole | odd), down, -down)
-        down = Interval(down.lo, down.hi, ~whole)
+        down = make(down.lo, down.hi, ~whole)
         found = self.where(Truth(base.hi >= 0, base.lo < 0), up, down)
-        # The reciprocal of a zero is of its sign, which ends do not tell, unless it is squared.
+        # The reciprocal of a zero has its sign, which ends do not have, unless it is squared.
         anything = base.contains(0) & (exponent.lo < 0) & ~(whole & ~odd)
-        return unknown_where(anything, found, found.nan | base.nan | exponent.nan)
+        return found.unknown_where(anything, base.nan | exponent.nan)
 
-    def floor_divide(self, left: Interval, right: Interval) -> Interval:
+    def _positive_power(self, base: Own, exponent: Own) -> Own:
+        """Return a power of the part of the base that is not negative: monotonic in both."""
+        ends = base.ends
+        base = _from_zero(type(base)(ends.positive(base.lo), ends.positive(base.hi)))
+        lows, highs = [], []
+        for b, e in base.corners(exponent):
+            value, doublings = self._at.power(b, e), ends.abs(e * ends.log2(b))
+            # The power is 2**(e log2 b), which turns the rounding of the product into a factor.
+            loss = _LOSS + 2 * ends.select(ends.isfinite(doublings), doublings, 0)
+            exact = (b == 0) | (b == 1) | (e == 0)
+            lows.append(ends.select(exact, value, ends.lowered(value, loss)))
+            highs.append(ends.select(exact, value, ends.raised(value, loss)))
+        return type(base)(ends.positive(ends.extremes(lows)[0]), ends.extremes(highs)[1])
+
+    def floor_divide(self, left: Own, right: Own) -> Own:
         """Return the quotient rounded down; undefined for an infinite numerator."""
-        lo, hi = extremes(_whole_quotient(*ends) for ends in corners(left, right))
-        found = enclosed((lo, hi), (_quotient_loss(lo), _quotient_loss(hi)))
-        by_zero = right.contains(0)
-        undefined = left.nan | right.nan | left.infinite | (by_zero & left.contains(0))
-        return unknown_where(by_zero, found, undefined)
+        quotient, floor = left / right, left.ends.floor
+        undefined = left.nan | right.nan | left.infinite | (right.contains(0) & left.contains(0))
+        rounded = type(left)(floor(quotient.lo), floor(quotient.hi), undefined)
+        # The limit of a quotient of two infinities is 0 or -1.
+        return rounded.unknown_where(left.infinite & right.infinite, undefined)
 
-    def remainder(self, left: Interval, right: Interval) -> Interval:
+    def remainder(self, left: Own, right: Own) -> Own:
         """Return the remainder, which lies between zero and the divisor."""
-        quotient = self.floor_divide(left, right)
+        quotient, ends, make = self.floor_divide(left, right), left.ends, type(left)
+        rest = left - make(quotient.lo) * right
+        least, most = -ends.positive(-right.lo), ends.positive(right.hi)
         same = quotient.lo == quotient.hi
-        rest = left - Interval(quotient.lo) * right
-        lo, hi = np.minimum(right.lo, 0), np.maximum(right.hi, 0)
-        lo = np.where(same, np.clip(rest.lo, lo, hi), lo)
-        hi = np.where(same, np.clip(rest.hi, lo, hi), hi)
+        lo = ends.select(same, ends.larger(rest.lo, least), least)
+        hi = ends.select(same, ends.smaller(rest.hi, most), most)
+        # From here on a quotient and its neighbours are hard to tell apart.
+        vague = quotient.size > 0.25 / float(ends.info(left.lo).eps)
         undefined = left.nan | right.nan | left.infinite | right.contains(0)
-        return unknown_where(quotient.size > _LARGEST_QUOTIENT, Interval(lo, hi), undefined)
+        return make(lo, hi, undefined).unknown_where(vague, undefined)
 
-    def exp(self, x: Interval) -> Interval:
+    def exp(self, x: Own) -> Own:
         """Return the exponential."""
-        return increasing(np.exp, x, exact_at=0, least=0.0)
+        return _increasing(self._at.exp, x, exact_at=0, least=0.0)
 
-    def tanh(self, x: Interval) -> Interval:
+    def tanh(self, x: Own) -> Own:
         """Return the hyperbolic tangent."""
-        return increasing(np.tanh, x, exact_at=0, least=-1.0, most=1.0)
+        return _increasing(self._at.tanh, x, exact_at=0, least=-1.0, most=1.0)
 
-    def log(self, x: Interval) -> Interval:
+    def log(self, x: Own) -> Own:
         """Return the natural logarithm; undefined for negative numbers."""
-        return increasing(np.log, from_zero(x), exact_at=1)
+        return _increasing(self._at.log, _from_zero(x), exact_at=1)
 
-    def log10(self, x: Interval) -> Interval:
+    def log10(self, x: Own) -> Own:
         """Return the logarithm to base 10; undefined for negative numbers."""
-        return increasing(np.log10, from_zero(x), exact_at=1)
+        return _increasing(self._at.log10, _from_zero(x), exact_at=1)
 
-    def sqrt(self, x: Interval) -> Interval:
+    def sqrt(self, x: Own) -> Own:
         """Return the square root; undefined for negative numbers."""
-        return increasing(np.sqrt, from_zero(x), exact_at=0, least=0.0)
+        return _increasing(self._at.sqrt, _from_zero(x), exact_at=0, least=0.0)
 
-    def sin(self, x: Interval) -> Interval:
+    def sin(self, x: Own) -> Own:
         """Return the sine."""
-        return wave(np.sin, x, highest_at=0.5 * math.pi)
+        return _wave(self._at.sin, x, highest_at=0.5 * math.pi)
 
-    def cos(self, x: Interval) -> Interval:
+    def cos(self, x: Own) -> Own:
         """Return the cosine."""
-        return wave(np.cos, x, highest_at=0.0)
+        return _wave(self._at.cos, x, highest_at=0.0)
 
-    def tan(self, x: Interval) -> Interval:
+    def tan(self, x: Own) -> Own:
         """Return the tangent; all numbers if there may be a pole in the interval."""
-        return tangent(x)
+        low, high, select = self._at.tan(x.lo), self._at.tan(x.hi), x.ends.select
+        # Its slope is 1 + tan².
+        low, high = low - _angle_loss(x, low * low, x.lo), high + _angle_loss(x, high * high, x.hi)
+        pole = _meets(x, 0.5 * math.pi, math.pi)
+        lo, hi = select(pole, -np.inf, low), select(pole, np.inf, high)
+        return type(x)(lo, hi, _undefined_angle(x))
 
-    def atan2(self, y: Interval, x: Interval) -> Interval:
+    def atan2(self, y: Own, x: Own) -> Own:
         """Return the angle of the point (x, y); from -π to π if the box meets the branch cut."""
-        return angle_of(y, x)
+        # Along the edges of a box that neither holds the origin nor is cut, angles are monotonic.
+        ends = x.ends
+        lo, hi = ends.extremes([self._at.atan2(first, second) for first, second in y.corners(x)])
+        cut = y.contains(0) & (x.lo <= 0)
+        lo = ends.lowered(ends.select(cut, -math.pi, lo), self.loss_of_angles)
+        hi = ends.raised(ends.select(cut, math.pi, hi), self.loss_of_angles)
+        lo = ends.select((y.lo >= 0) & ~cut & (lo < 0), 0, lo)
+        # Dr.Jit has no value for two infinities.
+        return type(x)(lo, hi, y.nan | x.nan | (y.infinite & x.infinite))
 
 
-def _choices(mask: Truth, chosen: Array, otherwise: Array) -> list[Array]:
-    return [np.where(mask.true, chosen, np.nan), np.where(mask.false, otherwise, np.nan)]
+def _increasing(
+    function: Callable[[Array], Array],
+    x: Own,
+    exact_at: float,
+    least: float = -math.inf,
+    most: float = math.inf,
+) -> Own:
+    """Return the range of an increasing function that has no rounding error at one place."""
+    low, high, ends = function(x.lo), function(x.hi), x.ends
+    low = ends.select(x.lo == exact_at, low, ends.lowered(low, _LOSS))
+    high = ends.select(x.hi == exact_at, high, ends.raised(high, _LOSS))
+    low, high = ends.select(low < least, least, low), ends.select(high > most, most, high)
+    return type(x)(low, high, x.nan)
 
 
-def _whole_quotient(left: Array, right: Array) -> Array:
-    # NumPy has no quotient of an infinite numerator, of which only the limit matters here.
-    quotient = np.where(np.isinf(left), left / right, np.floor_divide(left, right))
-    same_sign = np.signbit(left) == np.signbit(right)
-    return np.where(np.isinf(left) & np.isinf(right), np.where(same_sign, 0, -1), quotient)
+def _from_zero(x: Own) -> Own:
+    """Return the part that is not negative, for functions that have no value elsewhere.
+
+    Its ends are zero or normal numbers: of others functions may lose all digits.
+    """
+    tiny, select = float(x.ends.info(x.lo).tiny), x.ends.select
+    hi = select((x.hi > 0) & (x.hi < tiny), tiny, x.hi)
+    return type(x)(select(x.lo < tiny, 0, x.lo), hi, x.nan | (x.lo < 0))
 
 
-def _quotient_loss(quotient: Array) -> Array:
-    return np.where(np.abs(quotient) < _LARGEST_QUOTIENT, 0, relative_loss(quotient))
+def _wave(function: Callable[[Array], Array], x: Own, highest_at: float) -> Own:
+    """Return the range of the sine or cosine, which is highest at some angle."""
+    moved: list[Array] = []
+    for angle in (x.lo, x.hi):
+        value = function(angle)
+        loss = _angle_loss(x, value, angle)
+        moved += [value - loss, value + loss]
+    lo, hi = x.ends.extremes(moved)
+    lo = x.ends.select(_meets(x, highest_at + math.pi, math.tau) | (lo < -1), -1, lo)
+    hi = x.ends.select(_meets(x, highest_at, math.tau) | (hi > 1), 1, hi)
+    return type(x)(lo, hi, _undefined_angle(x))
+
+
+def _angle_loss(x: Interval, value: Array, angle: Array) -> Array:
+    # Taking off whole turns loses ε; of small angles none are taken off.
+    eps, size = float(x.ends.info(x.lo).eps), x.ends.abs(angle)
+    return _LOSS * eps * (x.ends.abs(value) + x.ends.select(size < 1, size, 1))
+
+
+def _undefined_angle(x: Interval) -> Array:
+    # Rounding exceeds one turn from here on, and Dr.Jit gives NaN.
+    return x.nan | (x.size > 1 / float(x.ends.info(x.lo).eps))
+
+
+def _meets(x: Interval, place: float, period: float) -> Array:
+    """Return where `place`, or that some periods further, is in the interval, or may be."""
+    ends, loss = x.ends, 4 * float(x.ends.info(x.lo).eps)
+    first, last = (x.lo - place) / period, (x.hi - place) / period
+    before = ends.ceil(first - loss * (1 + ends.abs(first)))
+    after = ends.floor(last + loss * (1 + ends.abs(last)))
+    return ~(before > after)
+
+
+def interpolate_ranges(
+    x: Interval, nodes: np.ndarray, columns: Sequence[np.ndarray]
+) -> list[Interval]:
+    """Return enclosures of the columns interpolated anywhere in x: from both ends and all between.
+
+    Parameters
+    ----------
+    x : Interval
+        Places.
+    nodes, columns
+        As in `interpolate`.
+    """
+    passed: list[Array] = [np.searchsorted(nodes, end, "right") for end in (x.lo, x.hi)]
+    first, last = (np.clip(count, 1, len(nodes) - 1) for count in passed)
+    f_first, f_last = _fraction(x.lo, nodes, first), _fraction(x.hi, nodes, last)
+
+    def enclosure(column: np.ndarray) -> Interval:
+        ends = _between(column, first, f_first), _between(column, last, f_last)
+        lo, hi = x.ends.extremes([*ends, *_extremes_within(column, *passed)])
+        least, most = _extremes_within(column, first - 1, last + 1)
+        loss = np.where(
+            least < most, _EPS * LOSS_OF_TABLES * np.maximum(np.abs(least), np.abs(most)), 0.0
+        )
+        # Rounding never carries a value across zero.
+        floor, ceiling = np.where(least >= 0, 0, -np.inf), np.where(most <= 0, 0, np.inf)
+        return Interval(np.maximum(lo - loss, floor), np.minimum(hi + loss, ceiling), x.nan)
+
+    return [enclosure(column) for column in columns]
+
+
+def _fraction(x: np.ndarray, nodes: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    low, high = nodes[upper - 1], nodes[upper]
+    width = high - low
+    inside = np.clip((x - low) / np.where(width > 0, width, 1), 0, 1)
+    return np.where(width > 0, inside, np.where(x < high, 0, 1))
+
+
+def _between(column: np.ndarray, upper: np.ndarray, fraction: np.ndarray) -> np.ndarray:
+    return column[upper - 1] + fraction * (column[upper] - column[upper - 1])
+
+
+def _extremes_within(
+    column: np.ndarray, first: np.ndarray, stop: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the smallest and largest of ``column[first:stop]``; NaN where there are none."""
+    ranges = np.stack([first, stop], axis=-1).reshape(-1)
+    padded = np.append(column, np.nan)  # so that `stop` is an index
+    least, most = (
+        np.where(first < stop, function.reduceat(padded, ranges)[::2].reshape(first.shape), np.nan)
+        for function in (np.fmin, np.fmax)
+    )
+    return least, most

@@ -17,9 +17,7 @@ import numpy as np
 from ..backend import dr
 from .interval import Truth
 from .ops import Ops
-from .traced_interpolation import slopes_in_ranges
-from .traced_interval import TracedInterval
-from .traced_interval_ops import TracedIntervalOps
+from .traced_interval import TracedInterval, TracedIntervalOps, slopes_in_ranges
 
 # A derivative that is zero everywhere is None: constants cost nothing.
 Derivative = TracedInterval | None

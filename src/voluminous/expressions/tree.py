@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import UnitsError
+from ..units import Unit
 from .ops import Ops
 
 Fields = Mapping[str, Any]
@@ -59,7 +60,7 @@ class NumberWithUnit(Node):
     """A number with a unit, which has no value before the units of the fields are known."""
 
     value: float
-    unit: Any
+    unit: Unit
 
     def evaluate(self, ops: Ops, fields: Fields) -> Any:
         raise UnitsError(
@@ -73,7 +74,7 @@ class NumberWithUnit(Node):
 class InUnit(Constant):
     """A plain number whose unit fits those of the fields it is combined with."""
 
-    unit: Any
+    unit: Unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,11 +305,11 @@ def text(node: Node) -> str:
     raise TypeError(f"not a number in an expression: {node!r}")
 
 
-def _quantity(value: float, unit: Any) -> str:
+def _quantity(value: float, unit: Unit) -> str:
     shown = str(unit)
     if _SCALED.search(shown):
-        own = getattr(unit, "physical_unit", unit).decompose()
-        dex = hasattr(unit, "physical_unit")
+        dex = is_dex(unit)
+        own = (unit.physical_unit if dex else unit).decompose()
         value = value + math.log10(own.scale) if dex else value * own.scale
         shown = str(type(own)(1.0, own.bases, own.powers))
         shown = f"dex({shown})" if dex and shown else shown
@@ -342,3 +343,8 @@ def _numbers(values: tuple[float, ...]) -> str:
 
 def _listed(nodes: tuple[Node, ...]) -> str:
     return ", ".join(text(node) for node in nodes)
+
+
+def is_dex(unit: Unit) -> bool:
+    """Return whether a unit is that of a logarithm, such as dex(g / cm3)."""
+    return hasattr(unit, "physical_unit")

@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ..errors import UnitsError
-from ..units import parse_unit, unit_name
+from ..units import Unit, parse_unit, unit_name
 from .expression import Expression
 from .ops import NumpyOps
 from .tree import (
@@ -40,6 +40,7 @@ from .tree import (
     NumberWithUnit,
     Steps,
     Where,
+    is_dex,
     nodes,
     text,
 )
@@ -50,7 +51,7 @@ _ADVICE = (
 )
 
 
-def resolve(expression: Expression, units: tuple[Any, ...]) -> tuple[Expression, Any]:
+def resolve(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression, Any]:
     """Return an expression in plain numbers of its fields' units, and its own unit.
 
     Parameters
@@ -77,12 +78,12 @@ def resolve(expression: Expression, units: tuple[Any, ...]) -> tuple[Expression,
     return (expression if changed is None else changed), unit
 
 
-def times(expression: Expression, number: float, unit: Any) -> Expression:
+def times(expression: Expression, number: float, unit: Unit) -> Expression:
     """Return an expression times a number with a unit."""
     return _combined("multiply", expression, InUnit(number, unit))
 
 
-def without_unit(expression: Expression, unit: Any, shown: str) -> Expression:
+def without_unit(expression: Expression, unit: Unit, shown: str) -> Expression:
     """Return an expression that is in a unit as a plain number, divided by the unit, by a name."""
     if unit is None:
         return expression
@@ -116,7 +117,7 @@ def _combined(operation: str, expression: Expression, other: Node) -> Expression
     return Expression.of_tree(tree, expression.names, text(tree))
 
 
-def _counts(unit: Any) -> bool:
+def _counts(unit: Unit) -> bool:
     """Return whether a unit makes a difference: radians alone are plain numbers."""
     return unit is not None and not _is_radian(unit)
 
@@ -128,7 +129,7 @@ def has_units(expression: Expression) -> bool:
 
 
 @functools.lru_cache(maxsize=512)
-def _resolved(expression: Expression, units: tuple[Any, ...]) -> tuple[Expression | None, Any]:
+def _resolved(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression | None, Any]:
     """Return what `resolve` does, None for an expression that stays as it is."""
     walk = _Walk(dict(zip(expression.names, units, strict=True)), expression)
     tree, unit = walk.whole(expression.tree)
@@ -145,7 +146,7 @@ class _Part:
     """
 
     node: Node
-    unit: Any = None
+    unit: Unit = None
     number: float | None = None
 
     @property
@@ -160,7 +161,7 @@ class _Part:
 class _Walk:
     """One walk through the tree of an expression."""
 
-    def __init__(self, units: dict[str, Any], expression: Expression) -> None:
+    def __init__(self, units: dict[str, Unit], expression: Expression) -> None:
         self._units, self._expression = units, expression
         self._steps: list[_Part] = []
 
@@ -228,7 +229,7 @@ class _Walk:
         fits = [p.unit is None and not p.bare(plain) for p in parts]
         return [p if fit else self._in(p, unit, node) for p, fit in zip(parts, fits, strict=True)]
 
-    def _in(self, part: _Part, unit: Any, node: Node) -> _Part:
+    def _in(self, part: _Part, unit: Unit, node: Node) -> _Part:
         if part.unit == unit or not (_counts(part.unit) or _counts(unit)):
             return part
         dex = is_dex(part.unit)
@@ -248,7 +249,7 @@ class _Walk:
             return _Part(part.node, unit)
         return _Part(Call(operation, (part.node, InUnit(factor, change))), unit)
 
-    def _factor(self, own: Any, unit: Any) -> float | None:
+    def _factor(self, own: Any, unit: Unit) -> float | None:
         """Return what turns numbers in one unit into those in another; None if nothing does."""
         from astropy import units as u
 
@@ -258,7 +259,7 @@ class _Walk:
                 return float(first.to(second))
         return None
 
-    def _refuse_kind(self, node: Node, part: _Part, unit: Any) -> NoReturn:
+    def _refuse_kind(self, node: Node, part: _Part, unit: Unit) -> NoReturn:
         wanted = "a plain number is needed" if unit is None else f"expected {_named(unit)}"
         own = "a plain number" if part.unit is None else f"in {_named(part.unit)}"
         shown = text(part.node)
@@ -407,22 +408,17 @@ _RULES: dict[str, _Rule] = {
 }
 
 
-def is_dex(unit: Any) -> bool:
-    """Return whether a unit is that of a logarithm, such as dex(g / cm3)."""
-    return hasattr(unit, "physical_unit")
-
-
-def _dex(unit: Any) -> Any:
+def _dex(unit: Unit) -> Unit:
     from astropy import units as u
 
     return u.dex(unit)
 
 
-def _unit_of(parts: list[_Part]) -> Any:
+def _unit_of(parts: list[_Part]) -> Unit:
     return next((p.unit for p in parts if p.unit is not None), None)
 
 
-def _product(first: Any, second: Any, sign: int) -> Any:
+def _product(first: Any, second: Any, sign: int) -> Unit:
     from astropy import units as u
 
     if _is_radian(first) and _is_radian(second):
@@ -435,21 +431,21 @@ def _product(first: Any, second: Any, sign: int) -> Any:
     return parse_unit((first or plain) * (second or plain) ** sign)
 
 
-def _quotient(first: Any, second: Any) -> Any:
+def _quotient(first: Any, second: Any) -> Unit:
     from astropy import units as u
 
     found = _product(first, second, -1)
     return u.dimensionless_unscaled if found is None else found
 
 
-def _is_pure(unit: Any) -> bool:
+def _is_pure(unit: Unit) -> bool:
     from astropy import units as u
 
     return not is_dex(unit) and bool(_of_gauss(unit).is_equivalent(u.dimensionless_unscaled))
 
 
 @functools.lru_cache(maxsize=64)
-def _of_gauss(unit: Any) -> Any:
+def _of_gauss(unit: Unit) -> Unit:
     """Return a unit with what gauss are in Gaussian units, where ``B**2 / (8*pi)`` is a pressure.
 
     astropy has them as 1e-4 tesla only, of SI.
@@ -465,24 +461,24 @@ def _of_gauss(unit: Any) -> Any:
     return u.Unit(found)
 
 
-def _is_angle(unit: Any) -> bool:
+def _is_angle(unit: Unit) -> bool:
     return bool(not is_dex(unit) and unit.is_equivalent(_radian()))
 
 
-def _has_angle(unit: Any) -> bool:
+def _has_angle(unit: Unit) -> bool:
     return any(_is_angle(base) for base in unit.bases)
 
 
 @functools.lru_cache(maxsize=64)  # comparing units takes 0.3 ms
-def _is_radian(unit: Any) -> bool:
+def _is_radian(unit: Unit) -> bool:
     return unit is not None and unit == _radian()
 
 
-def _radian() -> Any:
+def _radian() -> Unit:
     from astropy import units as u
 
     return u.rad
 
 
-def _named(unit: Any) -> str:
+def _named(unit: Unit) -> str:
     return unit_name(unit) or "no unit"

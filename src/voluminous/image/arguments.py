@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnitsError
 from ..units import as_quantity, is_quantity, parse_unit, plain, unit_of
+
+if TYPE_CHECKING:
+    from astropy.wcs import WCS
 
 Array = NDArray[np.floating[Any]]
 
@@ -124,7 +127,7 @@ def length_unit(unit: Any, x: Any, y: Any) -> str:
 
 
 def known_unit(unit: Any) -> Any:
-    """Return the unit of a picture; None for one that is not known, as another program may name."""
+    """Return the unit of a picture; None for one that astropy does not know."""
     try:
         return parse_unit(unit)
     except UnitsError:
@@ -219,7 +222,7 @@ def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
     return wcs
 
 
-def text_of(wcs: Any) -> str:
+def text_of(wcs: WCS) -> str:
     """Return a WCS as the text of a FITS header."""
     return str(wcs.to_header_string(relax=True))
 

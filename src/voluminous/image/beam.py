@@ -25,9 +25,9 @@ _REACH = 5.5
 _WIDEST = 2.0
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
-# What a convolved image's provenance tells of its beam.
+# Keys of the beam in a convolved image's provenance.
 _TOLD = {"major", "minor", "pa", "unit"}
-# Less of the kernel than this on what is known, and all is unknown: sums are rounded by 1e-16.
+# A pixel is missing where less than this of the kernel falls on valid ones (rounding: 1e-16).
 _LEAST = 1e-6
 
 
@@ -154,7 +154,7 @@ def _in_pixels(image: Image, beam: tuple[float, float, float, Any]) -> np.ndarra
 
 
 def _frame(image: Image, unit: Any) -> tuple[np.ndarray, Any]:
-    """Return what leads from pixels to the frame that a beam is told in, and its unit."""
+    """Return the matrix from pixels to the frame of the beam, and the unit of that frame."""
     own, to_sky = parse_unit(image.unit), sky_matrix(image)
     if unit is not None and unit.is_equivalent("rad") and to_sky is not None:
         return to_sky, parse_unit("deg")

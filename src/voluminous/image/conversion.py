@@ -13,12 +13,13 @@ from .arguments import known_unit
 from .beam import as_beam, beam_area, sky_matrix
 
 if TYPE_CHECKING:
+    from ..units import UnitLike
     from .image import Image
 
 _SCALED = ("error", "lower", "upper")
 
 
-def to_unit(image: Image, unit: Any, beam: Any = None) -> Image:
+def to_unit(image: Image, unit: UnitLike, beam: Any = None) -> Image:
     """Return the image in another unit; see `Image.to`."""
     target, on_plane = parse_unit(unit), known_unit(image.unit)
     if on_plane is None or target is None or not on_plane.is_equivalent(target):
@@ -32,7 +33,7 @@ def to_unit(image: Image, unit: Any, beam: Any = None) -> Image:
     return _to_intensity(image, target, unit, beam) if lengths else image
 
 
-def _to_intensity(image: Image, target: Any, unit: Any, beam: Any) -> Image:
+def _to_intensity(image: Image, target: Any, unit: UnitLike, beam: Any) -> Image:
     """Return the image with its intensities, their errors and bounds in another unit."""
     own = parse_unit(image.intensity_unit)
     if own is None:

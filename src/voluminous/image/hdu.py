@@ -14,6 +14,8 @@ from .beam import fits_beam
 from .sky import on_sky
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header, PrimaryHDU
+
     from .image import Image
 
 
@@ -23,7 +25,7 @@ Linear = tuple[NDArray[np.float64], float]  # coordinates and their step
 _PLANE, _PLANE_NAME = "A", "image plane"
 # As radio astronomers' programs write it and look for it.
 _PER_BEAM = "Jy/beam"
-# Coordinates this near to a linear axis (in pixels) are told by it; rounding is far below.
+# Coordinates this near to a linear axis (in pixels) count as linear; rounding is far below.
 _LINEAR_TO = 1e-6
 # Kinds of axes that are in degrees unless their header says otherwise.
 _ON_SKY = re.compile("RA--|DEC-|[A-Z]{1,2}L(ON|AT)-")
@@ -87,7 +89,7 @@ def unit_card(unit: str) -> str:
 
 
 def read(
-    header: Any, shape: tuple[int, ...], extras: dict[str, NDArray[Any]], pixel_size: Any
+    header: Header, shape: tuple[int, ...], extras: dict[str, NDArray[Any]], pixel_size: Any
 ) -> dict[str, Any]:
     """Return x, y, unit and pixel_size as far as the header and the extensions tell them.
 
@@ -121,17 +123,17 @@ def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDA
     return own if axis is None or _agree(own, *axis) else None
 
 
-def _unit(header: Any, number: int, key: str) -> str:
+def _unit(header: Header, number: int, key: str) -> str:
     """Return the unit of an axis: degrees on the sky, where the header says nothing."""
     default = "deg" if _ON_SKY.match(str(header.get(f"CTYPE{number}{key}", ""))) else ""
     return str(header.get(f"CUNIT{number}{key}", "")).strip() or default
 
 
-def _linear_axis(header: Any, number: int, count: int, key: str) -> Linear | None:
+def _linear_axis(header: Header, number: int, count: int, key: str) -> Linear | None:
     step = header.get(f"CDELT{number}{key}", header.get(f"CD{number}_{number}{key}"))
     other = 3 - number
     rotated = any(header.get(f"{m}{number}_{other}{key}", 0.0) for m in ("CD", "PC"))
-    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS told it
+    rotated |= any(header.get(f"CROTA{n}{key}", 0.0) for n in (1, 2))  # as AIPS writes it
     if not step or rotated:
         return None
     projected = "-" in str(header.get(f"CTYPE{number}{key}", ""))
@@ -139,12 +141,14 @@ def _linear_axis(header: Any, number: int, count: int, key: str) -> Linear | Non
     return _linear(count, header.get(f"CRPIX{number}{key}", 0.0), value, step), step
 
 
-# The card with all that is known besides, as JSON.
+# The card with all other metadata, as JSON.
 TEXT = "VOLMETA"
 _ANGLES = {"incl": "inclination", "phi": "azimuth", "posang": "position angle"}
 
 
-def to_hdu(image: Image, distance: Any = None, position: Any = None, posang: Any = 0.0) -> Any:
+def to_hdu(
+    image: Image, distance: Any = None, position: Any = None, posang: Any = 0.0
+) -> PrimaryHDU:
     """Return an astropy PrimaryHDU; see `Image.to_hdu`."""
     from astropy.io import fits
 
@@ -160,7 +164,7 @@ def channels_first(planes: NDArray[Any]) -> NDArray[Any]:
     return planes[..., 0] if planes.shape[-1] == 1 else np.moveaxis(planes, -1, 0)
 
 
-def _header(image: Image) -> Any:
+def _header(image: Image) -> Header:
     from astropy.io import fits
 
     header = fits.Header()

@@ -16,7 +16,11 @@ from .arguments import json_value
 
 if TYPE_CHECKING:
     from astropy.io.fits import PrimaryHDU
+    from astropy.wcs import WCS
     from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+
+    from ..units import UnitLike
 
 Array = NDArray[np.floating[Any]]
 
@@ -27,7 +31,7 @@ class Image:
     Parameters
     ----------
     intensity : array_like or Quantity, shape (ny, nx, channel) or (ny, nx)
-        Row 0 is at the bottom, x runs to the right. float32 and float64 are kept as they are,
+        Row 0 is at the bottom, x runs to the right. float32 and float64 stay as they are,
         integers become float64.
     transparency : array_like, optional
         exp(-optical depth) along each ray. Broadcastable to (ny, nx, channel); two axes mean
@@ -35,7 +39,7 @@ class Image:
     optical_depth : array_like or callable, optional
         Likewise; or a function without arguments that gives it, called once, on first use.
     error : array_like, shape (ny, nx), optional
-        How far the intensity may be off in any channel.
+        Estimated absolute error of the intensity, the largest of all channels.
     lower, upper : array_like, shape (ny, nx, channel), optional
         Guaranteed bounds of the intensity.
     x, y : array_like or Quantity, shapes (nx,) and (ny,), optional
@@ -77,9 +81,9 @@ class Image:
     _pending: Callable[[], ArrayLike] | None
     _planes: dict[str, Array | None]
     pixel_size: tuple[float, float]
-    wcs: Any
-    camera: Any
-    provenance: Any
+    wcs: WCS | None
+    camera: dict[str, Any] | None
+    provenance: dict[str, Any] | None
     # NumPy's functions would take display values for intensities.
     __array_ufunc__ = None
 
@@ -94,10 +98,10 @@ class Image:
         upper: ArrayLike | None = None,
         x: ArrayLike | None = None,
         y: ArrayLike | None = None,
-        unit: Any = "",
-        intensity_unit: Any = "",
+        unit: UnitLike = "",
+        intensity_unit: UnitLike = "",
         pixel_size: Any = None,
-        wcs: Any = None,
+        wcs: WCS | None = None,
         camera: dict[str, Any] | None = None,
         provenance: dict[str, Any] | None = None,
     ) -> None:
@@ -164,18 +168,18 @@ class Image:
 
     @property
     def error(self) -> Array | None:
-        """How far the intensity may be off in any channel, (ny, nx); None if unknown."""
+        """Estimated error of the intensity, largest of all channels, (ny, nx); None if unknown."""
         array = self._planes["error"]
         return None if array is None else array[..., 0]
 
     @property
     def lower(self) -> Array | None:
-        """What the intensity is at least, (ny, nx, channel); None if not asked for."""
+        """Guaranteed lower bound of the intensity, (ny, nx, channel); None if not asked for."""
         return arguments.spread(self._planes["lower"], self.shape)
 
     @property
     def upper(self) -> Array | None:
-        """What the intensity is at most, (ny, nx, channel); None if not asked for."""
+        """Guaranteed upper bound of the intensity, (ny, nx, channel); None if not asked for."""
         return arguments.spread(self._planes["upper"], self.shape)
 
     @property
@@ -214,7 +218,7 @@ class Image:
         channels: int | Sequence[int] | None = None,
         mix: ArrayLike | None = None,
         colormap: Any = None,
-        norm: Any = None,
+        norm: str | Normalize | None = None,
         vmin: float | None = None,
         vmax: float | None = None,
         background: Any = None,
@@ -253,7 +257,7 @@ class Image:
             Of one channel, in place of `stretch`; without a `colormap` it is shown in grey. "log"
             starts at the least positive value, though at most six decades below `vmax`.
         vmin, vmax : float or Quantity, optional
-            Intensities shown as black (default: 0) and as white (another way to say `exposure`).
+            Intensities shown as black (default: 0) and as white (1 / `exposure`).
             Plain numbers are in `intensity_unit`.
         background : color, optional
             Put this behind the picture, seen through its transparency. For images rendered in
@@ -299,7 +303,7 @@ class Image:
         return tone.display(self.intensity, self.transparency, **shown)
 
     def save(self, path: str | Path, **options: Any) -> None:
-        """Write the image to a file, whose suffix tells the format.
+        """Write the image to a file; its suffix chooses the format.
 
         The file appears whole or not at all: an error or an interruption leaves an existing file
         as it was.
@@ -349,7 +353,7 @@ class Image:
         self,
         ax: Axes | None = None,
         *,
-        unit: Any = None,
+        unit: UnitLike = None,
         scale_bar: bool = False,
         colorbar: bool = True,
         **options: Any,
@@ -454,7 +458,7 @@ class Image:
         """
         return room("image.beam").convolve(self, beam)
 
-    def to(self, unit: Any, *, beam: Any = None) -> Image:
+    def to(self, unit: UnitLike, *, beam: Any = None) -> Image:
         """Return the image in another unit: of its plane (`unit`), or of its intensities.
 
         Parameters
@@ -474,7 +478,7 @@ class Image:
         Raises
         ------
         UnitsError
-            If the image has no such unit, it cannot be converted, or a solid angle is not known.
+            If the image has no such unit, it cannot be converted, or a solid angle is missing.
         """
         return room("image.conversion").to_unit(self, unit, beam)
 
@@ -507,12 +511,12 @@ class Image:
         title : str
             Above the picture, no wider than it.
         time : bool, str, float or Quantity
-            Time stamp at the upper left. True: what ``volume.meta`` tells as ``"time"`` (in
+            Time stamp at the upper left. True: ``volume.meta["time"]`` (in
             ``"time_unit"``) and ``"redshift"``.
         volume : Volume, optional
             For the time, and the histogram of its cells beside each colour bar (logarithmic).
         medium : Medium, optional
-            Default: what the image's provenance tells of it.
+            Default: the medium in the image's provenance.
         paper : color or "none"
             Colour of the margins; "none" is transparent. Default: `background`, else black; nothing
             for `transparent`.

@@ -7,7 +7,7 @@ from typing import Any
 
 from .arguments import known_unit
 
-# A length is told in the last of these units that it is at least so many of.
+# A length is written in the last of these units of which it is at least so many.
 _LENGTHS = (
     ("nm", "nm", 0.0),
     ("um", "µm", 1.0),
@@ -121,6 +121,11 @@ def number_text(number: float) -> str:
 def _parts(number: float) -> tuple[str, str]:
     mantissa, power = f"{number:.2e}".split("e")
     return f"{float(mantissa):g}", power
+
+
+def labelled(name: str, unit: str) -> str:
+    """Return a name and a unit in brackets, if there is one."""
+    return f"{name} [{unit}]" if unit else name
 
 
 def pretty_unit(unit: str) -> str:

@@ -1,4 +1,4 @@
-"""What is known about an image beside its pixels, as one JSON text that every format can carry."""
+"""The metadata of an image as one JSON text, which every format can hold."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, cast
 
 from ..figures import add_color_bar, new_figure
-from .lengths import round_length
+from .lengths import labelled, pretty_unit, round_length, with_unit
 from .sky import has_lengths, is_linear, is_sky_axes, label_axes, plain_axes
 from .tone import (
     OPTIONS,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Extent = tuple[float, float, float, float]
 _BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
 _MARGIN = 0.05
-_LONG_NUMBERS = (1e4, 1e6)  # longer ones are told as powers of ten
+_LONG_NUMBERS = (1e4, 1e6)  # longer ones become powers of ten
 
 
 def plot(
@@ -67,7 +67,7 @@ def _coordinates(image: Image, axes: Axes) -> tuple[Extent, list[str]]:
         return (-0.5, nx - 0.5, -0.5, ny - 0.5), []
     if image.wcs is not None and is_linear(image.wcs):
         return plain_axes(image.wcs)
-    return image.extent, [_label("x", image.unit), _label("y", image.unit)]
+    return image.extent, [labelled("x", image.unit), labelled("y", image.unit)]
 
 
 def _thin_out(axes: Axes, extent: Extent) -> None:
@@ -100,9 +100,7 @@ def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
 def intensity_label(image: Image) -> str:
     """Return the label of a colour bar: maps of measurements say what they are."""
     name = str((image.provenance or {}).get("map", "intensity"))
-    from .lengths import pretty_unit
-
-    return _label(name, pretty_unit(image.intensity_unit))
+    return labelled(name, pretty_unit(image.intensity_unit))
 
 
 def add_bars(
@@ -132,10 +130,6 @@ def add_bars(
         bar.ax.set_facecolor(options.get("background") or "black")
 
 
-def _label(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
 def _add_scale_bar(axes: Axes, image: Image, extent: Extent) -> None:
     from matplotlib.patheffects import withStroke
 
@@ -150,7 +144,7 @@ def _add_scale_bar(axes: Axes, image: Image, extent: Extent) -> None:
     end = start + width * length / abs(shown)
     axes.plot([start, end], [level, level], color="white", linewidth=2, gid="scale-bar", **rim)
     axes.annotate(
-        _length_text(length, image.unit),
+        with_unit(length, image.unit),
         ((start + end) / 2, level),
         xytext=(0, 4),
         textcoords="offset points",
@@ -159,11 +153,3 @@ def _add_scale_bar(axes: Axes, image: Image, extent: Extent) -> None:
         va="bottom",
         **rim,
     )
-
-
-def _length_text(length: float, unit: str) -> str:
-    if 1e-3 <= length < 1e5:
-        return f"{length:g} {unit}".rstrip()
-    mantissa, power = f"{length:.0e}".split("e")
-    times = "" if mantissa == "1" else rf"{mantissa}\times "
-    return rf"${times}10^{{{int(power)}}}$ {unit}".rstrip()

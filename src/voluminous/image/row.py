@@ -25,6 +25,8 @@ from .tone import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..units import UnitLike
+
 _PANEL = 4.0  # inches
 # What the norm of one channel is made of.
 _OF_NORM = ("exposure", "stretch", "softening", "vmin", "vmax", "channels")
@@ -35,7 +37,7 @@ def plot_row(
     ax: Any = None,
     *,
     titles: Sequence[str] = (),
-    unit: Any = None,
+    unit: UnitLike = None,
     scale_bar: bool = False,
     colorbar: bool = True,
     **options: Any,
@@ -96,7 +98,7 @@ def plot_row(
     return axes
 
 
-def _in_one_unit(images: list[Any], unit: Any) -> list[Image]:
+def _in_one_unit(images: list[Any], unit: UnitLike) -> list[Image]:
     if not images or not all(isinstance(image, Image) for image in images):
         raise InputError("plot_row needs a list of images, such as vm.plot_row([first, second])")
     shown = [image if unit is None else image.to(unit) for image in images]

@@ -13,10 +13,14 @@ from ..errors import InputError, UnitsError
 from ..units import as_quantity, degrees, is_quantity, parse_unit
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS
+    from matplotlib.axes import Axes
+
     from .image import Image
 
 
-def of_pixels(wcs: Any, matrix: Any, origin: Any, shape: Any) -> Any:
+def of_pixels(wcs: WCS, matrix: Any, origin: Any, shape: Any) -> Any:
     """Return the WCS of pixels q that lie at ``matrix q + origin`` among the pixels of another.
 
     Parameters
@@ -50,7 +54,7 @@ def of_pixels(wcs: Any, matrix: Any, origin: Any, shape: Any) -> Any:
     return new
 
 
-def tables_of(wcs: Any) -> dict[tuple[str, str], np.ndarray]:
+def tables_of(wcs: WCS) -> dict[tuple[str, str], np.ndarray]:
     """Return the coordinates in a WCS's tables (``-TAB``), by the names of table and column."""
     texts = {(axis, m): text for axis, m, text in wcs.wcs.get_ps()}
     axes = [(int(table.map[0]) + 1, np.ravel(table.coord)) for table in wcs.wcs.tab]
@@ -69,10 +73,10 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
     return made
 
 
-def wcs_of_header(header: Any) -> Any:
+def wcs_of_header(header: Header) -> Any:
     """Return the WCS of the first two axes of an image's header; None if it has none to speak of.
 
-    Axes without a name, or called X and Y as ours are, are told by plain coordinates.
+    Axes without a name, or named X and Y as ours are, have plain coordinates.
     """
     from astropy.wcs import WCS
 
@@ -111,12 +115,12 @@ _READ = ("km/s", "GHz", "um")
 _TICKS = 8
 
 
-def is_sky_axes(axes: Any) -> bool:
+def is_sky_axes(axes: Axes) -> bool:
     """Return True for axes that know world coordinates."""
     return hasattr(axes, "coords") and hasattr(axes, "wcs")
 
 
-def label_axes(axes: Any, wcs: Any) -> None:
+def label_axes(axes: Any, wcs: WCS) -> None:
     """Name both coordinates, and choose their units."""
     for number in (0, 1):
         coordinate = axes.coords[number]
@@ -130,31 +134,31 @@ def label_axes(axes: Any, wcs: Any) -> None:
             coordinate.set_major_formatter(f"x.{'x' * _decimals(wcs, number)}".removesuffix("."))
 
 
-def plain_axes(wcs: Any) -> tuple[tuple[float, float, float, float], list[str]]:
+def plain_axes(wcs: WCS) -> tuple[tuple[float, float, float, float], list[str]]:
     """Return edges (left, right, bottom, top) and labels of linear coordinates."""
     (left, right), (bottom, top) = (_ends(wcs, number) for number in (0, 1))
     return (left, right, bottom, top), [_label(wcs, number) for number in (0, 1)]
 
 
-def is_linear(wcs: Any) -> bool:
+def is_linear(wcs: WCS) -> bool:
     """Return True for coordinates that do not depend on each other, and are linear."""
     straight = np.array_equal(wcs.wcs.get_pc(), np.eye(2))
     return bool(straight and not any("-" in kind for kind in wcs.wcs.ctype))
 
 
-def has_lengths(wcs: Any) -> bool:
+def has_lengths(wcs: WCS) -> bool:
     """Return True if a bar along x can stand for a length: x is on the sky."""
     return bool(wcs.has_celestial or wcs.wcs.ctype[0] == "OFFSET")
 
 
-def _label(wcs: Any, number: int) -> str:
+def _label(wcs: WCS, number: int) -> str:
     kind = str(wcs.wcs.ctype[number])
     name = _NAMES.get(kind.split("-")[0], kind.lower())
     unit = None if wcs.has_celestial else _unit(wcs, number)
     return name if unit is None else f"{name} [{unit}]"
 
 
-def _ends(wcs: Any, number: int) -> tuple[float, float]:
+def _ends(wcs: WCS, number: int) -> tuple[float, float]:
     """Return a coordinate at the outer edges of the picture, in the unit that is shown."""
     corners = np.array([[-0.5, -0.5], np.array(wcs.pixel_shape) - 0.5])
     found = wcs.wcs_pix2world(corners, 0)[:, number]
@@ -163,12 +167,12 @@ def _ends(wcs: Any, number: int) -> tuple[float, float]:
     return float(found[0]) * factor, float(found[1]) * factor
 
 
-def _decimals(wcs: Any, number: int) -> int:
+def _decimals(wcs: WCS, number: int) -> int:
     low, high = _ends(wcs, number)
     return max(0, -math.floor(math.log10(abs(high - low) / _TICKS)))
 
 
-def _unit(wcs: Any, number: int) -> Any:
+def _unit(wcs: WCS, number: int) -> Any:
     unit = parse_unit(wcs.wcs.cunit[number])
     if unit is None:
         return None

@@ -180,7 +180,7 @@ def _filled(norm: Normalize, values: NDArray[Any], vmin: Any, vmax: Any) -> Norm
 
     if vmin is not None or vmax is not None:
         raise InputError("vmin, vmax and exposure belong inside the norm that was given")
-    own = copy(norm)  # the limits found here must not stick to the caller's object
+    own = copy(norm)  # do not change the caller's object
     own.autoscale_None(values[np.isfinite(values)])
     return own
 
@@ -382,7 +382,7 @@ def with_colormap(
     ----------
     intensity : array, shape (ny, nx, channels)
     options : dict
-        Of `Image.to_rgb`; they are kept where they decide what is shown.
+        Of `Image.to_rgb`; explicit choices are left unchanged.
     projection : bool
         Values of a field itself, such as its maximum: signed ones are grey, as in radiology.
     """

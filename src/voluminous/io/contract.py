@@ -15,15 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from ..errors import InputError
+from ..units import UnitLike as UnitLike
 
 if TYPE_CHECKING:
-    from astropy.units import UnitBase
-
     from ..volume import Volume
 
 # All fields (None), one, several, or {name: place in the file}.
 FieldChoice: TypeAlias = str | Sequence[str] | Mapping[str, str] | None
-UnitLike: TypeAlias = "str | UnitBase | None"
 
 
 @dataclass(frozen=True)

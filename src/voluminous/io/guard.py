@@ -33,8 +33,8 @@ def placed(place: Any) -> Iterator[None]:
         yield
     except VoluminousError as error:
         # The message says all but what a library has raised: one traceback, not the same twice.
-        said = str(error) if str(error).startswith(f"{place}: ") else f"{place}: {error}"
-        raise type(error)(said) from error.__cause__
+        text = str(error) if str(error).startswith(f"{place}: ") else f"{place}: {error}"
+        raise type(error)(text) from error.__cause__
 
 
 @contextmanager
@@ -70,13 +70,13 @@ def by_library(name: str) -> Iterator[None]:
 
 
 def _blame(error: Exception) -> str:
-    told = f"{type(error).__name__}: {_shortened(str(error))}"
+    message = f"{type(error).__name__}: {_shortened(str(error))}"
     if isinstance(error, (FileNotFoundError, PermissionError)):
-        return f"a file cannot be opened ({told})"
+        return f"a file cannot be opened ({message})"
     of_hdf5 = isinstance(error, RuntimeError) and _frames(error)[-1].startswith("h5py")
     if of_hdf5 or isinstance(error, _DAMAGE) or not type(error).__module__.startswith(_OWN):
-        return f"it is damaged, cut short or of another kind ({told})"
-    return f"{_culprit(error)} failed on it with {told}. If the file is sound, please report it"
+        return f"it is damaged, cut short or of another kind ({message})"
+    return f"{_culprit(error)} failed on it with {message}. If the file is sound, please report it"
 
 
 def _culprit(error: Exception) -> str:

@@ -9,11 +9,12 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..errors import InputError, UnitsError
 from ..expressions import Expression
 from ..expressions.expression import ComparisonField, on_one_side
 from ..expressions.interval import Interval
-from ..expressions.traced_rounding import larger
+from ..expressions.traced_interval import larger
 from ..units import parse_unit, unit_name
 from .context import Context
 from .contract import Feature, Medium, MediumSample, Sampling
@@ -41,14 +42,14 @@ _SHARP = 16.0
 _BLIND = (0.5 * (0.5 - math.sqrt(0.15))) ** 2
 
 
-def sharpness(stretch: Stretch, expr: Expression) -> Any:
+def sharpness(stretch: Stretch, expr: Expression) -> Float:
     """Return how sharply an expression may bend, over how large it is: 0 (hardly) to 1 (a kink)."""
     _, _, bow = stretch.spread(expr)
     size = _SHARP * _size(stretch, expr)
     return dr.select(bow < size, bow / size, dr.select(bow > 0.0, 1.0, 0.0))
 
 
-def unseen_kink(stretch: Stretch, expr: Expression) -> Any:
+def unseen_kink(stretch: Stretch, expr: Expression) -> Float:
     """Return the relative error of means that a kink beside an end of a stretch may make.
 
     A panel and its halves agree about it. What is too steep for them is a matter of `may_peak`.
@@ -59,11 +60,11 @@ def unseen_kink(stretch: Stretch, expr: Expression) -> Any:
     return dr.select(kinked, _BLIND * slope / dr.select(kinked, size, 1.0), 0.0)
 
 
-def _size(stretch: Stretch, expr: Expression) -> Any:
+def _size(stretch: Stretch, expr: Expression) -> Float:
     return extremes([dr.abs(x) for x in stretch.nodes(expr)])[1]
 
 
-def may_peak(stretch: Stretch, expr: Expression, least: Any) -> Any:
+def may_peak(stretch: Stretch, expr: Expression, least: Float) -> Mask:
     """Return where there may be peaks or steps that places on a stretch do not show.
 
     Parameters
@@ -83,7 +84,7 @@ def may_peak(stretch: Stretch, expr: Expression, least: Any) -> Any:
     return found & ~undecided(stretch, expr, width)
 
 
-def _may_exceed(stretch: Stretch, expr: Expression, least: Any) -> tuple[Any, Any]:
+def _may_exceed(stretch: Stretch, expr: Expression, least: Float) -> tuple[Float, Float]:
     """Return where an expression may exceed what is seen of it by a quarter, and by what shows.
 
     And how far it may go.
@@ -94,7 +95,7 @@ def _may_exceed(stretch: Stretch, expr: Expression, least: Any) -> tuple[Any, An
     return (high - above > size) | (below - low > size), high - low
 
 
-def _range(stretch: Stretch, expr: Expression) -> tuple[Any, Any]:
+def _range(stretch: Stretch, expr: Expression) -> tuple[Float, Float]:
     """Return between which values an expression stays: quickly, if not closely."""
     if not may_turn(expr, stretch.context):
         return stretch.hull(expr)
@@ -193,7 +194,7 @@ class Coefficients(Medium):
             one.off = dr.select(hidden, dr.inf, one.off)
         return Sampled(*(self.split(list(own)) for own in zip(*found, strict=True)))
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         """Return everywhere, and where an expression may jump: panels must be narrow there.
 
         Samples on either side of a jump tell nothing of where it is.
@@ -205,7 +206,7 @@ class Coefficients(Medium):
             hidden = hidden | ((low <= 0.0) & (high >= 0.0) & (low < high))
         return seen, hidden | self._peaks(stretch, context)
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return how sharply coefficients may bend, and what kinks beside ends of panels may do.
 
         Halves of panels have no order where there is a kink.
@@ -217,7 +218,7 @@ class Coefficients(Medium):
             off = larger(off, context.narrow(unseen_kink(stretch, expr)))
         return sharp, off
 
-    def _peaks(self, stretch: Stretch, context: Context) -> Any:
+    def _peaks(self, stretch: Stretch, context: Context) -> Float:
         """Return where a coefficient may have peaks or steps that places do not show."""
         units = (context.radiance / context.scale, 1.0 / context.scale)
         found = stretch.length < 0.0

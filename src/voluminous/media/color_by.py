@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..colormaps import colormap_name, get_colormap, mapped_colors
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
@@ -47,7 +48,7 @@ def values_at(position: np.ndarray, norm: Any, vmin: float, vmax: float) -> np.n
 def get_norm(norm: Any, vmin: float, vmax: float) -> Any:
     """Return an invertible matplotlib norm over a range, from its name (default linear) or itself.
 
-    A norm object is copied, and takes the range where it has none of its own.
+    A norm object is copied, and takes the range where it has none.
 
     Raises
     ------
@@ -302,13 +303,13 @@ class ColorBy(Value):
         closed = self.range.closed(low, high, unit)
         return self.replace(vmin=closed.vmin, vmax=closed.vmax)
 
-    def colors(self, fields: dict[str, Any], context: Context) -> list[Any]:
+    def colors(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue, from 0 to 1, at places; or intervals that hold them."""
         x = context.evaluate(self.expr, fields)
         found = context.interpolate(x, self.nodes(context), list(self.scale.rgb.T))
         return [_or_black(value) for value in found]
 
-    def seen(self, fields: dict[str, Any], context: Context) -> list[Any]:
+    def seen(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return red, green and blue on a ray, in the type that integrals are computed with."""
         x = context.narrow(context.evaluate(self.expr, fields))
         table = context.keep(
@@ -317,7 +318,7 @@ class ColorBy(Value):
         )
         return [_or_black(value) for value in table.values(x)]
 
-    def turns(self, stretch: Stretch, context: Context, least: float) -> Any:
+    def turns(self, stretch: Stretch, context: Context, least: float) -> Mask:
         """Return where it may go back and forth by more than a part of its range."""
         nodes = self.nodes(context)
         most = context.keep(
@@ -348,7 +349,7 @@ class ColorBy(Value):
         return f"ColorBy({', '.join(f'{k}={v!r}' for k, v in self.describe().items())})"
 
 
-def _or_black(value: Any) -> Any:
+def _or_black(value: Any) -> Float:
     """Return a colour, zero where it is NaN; of an interval, one that holds zero there."""
     if not isinstance(value, Interval):
         return dr.select(dr.isnan(value), 0.0, value)

@@ -24,7 +24,7 @@ class Colormap(Table):
         Name or object; its RGB become three channels.
     vmin, vmax : float or Quantity, optional
         Range of x; beyond it the colours of the ends go on. What is not given is measured when a
-        volume is drawn, as in `calibrate`: so that 99 % of the volume is between.
+        volume is drawn, as in `calibrated`: so that 99 % of the volume is between.
     opacity : float, callable or array_like, shape (samples,), default 1
         Extinction h_α, or a function of the position 0 … 1 in the colormap, or what it gives for
         each of the entries.

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float
 from ..expressions import DrjitOps, Expression, Margin, Ops
-from ..expressions.drjit_ops import interpolate
+from ..expressions.interpolation import interpolate
 
 
 def _same(value: Any) -> Any:
@@ -77,11 +78,11 @@ class Context:
             self._kept[key] = make()
         return self._kept[key]
 
-    def kept_number(self, value: float) -> Any:
+    def kept_number(self, value: float) -> Float:
         """Return a number as run-time data that is put in a kernel once."""
         return self.keep(("number", value), lambda: self.number(value))
 
-    def narrow_number(self, value: float) -> Any:
+    def narrow_number(self, value: float) -> Float:
         """Return a number as run-time data of the type that integrals are computed with.
 
         Made as such and not converted: a conversion belongs to that branch of a kernel in which it
@@ -95,7 +96,9 @@ class Context:
         """Return the value of an expression of the fields."""
         return self.real(expression.evaluate(self.ops, fields))
 
-    def interpolate(self, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
+    def interpolate(
+        self, x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]
+    ) -> list[Float]:
         """Return the columns of a table, given at its nodes, interpolated at x."""
         return interpolate(self.real, x, nodes, columns)
 

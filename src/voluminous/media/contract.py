@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..notebook import picture
@@ -36,10 +37,10 @@ GAUSS_LEGENDRE_3 = (
 class MediumSample:
     """Emissivity per channel; one extinction for all channels (grey), or one per channel."""
 
-    emissivity: list[Any]
-    extinction: list[Any]
+    emissivity: list[Float]
+    extinction: list[Float]
 
-    def listed(self) -> list[Any]:
+    def listed(self) -> list[Float]:
         """Return all values, those of the emissivity first."""
         return [*self.emissivity, *self.extinction]
 
@@ -176,7 +177,7 @@ class Medium(Value):
             )
         )
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         """Return where it may be noticeable while the fields stay in ranges (NumPy, a mask).
 
         Default: where its coefficients may be other than zero.
@@ -195,7 +196,7 @@ class Medium(Value):
         """Return the brightness and opacity of one path length at the peak; 0 if there is none."""
         return 0.0, 0.0
 
-    def prominence(self, x: Any, context: Context) -> Any:
+    def prominence(self, x: Float, context: Context) -> Float:
         """Return its strength at a value of the only scalar, relative to the peak, from 0 to 1.
 
         Without error control steps may be wide where that is little. Default: one.
@@ -216,11 +217,11 @@ class Medium(Value):
             total = [t + v for t, v in zip(total, values, strict=True)] if total else values
         return self.split(total)
 
-    def split(self, values: list[Any]) -> MediumSample:
+    def split(self, values: list[Float]) -> MediumSample:
         """Return a list of values, j of all channels first, as coefficients."""
         return MediumSample(values[: self.channels], values[self.channels :])
 
-    def in_units(self, fields: dict[str, Any], context: Context) -> list[Any]:
+    def in_units(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return j, then α, at a place in the units of `means`."""
         bright, dense = context.keep(
             "units",
@@ -240,7 +241,7 @@ class Medium(Value):
         """
         return []
 
-    def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
+    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
         """Return the surfaces without width that a stretch crosses: emission if thin, and depth.
 
         In the units of `means` times length; evaluated at a place from 0 to 1. None if there never
@@ -279,7 +280,7 @@ class Medium(Value):
         found: Sampled = room("media.sampled").Sampled(nothing, nothing, nothing, unknown)
         return found
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         """Return where it may be noticeable on a stretch, and where panels may not show that.
 
         Two masks: False in the first promises that `means` would be negligible; True in the second
@@ -288,7 +289,7 @@ class Medium(Value):
         active = stretch.length >= 0.0
         return active, active & False
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return (unresolved, hidden error) on a stretch, both from 0 to 1.
 
         How unresolved the narrowest structure is, and a relative error of the mean that halving a
@@ -297,7 +298,7 @@ class Medium(Value):
         zero = stretch.length * 0.0
         return zero, zero
 
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return the number of structures in each half of a stretch, as `core` counts them.
 
         Above 1.5 at least one is unresolved, and a panel mixes what lies in front of each other.
@@ -385,7 +386,7 @@ class Medium(Value):
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
     def __call__(self, values: Any) -> tuple[Any, Any]:
-        """Return j and α per unit length at values of what the medium looks at.
+        """Return j and α per unit length at values of its fields or expressions.
 
         Parameters
         ----------
@@ -402,7 +403,7 @@ class Medium(Value):
         Raises
         ------
         InputError
-            If values of something that it looks at are missing, or some path lengths are
+            If values of something that it depends on are missing, or some path lengths are
             ``"auto"`` and others are not.
         UnitsError
             If units do not fit.
@@ -462,7 +463,7 @@ class Medium(Value):
         return found
 
     def plot(self, volume: Any = None, ax: Any = None) -> Any:
-        """Draw j and α over the values that the medium looks at, and how many cells have these.
+        """Draw j and α over the values of its expressions, with the number of cells at each.
 
         One panel for each expression. Gates, and colours by other expressions, are named and not
         drawn. Where the medium is a function of several fields, medians over the cells are drawn.
@@ -479,7 +480,7 @@ class Medium(Value):
         Returns
         -------
         matplotlib Axes, or an array of them if there are several panels
-            For j, on the left; α, on the right, has axes of its own.
+            For j, on the left; α, on the right, has separate axes.
 
         Raises
         ------

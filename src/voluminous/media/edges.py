@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import horner, precision_of, unit_interval
+from ..backend.types import Float, Mask
 from ..expressions.taylor import TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval
 from .context import completed
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 NOISE = {"single": 2e-6, "double": 1e-14}
 
 
-def passes(stretch: Stretch, expr: Expression | Margin, level: Any) -> tuple[Any, Any]:
+def passes(stretch: Stretch, expr: Expression | Margin, level: Any) -> tuple[Float, Float]:
     """Return how often an expression may pass a level on a stretch, and how often nodes show it.
 
     Once more than that where it may turn: smaller panels tell.
@@ -41,13 +42,13 @@ def passes(stretch: Stretch, expr: Expression | Margin, level: Any) -> tuple[Any
     return dr.select(turns, shown + 1, possible), shown
 
 
-def way_within(values: list[Any], level: Any, width: Any) -> Any:
+def way_within(values: list[Float], level: Any, width: Any) -> Float:
     """Return how far a sequence goes up and down within a surface, in its widths."""
     ends = [unit_interval((x - level) / width + 0.5) for x in values]
     return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
 
 
-def _sign_changes(values: list[Any], level: Any) -> Any:
+def _sign_changes(values: list[Float], level: Any) -> Float:
     """Return how often a sequence passes a level.
 
     Bézier control points do at least as often as their curve, and more by an even number (Farin
@@ -84,24 +85,24 @@ class _Search:
     before the next: what is near that is not the one between.
     """
 
-    low: Any
-    high: Any
-    below: Any
-    above: Any
-    here: Any
+    low: Float
+    high: Float
+    below: Float
+    above: Float
+    here: Float
     value: Any
     side: Any
-    leaving: Any
-    arriving: Any
-    count: Any
+    leaving: Mask
+    arriving: Mask
+    count: Float
 
 
-def on_chord(stretch: Stretch, expr: Expression, level: Any) -> Any:
+def on_chord(stretch: Stretch, expr: Expression, level: Any) -> Float:
     """Return where a line through both ends passes a level, from 0 to 1."""
     return _root(*(stretch.scalar(expr, s) - level for s in (0.0, 1.0)))
 
 
-def passing(stretch: Stretch, expr: Expression | Margin, level: Any) -> Any:
+def passing(stretch: Stretch, expr: Expression | Margin, level: Any) -> Float:
     """Return where the first half of a stretch that shows it passes a level, from 0 to 1.
 
     Anywhere in it where neither half does.
@@ -114,7 +115,7 @@ def passing(stretch: Stretch, expr: Expression | Margin, level: Any) -> Any:
     return dr.select(inside, onward, end.here)
 
 
-def slope_at(stretch: Stretch, expr: Expression | Margin, place: Any) -> Any:
+def slope_at(stretch: Stretch, expr: Expression | Margin, place: Float) -> Float:
     """Return the derivative of an expression by the place, at one.
 
     Kinks and jumps have none: there it is that of a line through both ends.
@@ -184,7 +185,7 @@ def _searched(stretch: Stretch, expr: Expression | Margin, level: Any) -> _Searc
     return end
 
 
-def _root(first: Any, last: Any) -> Any:
+def _root(first: Float, last: Float) -> Float:
     """Return where a line passes zero that has these values at 0 and 1; between these."""
     way = first - last
     f = first / dr.select(way == 0.0, 1.0, way)
@@ -192,7 +193,7 @@ def _root(first: Any, last: Any) -> Any:
     return dr.select(f > 0.0, dr.select(f < 1.0, f, 1.0), 0.0)
 
 
-def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Any) -> tuple[Any, Any]:
+def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Float) -> tuple[Float, Float]:
     """Return an expression and its derivative by the place, where there is one."""
     context = stretch.context
     ops = TracedJetOps(context.real, context.kept_number)
@@ -203,7 +204,7 @@ def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Any) -> tupl
     return found.value.lo, 0.5 * (found.first.lo + found.first.hi)
 
 
-def _jet(cubic: Cubic, place: Any) -> TracedJet:
+def _jet(cubic: Cubic, place: Float) -> TracedJet:
     slope = [k * c for k, c in enumerate(cubic)][1:]
     return TracedJet(*(TracedInterval.constant(horner(place, own)) for own in (cubic, slope)))
 
@@ -231,7 +232,7 @@ class Level:
     level: Any
 
 
-def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Any, Any]:
+def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:
     """Return how many edges are passed on a stretch, and where there may be more.
 
     As many as its ends and its middle show.
@@ -244,7 +245,7 @@ def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Any, Any]:
     return count, hidden
 
 
-def first_edge(stretch: Stretch, edges: Sequence[Level]) -> Any:
+def first_edge(stretch: Stretch, edges: Sequence[Level]) -> Float:
     """Return where the first of those edges is passed, from 0 to 1; 1 where none is."""
     found = type(stretch.length)(1.0)
     for own in _by_expression(edges):
@@ -261,7 +262,7 @@ def _by_expression(edges: Sequence[Level]) -> list[list[Level]]:
     return list(found.values())
 
 
-def _first_level(stretch: Stretch, edges: Sequence[Level]) -> tuple[Any, Any]:
+def _first_level(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:
     """Return which level of one expression is passed first, and where one is.
 
     Between nodes that show all there is the scalar goes one way: the first level is the nearest. So

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import decay, horner, polynomial, precision_of
+from ..backend.types import Float
 from ..expressions import Ops
 from .contract import Sampling
 from .profiles import SampledShaped
@@ -151,15 +152,15 @@ class Gaussian(SampledShaped):
     ) -> None:
         super().__init__(expr, center, sigma, color, opacity, path_length, where, shading, lights)
 
-    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
+    def shape(self, ops: Ops, offset: Float, width: Any) -> Float:
         """Return exp(-(offset/σ)²/2); zero at infinity."""
         scaled = offset / width
         return ops.exp(-0.5 * (scaled * scaled))
 
-    def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
+    def mean_shape(self, first: Float, last: Float, faint: float) -> Float:
         return gaussian_mean(first, last, faint)
 
-    def sample(self, offset: Any) -> Any:
+    def sample(self, offset: Float) -> Float:
         """Return exp(-offset²/2)."""
         return decay(0.5 * (offset * offset))
 
@@ -168,19 +169,19 @@ class Gaussian(SampledShaped):
         return replace(super().sampling, finer=self.expr.smooth)
 
     def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
+        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
     ) -> Sampled:
         own = finely_sampled_gaussian if fine else sampled_gaussian
         return own(nodes, derivatives)
 
-    def middle(self, first: Any, last: Any, mean: Any) -> Middle:
+    def middle(self, first: Float, last: Float, mean: Float) -> Middle:
         return gaussian_middle(first, last, mean)
 
     def reach(self, faint: float) -> float:
         return math.sqrt(-2.0 * math.log(max(faint, _LEAST)))
 
 
-def gaussian_mean(first: Any, last: Any, faint: float = 0.0) -> Any:
+def gaussian_mean(first: Float, last: Float, faint: float = 0.0) -> Float:
     """Return the mean of exp(-z²/2) for z from `first` to `last`.
 
     Parameters
@@ -206,12 +207,12 @@ def gaussian_mean(first: Any, last: Any, faint: float = 0.0) -> Any:
     return dr.select(dr.isnan(half), 0.0, mean)  # both ends infinite: log10 where nothing is
 
 
-def _difference(first: Any, last: Any, half: Any) -> Any:
+def _difference(first: Float, last: Float, half: Float) -> Float:
     """Return the difference of error functions at the ends, over the distance."""
     return dr.abs((_area(last) - _area(first)) * (1.0 / half))
 
 
-def _difference_of_tails(first: Any, last: Any, half: Any) -> Any:
+def _difference_of_tails(first: Float, last: Float, half: Float) -> Float:
     """Return the same from the areas beyond the ends.
 
     Of an opaque shell only the tail shows: there error functions are one but for rounding.
@@ -222,7 +223,7 @@ def _difference_of_tails(first: Any, last: Any, half: Any) -> Any:
     return area / dr.abs(half)
 
 
-def _series(first: Any, last: Any, half: Any) -> Any:
+def _series(first: Float, last: Float, half: Float) -> Float:
     """Integrate e^{-(m + h t)²/2} = e^{-m²/2} Σ He_k(m) (-h t)^k / k! term by term over t.
 
     The generating function of Hermite's polynomials (Abramowitz & Stegun 1964, 22.9.17).
@@ -248,7 +249,7 @@ def _hermite_rows(terms: int) -> tuple[tuple[float, ...], ...]:
     return tuple(rows)
 
 
-def _area(z: Any) -> Any:
+def _area(z: Float) -> Float:
     """Return half the integral of exp(-z²/2) from 0 to z, by a rational function in single.
 
     Dr.Jit's error function takes 42 cycles per vector, this one 8.
@@ -263,7 +264,7 @@ def _area(z: Any) -> Any:
     return dr.select(z < 0.0, -value, value)
 
 
-def _beyond(z: Any) -> Any:
+def _beyond(z: Float) -> Float:
     """Return half the integral of exp(-z²/2) from |z| to infinity, with all its digits."""
     bend, *powers = _BEYOND[precision_of(type(z))]
     size = dr.abs(z)
@@ -271,7 +272,7 @@ def _beyond(z: Any) -> Any:
     return decay(0.5 * (z * z)) * t * polynomial(t - 0.5, powers)
 
 
-def gaussian_middle(first: Any, last: Any, mean: Any) -> Middle:
+def gaussian_middle(first: Float, last: Float, mean: Float) -> Middle:
     """Return where the mass of exp(-z²/2) is between two distances from the centre.
 
     With t from -1 to 1 over the panel, z = m + h t, the mean of z is the difference of exp(-z²/2)
@@ -292,7 +293,7 @@ def gaussian_middle(first: Any, last: Any, mean: Any) -> Middle:
     return middle_of(dr.select(wide, center, -middle * half * variance), variance)
 
 
-def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:
+def sampled_gaussian(nodes: list[Float], derivatives: list[Float]) -> Sampled:
     """Return the mean of exp(-z²/2) over a stretch, with a bound of its error.
 
     The latter is made of the sixth derivative by the place: with numbers for derivatives, T₂ … T₆
@@ -319,7 +320,7 @@ def sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:
     return Sampled(mean, start, end, dr.select(z1 <= _SMOOTH, off, dr.inf))
 
 
-def finely_sampled_gaussian(nodes: list[Any], derivatives: list[Any]) -> Sampled:
+def finely_sampled_gaussian(nodes: list[Float], derivatives: list[Float]) -> Sampled:
     """Return the same from z at the places `EIGHT`: good for slopes of up to five σ.
 
     In an ellipse the Gaussian is at most exp(y²/2), with y the imaginary part of z.

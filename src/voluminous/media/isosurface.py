@@ -20,6 +20,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import precision_of, unit_interval
+from ..backend.types import Float, Mask
 from ..errors import InputError, check_name
 from ..expressions import Expression
 from ..expressions.analysis import Monotonicity
@@ -56,7 +57,7 @@ DENSITIES = ("crossing", "gradient")
 class SurfaceNumbers:
     """Numbers of a kernel: per surface its level, its optical depths and its colour; the width."""
 
-    levels: list[Any]
+    levels: list[Float]
     width: Any
     depths: list[list[Any]]
     colors: list[list[Any]]
@@ -208,7 +209,7 @@ class Isosurface(Medium):
     def _flat(self) -> bool:
         return not self._directions()
 
-    def steepness(self, fields: dict[str, Any], context: Context) -> Any:
+    def steepness(self, fields: dict[str, Any], context: Context) -> Float:
         """Return |∇x| at a place with these fields, per unit of length in kernels."""
         return context.kept_number(context.scale) * context.evaluate(self.slope, fields)
 
@@ -239,7 +240,7 @@ class Isosurface(Medium):
         found = [part(panel, context, level) for level in levels]
         return self.in_colors(found, zero, context)
 
-    def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
+    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
         if self.thick:
             return None
         found = self._layers(stretch, context, place)
@@ -255,7 +256,7 @@ class Isosurface(Medium):
                 emission[c] = emission[c] + depths[c if len(depths) > 1 else 0] * h * shown
         return MediumSample(emission, extinction)
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         levels, width = self.plain_numbers(context)
         x = context.evaluate(self.expr, fields)
         seen = x.nan
@@ -339,7 +340,7 @@ class Isosurface(Medium):
         return [*slope, *(self.normal if self.shading > 0 else ())]
 
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it looks at."""
+        """Return the fields and coordinates it depends on."""
         used = [name for e in (self.expr, *self._directions()) for name in e.names]
         used += self.slope.names if self.thick else ()
         used += self.shade.names if self.shade is not None else ()
@@ -367,7 +368,7 @@ class Isosurface(Medium):
 
         return context.keep(id(self), make)
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         """Return where a level may be crossed, and where more often than a panel's ends show."""
         if self._is_outside(stretch):
             nowhere = stretch.length < 0.0
@@ -392,11 +393,11 @@ class Isosurface(Medium):
             hidden |= self._looked_up(stretch, context).lost(self.modulation, stretch, context)
         return self.modulation.visible(stretch, context, seen, hidden)
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return one: surfaces are thinner than all panels; crossings are counted exactly.
 
-        In a self of some width little is known of a density that goes with the gradient where the
-        slope bends, and of light where the normal turns.
+        In a surface with a width little is known of a density that goes with the gradient where
+        the slope bends, and of light where the normal turns.
         """
         zero = stretch.length * 0.0
         if self._is_outside(stretch):
@@ -414,7 +415,7 @@ class Isosurface(Medium):
                 off = off + self.lamp.across(stretch, context, found.extent, found.depth)
         return zero + 1.0, off
 
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return how many surfaces are crossed in each half."""
         if self._is_outside(stretch):
             return [stretch.length * 0.0] * 2
@@ -435,8 +436,8 @@ class Isosurface(Medium):
         """Return whether surfaces without width are at the ends of a stretch, and none is in it."""
         return self.surface_only and stretch.edgeless
 
-    def _folded(self, stretch: Stretch, context: Context, level: Any) -> Any:
-        """Return where it may go further up and down within a thick self than nodes show."""
+    def _folded(self, stretch: Stretch, context: Context, level: Any) -> Mask:
+        """Return where it may go further up and down within a thick surface than nodes show."""
         expr, width = self.expr, self.numbers(context).width
         found = stretch.turning(expr)
         near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
@@ -453,10 +454,10 @@ class Isosurface(Medium):
         ]
         return hidden | (context.narrow(ways[0] - ways[1] - noise) > least)
 
-    def _deepest(self, context: Context) -> Any:
+    def _deepest(self, context: Context) -> Float:
         return extremes([d for row in self.numbers(context).depths for d in row])[1]
 
-    def _bend_errors(self, stretch: Stretch, context: Context) -> list[Any]:
+    def _bend_errors(self, stretch: Stretch, context: Context) -> list[Float]:
         own = self.numbers(context)
         near = context.narrow(0.5 * own.width)
         names = ("r", *context.coordinates)
@@ -491,7 +492,7 @@ class Isosurface(Medium):
         )
 
     def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return what a panel has of a self, per length: seen through its gate, and lit.
+        """Return what a panel has of a surface, per length: seen through its gate, and lit.
 
         All of it where a line through the panel's ends passes the level.
         """
@@ -500,15 +501,15 @@ class Isosurface(Medium):
         if not self.looks_inside:
             return Factors([crossed] * self.channels, crossed)
 
-        def make() -> list[Any]:
+        def make() -> list[Float]:
             place = on_chord(stretch, self.expr, level)
             slope = stretch.scalar(self.expr, 1.0) - stretch.scalar(self.expr, 0.0)
             return self._seen_at(stretch, stretch.fields(place), slope, context)
 
         return _times(crossed, kept(stretch, (id(self), id(level)), make))
 
-    def _layers(self, stretch: Stretch, context: Context, place: Any) -> list[Factors]:
-        """Return what is seen of each self that is crossed on a stretch, which is at a place."""
+    def _layers(self, stretch: Stretch, context: Context, place: Float) -> list[Factors]:
+        """Return what is seen of each surface that is crossed on a stretch, which is at a place."""
         one = type(stretch.length)(1.0)
         ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
         levels = self.numbers(context).levels
@@ -521,8 +522,8 @@ class Isosurface(Medium):
 
     def _seen_at(
         self, stretch: Stretch, fields: dict[str, Any], slope: Any, context: Context
-    ) -> list[Any]:
-        """Return how dense a self is at a place with these fields, and how bright each channel.
+    ) -> list[Float]:
+        """Return how dense a surface is at a place with these fields, and how bright each channel.
 
         `slope` is what the scalar grows by there, per length of the stretch.
         """
@@ -533,7 +534,9 @@ class Isosurface(Medium):
         light = self.lamp.light(fields, stretch, context)
         return [gate * dense, *(f * dense * light for f in shown)]
 
-    def _obliquity(self, fields: dict[str, Any], length: Any, slope: Any, context: Context) -> Any:
+    def _obliquity(
+        self, fields: dict[str, Any], length: Float, slope: Any, context: Context
+    ) -> Float:
         """Return |∇x| over |∂x/∂s|, at least one; `slope` is what x grows by per `length`."""
         steepest = length * self.steepness(fields, context)
         along = dr.abs(slope)
@@ -541,7 +544,7 @@ class Isosurface(Medium):
         return dr.select(ratio > 1.0, ratio, 1.0)
 
     def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return what a panel has of a self, per length: seen through its gate, and lit."""
+        """Return what a panel has of a surface, per length: seen through its gate, and lit."""
         width = self.numbers(context).width
         ends = [x - level for x in panel.ends(self.expr)]
         in_halves = [context.narrow(2.0 * x / width) for x in ends]
@@ -558,7 +561,7 @@ class Isosurface(Medium):
 
     def _in_sheet(
         self, panel: Panel, context: Context, dense: Any, inside: Any, middle: Middle
-    ) -> Any:
+    ) -> Float:
         """Return how much of a sheet of the same thickness everywhere a panel has, per length.
 
         By the part of the panel that is `inside`: along the sheet nothing is crossed.
@@ -597,10 +600,10 @@ class Isosurface(Medium):
         result.off.emissivity = [dr.abs(j) for j in result.off.emissivity]
         return result
 
-    def _shares(self, x: list[Any], ways: list[Any], context: Context) -> list[Any]:
-        """Return what part of a stretch is in each self.
+    def _shares(self, x: list[Float], ways: list[Any], context: Context) -> list[Float]:
+        """Return what part of a stretch is in each surface.
 
-        By how far its ends are in it: so what panels have of a self adds up to all of it, though
+        By how far its ends are in it: so what panels have of one adds up to all of it, though
         these end somewhat behind its sides.
         """
         own = self.numbers(context)
@@ -632,9 +635,9 @@ class Isosurface(Medium):
         return Sampled(MediumSample(nothing.emissivity, extinction), nothing, nothing, unknown)
 
     def _density(
-        self, stretch: Stretch, ways: list[Any], context: Context
+        self, stretch: Stretch, ways: list[Float], context: Context
     ) -> tuple[list[Any], Any]:
-        """Return how much of a self of depth one there is per length, and where that is unsure."""
+        """Return the density of a surface of depth one per length, and where that is unsure."""
         rises = [dot(row, ways) for row in _SLOPES]
         up, down = (
             dot(_WEIGHTS, [dr.select(way * r > 0.0, way * r, 0.0) for r in rises])
@@ -665,7 +668,7 @@ class Isosurface(Medium):
         return [list(column) for column in zip(*rows, strict=True)]
 
 
-def _between(ends: Iterable[Any], level: Any) -> Any:
+def _between(ends: Iterable[Any], level: Any) -> Mask:
     first, last = (x < level for x in ends)
     return first ^ last
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..expressions import Expression
 from ..expressions.interval import Interval
 from ..expressions.traced_interval import TracedInterval
@@ -38,8 +39,8 @@ _DOUBT = 0.25
 class Factors:
     """What multiplies the emissivity of each channel, and the extinction."""
 
-    emission: list[Any]
-    gate: Any
+    emission: list[Float]
+    gate: Float
 
     def times(self, found: MediumSample) -> MediumSample:
         """Return modulated coefficients; zero where the factor is, whatever the coefficient."""
@@ -98,7 +99,7 @@ class Modulation:
     fixed : bool
         True if there is neither: everything is multiplied with one.
     names : tuple of str
-        The fields it looks at.
+        The fields it depends on.
     """
 
     def __init__(
@@ -192,8 +193,8 @@ class Modulation:
         return Factors(painted, mean[0])
 
     def visible(
-        self, stretch: Stretch, context: Context, seen: Any, hidden: Any
-    ) -> tuple[Any, Any]:
+        self, stretch: Stretch, context: Context, seen: Mask, hidden: Mask
+    ) -> tuple[Mask, Mask]:
         """Return the masks of `Medium.visible`, given those of the medium without modulation."""
         if self.color:
             hidden = hidden | (seen & self.color.turns(stretch, context, _DOUBT))
@@ -212,11 +213,11 @@ class Modulation:
         seen = seen & (possible.hi > 0.0)
         return seen, seen & (hidden | doubtful)
 
-    def open(self, stretch: Stretch, seen: Any) -> Any:
+    def open(self, stretch: Stretch, seen: Mask) -> Mask:
         """Return where something is seen for which the gate may be open."""
         return seen if self.where is None else seen & (_possible(self.where, stretch).hi > 0.0)
 
-    def _undecided(self, stretch: Stretch) -> Any:
+    def _undecided(self, stretch: Stretch) -> Mask:
         """Return where single places are as doubtful, as of ``1/density > 3`` in a vacuum.
 
         Narrower panels tell no more: a picture of 64 x 64 pixels took two minutes.
@@ -225,7 +226,7 @@ class Modulation:
         here = [_defined_unit(found) for found in at_places(stretch, self.where)]
         return functools.reduce(operator.and_, [one.hi - one.lo > _DOUBT for one in here])
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         """Return where the gate may be open while the fields stay in ranges."""
         return True if self.where is None else self.gate(fields, context).hi > 0.0
 
@@ -244,19 +245,19 @@ class Modulation:
         shade = self.shade.describe() if self.shade else {}
         return {**color, **shade, **({"where": self.where.text} if self.where else {})}
 
-    def gate(self, fields: dict[str, Any], context: Context) -> Any:
+    def gate(self, fields: dict[str, Any], context: Context) -> Float:
         """Return the gate alone, from 0 to 1, at places; or intervals that hold it."""
         assert self.where is not None
         return _defined_unit(context.evaluate(self.where, fields))
 
-    def _factors(self, fields: dict[str, Any], context: Context, light: Any = None) -> list[Any]:
+    def _factors(self, fields: dict[str, Any], context: Context, light: Any = None) -> list[Float]:
         """Return the gate, then the gated colours in a light, in the type of integrals."""
         gate: Any = context.narrow(self.gate(fields, context)) if self.where else None
         return self._painted(gate, fields, context, light)
 
     def _painted(
         self, gate: Any, fields: dict[str, Any], context: Context, light: Any
-    ) -> list[Any]:
+    ) -> list[Float]:
         paint = self.color.seen(fields, context) if self.color else []
         if light is not None:
             paint = [c * light for c in paint] if paint else [light] * self.channels
@@ -264,20 +265,20 @@ class Modulation:
             return [type(paint[0])(1.0), *paint]
         return [gate, *(gate * c for c in paint)]
 
-    def at_place(self, fields: dict[str, Any], context: Context) -> list[Any]:
+    def at_place(self, fields: dict[str, Any], context: Context) -> list[Float]:
         """Return the gate, then what multiplies each channel, at a place with these fields."""
         if self.fixed:
             return [context.narrow(context.real(1.0))] * (self.channels + 1)
         gate, *paint = self._factors(fields, context)
         return [gate, *(paint or [gate] * self.channels)]
 
-    def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Any]:
+    def at_node(self, stretch: Stretch, s: float, context: Context) -> list[Float]:
         """Return the factors, the gate first, at a place of a stretch; computed once."""
         return kept(
             stretch, (id(self), s), lambda: self._there(stretch, stretch.fields(s), context)
         )
 
-    def switched(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def switched(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return one where the gate is open on a stretch, else zero; and where it may be both."""
         if self.where is None:
             return type(stretch.length)(1.0), stretch.length < 0.0
@@ -290,28 +291,28 @@ class Modulation:
         """Return whether the gate is everywhere on a stretch what it is in the middle."""
         return self.stepped and stretch.edgeless
 
-    def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Any]:
+    def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Float]:
         light = self.shade.seen(fields, stretch, context) if self.shade else None
         if not self._decided(stretch):
             return self._factors(fields, context, light)
         return self._painted(self._middle(stretch, context), fields, context, light)
 
-    def _middle(self, stretch: Stretch, context: Context) -> Any:
+    def _middle(self, stretch: Stretch, context: Context) -> Float:
         def make() -> Any:
             return context.narrow(self.gate(stretch.fields(0.5), context))
 
         return kept(stretch, (id(self), "gate"), make)
 
 
-def _possible(where: Expression, stretch: Stretch) -> Any:
+def _possible(where: Expression, stretch: Stretch) -> Float:
     return _defined_unit(within(stretch, where))
 
 
-def _product(factor: Any, value: Any) -> Any:
+def _product(factor: Any, value: Any) -> Float:
     return dr.select(factor == 0.0, 0.0, factor * value)
 
 
-def _defined_unit(value: Any) -> Any:
+def _defined_unit(value: Any) -> Float:
     if not isinstance(value, Interval):
         return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
     where: Any = dr.select if isinstance(value, TracedInterval) else np.where

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..backend import dr, from_host
 from ..backend.functions import first_true, precision_of
+from ..backend.types import Float, Mask
 from .stretch import Middle
 
 # Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
@@ -40,15 +41,15 @@ class Place:
         Integrals of the columns from the node before x to x, and from x to the node behind.
     """
 
-    x: Any
-    interval: Any
-    low: Any
-    high: Any
-    before: list[Any]
+    x: Float
+    interval: Float
+    low: Float
+    high: Float
+    before: list[Float]
     value: list[Any]
-    after: list[Any]
-    left: list[Any]
-    right: list[Any]
+    after: list[Float]
+    left: list[Float]
+    right: list[Float]
 
 
 class PiecewiseLinear:
@@ -91,7 +92,7 @@ class PiecewiseLinear:
         """Return values of x in the unit that kernels look them up in."""
         return np.asarray(np.ldexp(nodes, self.exponent))
 
-    def at(self, x: Any) -> Place:
+    def at(self, x: Float) -> Place:
         """Return where x lies, and the columns there; NaN where x is."""
         x = self._near(x)
         k = self._interval(x)
@@ -104,7 +105,7 @@ class PiecewiseLinear:
         right = [from_x * (v + b) for v, b in zip(value, after, strict=True)]
         return Place(x, k, low, high, before, value, after, left, right)
 
-    def values(self, x: Any) -> list[Any]:
+    def values(self, x: Float) -> list[Float]:
         """Return the columns at x; NaN where x is."""
         if not self.regular:
             return self.at(x).value
@@ -115,7 +116,7 @@ class PiecewiseLinear:
         before, after = (rows.at(self.UInt(k) + 1) for rows in (self.before, self.after))
         return [dr.fma(f, b - a, a) for a, b in zip(before, after, strict=True)]
 
-    def means(self, first: Place, last: Place) -> list[Any]:
+    def means(self, first: Place, last: Place) -> list[Float]:
         """Return the means of the columns between two places, in either order."""
         together = first.interval == last.interval
         turned = last.x < first.x
@@ -132,16 +133,16 @@ class PiecewiseLinear:
             found.append(dr.select(together, middle, per_way * (inner + ends)))
         return found
 
-    def _near(self, x: Any) -> Any:
+    def _near(self, x: Float) -> Mask:
         x = x * self.unit
         return dr.select(x > self.far, self.far, dr.select(x < -self.far, -self.far, x))
 
-    def _position(self, x: Any) -> Any:
+    def _position(self, x: Float) -> Any:
         assert self.even is not None
         start, per_node = self.even
         return (x - start) * per_node
 
-    def below(self, x: Any) -> Any:
+    def below(self, x: Float) -> Float:
         """Return the number of nodes that are not above x; rounded where they are regular."""
         x = self._near(x)
         if not self.regular:
@@ -149,7 +150,7 @@ class PiecewiseLinear:
         place, most = self._position(x) + 1.0, self.real(self.last)
         return self.UInt(dr.select(place > 0.0, dr.select(place < most, place, most), 0.0))
 
-    def _interval(self, x: Any) -> Any:
+    def _interval(self, x: Float) -> Any:
         if self.even is None:
             return first_true(
                 len(self.walls) - 2,
@@ -178,7 +179,7 @@ class Rows:
             self.parts.append((_packet(real, width), data, width))
             start += width
 
-    def at(self, index: Any) -> list[Any]:
+    def at(self, index: Any) -> list[Float]:
         """Return the numbers of a row."""
         found: list[Any] = []
         for kind, data, width in self.parts:
@@ -202,7 +203,7 @@ class Sums:
         dtype = np.float32 if precision_of(real) == "single" else np.float64
         self.parts = [Rows(real, part) for part in running_sums(steps, dtype)]
 
-    def between(self, lower: Any, upper: Any, apart: Any) -> list[Any]:
+    def between(self, lower: Float, upper: Float, apart: Float) -> list[Float]:
         """Return the sums from the end of one interval to the start of a later one."""
         (high_0, low_0), (high_1, low_1) = (
             [rows.at(k) for rows in self.parts]
@@ -211,7 +212,7 @@ class Sums:
         return [(b - a) + (d - c) for a, b, c, d in zip(high_0, high_1, low_0, low_1, strict=True)]
 
 
-def _fraction(f: Any) -> Any:
+def _fraction(f: Float) -> Float:
     return dr.select(f < 0.0, 0.0, dr.select(f > 1.0, 1.0, f))
 
 
@@ -311,7 +312,7 @@ class TableMiddles:
         spread = extent * extent / (12.0 * dr.select(room > 0.0, room, 1.0))
         return Middle(place, dr.select(spread < 1.0 / 3.0, spread, 1.0 / 3.0))
 
-    def _apart(self, first: Place, last: Place, apart: Any) -> tuple[Any, Any, Any]:
+    def _apart(self, first: Place, last: Place, apart: Float) -> tuple[Any, Any, Any]:
         """Return mean, first moment from the first end, and mean square, in units of the way."""
         turned = last.x < first.x
         lower = dr.select(turned, last.interval, first.interval)
@@ -337,17 +338,17 @@ class TableMiddles:
         )
 
 
-def _to_node(p: Place) -> list[Any]:
+def _to_node(p: Place) -> list[Float]:
     return [p.right[-1], *_moments(p.high - p.x, p.value[-1], p.after[-1])]
 
 
-def _from_node(p: Place) -> list[Any]:
+def _from_node(p: Place) -> list[Float]:
     return [p.left[-1], *_moments(p.x - p.low, p.value[-1], p.before[-1])]
 
 
-def _moments(way: Any, near: Any, far: Any) -> tuple[Any, Any]:
+def _moments(way: Float, near: Any, far: Any) -> tuple[Float, Float]:
     return way * way * (near + 2.0 * far) / 6.0, way * _square(near, far)
 
 
-def _square(a: Any, b: Any) -> Any:
+def _square(a: Any, b: Any) -> Float:
     return (a * a + a * b + b * b) / 3.0

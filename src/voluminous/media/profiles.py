@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..expressions import Expression, NumpyOps, Ops
 from ..expressions.interval import Interval
 from ..units import plain
@@ -90,7 +91,7 @@ class Shaped(Medium):
         self.names = self.used_names()
 
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it looks at."""
+        """Return the fields and coordinates it depends on."""
         return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @property
@@ -98,7 +99,7 @@ class Shaped(Medium):
         """Whether all channels are the same function of x, times numbers."""
         return self.grey and self.modulation.fixed
 
-    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
+    def shape(self, ops: Ops, offset: Float, width: Any) -> Float:
         """Return the shape at a distance from the centre; one at its peak."""
         raise NotImplementedError
 
@@ -110,7 +111,7 @@ class Shaped(Medium):
         )
         return self.modulation.coefficients(found, fields, context)
 
-    def per_length(self, fields: dict[str, Any], context: Context) -> Any:
+    def per_length(self, fields: dict[str, Any], context: Context) -> Float:
         """Return the shape per path length: what colour and opacity are multiplied with."""
         center, width, length = self.plain_numbers(context)
         x = context.evaluate(self.expr, fields)
@@ -135,7 +136,7 @@ class Shaped(Medium):
         middle = self.middle(*self._ends(panel, context), self._mean(panel, context))
         return self.modulation.means(found, panel, context, middle)
 
-    def mean_per_length(self, panel: Panel, context: Context) -> Any:
+    def mean_per_length(self, panel: Panel, context: Context) -> Float:
         """Return the mean of the shape per path length, exact if x is linear over the panel."""
         _, _, per_length = self._kept(context)
         mean = self._mean(panel, context)
@@ -144,7 +145,7 @@ class Shaped(Medium):
         place = self.middle(*self._ends(panel, context), mean).place
         return mean * per_length * slope_factor(panel, self.expr, place, context.narrow)
 
-    def _mean(self, panel: Panel, context: Context) -> Any:
+    def _mean(self, panel: Panel, context: Context) -> Float:
         """Return the mean of the shape for x linear over the panel; computed once."""
         ends = self._ends(panel, context)
         key = (id(self), "mean", panel.first, panel.last)
@@ -152,7 +153,7 @@ class Shaped(Medium):
             return kept(panel.stretch, key, lambda: self._mean_where_seen(*ends, context))
         return kept(panel.stretch, key, lambda: self.mean_shape(*ends, context.faint))
 
-    def _mean_where_seen(self, first: Any, last: Any, context: Context) -> Any:
+    def _mean_where_seen(self, first: Float, last: Float, context: Context) -> Float:
         """Return the mean of the shape; zero where it is neglected.
 
         Of several shells a ray is mostly in one: a branch for each.
@@ -164,11 +165,11 @@ class Shaped(Medium):
             false_fn=_nothing,
         )
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         center, narrowness, _ = self._kept(context)
         reach = self._reach(context)
 
-        def offset(x: Any) -> Any:
+        def offset(x: Float) -> Float:
             return context.narrow(x - center)
 
         low, high = -reach / narrowness, reach / narrowness
@@ -195,31 +196,31 @@ class Shaped(Medium):
             depth=dr.select(self.is_thin(extent), depth, 0.0),
         )
 
-    def is_thin(self, extent: Any) -> Any:
+    def is_thin(self, extent: Float) -> Mask:
         """Return where a shell that takes so much of a half may be in one half only."""
         return extent < 2.0
 
-    def _ends(self, panel: Panel, context: Context) -> tuple[Any, Any]:
+    def _ends(self, panel: Panel, context: Context) -> tuple[Float, Float]:
         first, last = self._offsets(panel.ends(self.expr), context)
         return first, last
 
-    def _seen(self, low: Any, high: Any, context: Context) -> Any:
+    def _seen(self, low: Float, high: Float, context: Context) -> Mask:
         """Return where it is not neglected between two distances; where there is NaN, it shows."""
         reach = self._reach(context)
         return ~((low > reach) | (high < -reach))
 
-    def _offsets(self, values: Iterable[Any], context: Context) -> list[Any]:
+    def _offsets(self, values: Iterable[Any], context: Context) -> list[Float]:
         center, narrowness, _ = self._kept(context)
         return [context.narrow(x - center) * narrowness for x in values]
 
-    def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
+    def mean_shape(self, first: Float, last: Float, faint: float) -> Float:
         """Return the mean of the shape between two distances from the centre, in widths.
 
         Below `faint`, as a fraction of the peak, it does not matter.
         """
         raise NotImplementedError
 
-    def middle(self, first: Any, last: Any, mean: Any) -> Middle:
+    def middle(self, first: Float, last: Float, mean: Float) -> Middle:
         """Return where the mass of the shape is between two distances, in widths.
 
         `mean` is what `mean_shape` returns for them. Default: spread evenly.
@@ -230,7 +231,7 @@ class Shaped(Medium):
         """Return at how many widths from its centre the shape falls below `faint`."""
         raise NotImplementedError
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         reach = self._reach(context)
         nodes = extremes(stretch.nodes(self.expr))
         below, above, low, high = self._offsets((*nodes, *stretch.hull(self.expr)), context)
@@ -251,7 +252,7 @@ class Shaped(Medium):
     def constant_source_function(self) -> bool:
         return not self.modulation.painted
 
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         nodes = self._offsets(stretch.nodes(self.expr), context)
         counts = []
         for pair in (nodes[:2], nodes[1:]):
@@ -262,17 +263,17 @@ class Shaped(Medium):
             )
         return counts
 
-    def prominence(self, x: Any, context: Context) -> Any:
+    def prominence(self, x: Float, context: Context) -> Float:
         center, width = (context.kept_number(v) for v in self._plain_shape(context))
         return self.shape(context.ops, x - center, width)
 
-    def profile(self, unit: Any, extent: Any) -> tuple[np.ndarray, np.ndarray]:
+    def profile(self, unit: Any, extent: Float) -> tuple[np.ndarray, np.ndarray]:
         center = plain(self.center, unit, "center")
         width = plain(self.width, unit, self.width_name)
         offsets = width * self.profile_places
         return center + offsets, np.asarray(self.shape(NumpyOps(), offsets, width))
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         center, width = self._plain_shape(context)
         reach = self.reach(context.faint) * width
         x = context.evaluate(self.expr, fields)
@@ -313,7 +314,7 @@ class Shaped(Medium):
         )
         return color, opacity
 
-    def _reach(self, context: Context) -> Any:
+    def _reach(self, context: Context) -> Float:
         """Return at how many widths the shape is neglected, as a number put there once."""
         return context.keep(
             (id(self), "reach"), lambda: context.narrow_number(self.reach(context.faint))
@@ -343,7 +344,7 @@ class Shaped(Medium):
         }
 
 
-def _nothing(first: Any, last: Any) -> Any:
+def _nothing(first: Float, last: Float) -> Float:
     return type(first)(0.0)
 
 
@@ -371,7 +372,7 @@ class SampledShaped(Shaped):
         found.off.emissivity = [dr.abs(off) for off in found.off.emissivity]
         return found
 
-    def _painted(self, shape: Any, factors: list[Any], context: Context) -> MediumSample:
+    def _painted(self, shape: Any, factors: list[Float], context: Context) -> MediumSample:
         """Return coefficients for a shape per path length, times factors of each channel and α."""
         color, opacity = context.keep((id(self), "color"), lambda: self._colors(context))
         *own, gate = factors
@@ -426,12 +427,12 @@ class SampledShaped(Shaped):
         )
         return Sampled(*(per_length * value for value in found))
 
-    def sample(self, offset: Any) -> Any:
+    def sample(self, offset: Float) -> Float:
         """Return the shape at a distance from the centre in widths, on a ray."""
         raise NotImplementedError
 
     def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
+        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
     ) -> Sampled:
         """Return the mean of the shape over a stretch from samples.
 
@@ -447,6 +448,6 @@ class SampledShaped(Shaped):
         raise NotImplementedError
 
 
-def _nothing_sampled(nodes: list[Any], ends: list[Any], derivatives: list[Any]) -> Sampled:
+def _nothing_sampled(nodes: list[Float], ends: list[Float], derivatives: list[Float]) -> Sampled:
     zero = type(nodes[0])(0.0)
     return Sampled(zero, zero, zero, zero)

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError
 from ..expressions import Expression, IntervalOps
 from ..expressions.interval import Interval
-from ..expressions.interval_interpolation import interpolate_ranges
+from ..expressions.interval_ops import interpolate_ranges
 from .context import Context
 from .contract import Medium
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import precision_of
+from ..backend.types import Float, Mask
 from ..expressions import Ops
 from .context import Context
 from .edges import Level, passes
@@ -57,11 +58,11 @@ class Rectangle(SampledShaped):
             expr, center, half_width, color, opacity, path_length, where, shading, lights
         )
 
-    def shape(self, ops: Ops, offset: Any, width: Any) -> Any:
+    def shape(self, ops: Ops, offset: Float, width: Any) -> Float:
         box = ops.number(abs(offset) <= width)
         return ops.where(offset == offset, box, offset)
 
-    def mean_shape(self, first: Any, last: Any, faint: float) -> Any:
+    def mean_shape(self, first: Float, last: Float, faint: float) -> Float:
         return box_mean(first, last)
 
     def discontinuities(self, context: Context) -> list[Level]:
@@ -77,20 +78,20 @@ class Rectangle(SampledShaped):
         own = [] if single else [Level(self.expr, side) for side in sides]
         return [*own, *super().discontinuities(context)]
 
-    def sample(self, offset: Any) -> Any:
+    def sample(self, offset: Float) -> Float:
         return type(offset)(1.0)
 
     def sampled_shape(
-        self, nodes: list[Any], ends: list[Any], derivatives: list[Any], *, fine: bool
+        self, nodes: list[Float], ends: list[Float], derivatives: list[Float], *, fine: bool
     ) -> Sampled:
         one = type(ends[0])(1.0)
         inside = _within(*ends)
         return Sampled(one, one, one, dr.select(inside, 0.0 * one, dr.inf))
 
-    def middle(self, first: Any, last: Any, mean: Any) -> Middle:
+    def middle(self, first: Float, last: Float, mean: Float) -> Middle:
         return box_middle(first, last)
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         seen, hidden = super().visible(stretch, context)
         center, narrowness, _ = self._kept(context)
         for edge in (center - 1.0 / narrowness, center + 1.0 / narrowness):
@@ -98,24 +99,24 @@ class Rectangle(SampledShaped):
             hidden |= seen & (possible > shown)
         return seen, hidden
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         low, high = self._offsets(stretch.hull(self.expr), context)
         thin, off = super().sharpness(stretch, context)
         edge = (low <= 1.0) & (high >= -1.0) & ~_within(low, high)
         return dr.select(edge, type(thin)(1.0), 0.0), dr.select(edge, off, 0.0)
 
-    def is_thin(self, extent: Any) -> Any:
+    def is_thin(self, extent: Float) -> Mask:
         return extent >= 0.0
 
     def reach(self, faint: float) -> float:
         return 1.0
 
 
-def _within(low: Any, high: Any) -> Any:
+def _within(low: Float, high: Float) -> Mask:
     return (low >= -1.0) & (high <= 1.0)
 
 
-def box_mean(first: Any, last: Any) -> Any:
+def box_mean(first: Any, last: Float) -> Float:
     """Return the mean of a shape that is one where |z| <= 1 and zero elsewhere."""
     low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
     inside = dr.select(high < 1.0, high, 1.0) - dr.select(low > -1.0, low, -1.0)
@@ -125,7 +126,7 @@ def box_mean(first: Any, last: Any) -> Any:
     return dr.select(way > 0.0, mean, flat * 1.0)
 
 
-def box_middle(first: Any, last: Any) -> Middle:
+def box_middle(first: Float, last: Float) -> Middle:
     """Return where the part of the panel is in which z is from -1 to 1; exact."""
     low, high = _part_within(first, last)
     half = 0.5 * (last - first)
@@ -135,7 +136,7 @@ def box_middle(first: Any, last: Any) -> Middle:
     return middle_of(center * per_half, extent * extent / 3.0)
 
 
-def box_extent(first: Any, last: Any) -> Any:
+def box_extent(first: Float, last: Float) -> Float:
     """Return what part of the panel it is in which z is from -1 to 1."""
     low, high = _part_within(first, last)
     way = dr.abs(last - first)
@@ -143,10 +144,10 @@ def box_extent(first: Any, last: Any) -> Any:
     return dr.select(way == 0.0, inside, (high - low) / dr.select(way == 0.0, 1.0, way))
 
 
-def _part_within(first: Any, last: Any) -> tuple[Any, Any]:
+def _part_within(first: Float, last: Float) -> tuple[Float, Float]:
     low, high = dr.select(first < last, first, last), dr.select(first < last, last, first)
     return _clipped(low), _clipped(high)
 
 
-def _clipped(z: Any) -> Any:
+def _clipped(z: Float) -> Float:
     return dr.select(z < -1.0, -1.0, dr.select(z > 1.0, 1.0, z))

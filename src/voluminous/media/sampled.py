@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float
 from .stretch import extremes
 
 # Gauss and Legendre's places and weights on [0, 1].
@@ -58,17 +59,17 @@ class Sampled:
         How far the mean may be off; infinite where nothing is known.
     """
 
-    mean: Any
-    first: Any
-    last: Any
-    off: Any
+    mean: Float
+    first: Float
+    last: Float
+    off: Float
 
     def __iter__(self) -> Iterator[Any]:
         """Yield all four."""
         return iter((self.mean, self.first, self.last, self.off))
 
 
-def compared(values: list[Any]) -> Sampled:
+def compared(values: list[Float]) -> Sampled:
     """Return the mean of a function with these values at five nodes, its ends, and the error.
 
     The latter is the difference of two rules, of which the better is used: in truth it is off by
@@ -92,7 +93,7 @@ def compared(values: list[Any]) -> Sampled:
     return Sampled(mean, first, last, off)
 
 
-def missed_by_pair(nodes: list[Any], pair: list[Any]) -> Any:
+def missed_by_pair(nodes: list[Float], pair: list[Float]) -> Float:
     """Return how far the mean of a function at the places `PAIR` is off: with three more.
 
     Parameters
@@ -109,7 +110,7 @@ def missed_by_pair(nodes: list[Any], pair: list[Any]) -> Any:
     return dr.abs(mean - 0.5 * both)
 
 
-# What the polynomial through five values may be off by, in what `unseen` tells. With 0.5 0.8 % of
+# What the polynomial through five values may be off by, in units of `unseen`. With 0.5 0.8 % of
 # the pixels of coloured sheets in noise were beyond their error, with 2 0.3 %, in 1.05 of the time.
 UNKNOWN = 2.0
 
@@ -129,7 +130,7 @@ _AT_EIGHT = _lagrange(FIVE, EIGHT)
 _LEGENDRE = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * np.array(FIVE) - 1.0, 4))[2:]
 
 
-def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampled]:
+def products(shape: list[Float], off: Float, factors: list[list[Any]]) -> list[Sampled]:
     """Return the means of a shape times each of some factors.
 
     Parameters
@@ -154,7 +155,7 @@ def products(shape: list[Any], off: Any, factors: list[list[Any]]) -> list[Sampl
     return found
 
 
-def unseen(values: list[Any]) -> Any:
+def unseen(values: list[Float]) -> Float:
     """Return how far a function with these values may be from their polynomial, by its decay.
 
     Coefficients of smooth functions fall by about the same factor from one to the next.
@@ -164,7 +165,7 @@ def unseen(values: list[Any]) -> Any:
     return dr.fma(third, third / dr.select(other > 0.0, other, 1.0), fourth)
 
 
-def dot(weights: Any, values: list[Any]) -> Any:
+def dot(weights: Any, values: list[Float]) -> Any:
     """Return the sum of values times numbers, or arrays."""
     total = 0.0 * values[0]
     # NumPy's own numbers would look into arrays of Dr.Jit's.

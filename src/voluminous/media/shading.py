@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -138,7 +139,7 @@ class Shade:
         """Return the components of the gradient, along the line of sight too if that matters."""
         return [*self.normal, *([self.sight] if self.sight else [])]
 
-    def factor(self, fields: dict[str, Any], context: Context) -> Any:
+    def factor(self, fields: dict[str, Any], context: Context) -> Float:
         """Return the factor of the emission at places; or an interval that holds it."""
         values = [context.evaluate(e, fields) for e in self.expressions()]
         if isinstance(values[0], Interval):
@@ -148,7 +149,7 @@ class Shade:
             return type(values[0])(low, where(anywhere, 1.0, 1.0))
         return self._lit(values, context.number, context.kept_number(self.share))
 
-    def seen(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+    def seen(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
         """Return the factor on a ray, in the type that integrals are computed with.
 
         With the direction of the ray: near an observer inside the volume that to a cell's middle is
@@ -164,7 +165,7 @@ class Shade:
             values.append(along / dr.select(size > 0.0, size, 1.0))
         return context.narrow(self._lit(values, context.number, context.kept_number(self.share)))
 
-    def _lit(self, values: list[Any], number: Any, share: Any) -> Any:
+    def _lit(self, values: list[Float], number: Any, share: Any) -> Float:
         """Return the factor from the gradient's components; ambient where they vanish."""
         x, y, z = (abs(v) for v in values[:3])
         ops = dr if not isinstance(values[0], (np.ndarray, float)) else np
@@ -184,7 +185,7 @@ class Shade:
         cosine = where(there, lit / where(size > 0.0, size, 1.0), 0.0)
         return (1.0 - share) + share * ops.minimum(cosine, 1.0)
 
-    def turns(self, stretch: Stretch, context: Context) -> Any:
+    def turns(self, stretch: Stretch, context: Context) -> Mask:
         """Return where the light changes by so much that a few places do not show its way."""
         low, high = extremes([self.seen(stretch.fields(s), stretch, context) for s in NODES])
         return high - low > _DOUBT
@@ -238,15 +239,15 @@ class Lamp:
         )
         return 1.0 - share + 0.5 * share * (first + last)
 
-    def light(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+    def light(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
         """Return how bright the surface looks at a place of a stretch, with these fields."""
         if self.shading == 0:
             return 1.0
         share = self._share(context)
         return 1.0 - share + share * self._cosine(fields, stretch, context)
 
-    def off(self, stretch: Stretch, context: Context) -> Any:
-        """Return what light may be off by in a surface of some width, as a part of its emission.
+    def off(self, stretch: Stretch, context: Context) -> Float:
+        """Return the relative error of the light in a surface with a width.
 
         A panel and its halves look at the same places where the surface is all in one of them.
         """
@@ -255,8 +256,8 @@ class Lamp:
         first, middle, last = self._lit(stretch, context)
         return _CURVED * self._share(context) * dr.abs(first - 2.0 * middle + last)
 
-    def across(self, stretch: Stretch, context: Context, extent: Any, depth: Any) -> Any:
-        """Return what light may be off by in a surface that absorbs: its front is seen most.
+    def across(self, stretch: Stretch, context: Context, extent: Float, depth: Float) -> Float:
+        """Return the relative error of the light in a surface that absorbs: its front is seen most.
 
         Parameters
         ----------
@@ -267,17 +268,17 @@ class Lamp:
         nodes = [[1.0 - share + share * lit] for lit in self._lit(stretch, context)]
         return change_across(nodes, extent, depth)
 
-    def turns(self, stretch: Stretch, context: Context) -> Any:
+    def turns(self, stretch: Stretch, context: Context) -> Mask:
         """Return where the normal turns by so much that a few places do not show its way."""
         if self.shading == 0:
             return stretch.length < 0.0
         low, high = extremes(self._lit(stretch, context))
         return high - low > _TURN
 
-    def _share(self, context: Context) -> Any:
+    def _share(self, context: Context) -> Float:
         return context.keep(("shading", self.shading), lambda: context.narrow_number(self.shading))
 
-    def _lit(self, stretch: Stretch, context: Context) -> list[Any]:
+    def _lit(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return the cosine of ray and normal at both ends and in the middle; computed once."""
         return kept(
             stretch,
@@ -285,7 +286,7 @@ class Lamp:
             lambda: [self._cosine(stretch.fields(s), stretch, context) for s in NODES],
         )
 
-    def _cosine(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Any:
+    def _cosine(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
         across = _scaled([context.evaluate(e, fields) for e in self.normal], context)
         found = 0.0
         for direction, weight in self.lights:
@@ -299,19 +300,19 @@ class Lamp:
         return found
 
 
-def lambert(across: list[Any], way: list[Any]) -> Any:
+def lambert(across: list[Float], way: list[Float]) -> Float:
     """Return the cosine between two directions, on either side; one if there is no normal."""
     size = dr.sqrt(_dot(across, across) * _dot(way, way))
     cosine = dr.abs(_dot(across, way)) / dr.select(size > 0.0, size, 1.0)
     return dr.select(size > 0.0, cosine, 1.0)
 
 
-def _scaled(vector: list[Any], context: Context) -> list[Any]:
+def _scaled(vector: list[Any], context: Context) -> list[Float]:
     """Return a vector over its largest component: squares of gradients in g/cm⁴ underflow."""
     x, y, z = (dr.abs(v) for v in vector)
     most = dr.maximum(x, dr.maximum(y, z))
     return [context.narrow(v / dr.select(most > 0.0, most, 1.0)) for v in vector]
 
 
-def _dot(a: list[Any], b: list[Any]) -> Any:
+def _dot(a: list[Float], b: list[Float]) -> Float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

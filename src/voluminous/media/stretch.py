@@ -16,13 +16,12 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import horner
+from ..backend.types import Float, Mask
 from ..expressions import Expression, Margin
 from ..expressions.analysis import Monotonicity
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
-from ..expressions.traced_interval import TracedInterval
+from ..expressions.traced_interval import TracedInterval, TracedIntervalOps, larger, smaller
 from ..expressions.traced_interval import extremes as without_nan
-from ..expressions.traced_interval_ops import TracedIntervalOps
-from ..expressions.traced_rounding import larger, smaller
 from .context import Context, completed
 
 # Intervals tell something of a stretch if they tell of one place so much more.
@@ -46,11 +45,11 @@ class Turning:
         Bounds of its first and second derivative by the place.
     """
 
-    low: Any
-    high: Any
-    apart: Any
-    slope: Any
-    bend: Any
+    low: Float
+    high: Float
+    apart: Float
+    slope: Float
+    bend: Float
 
 
 def may_turn(expr: Expression | Margin, context: Context) -> bool:
@@ -85,7 +84,7 @@ def _by_controls(stretch: Stretch, expr: Expression | Margin) -> Turning:
     return Turning(low, high, apart, *_of_cubic(controls))
 
 
-def _partly(missing: list[Any]) -> Any:
+def _partly(missing: list[Float]) -> Mask:
     """Return where some of several values are undefined: between them may be anything."""
     every, some = missing[0], missing[0]
     for one in missing[1:]:
@@ -109,7 +108,7 @@ def _by_ranges(stretch: Stretch, expr: Expression | Margin) -> Turning:
     return Turning(low, high, apart, slope, bend)
 
 
-def _of_cubic(controls: list[Any]) -> tuple[Any, Any]:
+def _of_cubic(controls: list[Float]) -> tuple[Float, Float]:
     """Return bounds of the first two derivatives of a cubic with these control points.
 
     Differences of them bound the second (Farin 2002, section 5.3), and half of that is how far the
@@ -184,7 +183,7 @@ def _in_box(stretch: Stretch, expr: Expression | Margin, fields: dict[str, Any])
     return found
 
 
-def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Any:
+def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Float:
     """Return how far an expression is from its chord where most of its way is in one half.
 
     Beside a vacuum ``temperature/density`` rises to nearly infinite in the last part of a cell: a
@@ -195,7 +194,7 @@ def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Any:
     return dr.select(off > _LOPSIDED * dr.abs(last - first), 0.5 * off, 0.0)
 
 
-def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Any:
+def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Mask:
     """Return where intervals say as little of single places as of all: of 1/n where n is zero.
 
     Nothing is learned from narrower panels there: in a vacuum these were all as narrow as can be,
@@ -216,15 +215,15 @@ def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Any:
 
 
 def _seen_if_undecided(
-    stretch: Stretch, expr: Expression | Margin, low: Any, high: Any, width: Any
-) -> tuple[Any, Any]:
+    stretch: Stretch, expr: Expression | Margin, low: Float, high: Float, width: Any
+) -> tuple[Float, Float]:
     """Return ends of a range; where intervals tell nothing, those of what is seen."""
     least, largest = without_nan(stretch.nodes(expr))
     vain = undecided(stretch, expr, width)
     return dr.select(vain, least, low), dr.select(vain, largest, high)
 
 
-def _jet(points: list[Any]) -> TracedJet:
+def _jet(points: list[Float]) -> TracedJet:
     """Return a cubic and its derivatives, from its control points (Farin 2002, section 5.3)."""
     rises = [3.0 * (b - a) for a, b in pairwise(points)]
     bends = [2.0 * (b - a) for a, b in pairwise(rises)]
@@ -265,7 +264,7 @@ class Stretch:
     """
 
     def __init__(
-        self, cubics: Mapping[str, Cubic], context: Context, length: Any, *, rough: bool = False
+        self, cubics: Mapping[str, Cubic], context: Context, length: Float, *, rough: bool = False
     ) -> None:
         self.cubics, self.context, self.length, self.rough = cubics, context, length, rough
         self.edgeless = False
@@ -274,7 +273,7 @@ class Stretch:
         self._turnings: dict[str, Turning] = {}
         self._spreads: dict[str, tuple[Any, Any, Any]] = {}
 
-    def fields(self, s: Any) -> dict[str, Any]:
+    def fields(self, s: Float) -> dict[str, Any]:
         """Return all fields at a place, and what follows from x, y and z."""
         return self._complete(self._own_fields(s))
 
@@ -291,18 +290,18 @@ class Stretch:
         )
         return {name: (low[name], high[name]) for name in ends}
 
-    def _own_fields(self, s: Any) -> dict[str, Any]:
+    def _own_fields(self, s: Float) -> dict[str, Any]:
         s = self.context.real(s)
         return {name: horner(s, c) for name, c in self.cubics.items()}
 
-    def scalar(self, expr: Expression | Margin, s: float) -> Any:
+    def scalar(self, expr: Expression | Margin, s: float) -> Float:
         """Return an expression at 0, ½ or 1; computed once."""
         key = (expr.text, s)
         if key not in self._scalars:
             self._scalars[key] = self.context.evaluate(expr, self._fields_at_node(s))
         return self._scalars[key]
 
-    def nodes(self, expr: Expression | Margin) -> list[Any]:
+    def nodes(self, expr: Expression | Margin) -> list[Float]:
         """Return an expression at both ends and the middle, in order."""
         return [self.scalar(expr, s) for s in NODES]
 
@@ -314,19 +313,19 @@ class Stretch:
         """
         self._scalars[expr.text, s] = value
 
-    def known(self, expr: Expression) -> list[Any]:
+    def known(self, expr: Expression) -> list[Float]:
         """Return what was computed of an expression at the control points, both ends among them.
 
         Not in the middle: where samples will do it is not needed.
         """
         return self.controls(expr)
 
-    def set_known(self, expr: Expression, values: list[Any]) -> None:
+    def set_known(self, expr: Expression, values: list[Float]) -> None:
         """Take what `known` returned for the same stretch in another scope of a kernel."""
         self._scalars[expr.text, 0.0], self._scalars[expr.text, 1.0] = values[0], values[-1]
         self._controls[expr.text] = values
 
-    def hull(self, expr: Expression | Margin) -> tuple[Any, Any]:
+    def hull(self, expr: Expression | Margin) -> tuple[Float, Float]:
         """Return the least and the greatest value that an expression may have.
 
         Infinite where it is undefined in a part of the stretch.
@@ -334,7 +333,7 @@ class Stretch:
         found = self.turning(expr)
         return found.low, found.high
 
-    def turns(self, expr: Expression | Margin, least: Any) -> Any:
+    def turns(self, expr: Expression | Margin, least: Float) -> Mask:
         """Return where an expression may go back and forth by more than a number."""
         return self.turning(expr).apart > least
 
@@ -354,14 +353,14 @@ class Stretch:
             self._spreads[expr.text] = spread(self, expr)
         return self._spreads[expr.text]
 
-    def controls(self, expr: Expression | Margin) -> list[Any]:
+    def controls(self, expr: Expression | Margin) -> list[Float]:
         """Return an expression at the four Bézier control points of the fields."""
         if expr.text not in self._controls:
             inner = [self.context.evaluate(expr, self._control(i)) for i in (1, 2)]
             self._controls[expr.text] = [self.scalar(expr, 0.0), *inner, self.scalar(expr, 1.0)]
         return self._controls[expr.text]
 
-    def derivatives(self, expr: Expression) -> list[Any]:
+    def derivatives(self, expr: Expression) -> list[Float]:
         """Return bounds of an expression's first three derivatives by s.
 
         The third is that of a cubic with its values at the control points.
@@ -370,14 +369,14 @@ class Stretch:
         found = self.turning(expr)
         return [found.slope, found.bend, 6.0 * dr.abs(b3 - b0 + 3.0 * (b1 - b2))]
 
-    def field_points(self, name: str) -> list[Any]:
+    def field_points(self, name: str) -> list[Float]:
         """Return the Bézier control points of a field."""
         cubic = self.cubics[name]
         inner = [control_point(cubic, number) for number in (1, 2)]
         return [cubic[0], *inner, sum(cubic[1:], cubic[0])]
 
     def part(self, start: Any, width: Any) -> Stretch:
-        """Return the part from `start` on, of a width, as a stretch of its own."""
+        """Return the part from `start` on, of a width, as a stretch."""
         begin, part = self.context.real(start), self.context.real(width)
         cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
         return Stretch(cubics, self.context, self.length * width)
@@ -410,12 +409,12 @@ class Stretch:
 class Straight(Stretch):
     """A stretch on which scalars are taken as linear, whatever the fields do between its ends."""
 
-    def scalar(self, expr: Expression | Margin, s: float) -> Any:
+    def scalar(self, expr: Expression | Margin, s: float) -> Float:
         if 0.0 < s < 1.0:
             return (1.0 - s) * self.scalar(expr, 0.0) + s * self.scalar(expr, 1.0)
         return super().scalar(expr, s)
 
-    def controls(self, expr: Expression | Margin) -> list[Any]:
+    def controls(self, expr: Expression | Margin) -> list[Float]:
         return [self.scalar(expr, 0.0), self.scalar(expr, 1.0)]
 
     def ranges(self) -> dict[str, tuple[Any, Any]]:
@@ -443,29 +442,29 @@ class Panel:
     last: float
 
     @property
-    def length(self) -> Any:
+    def length(self) -> Float:
         """Its length, in units of the grid's scale."""
         return self.stretch.length * (self.last - self.first)
 
     @property
-    def per_length(self) -> Any:
+    def per_length(self) -> Float:
         """One over its length, for surfaces: one between two segments is not lost."""
         return 1.0 / dr.select(self.length > _SHORTEST, self.length, _SHORTEST)
 
-    def ends(self, expr: Expression) -> tuple[Any, Any]:
+    def ends(self, expr: Expression) -> tuple[Float, Float]:
         """Return an expression at both ends."""
         return self.stretch.scalar(expr, self.first), self.stretch.scalar(expr, self.last)
 
-    def fields(self, f: Any) -> dict[str, Any]:
+    def fields(self, f: Float) -> dict[str, Any]:
         """Return all fields at a fraction of the panel."""
         return self.stretch.fields(self.place(f))
 
-    def place(self, f: Any) -> Any:
+    def place(self, f: Float) -> Float:
         """Return where in the stretch a fraction of the panel is."""
         return self.first + f * (self.last - self.first)
 
 
-def extremes(values: Sequence[Any]) -> tuple[Any, Any]:
+def extremes(values: Sequence[Any]) -> tuple[Float, Float]:
     """Return the least and the largest of some arrays."""
     low = functools.reduce(lambda a, b: dr.select(b < a, b, a), values)
     high = functools.reduce(lambda a, b: dr.select(b > a, b, a), values)
@@ -490,7 +489,7 @@ def with_coordinates(fields: dict[str, Any], context: Context) -> dict[str, Any]
     return fields
 
 
-def control_point(cubic: Cubic, number: int) -> Any:
+def control_point(cubic: Cubic, number: int) -> Float:
     """Return a Bézier control point of a polynomial of at most third degree.
 
     The coefficient of Bernstein's polynomial `number` of degree three: Σ c_k C(n, k) / C(3, k).
@@ -502,7 +501,7 @@ def control_point(cubic: Cubic, number: int) -> Any:
     return total
 
 
-def shifted(cubic: Cubic, start: Any, width: Any) -> list[Any]:
+def shifted(cubic: Cubic, start: Any, width: Any) -> list[Float]:
     """Return the coefficients of p(start + width s) (Horner's rule for all derivatives)."""
     own = list(cubic)
     count = len(own)
@@ -528,8 +527,8 @@ class Middle:
         Its variance over that of equal masses at both ends: 0 for a thin shell, 1/3 for a constant.
     """
 
-    place: Any
-    spread: Any
+    place: Float
+    spread: Float
 
 
 def kept(stretch: Stretch, key: Any, make: Any) -> Any:

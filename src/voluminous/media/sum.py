@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -63,7 +64,7 @@ class Sum(Medium):
         every = (edge for part in self.parts for edge in part.discontinuities(context))
         return list({(edge.expr.text, id(edge.level)): edge for edge in every}.values())
 
-    def layer(self, stretch: Stretch, context: Context, place: Any) -> MediumSample | None:
+    def layer(self, stretch: Stretch, context: Context, place: Float) -> MediumSample | None:
         found = [part.layer(stretch, context, place) for part in self.parts]
         some = [one for one in found if one is not None]
         return self._total(some) if some else None
@@ -86,23 +87,23 @@ class Sum(Medium):
         found = [part.sampled(stretch, context, fine=fine) for part in self.parts]
         return Sampled(*(self._total(list(own)) for own in zip(*found, strict=True)))
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         masks = [part.visible(stretch, context) for part in self.parts]
         seen, hidden = masks[0]
         for a, b in masks[1:]:
             seen, hidden = seen | a, hidden | b
         return seen, hidden
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         found = [part.sharpness(stretch, context) for part in self.parts]
         thin, off = zip(*found, strict=True)
         return extremes(thin)[1], extremes(off)[1]
 
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         counts = [part.cores(stretch, context) for part in self.parts]
         return [sum(own[1:], own[0]) for own in zip(*counts, strict=True)]
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         seen = self.parts[0].visible_in(fields, context)
         for part in self.parts[1:]:
             seen = seen | part.visible_in(fields, context)
@@ -153,9 +154,9 @@ def with_each(medium: Medium, change: Callable[[Medium], Medium]) -> Medium:
     return changed[0] if len(changed) == 1 else Sum(changed)
 
 
-def _spread(extinction: list[Any], count: int) -> list[Any]:
+def _spread(extinction: list[Float], count: int) -> list[Float]:
     return extinction if len(extinction) == count else extinction * count
 
 
-def _add(lists: list[list[Any]]) -> list[Any]:
+def _add(lists: list[list[Any]]) -> list[Float]:
     return [sum(values[1:], values[0]) for values in zip(*lists, strict=True)]

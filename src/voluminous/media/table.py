@@ -11,6 +11,7 @@ import numpy as np
 
 from ..backend import dr
 from ..backend.functions import precision_of
+from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
 from ..expressions.interval import Interval
@@ -74,12 +75,12 @@ class _Parts:
         Where entries jump.
     """
 
-    first: Any
-    last: Any
-    begin: Any
-    end: Any
+    first: Float
+    last: Float
+    begin: Float
+    end: Float
     structures: list[list[Any]]
-    jumps: list[Any]
+    jumps: list[Float]
 
 
 class Table(Medium):
@@ -150,7 +151,7 @@ class Table(Medium):
         self.names = self.used_names()
 
     def used_names(self) -> tuple[str, ...]:
-        """Return the fields and coordinates it looks at."""
+        """Return the fields and coordinates it depends on."""
         return tuple(dict.fromkeys((*self.expr.names, *self.modulation.names)))
 
     @staticmethod
@@ -239,7 +240,7 @@ class Table(Medium):
         )
         return Sampled(*map(self.split, (middle, start, end, [h * off for h in heights])))
 
-    def visible_in(self, fields: dict[str, Interval], context: Context) -> Any:
+    def visible_in(self, fields: dict[str, Interval], context: Context) -> Mask:
         x = context.evaluate(self.expr, fields)
         found = context.interpolate(x, self.nodes(context), list(self.shape.T))
         seen: Any = x.nan
@@ -247,7 +248,7 @@ class Table(Medium):
             seen = seen | (value.size > context.faint)
         return seen & self.modulation.visible_in(fields, context)
 
-    def prominence(self, x: Any, context: Context) -> Any:
+    def prominence(self, x: Float, context: Context) -> Float:
         (most,) = context.interpolate(x, self.nodes(context), [np.abs(self.shape).max(axis=1)])
         return most
 
@@ -313,10 +314,10 @@ class Table(Medium):
     def _length(self, context: Context) -> float:
         return length_in(self.path_length, context.unit)
 
-    def heights(self, context: Context) -> list[Any]:
+    def heights(self, context: Context) -> list[Float]:
         """Return the peak of each column in the units of `means`, as numbers of a kernel."""
 
-        def make() -> list[Any]:
+        def make() -> list[Float]:
             length = self._length(context)
             units = [context.radiance] * self.channels + [1.0] * self.opacities.shape[1]
             factors = self.peaks / np.array(units) * (context.scale / length)
@@ -367,7 +368,7 @@ class Table(Medium):
             **self.modulated(),
         }
 
-    def _described_values(self) -> list[Any]:
+    def _described_values(self) -> list[Float]:
         """Return the values of x as plain ones: with a unit, if they have one, as texts."""
         numbers: list[float] = self.values.tolist()
         return numbers if self.unit is None else [named(n * self.unit) for n in numbers]
@@ -377,7 +378,7 @@ class Table(Medium):
         told = self.modulation.described()
         return {"colors" if key == "color" else key: value for key, value in told.items()}
 
-    def visible(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
         """Return where an entry may be noticeable, and where a panel's ends may not show that."""
         low, high = (context.narrow(x) for x in stretch.hull(self.expr))
         below, above = extremes([context.narrow(x) for x in stretch.nodes(self.expr)])
@@ -401,7 +402,7 @@ class Table(Medium):
             hidden |= seen & (possible > shown)
         return self.modulation.visible(stretch, context, seen, hidden)
 
-    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Any, Any]:
+    def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
         """Return how thin the narrowest structure is, and what bends of x may do to it."""
         real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
         parts = self._kernel_numbers(context, real)
@@ -414,7 +415,7 @@ class Table(Medium):
             off = off + found.error(self.modulation, stretch, context)
         return thinness(stretch, self.expr, narrowness, context.narrow), off
 
-    def cores(self, stretch: Stretch, context: Context) -> list[Any]:
+    def cores(self, stretch: Stretch, context: Context) -> list[Float]:
         """Return how many structures are in each half; of several classes of width the most."""
         nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
         parts = self._kernel_numbers(context, type(nodes[0]))
@@ -444,8 +445,8 @@ class Table(Medium):
 
         return context.keep((id(self), "parts"), make)
 
-    def _entered(self, parts: _Parts, stretch: Stretch) -> Any:
-        """Return where x reaches what shows, and no end does: of an opaque self little is much."""
+    def _entered(self, parts: _Parts, stretch: Stretch) -> Mask:
+        """Return where x reaches what shows, and no end does: of an opaque table little is much."""
         low, high = stretch.hull(self.expr)
         below, above = extremes(stretch.nodes(self.expr))
         noise = NOISE[precision_of(type(low))] * extremes([dr.abs(low), dr.abs(high)])[1]

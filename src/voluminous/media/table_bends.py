@@ -14,11 +14,10 @@ higher degree are nearer, but their derivatives are larger: bounds were, too.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ..backend import dr
+from ..backend.types import Float
 from .piecewise_linear import PiecewiseLinear, Rows
 from .sampled import PAIR
 
@@ -62,7 +61,7 @@ class TableBends:
         self.rows = Rows(table.real, np.concatenate(rows))
         self.starts = Rows(table.UInt, starts[:, None])
 
-    def off(self, low: Any, high: Any, derivatives: list[Any], bow: Any) -> Any:
+    def off(self, low: Float, high: Float, derivatives: list[Float], bow: Float) -> Float:
         """Return how far two samples may be off in any column.
 
         Parameters
@@ -87,7 +86,7 @@ class TableBends:
         off = dr.select((first == last) & (low <= high), 0.0, off)
         return off + dr.select(steep > 0.0, steep * (bow * self.table.unit), 0.0)
 
-    def _window(self, first: Any, last: Any) -> list[Any]:
+    def _window(self, first: Float, last: Float) -> list[Float]:
         passed = dr.select(last > first, last - first, 0)
         # Of four and more: the least of which three quarters hold what is passed.
         steps = (passed + 2) // 3

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..backend import dr
 from ..backend.functions import precision_of
+from ..backend.types import Float, Mask
 from .stretch import NODES, Straight, extremes
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _MOST_CHANGE = 0.5
 _NOISE = {"single": 2e-6, "double": 4e-15}
 
 
-def slope_factor(panel: Panel, expr: Expression, place: Any, narrow: Any) -> Any:
+def slope_factor(panel: Panel, expr: Expression, place: Float, narrow: Any) -> Float:
     """Return the mean slope of a scalar over its slope at a place in a panel.
 
     The mean of a shape over a panel is, with x for the variable of integration, that of shape/x';
@@ -55,7 +56,7 @@ def slope_factor(panel: Panel, expr: Expression, place: Any, narrow: Any) -> Any
     return dr.select(near, rise / dr.select(near, rise + change, 1.0), 1.0)
 
 
-def _kinked(stretch: Stretch, expr: Expression) -> Any:
+def _kinked(stretch: Stretch, expr: Expression) -> Mask:
     """Return where a scalar may have a kink, which is no parabola.
 
     A panel and its halves would agree about one beside an end, all of them wrong.
@@ -65,8 +66,8 @@ def _kinked(stretch: Stretch, expr: Expression) -> Any:
 
 
 def bend(
-    stretch: Stretch, expr: Expression, narrowness: Any, offset: Any, low: Any, high: Any
-) -> Any:
+    stretch: Stretch, expr: Expression, narrowness: Any, offset: Float, low: Float, high: Float
+) -> Float:
     """Return the relative error that the bends of a scalar may make in a thin shell on a stretch.
 
     From the cubic part of the scalar (the third difference of its control points), which two halves
@@ -106,7 +107,7 @@ def bend(
     return dr.select(total < 1.0, total, 1.0)
 
 
-def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -> Any:
+def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -> Float:
     """Return how thin a shell is compared with the halves of a stretch: 0 (wide) to 1."""
     nodes = stretch.nodes(expr)
     first, last = (dr.abs(narrow(b - a)) for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])))
@@ -121,7 +122,7 @@ _PER_DEPTH = 1.0 / 12.0
 _MOST = 0.5
 
 
-def extent_of(values: list[Any], thickness: Any) -> Any:
+def extent_of(values: list[Float], thickness: Any) -> Float:
     """Return what part of the steeper half of a stretch a shell takes, from a scalar at nodes."""
     a, b, c = values
     rise = extremes([dr.abs(b - a), dr.abs(c - b)])[1]
@@ -129,8 +130,8 @@ def extent_of(values: list[Any], thickness: Any) -> Any:
 
 
 def unseen_change(
-    modulation: Modulation, stretch: Stretch, context: Context, extent: Any, depth: Any
-) -> Any:
+    modulation: Modulation, stretch: Stretch, context: Context, extent: Float, depth: Float
+) -> Float:
     """Return the relative error of a shell's emission that its own absorption may make.
 
     Parameters
@@ -146,7 +147,7 @@ def unseen_change(
     return change_across(nodes, extent, depth)
 
 
-def change_across(nodes: list[list[Any]], extent: Any, depth: Any) -> Any:
+def change_across(nodes: list[list[Any]], extent: Float, depth: Float) -> Float:
     """Return the same for a colour, or light, with given values at the three nodes.
 
     Parameters
@@ -184,7 +185,7 @@ def misplaced_change(
     expr: Expression,
     ranges: Any,
     thin: Any,
-) -> tuple[Any, Any]:
+) -> tuple[Float, Float]:
     """Return the relative error of what shells show that lie elsewhere than a line says.
 
     Parameters
@@ -227,7 +228,7 @@ def misplaced_change(
     return total, lost
 
 
-def _sag(stretch: Stretch, expr: Expression) -> Any:
+def _sag(stretch: Stretch, expr: Expression) -> Float:
     first, middle, last = stretch.nodes(expr)
     b0, b1, b2, b3 = stretch.controls(expr)
     noise = _UNSEEN_PLACE_NOISE[precision_of(type(first))] * (dr.abs(first) + dr.abs(last))
@@ -237,7 +238,7 @@ def _sag(stretch: Stretch, expr: Expression) -> Any:
     return dr.select(dr.isfinite(sag), sag, 0.0)  # log10 of nothing: other rules see to that
 
 
-def _change(places: list[list[Any]], half: int) -> tuple[Any, Any]:
+def _change(places: list[list[Any]], half: int) -> tuple[Float, Float]:
     """Return what factors change by in a half, and what they are at least, in their largest."""
     change = extremes([dr.abs(b - a) for a, b in zip(*places[half : half + 2], strict=True)])[1]
     bright = [extremes([dr.abs(value) for value in place])[1] for place in places]
@@ -266,22 +267,22 @@ class LookedUp:
 
     expr: Expression
     ranges: list[tuple[Any, Any]]
-    thin: Any
-    extent: Any
-    depth: Any
+    thin: Float
+    extent: Float
+    depth: Float
 
-    def error(self, modulation: Modulation, stretch: Stretch, context: Context) -> Any:
+    def error(self, modulation: Modulation, stretch: Stretch, context: Context) -> Float:
         """Return the relative error of emission and extinction that panels do not show."""
         misplaced, _ = self._misplaced(modulation, stretch, context)
         return misplaced + unseen_change(modulation, stretch, context, self.extent, self.depth)
 
-    def lost(self, modulation: Modulation, stretch: Stretch, context: Context) -> Any:
+    def lost(self, modulation: Modulation, stretch: Stretch, context: Context) -> Mask:
         """Return where that says nothing, and panels must be narrower."""
         return self._misplaced(modulation, stretch, context)[1]
 
     def _misplaced(
         self, modulation: Modulation, stretch: Stretch, context: Context
-    ) -> tuple[Any, Any]:
+    ) -> tuple[Float, Float]:
         return misplaced_change(modulation, stretch, context, self.expr, self.ranges, self.thin)
 
 
@@ -289,7 +290,7 @@ class LookedUp:
 WIDE = 0.75
 
 
-def core(there: Any, narrow: Any, varies: bool, like: Any) -> Any:
+def core(there: Mask, narrow: Any, varies: bool, like: Any) -> Float:
     """Return what a structure counts in a half of a stretch, see `Medium.cores`.
 
     Parameters

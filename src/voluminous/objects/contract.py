@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..backend import from_host
+from ..colormaps import without_alpha
 from ..errors import InputError, check_name
 from ..units import plain
 from ..value import Value
-from .values import MANY, options_of
+from .values import MANY, is_named, named_rgb, options_of
 
 if TYPE_CHECKING:
     from ..backend import Backend
@@ -301,3 +302,34 @@ def _range(low: np.ndarray, high: np.ndarray, count: int) -> tuple[np.ndarray, n
     )
     first, last = np.maximum(first, 0), np.minimum(last, count - 1)
     return first, np.where(seen, np.maximum(last - first + 1, 0), 0)
+
+
+def intensities(thing: SceneObject, colors: Any, count: int, view: View, unit: Any) -> np.ndarray:
+    """Return the intensities of `count` things in all channels of a picture, shape (count, all).
+
+    Parameters
+    ----------
+    colors : str, float, Quantity or array_like
+        A name, a number, one per channel; or a list of `count` of them.
+    unit : astropy unit or None
+        What they are to be expressed in.
+    """
+    own = view.channels if thing.channel is None else 1
+    if is_named(colors):
+        if view.channels != 3 or thing.channel is not None:
+            place = "one channel" if thing.channel is not None else f"{view.channels} channel(s)"
+            raise InputError(f"colors: names are red, green and blue; in {place} give numbers")
+        array = named_rgb(colors, count, "colors")
+    else:
+        colors = colors if own == 4 else without_alpha(colors, "colors")
+        array = np.asarray(plain(colors, unit, "colors"), dtype=np.float64)
+    array = array if array.ndim else np.full(own, float(array))
+    if array.shape[-1] not in (1, own):
+        raise InputError(
+            f"colors: expected a number, or {own} (one per channel), or a list of {count} of "
+            f"these, of shape ({count}, 1) or ({count}, {own}); got shape {array.shape}"
+        )
+    first = 0 if thing.channel is None else thing.channel
+    found = np.zeros((count, view.all_channels))
+    found[:, first : first + own] = array * (view.brightest if thing.relative else 1.0)
+    return found

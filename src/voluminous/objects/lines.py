@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..units import as_given, is_quantity, plain, unit_of
-from .contract import Layers, SceneObject, View, window_pixels
-from .values import check_colors, intensities, merged
+from .contract import Layers, SceneObject, View, intensities, window_pixels
+from .values import check_colors, merged
 
 if TYPE_CHECKING:
     from ..volume import Volume

@@ -9,8 +9,8 @@ import numpy as np
 from ..errors import InputError
 from ..units import plain, unit_of
 from .balls import Balls, nearby
-from .contract import Layers, SceneObject, View
-from .values import check_colors, intensities, merged, positions_of
+from .contract import Layers, SceneObject, View, intensities
+from .values import check_colors, merged, positions_of
 
 
 class Spheres(SceneObject):

@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import InputError
 from ..units import is_quantity, plain, unit_of
 from .balls import nearby
-from .contract import REACH, Layers, PointLights, View
+from .contract import REACH, Layers, PointLights, View, intensities
 from .spheres import Spheres
-from .values import column, intensities, is_column, merged
+from .values import column, is_column, merged
 
 # Full width at half maximum of a Gaussian of unit width.
 _FWHM = 2.0 * np.sqrt(2.0 * np.log(2.0))

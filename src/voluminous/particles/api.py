@@ -8,6 +8,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..progress import Progress, with_progress
+from ..units import Unit
 from ..volume import Volume
 from .deposition import deposit
 from .inputs import carried, particles
@@ -33,7 +34,7 @@ def from_particles(
     min_level: int = 0,
     max_level: int = 20,
     empty: float = 0.0,
-    unit: Any = None,
+    unit: Unit = None,
     progress: Progress = None,
 ) -> Volume:
     """Return a volume of particles, on an octree that is fine where they are.

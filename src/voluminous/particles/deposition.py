@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..grids import CartesianGrid
 from ..memory import check_memory
-from ..units import plain
+from ..units import Unit, plain
 from .cells import CellsDeposit
 from .deposit import Deposit
 from .inputs import (
@@ -102,7 +102,7 @@ def deposit(
     return CellsDeposit(base, grid, points, given.mass, sizes.volume, 3 * sizes.reach)
 
 
-def _box(bounds: Any, periodic: bool, unit: Any) -> Base | None:
+def _box(bounds: Any, periodic: bool, unit: Unit) -> Base | None:
     if bounds is not None:
         return Base.within(_limits(bounds, unit), periodic)
     if periodic:
@@ -149,7 +149,7 @@ def _around(points: np.ndarray, sizes: _Sizes) -> Base:
     return Base.around(np.stack([low, high], axis=1))
 
 
-def _limits(bounds: Any, unit: Any) -> np.ndarray:
+def _limits(bounds: Any, unit: Unit) -> np.ndarray:
     box = CartesianGrid.uniform(1, bounds, unit=unit)
     limits: np.ndarray = box.bounds
     if box.unit != unit:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..fields import split_unit, without_mask
-from ..units import plain, space_unit, unit_of
+from ..units import Unit, plain, space_unit, unit_of
 from .kernels import get_kernel
 from .octree import Base, Refinement, octree_around
 from .smoothed import SmoothedDeposit
@@ -33,7 +33,7 @@ class Particles:
 
     points: np.ndarray
     mass: np.ndarray
-    unit: Any
+    unit: Unit
     mass_unit: Any
 
     @property
@@ -58,7 +58,7 @@ class Particles:
         return self.mass / dense
 
 
-def particles(positions: Any, masses: Any, unit: Any) -> Particles:
+def particles(positions: Any, masses: Any, unit: Unit) -> Particles:
     """Return particles as they are given to `from_particles`.
 
     Raises
@@ -97,7 +97,7 @@ def per_particle(values: Any, what: str, count: int) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, (count,)))
 
 
-def positive(values: Any, unit: Any, what: str, count: int) -> np.ndarray:
+def positive(values: Any, unit: Unit, what: str, count: int) -> np.ndarray:
     """Return positive numbers, one for each particle, in a unit."""
     array = per_particle(_real(without_mask(values), unit, what), what, count)
     if not (array > 0).all():
@@ -172,7 +172,7 @@ def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
         )
 
 
-def _real(values: Any, unit: Any, what: str) -> Any:
+def _real(values: Any, unit: Unit, what: str) -> Any:
     """Return plain numbers in a unit; of complex ones the imaginary part would be lost."""
     if isinstance(values, np.ndarray) and np.iscomplexobj(values):
         raise InputError(f"{what} must be real numbers, got complex ones")

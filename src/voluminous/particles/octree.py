@@ -5,13 +5,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..grids import OctreeGrid
 from ..memory import check_memory
 from ..progress import reported_range
+from ..units import Unit
 
 # Base cells along the longest axis at most: kernels look at all base cells.
 _BASE_CELLS = 8
@@ -216,7 +216,9 @@ class Refinement:
     steps: int = 1
 
 
-def octree_around(base: Base, points: np.ndarray, rule: Refinement, unit: Any = None) -> OctreeGrid:
+def octree_around(
+    base: Base, points: np.ndarray, rule: Refinement, unit: Unit = None
+) -> OctreeGrid:
     """Return an octree that is fine where particles are.
 
     Parameters

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from ..progress import reported_range
 from ..units import is_count, plain, shown, unit_name
 from .slices import MOST
 from .table import named_fields
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 # Boxes cut at once.
 _CHUNK = 1 << 18
@@ -66,7 +69,7 @@ class BoxPieces:
         return new.chosen(high - low > self.thin[axis])
 
 
-def overlaps(cells: Any, others: Any) -> Iterator[Overlap]:
+def overlaps(cells: Grid, others: Grid) -> Iterator[Overlap]:
     """Yield what cells of one grid share with the cells of another.
 
     Parameters
@@ -97,7 +100,7 @@ def overlaps(cells: Any, others: Any) -> Iterator[Overlap]:
                 waiting += _left_over(part, floor, ceiling)
 
 
-def _boxes(cells: Any, first: int, last: int) -> BoxPieces:
+def _boxes(cells: Grid, first: int, last: int) -> BoxPieces:
     middle, half = cells.cell_centers(first, last), 0.5 * cells.cell_sizes(first, last)
     rounding = _ROUNDING * np.max(np.abs(cells.bounds), axis=1)[:, None]
     thin = np.maximum(2 * _SLIVER * half, rounding)
@@ -156,7 +159,7 @@ _SAMPLES_CHUNK = 1 << 20
 _ANGLE = np.pi / 8.0
 
 
-def sampled_overlaps(cells: Any, others: Any, count: int) -> Iterator[Overlap]:
+def sampled_overlaps(cells: Grid, others: Grid, count: int) -> Iterator[Overlap]:
     """Yield what cells of one grid share with the cells of another, from count³ points or more.
 
     Yields
@@ -171,7 +174,7 @@ def sampled_overlaps(cells: Any, others: Any, count: int) -> Iterator[Overlap]:
         yield cell, other, volume
 
 
-def _smaller(cells: Any, others: Any, count: int, *, equal: bool) -> Iterator[Overlap]:
+def _smaller(cells: Grid, others: Grid, count: int, *, equal: bool) -> Iterator[Overlap]:
     """Yield the same for places where the cells are smaller than the others, or equal."""
     own, theirs = (grid.cell_volumes.reshape(-1) for grid in (cells, others))
     for cell, points, volume in points_in(cells, count):
@@ -181,7 +184,7 @@ def _smaller(cells: Any, others: Any, count: int, *, equal: bool) -> Iterator[Ov
         yield cell[counts], other[counts], volume[counts]
 
 
-def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def points_in(grid: Grid, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield points spread evenly in the cells of a grid.
 
     Yields
@@ -207,7 +210,7 @@ def points_in(grid: Any, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, n
             yield cell, np.ascontiguousarray(points * image), share.ravel() / len(images)
 
 
-def points_along(grid: Any, count: int) -> list[int]:
+def points_along(grid: Grid, count: int) -> list[int]:
     """Return the number of points along each axis of a cell: more along wide angles."""
     widths = [0.0, 0.0, 0.0]
     for axis, edges in enumerate(grid.edges):  # of a structured grid
@@ -216,7 +219,9 @@ def points_along(grid: Any, count: int) -> list[int]:
     return [max(count, math.ceil(width * count / _ANGLE - 1e-9)) for width in widths]
 
 
-def _within(grid: Any, offsets: np.ndarray, first: int, last: int) -> tuple[np.ndarray, np.ndarray]:
+def _within(
+    grid: Grid, offsets: np.ndarray, first: int, last: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return own coordinates (3, n, m) of points in cells, and volumes per coordinate (n, m)."""
     system = tuple(grid.coordinates)
     centers = grid.native_centers(first, last)
@@ -225,7 +230,7 @@ def _within(grid: Any, offsets: np.ndarray, first: int, last: int) -> tuple[np.n
     return own, np.prod(metric(system, own.reshape(3, -1)), axis=0).reshape(own.shape[1:])
 
 
-def axis_means(values: np.ndarray, source: Any, target: Any) -> np.ndarray:
+def axis_means(values: np.ndarray, source: Grid, target: Grid) -> np.ndarray:
     """Return the integral over each target cell divided by its volume; nothing is outside.
 
     Parameters
@@ -259,7 +264,7 @@ _COVERED = 1e-9
 
 
 def resampled(
-    fields: Mapping[str, np.ndarray], source: Any, target: Any, fill: float, samples: int
+    fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
     """Return fields on another grid; see `Volume.resample`.
 
@@ -284,7 +289,7 @@ def resampled(
 
 
 def _known_means(
-    values: np.ndarray, source: Any, target: Any, fill: float, samples: int
+    values: np.ndarray, source: Grid, target: Grid, fill: float, samples: int
 ) -> np.ndarray:
     """Return means over what is known (not NaN); NaN where that is less than half."""
     known = ~np.isnan(values)
@@ -298,7 +303,7 @@ def _known_means(
 
 
 def _resample_means(
-    fields: Mapping[str, np.ndarray], source: Any, target: Any, fill: float, samples: int
+    fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
     if not (_is_boxes(source) and _is_boxes(target)):
         return _sampled(fields, source, target, fill, samples)
@@ -315,7 +320,7 @@ def _resample_means(
 
 
 def _sampled(
-    fields: Mapping[str, np.ndarray], source: Any, target: Any, fill: float, samples: int
+    fields: Mapping[str, np.ndarray], source: Grid, target: Grid, fill: float, samples: int
 ) -> dict[str, np.ndarray]:
     overlapping = sampled_overlaps if source.cells_are_boxes else _located
     sums, shared = _sums(fields, target, overlapping(source, target, samples))
@@ -332,7 +337,7 @@ def _sampled(
 
 
 def _sums(
-    fields: Mapping[str, np.ndarray], target: Any, found: Iterator[Overlap]
+    fields: Mapping[str, np.ndarray], target: Grid, found: Iterator[Overlap]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the integrals of fields over target cells, and the volumes that were met."""
     flat = {name: values.reshape(-1) for name, values in fields.items()}
@@ -347,7 +352,7 @@ def _sums(
     )
 
 
-def _box_overlaps(source: Any, target: Any) -> Iterator[Overlap]:
+def _box_overlaps(source: Grid, target: Grid) -> Iterator[Overlap]:
     """Yield what cells share. Those are cut that are smaller, or whose grid has holes."""
     if _has_holes(source) or (source.size > target.size and not _has_holes(target)):
         yield from overlaps(source, target)
@@ -356,7 +361,7 @@ def _box_overlaps(source: Any, target: Any) -> Iterator[Overlap]:
         yield own, into, volume
 
 
-def _inside(source: Any, target: Any, samples: int) -> np.ndarray:
+def _inside(source: Grid, target: Grid, samples: int) -> np.ndarray:
     inside = np.zeros(target.size)
     for cell, points, volume in points_in(target, samples):
         np.add.at(inside, cell, np.where(source.locate(points) >= 0, volume, 0.0))
@@ -374,11 +379,11 @@ def _share(fill: float, rest: np.ndarray) -> np.ndarray:
     return np.where(rest > 0.0, fill * rest, 0.0)
 
 
-def _is_boxes(grid: Any) -> bool:
+def _is_boxes(grid: Grid) -> bool:
     return grid.cells_are_boxes and tuple(grid.coordinates) == CARTESIAN
 
 
-def _located(source: Any, target: Any, samples: int) -> Iterator[Overlap]:
+def _located(source: Grid, target: Grid, samples: int) -> Iterator[Overlap]:
     """Yield the cells of the source at points in those of the target."""
     for into, points, volume in points_in(target, samples):
         own = source.locate(points)
@@ -386,7 +391,7 @@ def _located(source: Any, target: Any, samples: int) -> Iterator[Overlap]:
         yield own[there], into[there], volume[there]
 
 
-def _has_holes(grid: Any) -> bool:
+def _has_holes(grid: Grid) -> bool:
     box = float(np.prod(np.ptp(grid.bounds, axis=1)))
     return float(np.sum(grid.cell_volumes)) < (1.0 - _COVERED) * box
 
@@ -395,7 +400,7 @@ def _double(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, dtype=np.float64)
 
 
-def _check(source: Any, target: Any, samples: Any) -> None:
+def _check(source: Grid, target: Grid, samples: Any) -> None:
     if not hasattr(target, "locate"):
         raise InputError(f"resample needs a grid such as vm.CartesianGrid, got {target!r}")
     if not target.cells_are_boxes:
@@ -419,7 +424,7 @@ def _check(source: Any, target: Any, samples: Any) -> None:
 
 
 def resampled_volume(
-    volume: Any, grid: Any, fields: Iterable[str] | None, fill: float, samples: int
+    volume: Any, grid: Grid, fields: Iterable[str] | None, fill: float, samples: int
 ) -> Any:
     """Return a volume on another grid; see `Volume.resample`."""
     names = named_fields(volume, fields)
@@ -434,7 +439,7 @@ def resampled_volume(
     return other
 
 
-def _meta_on(volume: Any, grid: Any) -> dict[str, Any]:
+def _meta_on(volume: Any, grid: Grid) -> dict[str, Any]:
     meta = dict(volume.meta)
     old, new = (np.mean(g.bounds, axis=1) for g in (volume.grid, grid))
     if "direction" in meta and not np.allclose(old, new, rtol=0, atol=1e-9 * volume.grid.scale):

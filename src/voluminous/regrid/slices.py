@@ -13,10 +13,12 @@ from ..expressions import Expression
 from ..figures import add_color_bar, new_figure
 from ..memory import check_memory
 from ..notebook import page, picture, png
-from ..units import is_count, plain, shown, unit_name
+from ..units import Unit, is_count, plain, shown, unit_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+    from ..grids.contract import Grid
 
 
 _ALONG = 1 - 1e-12
@@ -213,7 +215,7 @@ class Plane:
 
 
 def make_plane(
-    grid: Any, normal: Any, position: Any, width: Any, center: Any, up: Any, resolution: Any
+    grid: Grid, normal: Any, position: Any, width: Any, center: Any, up: Any, resolution: Any
 ) -> Plane:
     """Return a plane through a grid; see `Volume.slice`."""
     towards, right, upwards = _frame(normal, up)
@@ -224,7 +226,7 @@ def make_plane(
     return Plane(middle, right, upwards, size, _pixels(resolution, size))
 
 
-def cells_on(grid: Any, plane: Plane) -> np.ndarray:
+def cells_on(grid: Grid, plane: Plane) -> np.ndarray:
     """Return the flat numbers of the cells at a plane's pixels, shape (ny, nx); -1 outside.
 
     Raises
@@ -251,7 +253,7 @@ def cells_on(grid: Any, plane: Plane) -> np.ndarray:
     return cells
 
 
-def _told(grid: Any) -> str:
+def _told(grid: Grid) -> str:
     spans = zip("xyz", grid.bounds, strict=True)
     listed = ", ".join(f"{axis}: {low:g} … {high:g}" for axis, (low, high) in spans)
     return f"{listed} {unit_name(grid.unit)}".rstrip()
@@ -279,7 +281,7 @@ def _along(axis: str) -> np.ndarray:
 
 
 def _size(
-    grid: Any, width: Any, middle: np.ndarray, right: np.ndarray, up: np.ndarray
+    grid: Grid, width: Any, middle: np.ndarray, right: np.ndarray, up: np.ndarray
 ) -> tuple[float, float]:
     if width is None:
         corners = np.array(np.meshgrid(*grid.bounds, indexing="ij")).reshape(3, -1).T - middle
@@ -305,14 +307,14 @@ def _pixels(resolution: Any, size: tuple[float, float]) -> tuple[int, int]:
     return nx, ny
 
 
-def _finite(value: Any, unit: Any, what: str) -> float:
+def _finite(value: Any, unit: Unit, what: str) -> float:
     number = None if value is None else plain(value, unit, what)
     if not isinstance(number, float) or not np.isfinite(number):
         raise InputError(f"{what} must be a finite number, got {shown(value)}")
     return number
 
 
-def _three(value: Any, unit: Any, what: str, expected: str = _VECTOR) -> np.ndarray:
+def _three(value: Any, unit: Unit, what: str, expected: str = _VECTOR) -> np.ndarray:
     array = np.asarray(plain(value, unit, what), dtype=np.float64)
     if array.shape != (3,) or not np.all(np.isfinite(array)):
         raise InputError(f"{what} must be {expected}, got {value!r}")

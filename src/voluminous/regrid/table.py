@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, MissingPackageError, check_name
 from ..expressions import Expression
+from ..units import Unit
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 KINDS = ("dict", "numpy", "astropy", "pandas")
 
 
-def cell_columns(grid: Any) -> dict[str, tuple[np.ndarray, Any]]:
+def cell_columns(grid: Grid) -> dict[str, tuple[np.ndarray, Any]]:
     """Return what a grid tells of its cells: columns and their units.
 
     Number, centre (x, y, z, and the grid's own coordinates), widths along these, volume, level.
@@ -68,7 +72,7 @@ def table(columns: Mapping[str, tuple[np.ndarray, Any]], kind: str) -> Any:
     return QTable(united)
 
 
-def _united(values: np.ndarray, unit: Any) -> Any:
+def _united(values: np.ndarray, unit: Unit) -> Any:
     if unit is None:
         return values
     from astropy import units as u

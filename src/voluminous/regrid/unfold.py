@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..geometry import CARTESIAN, CYLINDRICAL, SPHERICAL, turns
 from ..memory import check_memory
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
 
 # Components that change their sign in a mirror at the midplane, if they are a vector's.
 _UPWARDS = ("theta", "z")
@@ -43,7 +46,7 @@ def _unmirrored(volume: Any) -> Any:
     return on_more_cells(volume, type(grid)(r, both, phi, unit=grid.unit), in_both)
 
 
-def on_more_cells(volume: Any, grid: Any, values: Callable[[str], np.ndarray]) -> Any:
+def on_more_cells(volume: Any, grid: Grid, values: Callable[[str], np.ndarray]) -> Any:
     """Return a volume on another grid in the same place, with what `values` gives of each field."""
     other = type(volume)(grid)
     for name in volume.fields:
@@ -104,7 +107,7 @@ def _checked(axis: str, count: Any) -> int:
     return int(count)
 
 
-def _check_goes_around(grid: Any, counts: dict[str, int], around: int) -> None:
+def _check_goes_around(grid: Grid, counts: dict[str, int], around: int) -> None:
     possible = ("phi", "theta")[:around]
     for axis in counts:
         if axis not in possible:

@@ -76,8 +76,7 @@ def needs_double(volume: Volume, medium: Medium) -> bool:
     """Return whether the fields of a medium have too few digits in single precision.
 
     Too small or too large, or small differences of large numbers: fields are rounded before they
-    are interpolated, and no care taken afterwards brings digits back. Expressions with comparisons
-    are not tested.
+    are interpolated, and no care taken afterwards brings digits back.
     """
     sample = _sample(volume, medium.names)
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=len(next(iter(sample.values()), [])))
@@ -85,21 +84,44 @@ def needs_double(volume: Volume, medium: Medium) -> bool:
     scalars = {expr.text for expr in medium.scalars()}
     with np.errstate(all="ignore"):
         for expr, width in plain_widths(volume, medium.known_features()):
-            is_scalar = expr.text in scalars
-            if not is_scalar and on_one_side((expr,))[1]:
-                continue
-            exact, disturbed = (_values(expr, fields, np.float64) for fields in (sample, off))
-            defined = np.isfinite(exact) & np.isfinite(disturbed)
-            lost, span = np.abs(exact - disturbed)[defined], _span(exact[defined])
-            if is_scalar:
-                most = float(np.max(lost, initial=0.0))
-                few = most > _LOST_OF_SPAN * span > 0.0 or most > _LOST_OF_WIDTH * width > 0.0
-                few = few or _tiny_or_huge(exact)
-            else:  # in the mean: beside a pole some are always off by much
-                few = span > 0.0 and float(np.mean(lost)) > _LOST_OF_SPAN * span
+            if expr.text in scalars:
+                few = _loses_digits(expr, sample, off, width)
+            else:
+                few = _loses_range(expr, sample, off)
             if few:
                 return True
     return False
+
+
+def _loses_digits(expr: Expression, sample: Sample, off: Sample, width: float) -> bool:
+    exact, lost = _lost(expr, sample, off)
+    most, span = float(np.max(lost, initial=0.0)), _span(exact)
+    few = most > _LOST_OF_SPAN * span > 0.0 or most > _LOST_OF_WIDTH * width > 0.0
+    return few or _tiny_or_huge(_values(expr, sample, np.float64))
+
+
+def _loses_range(expr: Expression, sample: Sample, off: Sample) -> bool:
+    """Return whether an expression, or what is compared in it, loses too much of its range.
+
+    In the mean, since beside a pole some values are always off by much. Comparisons hold where they
+    do: labels may equal what they are compared with. Where they change must be known better.
+    """
+    (piece,), sides = on_one_side((expr,))
+    held = {side.name: _values(side.condition, sample, np.float64) for side in sides}
+    margins = [margin for side in sides for margin in side.condition.margins()]
+    for part, most in ((piece, _LOST_OF_SPAN), *((margin, _LOST) for margin in margins)):
+        exact, lost = _lost(part, sample | held, off | held)
+        span = _span(exact)
+        if span > 0.0 and float(np.mean(lost)) > most * span:
+            return True
+    return False
+
+
+def _lost(expr: Any, sample: Sample, off: Sample) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values of an expression that are finite, and what disturbed fields change."""
+    exact, disturbed = (_values(expr, fields, np.float64) for fields in (sample, off))
+    defined = np.isfinite(exact) & np.isfinite(disturbed)
+    return exact[defined], np.abs(exact - disturbed)[defined]
 
 
 def sums_need_double(numbers: Any, bounds: list[float]) -> bool:
@@ -160,6 +182,6 @@ def _span(values: np.ndarray) -> float:
     return float(np.ptp(values)) if values.size else 0.0
 
 
-def _values(expr: Expression, sample: Sample, kind: type) -> np.ndarray:
+def _values(expr: Any, sample: Sample, kind: type) -> np.ndarray:
     used: Any = {name: sample[name].astype(kind) for name in expr.names}
     return np.atleast_1d(np.asarray(expr.evaluate(NumpyOps(kind), used), dtype=np.float64))

@@ -193,7 +193,7 @@ def arguments(
 
 
 def check_keys(section: Mapping[str, Any], known: Any) -> None:
-    """Raise the error for the first key that is not known; names the nearest."""
+    """Raise the error for the first unknown key; names the nearest."""
     for key in section:
         if key not in known:
             raise unknown_name("key", key, known)

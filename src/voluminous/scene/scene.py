@@ -153,7 +153,7 @@ class Scene:
         options = {**self.render_options, **overrides}
         background = options.get("background")
         if isinstance(background, str):
-            options["background"] = self._background(background)
+            options["background"] = self.background(background)
         image = render(self.volume(), self.medium, self.camera, objects=objects, **options)
         told = self.to_dict()
         if objects is not self.objects:
@@ -163,7 +163,8 @@ class Scene:
         told = with_paths(told, lambda path: url_of(Path(path)) or str(seen_from(there, path)))
         return image.replace(provenance={**(image.provenance or {}), "scene": told})
 
-    def _background(self, path: str) -> Image:
+    def background(self, path: str) -> Image:
+        """Return the image in a file, whose path may be relative to the scene's directory."""
         from ..image import Image
 
         with placed("[render] background"):

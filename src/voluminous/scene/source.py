@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError, unknown_name
 from ..expressions import Expression
 from ..files import seen_from
-from ..io.contract import Reader
+from ..io.contract import FieldChoice, Reader
 from ..io.guard import placed
 from ..packages import room
 from ..units import parse_unit
@@ -45,7 +45,7 @@ class VolumeSource:
 
     path: str | None = None
     format: str | None = None
-    fields: Any = None
+    fields: FieldChoice = None
     model: str | None = None
     options: dict[str, Any] = field(default_factory=dict)
     derived: dict[str, Any] = field(default_factory=dict)

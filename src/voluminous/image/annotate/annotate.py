@@ -34,6 +34,9 @@ from .scales import FieldValues, counts, draw_color_bar, scales_of
 from .sheet import Annotated, AxesSheet, Sheet, letter_height
 
 if TYPE_CHECKING:
+    from ...media import Medium
+    from ...units import UnitLike
+    from ...volume import Volume
     from ..image import Image
 
 Draw = Callable[[Sheet], None]
@@ -50,12 +53,12 @@ class Wanted:
     color_bar: bool = True
     title: str | None = None
     time: Any = True
-    volume: Any = None
-    medium: Any = None
+    volume: Volume | None = None
+    medium: Medium | None = None
     paper: Any = None
     font_size: float | None = None
     transparent: bool = False
-    unit: Any = None
+    unit: UnitLike = None
     ax: Any = None
 
 
@@ -82,7 +85,7 @@ def annotate(image: Image, **options: Any) -> Any:
             draw(sheet)
         return sheet
 
-    # How far letters reach is known when they are drawn.
+    # The first drawing measures how far letters reach, the second has the margins for them.
     return Annotated(image, drawn(drawn((0, 0, 0, 0)).overhang()))
 
 

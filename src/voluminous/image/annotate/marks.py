@@ -13,12 +13,13 @@ from ...rotation import angles_towards, image_axes, position_angle
 from ...units import as_quantity, is_quantity, parse_unit, plain
 from ..arguments import known_unit
 from ..beam import sky_matrix
-from ..lengths import bar_length, number_text, readable, with_unit
+from ..lengths import bar_length, labelled, number_text, readable, with_unit
 from ..sky import is_linear, label_axes, plain_axes
 from ..tone import finite
 from .sheet import LINE
 
 if TYPE_CHECKING:
+    from ...volume import Volume
     from ..image import Image
     from .sheet import Sheet
 
@@ -66,7 +67,7 @@ def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
                 turned = position_angle(incl, phi, np.array(camera["up"]))
             return image_axes(incl, phi, turned)
     except (KeyError, TypeError, ValueError, VoluminousError):
-        return None  # from another program, or a unit that is not known here
+        return None  # from another program, or an unknown unit
     return None
 
 
@@ -97,7 +98,7 @@ def _in_cm(told: Any) -> float:
 def compass(image: Image) -> list[Arrow]:
     """Return north and east in the middle of the picture; none without celestial coordinates."""
     to_sky = sky_matrix(image)
-    if to_sky is None:
+    if to_sky is None or image.wcs is None:
         return []
     kind = image.wcs.celestial.wcs.ctype[0].split("-")[0]
     up, left = _SKY.get(kind, ("N", "E"))
@@ -214,7 +215,7 @@ def scale_bar(
     wanted : bool, Quantity, str or float
         True: a round length that fits. A length: this one, such as ``"100 au"``.
     shown : (float, str), optional
-        The unit in which a round length is told; see `bar_length`.
+        The unit of a round length; see `bar_length`.
 
     Raises
     ------
@@ -291,13 +292,13 @@ def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None
 _TITLE = 1.25
 
 
-def time_text(time: Any, volume: Any) -> str:
+def time_text(time: Any, volume: Volume | None) -> str:
     """Return the time stamp; the empty string if there is none.
 
     Parameters
     ----------
     time : bool, str, float or Quantity
-        True: what ``volume.meta`` tells.
+        True: the time in ``volume.meta``.
     volume : Volume or None
 
     Raises
@@ -408,7 +409,7 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float, shown: tuple[fl
     from matplotlib.ticker import MaxNLocator
 
     factor, name = shown
-    edges, labels = tuple(factor * v for v in image.extent), [_label(axis, name) for axis in "xy"]
+    edges, labels = tuple(factor * v for v in image.extent), [labelled(axis, name) for axis in "xy"]
     if image.wcs is not None:
         edges, labels = plain_axes(image.wcs)
     sides = (axes.xaxis, axes.yaxis), (sheet.width, sheet.height), (edges[:2], edges[2:]), labels
@@ -421,18 +422,14 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float, shown: tuple[fl
 
 
 def readable_axes(image: Image) -> tuple[float, str]:
-    """Return a unit that suits the size of the picture: how many are one of its own, and a name."""
+    """Return a factor to, and the name of, a unit that suits the size of the picture."""
     left, right, bottom, top = image.extent
     size = 0.5 * max(abs(right - left), abs(top - bottom))
     return (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)
 
 
-def _label(axis: str, name: str) -> str:
-    return f"{axis} [{name}]" if name else axis
-
-
 def _is_screen(image: Image) -> bool:
-    """Return True for a wide flat screen: its coordinates are tangents, not angles to be told."""
+    """Return True for a wide flat screen: its coordinates are tangents, not angles."""
     return is_wide(image) and (image.camera or {}).get("projection") == "flat"
 
 

@@ -12,18 +12,22 @@ from numpy.typing import NDArray
 from ...errors import UnknownNameError
 from ...expressions import Expression
 from ...units import parse_unit
-from ..lengths import pretty_unit
+from ..lengths import labelled, pretty_unit
 from ..tone import display, one_channel, shows_one_channel
 from .sheet import LINE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, Normalize
+
+    from ...volume import Volume
     from ..image import Image
     from .sheet import Sheet
 
 
 # Display options that decide which colour a channel has.
 _COLORS = ("channels", "mix")
-# Far beyond white: with its hue kept, a colour is then as bright as can be.
+# Far beyond white: full brightness with the hue unchanged.
 _BRIGHT = 1e6
 
 
@@ -46,8 +50,8 @@ class Scale:
     """
 
     label: str
-    norm: Any
-    colormap: Any
+    norm: Normalize
+    colormap: Colormap
     expr: str | None = None
     unit: str = ""
 
@@ -62,7 +66,7 @@ class Scale:
 def of_intensity(image: Image, options: dict[str, Any]) -> Scale:
     """Return the scale of a picture that shows one channel."""
     shown = one_channel(image, **options)
-    label = labelled(quantity_name(image), image.intensity_unit)
+    label = labelled(quantity_name(image), pretty_unit(image.intensity_unit))
     return Scale(label, shown["norm"], shown["cmap"], unit=image.intensity_unit)
 
 
@@ -77,11 +81,6 @@ def quantity_name(image: Image) -> str:
         kind = "mean" if "weight" in how else "column"
     says = str(kind).endswith(f" of {quantity}")
     return str(kind) if says else f"{kind}, {quantity}"
-
-
-def labelled(name: str, unit: str) -> str:
-    """Return a name and a unit to print."""
-    return f"{name} [{pretty_unit(unit)}]" if unit else name
 
 
 def field_units(image: Image) -> dict[str, str]:
@@ -101,12 +100,12 @@ def with_units(scale: Scale, units: Mapping[str, str]) -> str:
     if scale.unit or scale.expr is None:
         return scale.label
     if scale.expr in units:
-        return labelled(scale.label, units[scale.expr])
+        return labelled(scale.label, pretty_unit(units[scale.expr]))
     names = [name for name in Expression(scale.expr).names if units.get(name)]
     return ", ".join([scale.label, *(f"{name} in {pretty_unit(units[name])}" for name in names)])
 
 
-def limits(low: float, high: float, logarithmic: bool) -> Any:
+def limits(low: float, high: float, logarithmic: bool) -> Normalize:
     """Return a norm over a range."""
     from matplotlib.colors import LogNorm, Normalize
 
@@ -151,7 +150,7 @@ _SHELLS = {
 _ENTRIES = 512
 # A shell is at least this wide on either side, as a part of the bar.
 _THIN = 0.006
-# Values that are this far from each other are told on a logarithmic scale.
+# Values that span more than this factor get a logarithmic scale.
 _DECADES = 30.0
 # A bar shows so many widths beside a shell, and this part of itself beside all.
 _BESIDE, _AROUND = 3.0, 0.08
@@ -253,7 +252,7 @@ def _of_shells(expr: str, parts: Any, options: dict[str, Any], spans: Any) -> Sc
     norm = _norm(centers, widths, span)
     colors = _shown_colors([color for _, _, color, _, _ in shells], options)
     bar = _bands(norm, centers, widths, colors)
-    return Scale(labelled(expr, unit), norm, ListedColormap(bar), expr, unit)
+    return Scale(labelled(expr, pretty_unit(unit)), norm, ListedColormap(bar), expr, unit)
 
 
 def _shells(part: dict[str, Any]) -> Iterator[tuple[float, float, Any, str, str]]:
@@ -281,7 +280,7 @@ def _shown_colors(colors: list[Any], options: dict[str, Any]) -> NDArray[Any]:
     return full_colors(np.array(rows, dtype=float), options)
 
 
-def _norm(centers: NDArray[Any], widths: NDArray[Any], span: Span | None) -> Any:
+def _norm(centers: NDArray[Any], widths: NDArray[Any], span: Span | None) -> Normalize:
     """Return a norm that shows all shells, and of the field's range what is not too far off."""
     spread = [centers.min(), centers.max()] if span is None else [*span, *centers]
     logarithmic = bool(min(spread) > 0 and max(spread) > _DECADES * min(spread))
@@ -307,7 +306,7 @@ def _wider(low: float, high: float, span: Span, logarithmic: bool) -> Span:
 
 
 def _bands(
-    norm: Any, centers: NDArray[Any], widths: NDArray[Any], colors: NDArray[Any]
+    norm: Normalize, centers: NDArray[Any], widths: NDArray[Any], colors: NDArray[Any]
 ) -> NDArray[Any]:
     """Return colours and alpha along a bar: bands around the centres, the paper between them."""
     place = (np.arange(_ENTRIES) + 0.5) / _ENTRIES
@@ -334,7 +333,7 @@ def _of_table(part: dict[str, Any], options: dict[str, Any]) -> Scale:
 
 
 def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
-    """Return a colormap over its range; None if its norm or its name tells too little."""
+    """Return a colormap over its range; None if its norm or its name is unknown."""
     from matplotlib.colors import ListedColormap
 
     colormap, name = colormap_of(part["cmap"]), part.get("norm")
@@ -344,7 +343,7 @@ def _of_colormap(part: dict[str, Any], options: dict[str, Any]) -> Scale | None:
     norm = limits(low, _converted(high, other, unit), name in _LOGARITHMIC)
     rows = colormap(np.linspace(0.0, 1.0, _ENTRIES))[:, :3]
     bar = ListedColormap(displayed(rows, options, 1.0))
-    return Scale(labelled(part["expr"], unit), norm, bar, part["expr"], unit)
+    return Scale(labelled(part["expr"], pretty_unit(unit)), norm, bar, part["expr"], unit)
 
 
 _GAP, _BAR, _COUNTS = 1.0, 1.1, 2.8
@@ -379,7 +378,7 @@ def _draw_counts(sheet: Sheet, counts: Any, x: float) -> None:
     axes.set_axis_off()
 
 
-def _draw_colors(sheet: Sheet, axes: Any, scale: Scale) -> None:
+def _draw_colors(sheet: Sheet, axes: Axes, scale: Scale) -> None:
     bar = sheet.figure.colorbar(scale.mappable, cax=axes)
     bar.outline.set(linewidth=LINE * sheet.em, edgecolor=sheet.ink)
     axes.tick_params(which="both", colors=sheet.ink, labelsize=0.85 * sheet.em)
@@ -396,7 +395,7 @@ def _draw_colors(sheet: Sheet, axes: Any, scale: Scale) -> None:
         label.set_fontsize(sheet.em * sheet.height / long)
 
 
-# So many cells tell a histogram; more are looked at in so many pieces, evenly spread.
+# A histogram counts at most so many cells, in so many evenly spread pieces.
 _CELLS, _PIECES = 1 << 20, 128
 _BINS = 60
 # All but a few values: one odd cell is no range.
@@ -406,7 +405,7 @@ _LEAST, _GREATEST = 0.1, 99.9
 class FieldValues:
     """Values of expressions in a volume, or in a part of it that stands for the whole."""
 
-    def __init__(self, volume: Any) -> None:
+    def __init__(self, volume: Volume) -> None:
         self.volume = volume
         self._found: dict[str, NDArray[Any]] = {}
 
@@ -441,7 +440,7 @@ class FieldValues:
 def counts(scale: Scale, image: Image, fields: FieldValues | None, channel: int) -> Any:
     """Return counts in bins along a colour bar, from 0 to 1 on a logarithmic scale.
 
-    None where the values are not known.
+    None without a volume.
     """
     if scale.expr is None:
         values = image.intensity[..., channel].ravel()

@@ -1,4 +1,4 @@
-"""Image files: one format per module, found by suffix through one list."""
+"""Image files: one format per module; `FORMATS` lists them, suffixes choose among them."""
 
 from __future__ import annotations
 

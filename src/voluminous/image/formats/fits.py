@@ -20,6 +20,8 @@ from ..sky import wcs_of_header
 from .contract import Format
 
 if TYPE_CHECKING:
+    from astropy.io.fits import Header
+
     from ..image import Image
 
 _COUNT = "NEXTEND"
@@ -28,7 +30,7 @@ _WHOLE: dict[str, Any] = {"memmap": False, "lazy_load_hdus": False}
 
 
 def write(image: Image, path: Path, **sky: Any) -> None:
-    """Write intensities into the primary HDU, all else that is known into image extensions.
+    """Write intensities into the primary HDU, all other planes into image extensions.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def _strict() -> Iterator[None]:
         yield
 
 
-def _check_whole(header: Any, extensions: int) -> None:
+def _check_whole(header: Header, extensions: int) -> None:
     if _TEXT in header and extensions < header.get(_COUNT, 0):
         raise FileFormatError(
             f"expected {header[_COUNT]} extensions, found {extensions}: the file is cut short"
@@ -102,7 +104,9 @@ def _planes(extras: dict[str, NDArray[Any]], shape: tuple[int, ...]) -> dict[str
     }
 
 
-def _known(header: Any, extras: dict[str, NDArray[Any]], shape: tuple[int, ...]) -> dict[str, Any]:
+def _known(
+    header: Header, extras: dict[str, NDArray[Any]], shape: tuple[int, ...]
+) -> dict[str, Any]:
     """Return units, coordinates and the rest; cards that were edited count more than our text."""
     ours = metadata.loads(header.get(_TEXT), shape)
     unit = ours.pop("unit", "")

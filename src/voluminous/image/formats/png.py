@@ -54,7 +54,7 @@ def encode(
     Raises
     ------
     InputError
-        If `bits` is something else, or the transparency is needed and not known.
+        If `bits` is something else, or the transparency is needed and unknown.
     """
     if bits not in tuple(_TYPES):
         raise InputError(f"bits must be 8 or 16, got {bits!r}")

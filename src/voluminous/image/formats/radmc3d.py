@@ -34,7 +34,7 @@ _LETTERLESS = re.compile(rb"(?<=[\d.])([+-]\d{3})(?!\d)")
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read the image, its middle at 0: the file tells how large pixels are, not where.
+    """Read the image, centred on 0: the file has the size of pixels, but no position.
 
     Wavelengths and what the channels are is in the provenance.
     """
@@ -117,7 +117,7 @@ def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
     Raises
     ------
     InputError
-        If wavelengths are not known, or not one for each channel.
+        If wavelengths are missing, or not one for each channel.
     """
     waves = _wavelengths(image, wavelengths)
     parameters = len((image.provenance or {}).get("stokes", "I"))

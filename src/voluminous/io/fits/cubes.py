@@ -88,11 +88,11 @@ def cubes(found: Sequence[HDU], hdu: Any = None, plane: Any = None) -> list[Cube
 
 
 def _nothing(listed: list[tuple[HDU, list[int]]]) -> str:
-    told = "expected an image with three axes"
+    expected = "expected an image with three axes"
     if not listed:
-        return f"{told}; there is no image with values in it"
+        return f"{expected}; there is no image with values in it"
     flat = ", ".join(f"{p.name}: {' x '.join(map(str, image_shape(p)))}" for p, _ in listed[:8])
-    return f"{told}, found {flat}; vm.Image.load reads images of two axes"
+    return f"{expected}, found {flat}; vm.Image.load reads images of two axes"
 
 
 def _named(found: Sequence[HDU], hdu: Any) -> HDU:

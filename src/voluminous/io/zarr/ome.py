@@ -98,7 +98,7 @@ class OMEZarrReader(Reader):
             return tuple(FieldInfo(n, str(k), shape, str(array.dtype)) for k, n in names.items())
 
 
-class Level(NamedTuple):
+class ImageLevel(NamedTuple):
     """One resolution: its array, and per axis the size of a voxel and the first centre."""
 
     place: str
@@ -113,7 +113,7 @@ class Multiscale:
     axes: tuple[str, ...]  # t, c, z, y, x, as far as they are there, in the arrays' order
     unit: str  # of x; empty where there is none
     ratios: dict[str, float]  # units of z, y and x over that of x
-    levels: list[Level]
+    levels: list[ImageLevel]
     channels: tuple[Channel, ...]
 
     def count(self, shape: Sequence[int], axis: str) -> int:
@@ -205,7 +205,7 @@ def _common_unit(units: Mapping[str, str]) -> tuple[str, dict[str, float]]:
     return units["x"], ratios
 
 
-def _level(data: Mapping[str, Any], after: Sequence[Any], count: int, place: str) -> Level:
+def _level(data: Mapping[str, Any], after: Sequence[Any], count: int, place: str) -> ImageLevel:
     scale, shift = np.ones(count), np.zeros(count)
     for step in [*(data.get("coordinateTransformations") or []), *after]:
         kind = step["type"]
@@ -220,7 +220,7 @@ def _level(data: Mapping[str, Any], after: Sequence[Any], count: int, place: str
             scale, shift = scale * numbers, shift * numbers
         else:
             shift = shift + numbers
-    return Level(f"{place}/{data['path']}".strip("/"), scale.tolist(), shift.tolist())
+    return ImageLevel(f"{place}/{data['path']}".strip("/"), scale.tolist(), shift.tolist())
 
 
 def _level_number(arrays: Sequence[zarr.Array], image: Multiscale, asked: Any) -> int:
@@ -261,7 +261,7 @@ def _numbered(what: str, asked: Any, count: int) -> int:
 
 
 def _grid(
-    image: Multiscale, level: Level, shape: Sequence[int], options: Mapping[str, Any]
+    image: Multiscale, level: ImageLevel, shape: Sequence[int], options: Mapping[str, Any]
 ) -> CartesianGrid:
     """Return the grid of a resolution; the file gives the centre of the first voxel."""
     from ...grids import CartesianGrid
