@@ -13,6 +13,7 @@ import numpy as np
 
 from ..backend import dr, from_host
 from ..backend.functions import first_true, unit_interval
+from ..backend.types import Float, Mask
 from ..geometry import is_uniform
 from .contract import Ray, Walk
 
@@ -30,15 +31,15 @@ class Side:
     `pace` is one over `speed`, and zero where rays run parallel to the walls.
     """
 
-    origin: Any
-    direction: Any
-    position: Any
-    speed: Any
-    pace: Any
-    parallel: Any
-    down: Any
-    arrive: Any
-    leave: Any
+    origin: Float
+    direction: Float
+    position: Float
+    speed: Float
+    pace: Float
+    parallel: Mask
+    down: Mask
+    arrive: Float
+    leave: Float
 
 
 @dataclass
@@ -49,10 +50,10 @@ class AxisTrack:
     ``t = w pace + lead``. `table` tells where the edges of the ray's sense start.
     """
 
-    position: Any
-    speed: Any
-    pace: Any
-    lead: Any
+    position: Float
+    speed: Float
+    pace: Float
+    lead: Float
     table: Any = None
 
 
@@ -75,7 +76,7 @@ class Axis:
         self.speed_unit = backend.wide(scale / unit)
         self.last_cell = dr.opaque(backend.Int, self.count - 1)
 
-    def side(self, origin: Any, direction: Any) -> Side:
+    def side(self, origin: Float, direction: Float) -> Side:
         """Return how rays see this axis: mirrored where they run down it."""
         Wide = self.backend.Wide
         down = direction < 0
@@ -91,7 +92,7 @@ class Axis:
         leave = dr.select(parallel, Wide(NEVER), (extent - position) * pace)
         return Side(origin, direction, position, speed, pace, parallel, down, arrive, leave)
 
-    def cell(self, side: Side, coordinate: Any) -> Any:
+    def cell(self, side: Side, coordinate: Float) -> Any:
         """Return the number of the cell that a ray at `coordinate` is about to cross.
 
         It is compared with the edges themselves: a ray that runs within rounding of a wall stays
@@ -102,11 +103,11 @@ class Axis:
         below = (coordinate < edge) | ((coordinate == edge) & side.down)
         return dr.clip(dr.select(below, wall - 1, wall), 0, self.last_cell)
 
-    def _wall_near(self, side: Side, coordinate: Any) -> Any:
+    def _wall_near(self, side: Side, coordinate: Float) -> Any:
         raise NotImplementedError
 
     def _narrowed(
-        self, position: Any, speed: Any, pace: Any, lead: Any, table: Any = None
+        self, position: Float, speed: Float, pace: Float, lead: Any, table: Any = None
     ) -> AxisTrack:
         Float = self.backend.Float
         return AxisTrack(Float(position), Float(speed), Float(pace), Float(lead), table)
@@ -118,11 +119,11 @@ class UniformAxis(Axis):
     def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
         super().__init__(edges, (edges[-1] - edges[0]) / (len(edges) - 1), scale, backend)
 
-    def _wall_near(self, side: Side, coordinate: Any) -> Any:
+    def _wall_near(self, side: Side, coordinate: Float) -> Any:
         cells = dr.round((coordinate - self.low) * self.inverse_unit)
         return dr.clip(self.backend.Int(cells), 0, self.last_cell + 1)
 
-    def track(self, side: Side, position: Any) -> AxisTrack:
+    def track(self, side: Side, position: Float) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
         # Cell i is left at wall i + 1: the one is part of the lead, so a crossing is one FMA.
         lead = dr.select(side.parallel, NEVER, (1.0 - position) * side.pace)
@@ -132,11 +133,11 @@ class UniformAxis(Axis):
         """Return the distance at which the ray leaves mirrored cell `index`."""
         return dr.fma(index, track.pace, track.lead)
 
-    def cell_at(self, track: AxisTrack, t: Any) -> Any:
+    def cell_at(self, track: AxisTrack, t: Float) -> Any:
         """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
         return dr.floor(dr.fma(t, track.speed, track.position))
 
-    def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
+    def fraction(self, track: AxisTrack, index: Any, t: Float) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         return unit_interval(dr.fma(t, track.speed, track.position) - index)
 
@@ -153,7 +154,7 @@ class RectilinearAxis(Axis):
         self.inverse_width = from_host(backend.Float, 1.0 / widths)
         self.down_table = dr.opaque(backend.UInt, self.count + 1)
 
-    def _wall_near(self, side: Side, coordinate: Any) -> Any:
+    def _wall_near(self, side: Side, coordinate: Float) -> Any:
         above = first_true(
             self.count,
             self.backend.UInt,
@@ -161,7 +162,7 @@ class RectilinearAxis(Axis):
         )
         return dr.maximum(self.backend.Int(above) - 1, 0)
 
-    def track(self, side: Side, position: Any) -> AxisTrack:
+    def track(self, side: Side, position: Float) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
         lead = dr.select(side.parallel, NEVER, -position * side.pace)
         table = dr.select(side.down, self.down_table, 0)
@@ -172,7 +173,7 @@ class RectilinearAxis(Axis):
         slot = track.table + self.backend.UInt(index) + 1
         return dr.fma(dr.gather(self.backend.Float, self.mirrored, slot), track.pace, track.lead)
 
-    def cell_at(self, track: AxisTrack, t: Any) -> Any:
+    def cell_at(self, track: AxisTrack, t: Float) -> Any:
         """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
         Float, place = self.backend.Float, dr.fma(t, track.speed, track.position)
         above = first_true(
@@ -182,7 +183,7 @@ class RectilinearAxis(Axis):
         )
         return Float(self.backend.Int(above) - 1)
 
-    def fraction(self, track: AxisTrack, index: Any, t: Any) -> Any:
+    def fraction(self, track: AxisTrack, index: Any, t: Float) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         slot = track.table + self.backend.UInt(index)
         lower = dr.gather(self.backend.Float, self.mirrored, slot)
@@ -207,7 +208,7 @@ class BoxWalk(Walk):
     """
 
     axes: list[Any]
-    to_scale: Any
+    to_scale: Float
 
     def enter(self, ray: Ray) -> tuple[Any, Any]:
         """Return the track and the cursor at the point where each ray enters the domain."""
@@ -229,6 +230,6 @@ class BoxWalk(Walk):
         bound = None if last is None else self.backend.Float(dr.minimum(last - arrive, NEVER))
         return self._start(sides, arrive, begin, inside, bound)
 
-    def _start(self, sides: Any, arrive: Any, begin: Any, inside: Any, bound: Any) -> Any:
+    def _start(self, sides: Any, arrive: Float, begin: Float, inside: Mask, bound: Float) -> Any:
         """Return track and cursor of rays that reach the box, and start `begin` later."""
         raise NotImplementedError

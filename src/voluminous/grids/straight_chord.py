@@ -6,6 +6,7 @@ from typing import Any
 
 from ..backend import dr
 from ..backend.functions import horner
+from ..backend.types import Float
 from .contract import Segment
 
 # Values at the corners of a cube: values[x][y][z].
@@ -58,12 +59,12 @@ def parabola_through(samples: list[Any]) -> list[Any]:
     return [a, 3.0 * p - q, 2.0 * (q - p)]
 
 
-def _line(low: Any, high: Any, start: Any, way: Any) -> list[Any]:
+def _line(low: Float, high: Any, start: Any, way: Float) -> list[Any]:
     rise = high - low
     return [horner(start, [low, rise]), rise * way]
 
 
-def _blend(low: list[Any], high: list[Any], start: Any, way: Any) -> list[Any]:
+def _blend(low: list[Any], high: list[Any], start: Any, way: Float) -> list[Any]:
     rise = [b - a for a, b in zip(low, high, strict=True)]
     here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
     onward = [r * way for r in rise]
@@ -128,5 +129,5 @@ class StraightChord:
         """Return the same: it is exact."""
         return self.cubic(values)
 
-    def _fractions(self, t: Any) -> list[Any]:
+    def _fractions(self, t: Float) -> list[Any]:
         raise NotImplementedError

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..backend import dr
+from ..backend.types import Float, Mask
 from .contract import Landing, Ray, Segment, Walk
 
 
@@ -19,8 +20,8 @@ class TwoTracks:
 
     first: Any
     second: Any
-    later: Any
-    entry: Any
+    later: Float
+    entry: Float
 
 
 @dataclass
@@ -29,8 +30,8 @@ class TwoCursors:
 
     first: Any
     second: Any
-    t: Any
-    inside: Any
+    t: Float
+    inside: Mask
 
 
 @dataclass
@@ -38,7 +39,7 @@ class TwoLandings:
     """Where rays are once they are in no gap of either walk; see `grids.contract.Landing`."""
 
     cursor: TwoCursors
-    moved: Any
+    moved: Mask
     first: Landing
     second: Landing
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from ...backend import dr
 from ...backend.functions import inverse_power_of_two, unit_interval
+from ...backend.types import Float, Mask
 from ..box_walk import Side
 from ..contract import Segment
 from .dual_walk import Chord, DualTrack, DualWalk
@@ -34,8 +35,8 @@ class CoarseCursor:
 
     index: list[Any]
     width: Any
-    t: Any
-    inside: Any
+    t: Float
+    inside: Mask
 
 
 @dataclass
@@ -80,7 +81,7 @@ class CoarseChord(Chord):
         found = [i * stride for i, stride in zip(self.base, strides, strict=True)]
         return self.walk.backend.UInt(found[0] + found[1] + found[2])
 
-    def _fractions(self, t: Any) -> list[Any]:
+    def _fractions(self, t: Float) -> list[Any]:
         exit_ = self.segment.exit
         scale, found = inverse_power_of_two(exit_.width), []
         for k in range(3):
@@ -101,7 +102,7 @@ class CoarseWalk(DualWalk):
         self.own_corners = self._strides([n + 1 for n in counts])
 
     def _start(
-        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
+        self, sides: list[Side], arrive: Float, begin: Float, inside: Mask, bound: Float
     ) -> tuple[DualTrack, Any]:
         track, cursor = super()._start(sides, arrive, begin, inside, bound)
         one = self.backend.Float(1)
@@ -119,7 +120,7 @@ class CoarseWalk(DualWalk):
         segment = Segment(None, end - cursor.t, cursor.t, end, cursor.inside, leaving)
         return segment, CoarseCursor(index, cursor.width, end, end < track.leave)
 
-    def at(self, track: Any, index: list[Any], t: Any) -> CoarseCursor:
+    def at(self, track: Any, index: list[Any], t: Float) -> CoarseCursor:
         return CoarseCursor(list(index), self.backend.Float(1), t, t < track.leave)
 
     def precise(self, track: Any, cursor: Any) -> CoarseCursor:

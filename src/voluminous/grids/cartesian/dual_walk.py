@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Float, Int, Mask
 from ..box_walk import Side
 from ..contract import Box, Ray, Segment
 from ..straight_chord import StraightChord
@@ -35,7 +36,7 @@ class DualTrack(Track):
 
     sign: list[Any]
     offset: list[Any]
-    first_corner: Any
+    first_corner: Int
     origin: list[Any]
     direction: list[Any]
 
@@ -48,7 +49,7 @@ class Chord(StraightChord):
         """Flat number of the cell's lower corner, among the padded centres."""
         return self.walk.backend.UInt(self.segment.exit.vertex + self.track.first_corner)
 
-    def _fractions(self, t: Any) -> list[Any]:
+    def _fractions(self, t: Float) -> list[Any]:
         track = self.track
         mirrored = self.walk.fractions(track, self.segment.exit.index, t)
         return [dr.fma(f, s, o) for f, s, o in zip(mirrored, track.sign, track.offset, strict=True)]
@@ -123,7 +124,7 @@ class DualWalk(CartesianWalk):
         return first, last
 
     def _start(
-        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
+        self, sides: list[Side], arrive: Float, begin: Float, inside: Mask, bound: Float
     ) -> tuple[DualTrack, Any]:
         track, cursor = super()._start(sides, arrive, begin, inside, bound)
         Float = self.backend.Float

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...backend.types import Int
 from ...errors import InputError
 from ...geometry import is_uniform, span
 from ...memory import check_memory
@@ -86,7 +87,7 @@ class CartesianCells:
         """Number of vertices."""
         return int(np.prod([len(e) for e in self.edges], dtype=object))
 
-    def vertex_cells(self, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, vertex: Int, backend: Any) -> list[tuple[Any, Any]]:
         """Return the eight cells around vertices, each with where it exists (traced)."""
         from ...backend import dr
 
@@ -104,7 +105,7 @@ class CartesianCells:
             found.append(((a * ny + b) * nz + c, there))
         return found
 
-    def traced_centers(self, cell: Any, backend: Any) -> list[Any]:
+    def traced_centers(self, cell: Int, backend: Any) -> list[Any]:
         """Return x, y and z of cell centres from flat cell numbers (traced)."""
         from ...backend import dr, from_host
 

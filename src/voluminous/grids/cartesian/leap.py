@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Float, Mask
 from .walk import BLOCK, least, lesser, nearest
 
 # A block is 2^BITS cells wide.
@@ -71,8 +72,8 @@ class Leap:
     """
 
     cursor: Any
-    leave: Any
-    moved: Any
+    leave: Float
+    moved: Mask
 
     def holds(self, cursor: Any) -> Any:
         """Return the lanes that are in the same block still."""
@@ -94,7 +95,7 @@ class Search:
     """
 
     block: list[Any]
-    t: Any
+    t: Float
     code: Any
 
     @property
@@ -194,7 +195,7 @@ def leap(way: Way, cursor: Any) -> Leap:
     return Leap(dr.select(cursor.inside, there, cursor), leave, moved)
 
 
-def _stay(index: list[Any], block: list[Any], t: Any) -> list[Any]:
+def _stay(index: list[Any], block: list[Any], t: Float) -> list[Any]:
     return index
 
 
@@ -230,14 +231,14 @@ class Way:
         """Return the cell that a block begins with."""
         return dr.fma(block, self.side, -self.lacking[axis])
 
-    def cell(self, axis: int, block: Any, t: Any) -> Any:
+    def cell(self, axis: int, block: Any, t: Float) -> Any:
         """Return the cell in a block where the ray is at distance `t`."""
         low = self.wall(axis, block)
         low, high = dr.select(low > 0.0, low, 0.0), low + (self.side - 1.0)
         high = lesser(high, self.lasts[axis])
         return cell_ahead(self.walk.axes[axis], self.track.axes[axis], t, low, high)
 
-    def cells(self, index: list[Any], block: list[Any], t: Any) -> list[Any]:
+    def cells(self, index: list[Any], block: list[Any], t: Float) -> list[Any]:
         """Return the cells of blocks that rays enter at distance `t`."""
         return [self.cell(axis, b, t) for axis, b in enumerate(block)]
 
@@ -263,14 +264,14 @@ class Way:
             for a, axis in enumerate(self.walk.axes)
         ]
 
-    def code(self, block: list[Any], inside: Any) -> Any:
+    def code(self, block: list[Any], inside: Mask) -> Any:
         """Return the codes of the blocks that rays are in; zero outside."""
         flat = self.first
         for b, stride in zip(block, self.strides, strict=True):
             flat = flat + self.backend.Int(b) * stride  # += would change `first` itself
         return dr.gather(self.backend.UInt, self.blocks.code, self.backend.UInt(flat), inside)
 
-    def _block_at(self, axis: int, t: Any, state: Search, reach: Any) -> Any:
+    def _block_at(self, axis: int, t: Float, state: Search, reach: Any) -> Any:
         """Return the block where a ray is at distance `t`, not before where it was."""
         old = state.block[axis]
         index = self.walk.axes[axis].cell_at(self.track.axes[axis], t)
@@ -278,7 +279,7 @@ class Way:
         return lesser(dr.select(block > old, block, old), old + (reach - 1.0))
 
 
-def cell_ahead(axis: Any, track: Any, t: Any, low: Any, high: Any) -> Any:
+def cell_ahead(axis: Any, track: Any, t: Float, low: Any, high: Float) -> Any:
     """Return the mirrored cell a ray is in at distance `t`, between two others.
 
     If rounding puts a wall of it behind the ray, that wall has been crossed.

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
 from ..contract import Box, Corners, Segment
 from ..wall_corners import bilinear, pick, trilinear
@@ -30,9 +31,9 @@ class Track:
     axes: list[AxisTrack]
     cell_stride: list[Any]
     vertex_stride: list[Any]
-    leave: Any
+    leave: Float
     bounded: bool
-    entry: Any
+    entry: Float
     last: list[Any] | None = field(default=None, kw_only=True)
 
 
@@ -41,10 +42,10 @@ class Cursor:
     """Where a ray is: mirrored cell indices, flat numbers of cell and lower vertex, distance."""
 
     index: list[Any]
-    cell: Any
-    vertex: Any
-    t: Any
-    inside: Any
+    cell: Int
+    vertex: Int
+    t: Float
+    inside: Mask
 
 
 @dataclass
@@ -53,7 +54,7 @@ class Exit:
 
     through: list[Any]
     index: list[Any]
-    vertex: Any
+    vertex: Int
     next_vertex: Any
 
 
@@ -98,7 +99,7 @@ class CartesianWalk(BoxWalk):
         return [high - low for low, high in zip(box.low, box.high, strict=True)]
 
     def _start(
-        self, sides: list[Side], arrive: Any, begin: Any, inside: Any, bound: Any
+        self, sides: list[Side], arrive: Float, begin: Float, inside: Mask, bound: Float
     ) -> tuple[Track, Any]:
         Float = self.backend.Float
         tracks, index = [], []
@@ -131,7 +132,7 @@ class CartesianWalk(BoxWalk):
         return whole, replace(self.at(whole, index, t), inside=inside & (t < leave))
 
     def _into_box(
-        self, box: list[tuple[Any, Any, Any]], track: Track, index: list[Any], t: Any
+        self, box: list[tuple[Any, Any, Any]], track: Track, index: list[Any], t: Float
     ) -> tuple[list[Any], Any, Any]:
         """Return where rays are first in a cell of the box, and which rays come to one.
 
@@ -170,7 +171,7 @@ class CartesianWalk(BoxWalk):
             there &= (found[a] >= first[a]) & (found[a] <= track.last[a])
         return found, here, there
 
-    def _advanced(self, axis: Any, track: AxisTrack, start: Any, t: Any, equal: Any) -> Any:
+    def _advanced(self, axis: Any, track: AxisTrack, start: Any, t: Float, equal: Mask) -> Any:
         """Return the mirrored cell at a distance: all walls before it are crossed.
 
         Those at the very distance are where `equal` is true. The place at the distance is right but
@@ -213,7 +214,7 @@ class CartesianWalk(BoxWalk):
                 inside &= i <= last
         return segment, Cursor(index, onward, vertex, end, inside)
 
-    def at(self, track: Any, index: list[Any], t: Any) -> Any:
+    def at(self, track: Any, index: list[Any], t: Float) -> Any:
         """Return the cursor in the cell with mirrored indices, at a distance."""
         Int = self.backend.Int
         cell, vertex = Int(0), Int(0)
@@ -249,7 +250,7 @@ class CartesianWalk(BoxWalk):
             return trilinear(leaving.vertex, f, track.vertex_stride)
         return bilinear(leaving.next_vertex, leaving.through, f, track.vertex_stride)
 
-    def fractions(self, track: Track, index: list[Any], t: Any) -> list[Any]:
+    def fractions(self, track: Track, index: list[Any], t: Float) -> list[Any]:
         """Return where in its mirrored cell a ray is along each axis, from 0 to 1."""
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)
@@ -273,5 +274,5 @@ def nearest(ways: list[Any]) -> list[Any]:
     return [x, y, ~(x | y)]
 
 
-def _signed(stride: Any, down: Any) -> Any:
+def _signed(stride: Int, down: Mask) -> Any:
     return dr.select(down, -stride, stride)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Float
 from ..box_walk import NEVER
 
 # Slower than this (per unit of distance), a ray runs parallel to an axis or a plane.
@@ -41,9 +42,9 @@ class Approach:
 
     point: list[Any]
     direction: list[Any]
-    way: Any
-    arrive: Any
-    leave: Any
+    way: Float
+    arrive: Float
+    leave: Float
     hits: Any
     passage: Any = field(init=False)
 
@@ -103,7 +104,7 @@ def _horizontal_normal(direction: list[Any]) -> list[Any]:
 
 
 def approach_axis(
-    origin: list[Any], direction: list[Any], outer: Any, low: Any, high: Any
+    origin: list[Any], direction: list[Any], outer: Any, low: Float, high: Any
 ) -> AxisApproach:
     """Return rays counted from the point of their chord that is nearest to the z axis.
 
@@ -133,7 +134,7 @@ def approach_axis(
     )
 
 
-def _between(z: Any, dz: Any, low: Any, high: Any) -> tuple[Any, Any]:
+def _between(z: Any, dz: Any, low: Float, high: Any) -> tuple[Any, Any]:
     """Return the distances at which rays are between two planes; the wrong way if never."""
     Wide = type(z)
     parallel = dr.abs(dz) < PARALLEL
@@ -149,7 +150,7 @@ def dot(a: list[Any], b: list[Any]) -> Any:
     return dr.fma(a[0], b[0], dr.fma(a[1], b[1], a[2] * b[2]))
 
 
-def along(origin: list[Any], direction: list[Any], way: Any) -> list[Any]:
+def along(origin: list[Any], direction: list[Any], way: Float) -> list[Any]:
     """Return the point at a distance."""
     return [dr.fma(way, d, o) for o, d in zip(origin, direction, strict=True)]
 
@@ -180,7 +181,7 @@ class Passage:
         """Return the same in the precision of the walk."""
         return Passage(Float(self.turn), [Float(f) for f in self.foot], self.meets)
 
-    def beside(self, t: Any, end: Any) -> tuple[Any, Any]:
+    def beside(self, t: Float, end: Float) -> tuple[Any, Any]:
         """Return a distance on a segment that ends at `end`, and how far it is from the turn.
 
         On rays that meet the axis never on it, nor (by rounding) on its other side: what a field is
@@ -194,7 +195,7 @@ class Passage:
         )
 
 
-def pass_axis(approach: Approach, origin: list[Any], begin: Any, end: Any) -> Passage:
+def pass_axis(approach: Approach, origin: list[Any], begin: Float, end: Float) -> Passage:
     """Return where rays pass the axis, of which some begin or end at a distance."""
     across, direction = approach.point[:2], approach.direction[:2]
     square = _dot(direction, direction)

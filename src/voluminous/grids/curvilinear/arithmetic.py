@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from ...backend import dr
 from ...backend.functions import sharp_angle, unit_interval
+from ...backend.types import Float
 from .edges import FULL_CIRCLE
 
 
@@ -22,7 +23,7 @@ class Arithmetic(Protocol):
     def mixed(self, a: Any, p: Any, b: Any, q: Any) -> Any:
         """Return a p + b q, of coordinates a and b and numbers p and q."""
 
-    def angle(self, y: Any, x: Any, length: Any = None) -> Any:
+    def angle(self, y: Any, x: Any, length: Float = None) -> Any:
         """Return the angle of a vector from the x axis, from -π to π.
 
         Its length is given where the angle is at most π/4 in size.
@@ -53,7 +54,7 @@ class Numbers:
         """Return a p + b q."""
         return dr.fma(a, p, b * q)
 
-    def angle(self, y: Any, x: Any, length: Any = None) -> Any:
+    def angle(self, y: Any, x: Any, length: Float = None) -> Any:
         """Return the angle of a vector."""
         return dr.atan2(y, x) if length is None else sharp_angle(y, x, length)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Int
 from ..contract import Corners
 
 
@@ -67,7 +68,7 @@ def _multilinear(walk: Any, base: Any, fractions: list[Any], strides: list[Any])
     return Corners(vertices, weights)
 
 
-def cells_around(grid: Any, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
+def cells_around(grid: Any, lane: Int, backend: Any) -> list[tuple[Any, Any]]:
     """Return the eight cells around vertices, and whether each of them exists.
 
     Azimuth that spans a full circle is cyclic: the first and the last vertex have the same cells.
@@ -102,7 +103,7 @@ def cells_around(grid: Any, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
     return found
 
 
-def _side(cell: Any, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
+def _side(cell: Int, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
     if cyclic:
         cell = dr.select(cell < 0, last, dr.select(cell > last, 0, cell))
     elif folded:
@@ -111,7 +112,7 @@ def _side(cell: Any, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
     return dr.clip(cell, 0, last), inside
 
 
-def _unravel(lane: Any, shape: tuple[int, ...], backend: Any) -> list[Any]:
+def _unravel(lane: Int, shape: tuple[int, ...], backend: Any) -> list[Any]:
     Int, UInt, rest, numbers = backend.Int, backend.UInt, backend.UInt(lane), []
     for count in shape[:0:-1]:
         row = backend.quotient(rest, dr.opaque(UInt, count + 1))

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Float
 from ..contract import Segment
 from ..straight_chord import Values, cubic_through, parabola_through, trilinear
 from .approach import dot
@@ -58,7 +59,7 @@ class Smoothed:
         kept.smooth = self.smooth.kept_to(error)
         return kept
 
-    def _cut(self, track: Any, cursor: Any, t: Any) -> tuple[Any, Any]:
+    def _cut(self, track: Any, cursor: Any, t: Float) -> tuple[Any, Any]:
         """Return where steps to a wall at `t` are to end, and which do before it."""
         return self.smooth.cut(track, cursor.t, t)
 
@@ -93,7 +94,7 @@ class Smooth:
         kept.part = self.backend.opaque(float(part))
         return kept
 
-    def cut(self, track: Any, begin: Any, end: Any) -> tuple[Any, Any]:
+    def cut(self, track: Any, begin: Float, end: Float) -> tuple[Any, Any]:
         """Return where segments from `begin` to a wall at `end` are to end, and which do before."""
         most = self._near_axis(track, begin)
         if self.centre:
@@ -104,11 +105,11 @@ class Smooth:
         short = stop < end
         return dr.select(short, stop, end), short
 
-    def _on_axis(self, track: Any, begin: Any, end: Any) -> Any:
+    def _on_axis(self, track: Any, begin: Float, end: Float) -> Any:
         turn = track.passage.turn
         return dr.select(track.passage.meets & (begin < turn) & (turn < end), turn, end)
 
-    def _near_axis(self, track: Any, begin: Any) -> Any:
+    def _near_axis(self, track: Any, begin: Float) -> Any:
         (x, y), (dx, dy, _) = track.passage.foot, track.direction
         speed = dr.sqrt(dr.fma(dx, dx, dy * dy))
         parallel = speed < _PARALLEL

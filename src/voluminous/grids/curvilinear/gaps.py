@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Float, Mask
 from ..box_walk import NEVER
 from ..contract import Walk
 from .crossing import either, later, lesser, nearest
@@ -20,7 +21,7 @@ class Landing:
     """Where rays are once none of them is in a gap: see `grids.contract.Landing`."""
 
     cursor: Any
-    moved: Any
+    moved: Mask
     walk: Any
     track: Any
 
@@ -56,7 +57,7 @@ class GapCrossing(Walk):
         (there,) = dr.if_stmt((cursor,), gap, beyond, stay, label="gap")
         return Landing(there, gap, self, track)
 
-    def _standing(self, track: Any, count: list[Any], t: Any, inside: Any) -> Any:
+    def _standing(self, track: Any, count: list[Any], t: Float, inside: Mask) -> Any:
         raise NotImplementedError
 
     def _times(self, track: Any, count: list[Any]) -> list[Any]:
@@ -73,18 +74,18 @@ class GapCrossing(Walk):
         """Return the lanes that are in no cell."""
         return functools.reduce(either, self._gaps(track, count))
 
-    def _cross_gap(self, track: Any, count: list[Any], t: Any, lanes: Any) -> Jump:
+    def _cross_gap(self, track: Any, count: list[Any], t: Float, lanes: Any) -> Jump:
         """Move those lanes that are in a gap to the first cell beyond, or out of the domain."""
 
-        def in_gap(count: list[Any], t: Any) -> Any:
+        def in_gap(count: list[Any], t: Float) -> Any:
             return lanes & (t < track.leave) & self.in_gap(track, count)
 
-        def cross(count: list[Any], t: Any) -> Jump:
+        def cross(count: list[Any], t: Float) -> Jump:
             return self._jump(track, count, t)
 
         return dr.while_loop((count, t), in_gap, cross, label="gap")
 
-    def _jump(self, track: Any, count: list[Any], t: Any) -> Jump:
+    def _jump(self, track: Any, count: list[Any], t: Float) -> Jump:
         gaps, ahead = self._gaps(track, count), self._times(track, count)
         ends = [dr.select(g, -way, NEVER) for g, way in zip(gaps, ahead, strict=True)]
         through = nearest(ends)
@@ -97,7 +98,7 @@ class GapCrossing(Walk):
         )
         return beyond(count, through), end
 
-    def _passed(self, track: Any, count: list[Any], through: list[Any], end: Any) -> list[Any]:
+    def _passed(self, track: Any, count: list[Any], through: list[Any], end: Float) -> list[Any]:
         """Return counts where all walls of the other families on the way have been crossed."""
         return [
             dr.select(own, k, dr.maximum(k, family.enter(a, end)))
@@ -105,7 +106,7 @@ class GapCrossing(Walk):
         ]
 
 
-def _as_they_are(count: list[Any], through: list[Any], end: Any) -> list[Any]:
+def _as_they_are(count: list[Any], through: list[Any], end: Float) -> list[Any]:
     """Return counts of rays that leave the domain: searching took a tenth of a disc's picture."""
     return count
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Float
 from .approach import dot
 from .walk import Cursor, CurvilinearWalk, Step, Track
 
@@ -17,7 +18,7 @@ from .walk import Cursor, CurvilinearWalk, Step, Track
 _LARGEST_TURN = 0.1
 
 
-def cut(closest: Any, radius: Any, t: Any, length: Any) -> tuple[Any, Any]:
+def cut(closest: Any, radius: Any, t: Float, length: Float) -> tuple[Any, Any]:
     """Return where a step that turns too far is to end, and which do.
 
     Parameters
@@ -47,11 +48,11 @@ class SteppedWalk(CurvilinearWalk):
             dr.select(short, -1, family),
         )
 
-    def _cut(self, track: Track, cursor: Cursor, t: Any) -> tuple[Any, Any]:
+    def _cut(self, track: Track, cursor: Cursor, t: Float) -> tuple[Any, Any]:
         """Return where steps to a wall at `t` that turn too far are to end, and which do."""
         closest, radius = self._radius(track, 0.0), self._radius(track, cursor.t)
         return cut(closest, radius, cursor.t, t - cursor.t)
 
-    def _radius(self, track: Track, t: Any) -> Any:
+    def _radius(self, track: Track, t: Float) -> Any:
         point = self.point(track, t)
         return dr.sqrt(dot(point, point))

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...backend.types import Int
 from ...errors import InputError
 from ..contract import Box
 from ..trees.octree_order import Places, checked_flags, levels_from_flags
@@ -146,7 +147,7 @@ class RefinedCells(CurvilinearGrid):
     def vertex_count(self) -> int:
         return self.vertex_numbers.count
 
-    def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, lane: Int, backend: Any) -> list[tuple[Any, Any]]:
         return cells_around(self, lane, backend)
 
     def surroundings(self, backend: Any) -> RefinedSurroundings:

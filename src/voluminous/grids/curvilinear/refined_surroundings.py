@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Mask
 from ...geometry import SPHERICAL
 from ..trees.axes import Spacing
 from ..trees.lookup import Cell
@@ -55,7 +56,7 @@ class RefinedSurroundings(Surroundings):
             found[axis] = dr.select(image, -found[axis], found[axis])
         return found
 
-    def cell_at(self, place: list[Any], active: Any) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
         """Return the leaves around places, or what they continue as, and where there is one.
 
         Corners of the leaves are moved to where they continue.
@@ -188,7 +189,7 @@ class StraightSurroundings(RefinedSurroundings):
     def spacing(self, grid: Any, backend: Any) -> StraightSpacing:
         return StraightSpacing(grid, backend)
 
-    def cell_at(self, place: list[Any], active: Any) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
         # Aside of a place is the leaf itself, not one that is turned.
         whole = [
             dr.round(p - 0.5) if alike else p for p, alike in zip(place, self.alike, strict=True)

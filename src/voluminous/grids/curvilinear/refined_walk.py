@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...backend import dr
+from ...backend.types import Float, Int, Mask
 from ..contract import Corners, Segment
 from ..trees.lookup import TreeLookup
 from .approach import dot
@@ -29,7 +30,7 @@ from .walk import Cursor, CurvilinearWalk, Exit, Track
 class Leaf:
     """A leaf, one per lane: its number, and corners and sizes in finest units, per family."""
 
-    number: Any
+    number: Int
     low: list[Any]
     size: list[Any]
 
@@ -47,7 +48,7 @@ class RefinedExit(Exit):
 
     left: Leaf
     entered: Leaf
-    onward: Any
+    onward: Mask
 
 
 class RefinedWalk(CurvilinearWalk):
@@ -78,10 +79,10 @@ class RefinedWalk(CurvilinearWalk):
         self.stepped, self.grid = stepped, grid
         self.axes, self.lookup = axes, TreeLookup(grid.tree, self.backend)
 
-    def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> RefinedCursor:
+    def _standing(self, track: Track, count: list[Any], t: Float, inside: Mask) -> RefinedCursor:
         return RefinedCursor(count, [], t, inside, self._leaf(track, count, inside))
 
-    def _leaf(self, track: Track, count: list[Any], active: Any) -> Leaf:
+    def _leaf(self, track: Track, count: list[Any], active: Mask) -> Leaf:
         Float, Int = self.backend.Float, self.backend.Int
         place = [Float(0.5)] * 3
         for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
@@ -122,14 +123,14 @@ class RefinedWalk(CurvilinearWalk):
         ]
         return count, t, crossed
 
-    def _end_inside(self, track: Track, cursor: RefinedCursor, t: Any) -> tuple[Any, Any]:
+    def _end_inside(self, track: Track, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
         """Return where segments end, and which do not come to the wall of their leaf."""
         short = self.backend.Bool(False)
         if self.stepped:
             t, short = self._cut(track, cursor, t)
         return t, short | (t >= track.leave) if track.bounded else short
 
-    def _cut(self, track: Track, cursor: RefinedCursor, t: Any) -> tuple[Any, Any]:
+    def _cut(self, track: Track, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
         """Return where segments end that may not turn far, and which end before their wall."""
         closest, radius = (dr.sqrt(dot(p, p)) for p in (track.point, self.point(track, cursor.t)))
         part, short = cut(closest, radius, cursor.t, t - cursor.t)
@@ -154,7 +155,7 @@ class RefinedWalk(CurvilinearWalk):
                 found.append(k + onward)
         return found
 
-    def _between(self, family: Any, axis: Any, first: Any, last: Any, t: Any) -> Any:
+    def _between(self, family: Any, axis: Any, first: Any, last: Any, t: Float) -> Any:
         count = later(family.enter(axis, t), first)
         return lesser(count, last)
 
@@ -173,7 +174,7 @@ class RefinedWalk(CurvilinearWalk):
 
 
 def leaf_corners(
-    walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf, active: Any
+    walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf, active: Mask
 ) -> Corners:
     """Return the eight vertices of a leaf, and multilinear weights where a ray is."""
     Float = walk.backend.Float

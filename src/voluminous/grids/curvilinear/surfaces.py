@@ -20,6 +20,7 @@ import numpy as np
 
 from ...backend import dr, from_host
 from ...backend.functions import first_true
+from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
@@ -50,7 +51,7 @@ class TurningTrack:
     slot: Any
     turn: Any
     reach: Any
-    down: Any = None
+    down: Mask = None
 
 
 @dataclass
@@ -64,7 +65,7 @@ class RunningTrack:
     lines: Lines
     start: Any
     slot: Any
-    down: Any
+    down: Mask
 
 
 class Surfaces:
@@ -121,7 +122,7 @@ class Surfaces:
         """Return the distance of the next crossing."""
         return meet(track.lines, self.wall_at(ahead(track.slot, count)), count < 0)
 
-    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
+    def fraction(self, cell: Int, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         """Return where between the walls of its cell a point is, from 0 to 1."""
         raise NotImplementedError
 
@@ -162,7 +163,7 @@ class Turning(Surfaces):
         """Return True for walls from the first one on that the ray gets to."""
         raise NotImplementedError
 
-    def enter(self, track: TurningTrack, t: Any) -> Any:
+    def enter(self, track: TurningTrack, t: Float) -> Any:
         """Return the count at a distance, from where the ray is there.
 
         Where rounding counts a wall too many or too few, the ray is within rounding of it: it is
@@ -178,11 +179,11 @@ class Turning(Surfaces):
         number = dr.maximum(self.backend.Int(below) - track.turn, 0)
         return dr.select(inward, -number, number)
 
-    def place(self, surface: Any, t: Any) -> tuple[Any, Any]:
+    def place(self, surface: Any, t: Float) -> tuple[Any, Any]:
         """Return where rays are, as `is_above` wants it, and which are before the turning point."""
         raise NotImplementedError
 
-    def is_above(self, values: list[Any], here: Any) -> Any:
+    def is_above(self, values: list[Any], here: Float) -> Any:
         """Return True for walls from the first one on that is not below a place."""
         raise NotImplementedError
 
@@ -210,7 +211,7 @@ class Running(Surfaces):
         """Return how rays see this family."""
         raise NotImplementedError
 
-    def enter(self, track: RunningTrack, t: Any) -> Any:
+    def enter(self, track: RunningTrack, t: Float) -> Any:
         """Return the count at a distance: how many of the walls ahead have been met there."""
         here = self.place(track.surface, t)
         met = first_true(
@@ -226,11 +227,11 @@ class Running(Surfaces):
         """Return where the number of the cell grows along the ray."""
         return ~track.down
 
-    def place(self, surface: Any, t: Any) -> Any:
+    def place(self, surface: Any, t: Float) -> Any:
         """Return where rays are, as `is_ahead` wants it."""
         raise NotImplementedError
 
-    def is_ahead(self, surface: Any, values: list[Any], here: Any) -> Any:
+    def is_ahead(self, surface: Any, values: list[Any], here: Float) -> Any:
         """Return True for walls from the first one on that a ray has not met."""
         raise NotImplementedError
 
@@ -245,8 +246,8 @@ class PlaneTrack:
     """Mirrored height of a ray, and distance along it per height."""
 
     height: Any
-    pace: Any
-    parallel: Any
+    pace: Float
+    parallel: Mask
 
 
 class Planes(Running):
@@ -278,11 +279,11 @@ class Planes(Running):
         start = self.first + dr.select(down, self.mirrored_start, 0)
         return RunningTrack(surface, self.lines(surface), start, start, down)
 
-    def place(self, surface: PlaneTrack, t: Any) -> Any:
+    def place(self, surface: PlaneTrack, t: Float) -> Any:
         way = dr.select(surface.parallel, 0.0, t / surface.pace)
         return surface.height + way
 
-    def is_ahead(self, surface: PlaneTrack, wall: list[Any], here: Any) -> Any:
+    def is_ahead(self, surface: PlaneTrack, wall: list[Any], here: Float) -> Any:
         return wall[0] > here
 
     def lines(self, surface: PlaneTrack) -> Lines:
@@ -291,7 +292,7 @@ class Planes(Running):
         lead = dr.select(surface.parallel, NEVER, -surface.height * surface.pace)
         return Lines((lead, pace, None), (1.0, None, None))
 
-    def enter(self, track: RunningTrack, t: Any) -> Any:
+    def enter(self, track: RunningTrack, t: Float) -> Any:
         return dr.clip(super().enter(track, t), 1, self.last_cell + 1)
 
     def leave(self, track: RunningTrack) -> Any:
@@ -306,7 +307,7 @@ class Planes(Running):
         """Return the number of the vertices on the wall that is met next."""
         return dr.select(track.down, self.wall_count - 1 - count, count)
 
-    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
+    def fraction(self, cell: Int, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         cell = self.backend.UInt(cell)
         lower = dr.gather(self.backend.Float, self.lower, cell)
         inverse = dr.gather(self.backend.Float, self.inverse_width, cell)

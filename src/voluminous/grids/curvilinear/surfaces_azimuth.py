@@ -9,6 +9,7 @@ import numpy as np
 
 from ...backend import dr, from_host
 from ...backend.functions import first_true
+from ...backend.types import Float, Int, Mask
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
@@ -112,17 +113,17 @@ class HalfPlanes(Running):
         slot = self._around(dr.select(behind, slot + 1, slot))
         return RunningTrack(surface, self.lines(surface), start, start + slot, down)
 
-    def _angle_after_first_wall(self, x: Any, y: Any, down: Any) -> Any:
+    def _angle_after_first_wall(self, x: Any, y: Any, down: Mask) -> Any:
         """Return the azimuth from the first wall (of either sense) on, below a full circle."""
         angle = dr.atan2(y, x) - self.first_angle
         angle = dr.select(down, self.extent - angle, angle)
         return angle - FULL_CIRCLE * dr.floor(angle * (1.0 / FULL_CIRCLE))
 
-    def place(self, surface: HalfPlaneTrack, t: Any) -> tuple[Any, Any]:
+    def place(self, surface: HalfPlaneTrack, t: Float) -> tuple[Any, Any]:
         away = t - surface.turn
         return dr.fma(away, surface.dx, surface.x), dr.fma(away, surface.dy, surface.y)
 
-    def is_ahead(self, surface: HalfPlaneTrack, wall: list[Any], here: Any) -> Any:
+    def is_ahead(self, surface: HalfPlaneTrack, wall: list[Any], here: Float) -> Any:
         (c, s), (x, y) = wall, here
         met = dr.fma(c, surface.dy, -s * surface.dx) > surface.slowest
         return ~met | (dr.fma(c, y, -s * x) < 0.0)
@@ -161,11 +162,11 @@ class HalfPlanes(Running):
         slot = self._slot(track, count)
         return dr.select(track.down, self.wall_count - 1 - slot, slot)
 
-    def _of_grid(self, number: Any) -> Any:
+    def _of_grid(self, number: Int) -> Any:
         """Return the number of a cell, or of a wall, without the half plane inside a cell."""
         return dr.select(number > self.halved, number - 1, number) if self.halves_cell else number
 
-    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
+    def fraction(self, cell: Int, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         (x, y, _), cell = point, self.backend.UInt(cell)
         c, s = dr.gather(self.backend.packet(2), self.lower, cell)
         left, along = own.mixed(y, c, x, -s), own.mixed(x, c, y, s)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Float, Int
 from .approach import CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
@@ -101,7 +102,7 @@ class Cones(Turning):
         highest = dr.select(square > 0.0, surface.tilt, surface.steepest)
         return (square > highest) | (c < 0.0)
 
-    def place(self, surface: ConeTrack, t: Any) -> tuple[Any, Any]:
+    def place(self, surface: ConeTrack, t: Float) -> tuple[Any, Any]:
         """Return where rays are, and where cos θ still rises; at the centre what is ahead.
 
         As height, radius, and the square of the distance from the axis.
@@ -117,7 +118,7 @@ class Cones(Turning):
         inward = t * surface.height < dr.maximum(surface.radius, 1e-30) * surface.rise
         return (height, dr.select(central, 1.0, radius), across), inward
 
-    def is_above(self, wall: list[Any], here: Any) -> Any:
+    def is_above(self, wall: list[Any], here: Float) -> Any:
         (c, v), (height, radius, across) = wall, here
         # Near the axis cos θ would lose digits: sin² θ is what counts.
         north, wide = height > 0.0, v * radius * radius
@@ -155,13 +156,13 @@ class Cones(Turning):
         """Return the number of the vertices on the wall that is met next."""
         return self._fold(self.wall(track, count) + int(not self.above), 2 * self.cells)
 
-    def _fold(self, number: Any, most: int) -> Any:
+    def _fold(self, number: Int, most: int) -> Any:
         if not self.mirrored:
             return number
         other = dr.opaque(self.backend.Int, most) - number
         return dr.select(number < other, number, other)
 
-    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
+    def fraction(self, cell: Int, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         x, y, z = point
         z = own.magnitude(z) if self.mirrored else z
         across, cell = own.length(x, y), self.backend.UInt(cell)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Float, Int
 from ..box_walk import NEVER
 from .approach import PARALLEL, AxisApproach, CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
@@ -46,10 +47,10 @@ class Round(Turning):
     def is_met(self, surface: Any, wall: list[Any]) -> Any:
         return wall[1] > surface.nearest
 
-    def is_above(self, wall: list[Any], here: Any) -> Any:
+    def is_above(self, wall: list[Any], here: Float) -> Any:
         return wall[1] > here
 
-    def enter(self, track: TurningTrack, t: Any) -> Any:
+    def enter(self, track: TurningTrack, t: Float) -> Any:
         most = track.reach - 1
         return dr.clip(super().enter(track, t), -most, most)
 
@@ -73,7 +74,7 @@ class Round(Turning):
         """Return the number of the vertices on the wall that is met next."""
         return self.wall(track, count) + (1 - self.skipped)
 
-    def _fraction(self, cell: Any, radius: Any, own: Arithmetic) -> Any:
+    def _fraction(self, cell: Int, radius: Any, own: Arithmetic) -> Any:
         lower = dr.gather(self.backend.Float, self.lower, self.backend.UInt(cell))
         inverse = dr.gather(self.backend.Float, self.inverse_width, self.backend.UInt(cell))
         return own.part(radius, lower, inverse)
@@ -92,7 +93,7 @@ class Shells(Round):
     def surface(self, approach: CentreApproach) -> tuple[ShellTrack, None, None]:
         return ShellTrack(self.backend.Float(approach.radius * approach.radius)), None, None
 
-    def place(self, surface: ShellTrack, t: Any) -> tuple[Any, Any]:
+    def place(self, surface: ShellTrack, t: Float) -> tuple[Any, Any]:
         return dr.fma(t, t, surface.nearest), t < 0.0
 
     def lines(self, surface: ShellTrack) -> Lines:
@@ -102,7 +103,7 @@ class Shells(Round):
     def first_number(self, square: np.ndarray) -> np.ndarray:
         return np.ones_like(square)
 
-    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
+    def fraction(self, cell: Int, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         return self._fraction(cell, own.length(*point), own)
 
 
@@ -128,7 +129,7 @@ class TubeTrack:
     passing: Any
     bias: Any
     side: Any
-    pace: Any
+    pace: Float
 
 
 class Tubes(Round):
@@ -156,7 +157,7 @@ class Tubes(Round):
         numbers = (nearest, passing, dr.abs(bias), approach.side, pace)
         return TubeTrack(*(Float(number) for number in numbers)), None, None
 
-    def place(self, surface: TubeTrack, t: Any) -> tuple[Any, Any]:
+    def place(self, surface: TubeTrack, t: Float) -> tuple[Any, Any]:
         across = dr.abs(t) / surface.pace
         return dr.fma(across, dr.fma(2.0, surface.bias, across), surface.nearest), t < 0.0
 
@@ -169,6 +170,6 @@ class Tubes(Round):
     def first_number(self, square: np.ndarray) -> np.ndarray:
         return square
 
-    def fraction(self, cell: Any, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
+    def fraction(self, cell: Int, point: list[Any], own: Arithmetic = NUMBERS) -> Any:
         x, y, _ = point
         return self._fraction(cell, own.length(x, y), own)

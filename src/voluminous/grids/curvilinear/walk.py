@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Float, Mask
 from ..contract import Corners, Ray, Segment
 from .approach import Passage, pass_axis
 from .corners import cell_corners, wall_corners
@@ -49,10 +50,10 @@ class Track:
     axes: list[Any]
     point: list[Any]
     direction: list[Any]
-    arrive: Any
-    leave: Any
+    arrive: Float
+    leave: Float
     bounded: bool
-    entry: Any
+    entry: Float
     passage: Passage
 
 
@@ -62,8 +63,8 @@ class Cursor:
 
     count: list[Any]
     ahead: list[Any]
-    t: Any
-    inside: Any
+    t: Float
+    inside: Mask
 
 
 @dataclass
@@ -82,7 +83,7 @@ class Exit:
 
     family: Any
     count: list[Any]
-    t: Any
+    t: Float
 
 
 class CurvilinearWalk(GapCrossing):
@@ -155,7 +156,7 @@ class CurvilinearWalk(GapCrossing):
         count = [f.enter(a, t) for f, a in zip(self.families, tracks, strict=True)]
         return track, self._standing(track, count, t, inside & (t < track.leave))
 
-    def _standing(self, track: Track, count: list[Any], t: Any, inside: Any) -> Cursor:
+    def _standing(self, track: Track, count: list[Any], t: Float, inside: Mask) -> Cursor:
         return Cursor(count, self._times(track, count), t, inside)
 
     def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
@@ -236,7 +237,7 @@ class CurvilinearWalk(GapCrossing):
                 number = dr.select(inside, -1, number)
         return number
 
-    def point(self, track: Track, t: Any, away: Any = None) -> list[Any]:
+    def point(self, track: Track, t: Float, away: Any = None) -> list[Any]:
         """Return where rays are at a distance, from the centre, in units of the scale.
 
         How far that is from where they pass the axis may be known better (`Passage.beside`).

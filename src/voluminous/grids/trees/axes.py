@@ -12,6 +12,7 @@ import numpy as np
 
 from ...backend import dr, from_host
 from ...backend.functions import first_true
+from ...backend.types import Float
 from ...geometry import is_uniform
 from ..box_walk import NEVER, Axis, AxisTrack, Side
 
@@ -37,12 +38,12 @@ class UniformTreeAxis(Axis):
         super().__init__(edges, (edges[-1] - edges[0]) / extent, scale, backend)
         self.extent, self.top = backend.opaque(extent), top
 
-    def track(self, side: Side, position: Any) -> AxisTrack:
+    def track(self, side: Side, position: Float) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
         lead = dr.select(side.parallel, NEVER, -position * side.pace)
         return self._narrowed(position, side.speed, side.pace, lead)
 
-    def first_place(self, side: Side, position: Any) -> Any:
+    def first_place(self, side: Side, position: Float) -> Any:
         """Return the place at a mirrored position in or around the domain."""
         place = self.backend.Float(position)
         return self._inside(dr.select(place > 0.0, place, 0.0))
@@ -51,15 +52,15 @@ class UniformTreeAxis(Axis):
         """Return the distance at which rays leave the domain."""
         return dr.fma(self.extent, track.pace, track.lead)
 
-    def crossing(self, track: AxisTrack, low: Any, size: Any) -> Any:
+    def crossing(self, track: AxisTrack, low: Float, size: Any) -> Any:
         """Return the distance at which the ray leaves a cell."""
         return dr.fma(low, track.pace, dr.fma(size, track.pace, track.lead))
 
-    def beyond(self, track: AxisTrack, t: Any, low: Any) -> Any:
+    def beyond(self, track: AxisTrack, t: Float, low: Any) -> Any:
         """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return dr.fma(t, track.speed, track.position) - low
 
-    def place(self, track: AxisTrack, t: Any, reached: Any) -> Any:
+    def place(self, track: AxisTrack, t: Float, reached: Any) -> Any:
         """Return the place of the ray at distance `t`; it has come as far as `reached`."""
         place = dr.fma(t, track.speed, track.position)
         return self._inside(dr.select(place > reached, place, reached))
@@ -90,13 +91,13 @@ class RectilinearTreeAxis(Axis):
         tables = [_cells(walls / scale) for walls in (edges - edges[0], edges[-1] - edges[::-1])]
         self.cells = from_host(backend.Float, np.concatenate(tables).reshape(-1))
 
-    def track(self, side: Side, position: Any) -> AxisTrack:
+    def track(self, side: Side, position: Float) -> AxisTrack:
         """Return the track of rays that are at mirrored `position` where distances start."""
         lead = dr.select(side.parallel, NEVER, -position * side.pace)
         table = dr.select(side.down, self.down_table, 0)
         return self._narrowed(position, side.speed, side.pace, lead, table)
 
-    def first_place(self, side: Side, position: Any) -> Any:
+    def first_place(self, side: Side, position: Float) -> Any:
         """Return the place at a mirrored position in or around the domain."""
         Float, UInt, coordinate = (
             self.backend.Float,
@@ -116,18 +117,18 @@ class RectilinearTreeAxis(Axis):
         """Return the distance at which rays leave the domain."""
         return dr.fma(self.total, track.pace, track.lead)
 
-    def crossing(self, track: AxisTrack, low: Any, size: Any) -> Any:
+    def crossing(self, track: AxisTrack, low: Float, size: Any) -> Any:
         """Return the distance at which the ray leaves a cell."""
         base = self._base(low)
         wall, width, _ = self._cell(track.table, base)
         part = dr.fma(low + size, self.bases, -base)
         return dr.fma(dr.fma(part, width, wall), track.pace, track.lead)
 
-    def beyond(self, track: AxisTrack, t: Any, low: Any) -> Any:
+    def beyond(self, track: AxisTrack, t: Float, low: Any) -> Any:
         """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return self.place(track, t, low) - low
 
-    def place(self, track: AxisTrack, t: Any, reached: Any) -> Any:
+    def place(self, track: AxisTrack, t: Float, reached: Any) -> Any:
         """Return the place of the ray at distance `t`; it has come as far as `reached`."""
         base = self._base(reached)
         wall, _, inverse = self._cell(track.table, base)
@@ -207,7 +208,7 @@ class _Even:
     def unit(self, place: Any) -> Any:
         return self.width
 
-    def way(self, start: Any, end: Any) -> Any:
+    def way(self, start: Any, end: Float) -> Any:
         return (end - start) * self.width
 
 
@@ -225,7 +226,7 @@ class _Uneven:
     def unit(self, place: Any) -> Any:
         return dr.gather(self.real, self.widths, self.UInt(self._base(place)))
 
-    def way(self, start: Any, end: Any) -> Any:
+    def way(self, start: Any, end: Float) -> Any:
         bases = [self._base(place) for place in (start, end)]
         first, last = (
             dr.fma(place - base * self.parts, self.unit(place), self._wall(base))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...backend.types import Int
 from ...geometry import is_uniform, span
 from ...packages import room
 from ...units import unit_name
@@ -200,7 +201,7 @@ class TreeCells(Grid):
         """Number of vertices."""
         return self.vertex_numbers.count
 
-    def vertex_cells(self, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, vertex: Int, backend: Any) -> list[tuple[Any, Any]]:
         """Return the eight cells around consecutive vertices; see `grids.contract.Grid`."""
         from .vertices import cells_around
 

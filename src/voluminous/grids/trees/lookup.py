@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Int, Mask
 from .tree import NONE, NUMBER_BITS, Tree
 
 
@@ -35,7 +36,7 @@ class Cell:
         below `end`. Empty where there is no such rule.
     """
 
-    number: Any
+    number: Int
     low: list[Any]
     size: list[Any]
     strides: list[Any] = field(default_factory=list)
@@ -129,7 +130,7 @@ class TreeLookup:
             for d, p in zip(down, padding, strict=True)
         ]
 
-    def find(self, place: list[Any], way: Orientation, active: Any) -> Cell:
+    def find(self, place: list[Any], way: Orientation, active: Mask) -> Cell:
         """Return the cells that contain places between zero and `top`."""
         UInt, place = self.backend.UInt, self.numbering.located(place)
         there = place  # as counted from the root's end
@@ -171,7 +172,7 @@ class TreeLookup:
         reached: list[Any],
         place: Callable[[], list[Any]],
         way: Orientation,
-        active: Any,
+        active: Mask,
     ) -> Cell:
         """Return the cells that rays come to from others.
 
@@ -225,16 +226,16 @@ class TreeLookup:
         """Return which lanes are in a cell, and not in a hole."""
         return cell.number != NONE
 
-    def _descended(self, entry: Any, place: Any, way: Orientation, active: Any) -> tuple[Any, Any]:
+    def _descended(self, entry: Int, place: Any, way: Orientation, active: Mask) -> tuple[Any, Any]:
         """Follow entries that are blocks down to one that is none; return it, and its level."""
         UInt, level = self.backend.UInt, self.backend.Int(0)
         if len(self.tree.units) == 1:
             return entry, level
 
-        def is_block(entry: Any, level: Any) -> Any:
+        def is_block(entry: Int, level: Any) -> Any:
             return active & (entry >> NUMBER_BITS == 0)
 
-        def down(entry: Any, level: Any) -> tuple[Any, Any]:
+        def down(entry: Int, level: Any) -> tuple[Any, Any]:
             level = level + 1
             slot = entry + self.numbering.slot(place, level, way)
             return dr.gather(UInt, self.entries, slot, is_block(entry, level)), level
@@ -251,5 +252,5 @@ def _same(cell: Cell) -> Cell:
     return cell
 
 
-def _unchanged(entry: Any, level: Any) -> tuple[Any, Any]:
+def _unchanged(entry: Int, level: Any) -> tuple[Any, Any]:
     return entry, level

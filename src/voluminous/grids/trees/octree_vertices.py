@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...backend import dr
+from ...backend.types import Int, Mask
 from .lookup import Cell, Orientation
 from .octree_order import Places, spread_bits
 from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
@@ -269,7 +270,7 @@ class TracedHalved:
             slot = slot | (local << (k * STEP))
         return slot
 
-    def cell(self, entry: Any, unit: list[Any], level: Any, way: Orientation, active: Any) -> Cell:
+    def cell(self, entry: Int, unit: list[Any], level: Any, way: Orientation, active: Mask) -> Cell:
         """Return the cells around finest units, from entries of a tree level that are no blocks.
 
         Nothing is looked up: `active` is for numberings that do.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Int, Mask
 from .lookup import Cell, Orientation
 from .tree import ABSENT, NONE, NUMBER_MASK, Tree
 
@@ -188,7 +189,9 @@ class TracedPatches:
             stride = stride * ratio
         return slot
 
-    def cell(self, entry: Any, place: list[Any], level: Any, way: Orientation, active: Any) -> Cell:
+    def cell(
+        self, entry: Int, place: list[Any], level: Any, way: Orientation, active: Mask
+    ) -> Cell:
         """Return the cells around places, from entries of a tree level that are no blocks.
 
         Of lanes that are not active anything may be returned.
@@ -229,7 +232,7 @@ class TracedPatches:
     def _index(self, index: Any) -> Any:
         return self.backend.UInt(self.Whole(index))
 
-    def _number(self, number: Any, tabled: Any, hole: Any) -> Any:
+    def _number(self, number: Int, tabled: Any, hole: Any) -> Any:
         if self.tabled:
             if hole is not None:
                 tabled &= ~hole

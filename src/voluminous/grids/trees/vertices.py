@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ...backend import dr, from_host
+from ...backend.types import Float, Int, Mask
 from .axes import Spacing
 from .lookup import Cell, TreeLookup
 
@@ -51,22 +52,22 @@ class Boxes:
                 whole[:, begin - first : end - first] = part
         self._low, self._size = ([from_host(self.kind, v) for v in part] for part in kept)
 
-    def low(self, lane: Any) -> list[Any]:
+    def low(self, lane: Int) -> list[Any]:
         """Return the lower corners of cells, given by their numbers among these."""
         return self._of(self._low, lane)
 
-    def size(self, lane: Any) -> list[Any]:
+    def size(self, lane: Int) -> list[Any]:
         """Return the sizes of cells."""
         return self._of(self._size, lane)
 
-    def corner(self, lane: Any, corner: Any) -> list[Any]:
+    def corner(self, lane: Int, corner: Any) -> list[Any]:
         """Return the places of corners of cells."""
         return [
             low + dr.select((corner >> (2 - axis)) & 1 == 1, size, 0.0)
             for axis, (low, size) in enumerate(zip(self.low(lane), self.size(lane), strict=True))
         ]
 
-    def _of(self, parts: list[Any], lane: Any) -> list[Any]:
+    def _of(self, parts: list[Any], lane: Int) -> list[Any]:
         return [self.backend.Wide(dr.gather(self.kind, v, lane)) for v in parts]
 
 
@@ -92,7 +93,7 @@ class Surroundings:
         self.way = self.lookup.orient()
         self.extent = [dr.opaque(backend.Wide, float(n)) for n in tree.extent]
 
-    def cells(self, vertex: list[Any], active: Any) -> list[tuple[Cell, Any]]:
+    def cells(self, vertex: list[Any], active: Mask) -> list[tuple[Cell, Any]]:
         """Return the cells around vertices, each with where it exists.
 
         Parameters
@@ -108,7 +109,7 @@ class Surroundings:
             for up in OCTANTS
         ]
 
-    def cell_at(self, place: list[Any], active: Any) -> tuple[Cell, Any]:
+    def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
         """Return the cells around places, which may be outside, and where there is one."""
         there = active
         for p, extent in zip(place, self.extent, strict=True):
@@ -129,7 +130,7 @@ class Surroundings:
         return cell.low, self.lookup.sizes(cell)
 
 
-def cells_around(grid: Any, vertex: Any, backend: Any) -> list[tuple[Any, Any]]:
+def cells_around(grid: Any, vertex: Int, backend: Any) -> list[tuple[Any, Any]]:
     """Return the cells around consecutive vertices; see `Grid.vertex_cells`.
 
     A cell that fills several octants counts as often (RADMC-3D's rule).
@@ -221,7 +222,7 @@ class TracedNumbers:
         self.pair = backend.module.Array2u
         self.cells = from_host(backend.UInt, cells.reshape(-1))
 
-    def of(self, cell: Any, active: Any) -> tuple[Any, list[Any]]:
+    def of(self, cell: Int, active: Mask) -> tuple[Any, list[Any]]:
         """Return the numbers of the lower corners of cells, and the strides along x, y and z.
 
         Cells of lanes that are not active may be any numbers.
@@ -238,7 +239,7 @@ def packed_strides(strides: np.ndarray) -> np.ndarray:
     return packed
 
 
-def corner_numbers(first: Any, index: np.ndarray, points: np.ndarray, scale: Any) -> np.ndarray:
+def corner_numbers(first: Any, index: np.ndarray, points: np.ndarray, scale: Float) -> np.ndarray:
     """Return what `VertexNumbers.cells` tells of cells.
 
     Parameters

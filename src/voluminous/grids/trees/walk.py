@@ -12,6 +12,7 @@ from typing import Any
 
 from ...backend import dr
 from ...backend.functions import unit_interval
+from ...backend.types import Float, Mask
 from ...geometry import is_uniform
 from ..box_walk import AxisTrack, BoxWalk
 from ..cartesian.walk import least, nearest
@@ -31,7 +32,7 @@ class Corner:
     strides: list[Any]
 
 
-def first_corner(walk: Any, track: Any, cell: Cell, active: Any) -> Corner:
+def first_corner(walk: Any, track: Any, cell: Cell, active: Mask) -> Corner:
     """Return the first corner of cells, in the sense of the rays.
 
     In a hole that of any cell: its values are multiplied by a length of zero, but must be there.
@@ -47,7 +48,7 @@ def first_corner(walk: Any, track: Any, cell: Cell, active: Any) -> Corner:
     return Corner(base, signed)
 
 
-def fractions(walk: Any, track: Any, cell: Cell, t: Any) -> list[Any]:
+def fractions(walk: Any, track: Any, cell: Cell, t: Float) -> list[Any]:
     """Return where in cells rays are at a distance, from 0 to 1 in the sense of the rays."""
     # Sizes along the axes are one and the same array mostly: so is one over it.
     inverse = [1.0 / size for size in walk.lookup.sizes(cell)]
@@ -119,8 +120,8 @@ class TreeTrack:
 
     axes: list[AxisTrack]
     way: Orientation
-    entry: Any
-    leave: Any
+    entry: Float
+    leave: Float
     bounded: bool
 
 
@@ -129,8 +130,8 @@ class TreeCursor:
     """Where a ray is: in which cell, at which distance."""
 
     cell: Cell
-    t: Any
-    inside: Any
+    t: Float
+    inside: Mask
 
 
 @dataclass
@@ -153,8 +154,8 @@ class TreeExit:
     through: list[Any]
     left: Cell
     entered: Cell
-    onward: Any
-    ends: Any
+    onward: Mask
+    ends: Mask
 
 
 class TreeWalk(BoxWalk):
@@ -186,7 +187,7 @@ class TreeWalk(BoxWalk):
         self.holes = tree.holes
 
     def _start(
-        self, sides: list[Any], arrive: Any, begin: Any, inside: Any, bound: Any
+        self, sides: list[Any], arrive: Float, begin: Float, inside: Mask, bound: Float
     ) -> tuple[TreeTrack, TreeCursor]:
         tracks, place = [], []
         for axis, side in zip(self.axes, sides, strict=True):
@@ -265,7 +266,7 @@ class TreeRayTrack(TreeTrack):
 class TreeChord(StraightChord):
     """A segment through a cell of a tree."""
 
-    def _fractions(self, t: Any) -> list[Any]:
+    def _fractions(self, t: Float) -> list[Any]:
         mirrored = fractions(self.walk, self.track, self.segment.exit.left, t)
         return [
             dr.select(flip != 0, 1.0 - f, f)
@@ -278,7 +279,7 @@ class HoleLanding:
     """Where rays are once none of them is in a hole: see `grids.contract.Landing`."""
 
     cursor: TreeCursor
-    moved: Any
+    moved: Mask
     walk: TreeFieldWalk
 
     def holds(self, cursor: TreeCursor) -> Any:
