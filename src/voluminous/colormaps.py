@@ -11,15 +11,7 @@ from .errors import InputError, unknown_name
 
 
 def get_colormap(colormap: Any) -> Any:
-    """Return a matplotlib colormap by its name, or as it was given.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such name.
-    InputError
-        If it is neither a name nor a colormap.
-    """
+    """Return a matplotlib colormap by its name, or as it was given."""
     import matplotlib
 
     if isinstance(colormap, matplotlib.colors.Colormap):
@@ -46,13 +38,7 @@ def colormap_name(colormap: Any) -> str:
 
 
 def get_color(name: str) -> tuple[float, float, float]:
-    """Return red, green and blue of a colour: ``"orange"``, ``"#ffa500"``, ``"C1"``.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of this name; names the nearest.
-    """
+    """Return red, green and blue of a colour: ``"orange"``, ``"#ffa500"``, ``"C1"``."""
     import matplotlib.colors
 
     try:
@@ -64,13 +50,7 @@ def get_color(name: str) -> tuple[float, float, float]:
 
 
 def opaque_color(color: Any, what: str, other: str = "") -> tuple[float, float, float]:
-    """Return red, green and blue of any color that matplotlib knows.
-
-    Raises
-    ------
-    InputError
-        If it is none, or is not opaque.
-    """
+    """Return red, green and blue of any color that matplotlib knows."""
     import matplotlib.colors
 
     try:
@@ -96,11 +76,6 @@ def without_alpha(colors: Any, what: str) -> Any:
     Four numbers from 0 to 1, in a tuple or an array, are red, green, blue and alpha, as matplotlib
     writes them. In a list they are that if the last is 1, or that of each of several; else they are
     four channels.
-
-    Raises
-    ------
-    InputError
-        If an alpha is not 1.
     """
     if is_name_and_alpha(colors):
         return without_alpha((*get_color(colors[0]), colors[1]), what)
@@ -133,13 +108,7 @@ def _is_opaque(color: Any) -> bool:
 
 
 def mapped_colors(colormap: Any, positions: Any) -> np.ndarray:
-    """Return red, green and blue at places from 0 to 1 in a matplotlib colormap, shape (n, 3).
-
-    Raises
-    ------
-    InputError
-        If it is not opaque.
-    """
+    """Return red, green and blue at places from 0 to 1 in a matplotlib colormap, shape (n, 3)."""
     found = np.asarray(colormap(positions), dtype=np.float64)
     return np.asarray(without_alpha(found, f"colormap {colormap.name!r}"))
 

@@ -62,13 +62,6 @@ class Evaluation(ABC):
         -------
         array, of the grid's shape, or (3, …)
             Three components of a vector such as ``grad(density)``, which only text can be.
-
-        Raises
-        ------
-        UnknownNameError
-            If it names a field that does not exist.
-        UnitsError
-            If its unit cannot be derived; see `expression_unit`.
         """
         if camera is not None:
             return self.seen_by(camera).evaluate(expression)
@@ -124,26 +117,11 @@ class Evaluation(ABC):
         """Return an expression in plain numbers of the fields' own units.
 
         ``los(velocity)/(0.2 km/s)`` has 2e4 in it where velocities are in cm/s.
-
-        Raises
-        ------
-        UnitsError
-            If its unit cannot be derived; see `expression_unit`.
-        UnknownNameError
-            If it names a field that does not exist.
         """
         return self.resolved(expression)[0]
 
     def expression_unit(self, expression: Expression) -> Unit:
-        """Return the unit of an expression (astropy), None for a plain number.
-
-        Raises
-        ------
-        UnitsError
-            If it cannot be derived: a length is added to a mass or to a plain number, or ``exp`` is
-            asked of a density. The message shows where, and how to write it. Only what is made of
-            coordinates and fields without a unit is then a plain number.
-        """
+        """Return the unit of an expression (astropy), None for a plain number."""
         return self.resolved(expression)[1]
 
     def resolved(self, expression: Expression) -> tuple[Expression, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import unicodedata
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from . import packages
 from .errors import InputError, UnitsError, VoluminousError, how_to_take
 from .expressions import CONSTANTS, FUNCTIONS
 from .units import as_quantity, is_quantity, parse_unit, plain
+
+if TYPE_CHECKING:
+    from .grids.contract import Grid
 
 # Cells looked at at once.
 _CHUNK = 1 << 20
@@ -24,12 +27,12 @@ _AXES = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))
 COORDINATES = ("x", "y", "z", "r")
 
 
-def coordinate_names(grid: Any) -> tuple[str, ...]:
+def coordinate_names(grid: Grid) -> tuple[str, ...]:
     """Return the coordinates that expressions know on a grid: x, y, z, r and the grid's own."""
     return tuple(dict.fromkeys((*COORDINATES, *grid.coordinates)))
 
 
-def coordinates(grid: Any, names: Iterable[str], first: int, last: int) -> dict[str, np.ndarray]:
+def coordinates(grid: Grid, names: Iterable[str], first: int, last: int) -> dict[str, np.ndarray]:
     """Return coordinates of the centres of consecutive cells, each of shape (n,).
 
     Lengths are in the grid's unit, angles in radians.
@@ -48,7 +51,7 @@ def coordinates(grid: Any, names: Iterable[str], first: int, last: int) -> dict[
     return {name: found[name] for name in names}
 
 
-def coordinate_extremes(grid: Any, name: str) -> tuple[float, float]:
+def coordinate_extremes(grid: Grid, name: str) -> tuple[float, float]:
     """Return numbers that a coordinate of cell centres is between."""
     low, high = grid.bounds.T
     if name == "r":
@@ -69,13 +72,7 @@ def is_angle(coordinate: str) -> bool:
 
 
 def split_unit(value: Any) -> tuple[Any, Any]:
-    """Return plain values and their unit, None if they have none; also of a list of Quantities.
-
-    Raises
-    ------
-    UnitsError
-        If parts of a list have units that cannot be converted into each other, or some have none.
-    """
+    """Return plain values and their unit, None if they have none; also of a list of Quantities."""
     value = as_quantity(value)
     if isinstance(value, (list, tuple)):
         value = [as_quantity(part) for part in value]
@@ -105,14 +102,8 @@ def unit_quantity(array: np.ndarray, unit: Any) -> Any:
     return u.Quantity(array, unit, copy=False, subok=True)
 
 
-def checked_grid(grid: Any) -> Any:
-    """Return a grid, or refuse what is none.
-
-    Raises
-    ------
-    InputError
-        For anything without cells that rays can walk through.
-    """
+def checked_grid(grid: Grid) -> Any:
+    """Return a grid, or refuse what is none."""
     if isinstance(grid, packages.room("grids.contract").Grid):
         return grid
     advice = "vm.Volume(vm.CartesianGrid.uniform(8, (-1, 1)), density=array)"
@@ -133,11 +124,6 @@ def checked_name(name: Any, reserved: tuple[str, ...] = COORDINATES) -> str:
         Of a field.
     reserved : tuple of str
         The coordinates that there are.
-
-    Raises
-    ------
-    InputError
-        If it is no identifier, or means something else in expressions.
     """
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
@@ -168,14 +154,8 @@ def without_mask(value: Any) -> Any:
     return (value if value.dtype.kind == "f" else value.astype(np.float64)).filled(np.nan)
 
 
-def packed(name: str, values: Any, grid: Any) -> np.ndarray:
-    """Return what is given for a field as an array.
-
-    Raises
-    ------
-    InputError
-        If it is none, such as lists of different lengths.
-    """
+def packed(name: str, values: Any, grid: Grid) -> np.ndarray:
+    """Return what is given for a field as an array."""
     try:
         array: np.ndarray = grid.pack(values)
     except VoluminousError:
@@ -201,14 +181,8 @@ def check_order(name: str, values: Any) -> None:
             )
 
 
-def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
-    """Return an array as volumes keep it: C-contiguous, and of a type that kernels know.
-
-    Raises
-    ------
-    InputError
-        If it has another shape, or does not hold real numbers.
-    """
+def checked_array(name: str, array: np.ndarray, grid: Grid) -> np.ndarray:
+    """Return an array as volumes keep it: C-contiguous, and of a type that kernels know."""
     if array.dtype.kind not in "fiub":
         raise InputError(
             f"field {name!r} must be real numbers, got dtype {array.dtype}"
@@ -226,7 +200,7 @@ def checked_array(name: str, array: np.ndarray, grid: Any) -> np.ndarray:
     return _contiguous(array, array.dtype.newbyteorder("="))
 
 
-def _advice(name: str, shape: tuple[int, ...], grid: Any) -> str:
+def _advice(name: str, shape: tuple[int, ...], grid: Grid) -> str:
     """Return what to do with an array of another shape than the grid's, as far as it shows."""
     index = f"index is [{', '.join(f'i{axis}' for axis in grid.coordinates)}]"
     if shape[::-1] == grid.shape:

@@ -51,13 +51,7 @@ def _layout() -> Any:
 
 
 def divided(ax: Any, count: int, *, share: bool = True) -> Any:
-    """Return so many axes over one another: those given, or the parts of one.
-
-    Raises
-    ------
-    InputError
-        If they are others than one or so many, or one that is no subplot.
-    """
+    """Return so many axes over one another: those given, or the parts of one."""
     given = np.ravel(np.array(ax, dtype=object))
     if not all(hasattr(one, "get_subplotspec") for one in given):
         raise InputError(f"ax must be axes of matplotlib, got {ax!r}")

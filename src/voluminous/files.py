@@ -24,13 +24,7 @@ _SPACE = re.compile("no space left|not enough space|quota exceeded|file too larg
 
 
 def as_path(path: object) -> Path:
-    """Return the path that a user gives.
-
-    Raises
-    ------
-    InputError
-        If it is no path, such as an array.
-    """
+    """Return the path that a user gives."""
     if isinstance(path, (str, os.PathLike)):
         return Path(path)
     raise InputError(f"expected the path of a file, got {type(path).__name__}{how_to_take(path)}")
@@ -93,16 +87,6 @@ def replacing(path: Path) -> Iterator[Path]:
     ----------
     path : Path
         Where the file shall be; a symbolic link is followed, not replaced.
-
-    Raises
-    ------
-    MissingPathError
-        If the directory does not exist.
-    UnwritablePathError
-        If nothing can be written there: found out before the work is done. Or if there is no space.
-        Or if `path` is a device, a pipe or a socket, in whose place a rename would put a file.
-    InputError
-        If `path` is a directory.
     """
     target = Path(os.path.realpath(path))
     # The start of the name tells a person what was left behind should the machine lose power.
@@ -124,13 +108,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def naming_if_full(path: Path) -> Iterator[None]:
-    """Name the file that cannot be written where a disk is full, whatever a library raises then.
-
-    Raises
-    ------
-    UnwritablePathError
-        In place of errors of the system about space. Others stay as they are.
-    """
+    """Name the file that cannot be written where a disk is full, whatever a library raises then."""
     try:
         yield
     except VoluminousError:
@@ -178,17 +156,7 @@ def _check_place(path: Path, target: Path) -> None:
 
 
 def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
-    """Check that a file exists, is not empty and starts with one of the `magic` bytes.
-
-    Raises
-    ------
-    MissingPathError
-        If there is no such file.
-    InputError
-        If it is a directory.
-    FileFormatError
-        If it starts with something else.
-    """
+    """Check that a file exists, is not empty and starts with one of the `magic` bytes."""
     try:
         with open(path, "rb") as file:
             start = file.read(max(len(m) for m in magic))
@@ -204,13 +172,7 @@ def check_start(path: Path, magic: tuple[bytes, ...], expectation: str) -> None:
 
 @contextmanager
 def expecting(path: Path, expectation: str) -> Iterator[None]:
-    """Turn whatever a library raises while it reads `path` into an error that names the file.
-
-    Raises
-    ------
-    FileFormatError
-        In place of any other error.
-    """
+    """Turn whatever a library raises while it reads `path` into an error that names the file."""
     try:
         yield
     except VoluminousError as error:

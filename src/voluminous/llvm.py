@@ -38,13 +38,7 @@ _SYSTEM_PATTERNS = {
 
 @functools.cache
 def ensure_llvm() -> None:
-    """Point Dr.Jit to a usable LLVM library; call before the LLVM backend is first used.
-
-    Raises
-    ------
-    DeviceError
-        If there is none, or the one named by ``DRJIT_LIBLLVM_PATH`` does not exist.
-    """
+    """Point Dr.Jit to a usable LLVM library; call before the LLVM backend is first used."""
     chosen = os.environ.get(VARIABLE)
     if chosen:
         if not Path(chosen).exists():

@@ -17,11 +17,6 @@ def check_memory(needed: int, what: str, advice: str) -> None:
         Bytes.
     what, advice : str
         What needs them, and what to do if they are not there.
-
-    Raises
-    ------
-    MemoryNeededError
-        With the number of bytes needed and available.
     """
     if needed < _SMALL:
         return

@@ -20,11 +20,6 @@ def require(module: str, extra: str, purpose: str) -> Any:
         The extra of voluminous that brings it.
     purpose : str
         What needs it, to begin the error message with: "reading NRRD files".
-
-    Raises
-    ------
-    MissingPackageError
-        If it is not installed, or cannot be imported.
     """
     try:
         return importlib.import_module(module)

@@ -35,11 +35,6 @@ def progress_bar(progress: Progress = None, label: str = "") -> Iterator[Report]
     label : str
         What is going on.
 
-    Raises
-    ------
-    InputError
-        If `progress` is something else.
-
     Examples
     --------
     >>> with progress_bar(True, "core") as report:

@@ -47,13 +47,7 @@ def _about_x(degrees: float) -> np.ndarray:
 
 
 def angles_towards(direction: np.ndarray) -> tuple[float, float]:
-    """Return (incl, phi) in degrees of an observer who is seen in `direction` from the object.
-
-    Raises
-    ------
-    InputError
-        If the direction is zero or not finite.
-    """
+    """Return (incl, phi) in degrees of an observer who is seen in `direction` from the object."""
     if not np.all(np.isfinite(direction)) or not np.any(direction):
         raise InputError(f"a view direction must be a finite, non-zero vector, got {direction}")
     x, y, z = _unit(direction)
@@ -64,13 +58,7 @@ def angles_towards(direction: np.ndarray) -> tuple[float, float]:
 
 
 def position_angle(incl: float, phi: float, up: np.ndarray) -> float:
-    """Return the position angle (degrees) that turns `up` upwards in the image.
-
-    Raises
-    ------
-    InputError
-        If `up` is zero, or parallel to the line of sight.
-    """
+    """Return the position angle (degrees) that turns `up` upwards in the image."""
     if not np.any(up):
         raise InputError(f"up must be a non-zero vector, got {up}")
     x_axis, y_axis, _ = image_axes(incl, phi, 0.0)

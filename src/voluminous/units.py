@@ -47,11 +47,6 @@ def as_quantity(value: Any) -> Any:
     """Return a quantity of another package (unyt, pint, xarray) as astropy's.
 
     Everything else is returned as it is: plain numbers, arrays, texts, astropy's own quantities.
-
-    Raises
-    ------
-    UnitsError
-        If the value has a unit that cannot be converted, rather than dropping it.
     """
     if isinstance(value, _PLAIN) or is_quantity(value) or not hasattr(value, "__array__"):
         return value
@@ -98,13 +93,7 @@ def split_text(text: str) -> tuple[float, str] | None:
 
 
 def quantity_in(text: str) -> Any:
-    """Return the quantity in a text such as "0.1 pc", a number if there is no unit; None if none.
-
-    Raises
-    ------
-    UnitsError
-        If astropy does not know the unit.
-    """
+    """Return the quantity in a text such as "0.1 pc", a number if there is no unit; None if none."""
     parts = split_text(text)
     if parts is None:
         return None
@@ -151,13 +140,7 @@ def _is_special(value: Any) -> bool:
 
 
 def parse_unit(unit: Any) -> Any:
-    """Return the astropy unit for a name, a unit or None (dimensionless).
-
-    Raises
-    ------
-    UnitsError
-        If the name is not a unit astropy knows.
-    """
+    """Return the astropy unit for a name, a unit or None (dimensionless)."""
     if unit is None or (isinstance(unit, str) and unit == ""):
         return None
     return _known_unit(unit)
@@ -181,14 +164,7 @@ def _known_unit(unit: Any) -> Any:
 
 
 def space_unit(unit: Any) -> Any:
-    """Return the unit that a user names for the edges of cells; units themselves are taken as such.
-
-    Raises
-    ------
-    UnitsError
-        If the name is not a unit, or of one that no place in space can have, such as kg for km:
-        there has to be a length or an angle in it.
-    """
+    """Return the unit that a user names for the edges of cells; units themselves are taken as such."""
     parsed = parse_unit(unit)
     if isinstance(unit, str) and parsed is not None and not _has_extent(parsed):
         raise UnitsError(
@@ -290,13 +266,7 @@ def shown(value: Any) -> str:
 
 
 def degrees(value: Any, what: str) -> float:
-    """Return one angle in degrees; plain numbers are degrees.
-
-    Raises
-    ------
-    UnitsError
-        If it is none, or several.
-    """
+    """Return one angle in degrees; plain numbers are degrees."""
     angle = None if value is None else plain(value, "deg", what)
     if not isinstance(angle, float):
         raise UnitsError(f"{what} must be one angle, got {shown(value)}")

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,6 +37,9 @@ from .regrid.slices import Slice, make_plane, slice_of
 from .regrid.table import table_of_cells
 from .regrid.unfold import unfolded_volume
 from .units import parse_unit, shown, unit_name
+
+if TYPE_CHECKING:
+    from .grids.contract import Grid
 
 
 class Volume(Evaluation):
@@ -69,7 +72,7 @@ class Volume(Evaluation):
     ('density', 'logn')
     """
 
-    def __init__(self, grid: Any, fields: Mapping[str, Any] | None = None, **named: Any) -> None:
+    def __init__(self, grid: Grid, fields: Mapping[str, Any] | None = None, **named: Any) -> None:
         self.grid = checked_grid(grid)
         # What a file tells besides: "time", "redshift", "object" …, as plain values or texts.
         self.meta: dict[str, Any] = {}
@@ -435,7 +438,7 @@ class Volume(Evaluation):
     @with_progress
     def resample(
         self,
-        grid: Any,
+        grid: Grid,
         fields: Iterable[str] | None = None,
         *,
         fill: float = 0.0,

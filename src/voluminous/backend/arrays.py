@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .jit import dr
 
+if TYPE_CHECKING:
+    from .types import Float
+
 # Vectors are loaded from addresses that are multiples of so many bytes.
 _ALIGNMENT = 128
 
 
-def from_host(kind: Any, values: Any) -> Any:
+def from_host(kind: Any, values: Float) -> Any:
     """Return numbers as a device array.
 
     Dr.Jit uses NumPy's memory where it is, and compiles into a kernel whether vectors in it are

@@ -128,13 +128,6 @@ def get_backend(
         Floating-point precision of the kernels.
     derivatives : bool
         Use Dr.Jit's array types that can be differentiated.
-
-    Raises
-    ------
-    UnknownNameError
-        For any other name.
-    DeviceError
-        If the device is not there.
     """
     check_name("precision", precision, PRECISIONS)
     check_name("device", device, ("auto", *DEVICES))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import Mask, dr
 from ..backend.types import Float
 from ..expressions.taylor import Derivative, TracedJet, TracedJetOps
 from ..expressions.traced_interval import TracedInterval, extremes, lowered, raised
@@ -31,7 +31,7 @@ class JetArithmetic:
     def __init__(self, ops: TracedJetOps, real: Any) -> None:
         self.ops, self.real = ops, real
 
-    def constant(self, value: Any) -> TracedJet:
+    def constant(self, value: Float) -> TracedJet:
         """Return a number of the kernel."""
         return TracedJet(TracedInterval.constant(self.real(value)))
 
@@ -83,7 +83,7 @@ class JetArithmetic:
         high = dr.select(around, FULL_CIRCLE, high)
         return TracedJet(TracedInterval(low, high, value.nan), angle.first, angle.second)
 
-    def multilinear(self, values: Any, place: list[Float]) -> TracedJet:
+    def multilinear(self, values: Float, place: list[Float]) -> TracedJet:
         """Return a field with given values[x][y][z] at the corners of the unit cube."""
         if not place:
             return self.constant(values)
@@ -147,7 +147,7 @@ class CurvedField:
         self.before: TracedInterval | None = None  # where the segment before has ended
         self.slack = doubt * (high - low) + _LOSS * _EPS * (dr.abs(low) + dr.abs(high))
 
-    def piece(self, begin: Float, width: Any) -> CurvedPiece:
+    def piece(self, begin: Float, width: Float) -> CurvedPiece:
         """Return the field on a panel of the segment."""
         first, last = self.chord.point(begin), self.chord.point(begin + width)
         ends = [self._value(point) for point in (first, last)]
@@ -172,19 +172,19 @@ class CurvedField:
         return TracedJet(value, _sure(found.first), _sure(found.second))
 
 
-def _point(a: Any, b: Any) -> TracedJet:
+def _point(a: Float, b: Float) -> TracedJet:
     """Return what is between two coordinates of a ray, and what rounding makes of it."""
     low, high = extremes([a, b])
     slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
     return TracedJet(TracedInterval(low - slack, high + slack))
 
 
-def _line(a: Any, b: Any) -> TracedJet:
+def _line(a: Float, b: Float) -> TracedJet:
     slack = _LOSS * _EPS * (dr.abs(a) + dr.abs(b))
     return TracedJet(_point(a, b).value, TracedInterval(b - a - slack, b - a + slack))
 
 
-def _either(mask: Any, a: TracedInterval, b: TracedInterval) -> TracedInterval:
+def _either(mask: Mask, a: TracedInterval, b: TracedInterval) -> TracedInterval:
     pairs = ((a.lo, b.lo), (a.hi, b.hi), (a.nan, b.nan))
     return TracedInterval(*(dr.select(mask, *pair) for pair in pairs))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,10 @@ from ..rendering.sources.empty_space import DUAL, empty_blocks, get_ranges
 from .curved import CurvedField
 from .media import PartBounds, bounds_on_panel
 from .scalars import CourseContext, Courses, CubicPiece
+
+if TYPE_CHECKING:
+    from ..backend.device import Backend
+    from ..grids.cartesian.dual_walk import Chord
 
 _EPS = float(np.finfo(np.float64).eps)
 # What a polynomial's coefficients lose until control points are made of them, in ε.
@@ -50,7 +54,7 @@ class Enclosed:
     low: Float
     high: Float
 
-    def piece(self, begin: Float, width: Any) -> CubicPiece:
+    def piece(self, begin: Float, width: Float) -> CubicPiece:
         """Return the field on a panel of the segment."""
         c = shifted(self.cubic, begin, width)
         inner = [control_point(c, k) for k in (1, 2)]
@@ -72,7 +76,7 @@ class Bracketed:
         How wide brackets of emission and transparency may be, per panel.
     """
 
-    def __init__(self, volume: Any, medium: Medium, backend: Any, tolerance: float) -> None:
+    def __init__(self, volume: Any, medium: Medium, backend: Backend, tolerance: float) -> None:
         evaluator, cache = CellEvaluator(volume, medium, PerChannel(medium), backend), Cache(volume)
         self.medium, self.backend, grid = medium, backend, volume.grid
         self.lattices, ranges = get_lattices(evaluator, cache), get_ranges(evaluator, cache, DUAL)
@@ -113,7 +117,7 @@ class Bracketed:
             found["xyz"[a]] = Enclosed([start, step, zero, zero], slack, -dr.inf, dr.inf)
         return found
 
-    def _enclosed(self, corners: Any, chord: Any) -> Any:
+    def _enclosed(self, corners: Any, chord: Chord) -> Any:
         if self.curved:
             return CurvedField(chord, corners, 3.0 * self._place, self.context.plain)
         cubic = chord.cubic(corners)
@@ -147,7 +151,7 @@ class Bracketed:
             found |= (field.before.hi < start.lo) | (start.hi < field.before.lo)
         return found
 
-    def courses(self, cubics: dict[str, Any], length: Float, begin: Float, width: Any) -> Courses:
+    def courses(self, cubics: dict[str, Any], length: Float, begin: Float, width: Float) -> Courses:
         """Return how all scalars run along a panel of a segment.
 
         One that begins before the segment is the jump to it, which has no length.

@@ -27,13 +27,7 @@ _SMALLER_BATCHES = 64
 
 
 def check_bounds(bounds: Any, max_panels: Any, job: RenderJob) -> int:
-    """Return the budget of panels per segment; 0 for no bounds.
-
-    Raises
-    ------
-    InputError
-        If these are not a truth value and a positive number, or the scheme has no bounds.
-    """
+    """Return the budget of panels per segment; 0 for no bounds."""
     if not isinstance(bounds, bool):
         raise InputError(
             f"bounds must be True or False, got {bounds!r}; max_panels limits the panels per "
@@ -68,11 +62,6 @@ def bracket(
         The picture: to its brightest pixel the tolerance refers.
     background : array
         Intensities behind everything, which broadcast to the picture's.
-
-    Raises
-    ------
-    InputError
-        If a medium says nothing of its coefficients' ranges.
     """
     if not budget:
         return None, None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import Int, dr
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
@@ -174,7 +174,7 @@ def mean_of(course: Course) -> TracedInterval:
     return TracedInterval(lowered(middle.lo - off), raised(middle.hi + off), middle.nan)
 
 
-def in_widths(course: Course, center: Any, width: Any) -> tuple[Any, Any, Any, Any]:
+def in_widths(course: Course, center: Float, width: Float) -> tuple[Any, Any, Any, Any]:
     """Return the ends' distances from a centre, and how far off the chord is in the mean, at most.
 
     Plain numbers; the rounding of the first two is counted with the others.
@@ -380,7 +380,7 @@ def _around(middle: Float, off: Float) -> TracedInterval:
     return TracedInterval(lowered(middle - off), raised(middle + off))
 
 
-def _unit(value: Any) -> Float:
+def _unit(value: Float) -> Float:
     """Return a number between 0 and 1; NaN, of which nothing is known, as it is."""
     return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
 
@@ -446,7 +446,7 @@ def _times(context: CourseContext, depth: float, amount: TracedInterval) -> Trac
     return context.number(0.0) if depth == 0.0 else context.number(depth) * amount
 
 
-def _crossings(course: Course, level: Any) -> tuple[TracedInterval, Any]:
+def _crossings(course: Course, level: Int) -> tuple[TracedInterval, Any]:
     """Return how often a level is passed, and how dense that is: without limit, or nothing."""
     first, last, x = course.first, course.last, course.values
     apart = ((first.hi < level) & (last.lo >= level)) | ((last.hi < level) & (first.lo >= level))
@@ -456,7 +456,7 @@ def _crossings(course: Course, level: Any) -> tuple[TracedInterval, Any]:
     return crossed, dr.select(never, type(level)(0), dr.inf)
 
 
-def _shell(course: Course, level: Any, width: Any) -> tuple[TracedInterval, Any]:
+def _shell(course: Course, level: Int, width: Float) -> tuple[TracedInterval, Any]:
     """Return how much of a shell is passed, up and down, and how dense it is at most."""
     first, last, x = (_place(v, level, width) for v in (course.first, course.last, course.values))
     never = (x.hi <= 0.0) | (x.lo >= 1.0)
@@ -466,7 +466,7 @@ def _shell(course: Course, level: Any, width: Any) -> tuple[TracedInterval, Any]
     return TracedInterval(dr.select(never, 0.0, way.lo), most), densest
 
 
-def _place(x: TracedInterval, level: Any, width: Any) -> TracedInterval:
+def _place(x: TracedInterval, level: Int, width: Float) -> TracedInterval:
     inside = (x - level) / TracedInterval.constant(width) + 0.5
     ends = [dr.select(v < 0.0, 0.0, dr.select(v > 1.0, 1.0, v)) for v in (inside.lo, inside.hi)]
     return TracedInterval(*ends)
@@ -487,7 +487,7 @@ def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> 
 
 
 def _sheet(
-    course: Course, level: Any, width: Any, steep: TracedInterval, oblique: TracedInterval
+    course: Course, level: Int, width: Float, steep: TracedInterval, oblique: TracedInterval
 ) -> tuple[TracedInterval, Any]:
     """Return how much there is of a sheet of some thickness, and how dense it is at most.
 

@@ -30,13 +30,7 @@ def add_render_options(parser: argparse.ArgumentParser) -> None:
 
 
 def given_options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the changes to a scene that the options ask for.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such scheme, precision or device: before a large file is read.
-    """
+    """Return the changes to a scene that the options ask for."""
     from ..scene.sections import render_options
 
     names = ("scheme", "precision", "device")
@@ -55,15 +49,7 @@ def render_scene(scene: Scene, label: str, quiet: bool) -> tuple[Image, float]:
 
 
 def check_output(path: Path) -> Path:
-    """Refuse, before any work, a file that cannot be written in the end.
-
-    Raises
-    ------
-    UnknownNameError
-        If its suffix stands for no image format.
-    InputError
-        If there is no such directory, or it is one itself.
-    """
+    """Refuse, before any work, a file that cannot be written in the end."""
     from ..image.formats import format_of
 
     format_of(path)

@@ -46,13 +46,7 @@ class DataFile:
     def given(
         cls, path: Path, format: str | None, options: Mapping[str, Any], fields: FieldChoice = None
     ) -> DataFile:
-        """Return a file of which ``--set`` may give format and fields, with ``volume.`` or without.
-
-        Raises
-        ------
-        InputError
-            If one is given twice, or of the wrong kind, or for a path.
-        """
+        """Return a file of which ``--set`` may give format and fields, with ``volume.`` or without."""
         rest = {key.removeprefix("volume."): value for key, value in options.items()}
         own: dict[str, Any] = {"format": format, "fields": fields}
         for key, value in own.items():
@@ -131,13 +125,7 @@ def data_file(path: Path, args: argparse.Namespace) -> DataFile:
 
 
 def assignment(text: str, example: str) -> tuple[str, Any]:
-    """Return key and value of ``unit=pc``.
-
-    Raises
-    ------
-    InputError
-        If there is no key, or no equals sign.
-    """
+    """Return key and value of ``unit=pc``."""
     from ..scene.settings import value
 
     key, equals, given = text.partition("=")
@@ -279,11 +267,6 @@ def is_volume(path: Path, format: str | None = None, given: Mapping[str, Any] = 
     """Return True for a file with data; False for a scene, or an image with one in it.
 
     The format may be among what ``--set`` gives, too.
-
-    Raises
-    ------
-    VoluminousError
-        If there is no such file, or nothing can be made of it.
     """
     from ..io import find_reader
     from ..io.registry import reader_for_suffix

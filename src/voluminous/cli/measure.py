@@ -202,13 +202,7 @@ _FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits"}
 
 
 def check_table(path: Path) -> None:
-    """Refuse, before any work, a table that cannot be written in the end.
-
-    Raises
-    ------
-    InputError
-        If its suffix stands for no format, or there is no such directory.
-    """
+    """Refuse, before any work, a table that cannot be written in the end."""
     if path.suffix.lower() not in _FORMATS:
         raise InputError(f"a table is written as {', '.join(_FORMATS)}, got {path}")
     if not path.resolve().parent.is_dir():
@@ -227,15 +221,7 @@ def one_row(found: Measurement) -> QTable:
 
 
 def with_units(table: QTable, units: Mapping[str, str], totals: Sequence[str]) -> QTable:
-    """Convert columns to the units asked for.
-
-    Raises
-    ------
-    UnknownNameError
-        For a column that is not there.
-    UnitsError
-        If a unit does not fit.
-    """
+    """Convert columns to the units asked for."""
     from ..units import parse_unit, unit_name
 
     known = [*totals, "volume"]

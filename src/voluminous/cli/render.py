@@ -116,13 +116,7 @@ def _taken_options(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _annotate(scene: Scene, outputs: list[Path]) -> None:
-    """Let a scene's pictures be annotated with what its volume and medium tell.
-
-    Raises
-    ------
-    InputError
-        If none of the files can be.
-    """
+    """Let a scene's pictures be annotated with what its volume and medium tell."""
     from ..image.formats import format_of
 
     if not any("annotate" in format_of(path).options for path in outputs):

@@ -39,13 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def refuse_options(args: argparse.Namespace) -> None:
-    """Refuse the options for data files beside a scene.
-
-    Raises
-    ------
-    InputError
-        If one was given.
-    """
+    """Refuse the options for data files beside a scene."""
     given = [f"--{name}" for name in _OPTIONS if getattr(args, name) is not None]
     if given:
         raise InputError(
@@ -80,11 +74,6 @@ def scene_of(
         The reader's.
     given : mapping
         What is set in the scene afterwards: a direction is not chosen for a camera that is.
-
-    Raises
-    ------
-    VoluminousError
-        If the file cannot be read, or the expression names something that is not there.
     """
     from ..calibration import presets, suggest_medium
     from ..rendering import framed

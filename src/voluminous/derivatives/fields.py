@@ -118,13 +118,7 @@ class Derivatives:
         return kept.array
 
     def unit(self, volume: Any, derived: DerivedField) -> Any:
-        """Return the unit: that of the argument, per length or per length squared.
-
-        Raises
-        ------
-        UnitsError
-            If the components of a vector have units of different kinds.
-        """
+        """Return the unit: that of the argument, per length or per length squared."""
         if is_component(derived):
             return common_unit(volume, derived)[0]
         unit = volume.expression_unit(derived.arguments[0])

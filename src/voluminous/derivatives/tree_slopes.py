@@ -33,6 +33,7 @@ from ..memory import check_memory
 from .neighbours import evaluated, filled_up
 
 if TYPE_CHECKING:
+    from ..backend.device import Backend
     from ..grids.contract import Grid
 
 # Where to look beyond a face, in widths of the cell: where centres of cells half as wide are.
@@ -126,7 +127,7 @@ class CellSlopes:
         self,
         grid: Any,
         fields: Sequence[Any],
-        backend: Any,
+        backend: Backend,
         boxes: Any = None,
         own: bool = True,
     ) -> None:

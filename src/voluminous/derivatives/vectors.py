@@ -84,11 +84,6 @@ def common_unit(volume: Any, derived: DerivedField) -> tuple[Any, list[float]]:
     """Return the unit of a vector, None if it has none, and what its components are times.
 
     A component that is 0 needs no unit.
-
-    Raises
-    ------
-    UnitsError
-        If those of the components cannot be converted into each other.
     """
     units = [volume.expression_unit(argument) for argument in derived.arguments]
     own = next((unit for unit in units if unit is not None), None)
@@ -149,13 +144,7 @@ class LinesOfSight:
         self.grid, self.camera = grid, camera
 
     def directions(self, first: int, last: int) -> np.ndarray:
-        """Return unit vectors from the observer to the centres of cells, shape (3, n).
-
-        Raises
-        ------
-        InputError
-            If no camera is known or it cannot tell, or a cell is seen in more than one direction.
-        """
+        """Return unit vectors from the observer to the centres of cells, shape (3, n)."""
         if self.camera is None:
             raise InputError(
                 "los(...) needs to know from where the volume is seen; "

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .ops import Ops
+
+if TYPE_CHECKING:
+    from ..backend.types import Float
 
 # log10(2) in two parts: the product of the first, of 16 bits, and an exponent is exact.
 _LOG10_2_HIGH = 39457 / 2**17
@@ -67,24 +70,24 @@ class DrjitOps(Ops):
     def literal(self, value: float) -> Any:
         return self._float(value)
 
-    def interpolate(self, x: Any, places: np.ndarray, entries: np.ndarray) -> Any:
+    def interpolate(self, x: Float, places: np.ndarray, entries: np.ndarray) -> Any:
         from .interpolation import interpolate
 
         return interpolate(self._float, x, places, [entries])[0]
 
-    def is_mask(self, value: Any) -> bool:
+    def is_mask(self, value: Float) -> bool:
         return bool(self._dr.is_mask_v(value))
 
-    def number(self, value: Any) -> Any:
+    def number(self, value: Float) -> Any:
         if self.is_mask(value):
             return self._dr.select(value, self._float(1), self._float(0))
         return value if isinstance(value, self._float) else self._float(value)
 
-    def ones_like(self, value: Any) -> Any:
+    def ones_like(self, value: Float) -> Any:
         """Return ones, as many as `value` has."""
         return self._dr.ones_like(value)
 
-    def log10(self, x: Any) -> Any:
+    def log10(self, x: Float) -> Any:
         """Return the logarithm to base 10."""
         # Dr.Jit has none. With x = m 2^n, n log10(2) is added in two parts, the first of which is
         # exact, to the small log10(m): so the sum is rounded once. log2(x) log10(2) is rounded
@@ -97,7 +100,7 @@ class DrjitOps(Ops):
         rest = dr.fma(n, _LOG10_2_LOW, dr.log(x * self._power_of_two(-n)) * math.log10(math.e))
         return dr.fma(n, _LOG10_2_HIGH, rest)
 
-    def _log10_single(self, x: Any) -> Any:
+    def _log10_single(self, x: Float) -> Any:
         from ..backend.functions import split_log
 
         dr = self._dr
@@ -107,21 +110,21 @@ class DrjitOps(Ops):
         ordinary = (x >= self._smallest) & (x < dr.inf)
         return dr.select(ordinary, value, dr.select(x == x, beyond, x))
 
-    def sin(self, x: Any) -> Any:
+    def sin(self, x: Float) -> Any:
         """Return the sine."""
         return self._dr.sin(self._within_a_turn(x))
 
-    def cos(self, x: Any) -> Any:
+    def cos(self, x: Float) -> Any:
         """Return the cosine."""
         return self._dr.cos(self._within_a_turn(x))
 
-    def tan(self, x: Any) -> Any:
+    def tan(self, x: Float) -> Any:
         """Return the tangent."""
         # Dr.Jit's own returns x for |x| < 1e-4, which in double precision loses x² / 3.
         sine, cosine = self._dr.sincos(self._within_a_turn(x))
         return sine / cosine
 
-    def _within_a_turn(self, x: Any) -> Any:
+    def _within_a_turn(self, x: Float) -> Any:
         # Dr.Jit's functions lose digits from 1e4 on in single precision, and from 1e9 on in double
         # precision give numbers far above 1. Taking off whole turns, with 2π in two parts and each
         # product rounded only together with its difference, is exact to about ε (Cody and Waite,
@@ -131,7 +134,7 @@ class DrjitOps(Ops):
         angle = dr.fma(-turns, self._rest_of_turn, dr.fma(-turns, self._turn, x))
         return dr.select(dr.abs(turns) < self._most_turns, angle, math.nan)
 
-    def atan2(self, y: Any, x: Any) -> Any:
+    def atan2(self, y: Float, x: Float) -> Any:
         """Return the angle of the point (x, y) in radians; NaN if one is (Dr.Jit's own is 0)."""
         undefined = self._dr.isnan(x) | self._dr.isnan(y)
         return self._dr.select(undefined, math.nan, self._dr.atan2(y, x))
@@ -151,17 +154,17 @@ class DrjitOps(Ops):
         real = dr.select(whole | dr.isinf(base), size, math.nan)
         return dr.select(base < 0, dr.select(odd, -size, real), size)
 
-    def floor_divide(self, left: Any, right: Any) -> Any:
+    def floor_divide(self, left: Float, right: Float) -> Any:
         """Return the quotient rounded down; NaN for an infinite numerator, as NumPy does."""
         dr = self._dr
         quotient = dr.select(dr.isinf(left), math.nan, self._divmod(left, right)[0])
         return dr.select(right == 0, left / right, quotient)
 
-    def remainder(self, left: Any, right: Any) -> Any:
+    def remainder(self, left: Float, right: Float) -> Any:
         """Return the remainder of the division, with the divisor's sign."""
         return self._divmod(left, right)[1]
 
-    def _divmod(self, left: Any, right: Any) -> tuple[Any, Any]:
+    def _divmod(self, left: Float, right: Float) -> tuple[Any, Any]:
         # Rounding may lift left/right to the next whole number q (1/0.1 gives 10, although 0.1 is
         # a little more than a tenth) but never lets it miss one. left - q right, rounded only once
         # by the fused multiply-add, then has the wrong sign.

@@ -200,13 +200,7 @@ class Expression:
 
 
 def components(source: str | float | Expression) -> tuple[Expression, ...]:
-    """Return the three components of a vector such as ``grad(density)``, else the expression.
-
-    Raises
-    ------
-    ExpressionError
-        If the text is not in the language.
-    """
+    """Return the three components of a vector such as ``grad(density)``, else the expression."""
     if isinstance(source, str):
         tree, _ = parse(marked(one_line(source)), vectors=True)
         if isinstance(tree, Vector):
@@ -215,13 +209,7 @@ def components(source: str | float | Expression) -> tuple[Expression, ...]:
 
 
 def check_names(expr: Expression, known: Iterable[str]) -> None:
-    """Raise the error for the first name in `expr` that is not `known`.
-
-    Raises
-    ------
-    UnknownNameError
-        Names the nearest known field.
-    """
+    """Raise the error for the first name in `expr` that is not `known`."""
     names = list(known)
     for name in expr.names:
         if name not in names:

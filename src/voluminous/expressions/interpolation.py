@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Float, dr, from_host
 from ..backend.functions import first_true
 
 
-def interpolate(real: Any, x: Any, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
+def interpolate(real: Any, x: Float, nodes: np.ndarray, columns: Sequence[np.ndarray]) -> list[Any]:
     """Return the columns interpolated at x (traced by Dr.Jit); NaN where x is.
 
     Parameters
@@ -63,7 +63,7 @@ class TablePosition:
         return dr.fma(self.fraction, after - before, before)
 
 
-def locate(x: Any, nodes: Any) -> TablePosition:
+def locate(x: Float, nodes: Any) -> TablePosition:
     """Return where in a table a number lies; where it is NaN, anywhere."""
     real, count = type(x), len(nodes)
     UInt = dr.uint32_array_t(real)

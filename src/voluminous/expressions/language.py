@@ -139,13 +139,7 @@ def one_line(text: str) -> str:
 
 
 def python_tree(text: str) -> ast.expr:
-    """Return Python's syntax tree of the text; nothing is compiled.
-
-    Raises
-    ------
-    ExpressionError
-        If the text is empty, too long, nested too deeply, or not an expression.
-    """
+    """Return Python's syntax tree of the text; nothing is compiled."""
     _check_text(text)
     try:
         return ast.parse(text, mode="eval").body
@@ -195,13 +189,7 @@ def fail_too_deep(text: str, place: int) -> NoReturn:
 
 
 def fail(text: str, place: int, problem: str) -> NoReturn:
-    """Raise the error for a problem at character `place`, with a caret under it.
-
-    Raises
-    ------
-    ExpressionError
-        Always; shows the 100 characters around the place.
-    """
+    """Raise the error for a problem at character `place`, with a caret under it."""
     # Units stand in brackets and quotes, see `marked`.
     before, after = (re.sub(r'\["(.*?)"\]', r" \1", part) for part in (text[:place], text[place:]))
     text, place = before + after, len(before)

@@ -143,13 +143,7 @@ class NumpyOps(Ops):
         self._dtype = np.dtype(dtype)
 
     def prepare(self, values: Mapping[str, Any]) -> tuple[Ops, dict[str, Any]]:
-        """Return the evaluator for the fields' common floating type, and the fields in it.
-
-        Raises
-        ------
-        InputError
-            If a field does not hold real numbers.
-        """
+        """Return the evaluator for the fields' common floating type, and the fields in it."""
         arrays = {name: np.asarray(value) for name, value in values.items()}
         types = [_floating_type(name, array.dtype) for name, array in arrays.items()]
         common = functools.reduce(np.promote_types, types) if types else np.dtype(np.float64)

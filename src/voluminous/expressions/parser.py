@@ -60,11 +60,6 @@ def table(places: Any, entries: Any) -> tuple[np.ndarray, np.ndarray]:
     ----------
     places, entries : array_like, shape (n,)
         At least two increasing places, and a number for each.
-
-    Raises
-    ------
-    InputError
-        If they are not.
     """
     x, y = (_numbers(v) for v in (places, entries))
     if x.ndim != 1 or x.shape != y.shape or len(x) < 2:
@@ -283,11 +278,6 @@ def parse(text: str, *, vectors: bool = False) -> tuple[Node, tuple[str, ...]]:
     """Return the tree of an expression and the field names in it, in order of first appearance.
 
     Derivatives have names too: their text. With `vectors` the tree may be a `Vector`.
-
-    Raises
-    ------
-    ExpressionError
-        If the text is too long, nested too deeply, or not in the language.
     """
     builder = _Builder(text)
     build = builder.build_any if vectors else builder.build
@@ -433,13 +423,7 @@ class _Builder(VectorBuilder):
 
 
 def interpolation(argument: Node, places: Any, entries: Any) -> Node:
-    """Return the node for a table.
-
-    Raises
-    ------
-    InputError
-        If places and entries are none.
-    """
+    """Return the node for a table."""
     x, y = table(places, entries)
     return Interpolation(argument, tuple(x.tolist()), tuple(y.tolist()))
 

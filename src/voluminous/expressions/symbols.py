@@ -92,11 +92,6 @@ def apply(name: str, *values: Any) -> Any:
     """Return the symbol for an operation, by the name that NumPy or `voluminous.math` gives it.
 
     An array of numbers, such as a colour, makes an array of symbols.
-
-    Raises
-    ------
-    UnreadableError
-        If expressions have no such operation.
     """
     if name == "interp":
         return _interpolated(*values)
@@ -119,11 +114,6 @@ def read(
         Its arguments.
     parameters : dict of float
         Numbers given to it by name.
-
-    Raises
-    ------
-    UnreadableError
-        If the function does what no expression can; besides, whatever it raises itself.
     """
     recorder = StepRecorder()
     names = tuple(dict.fromkeys(name for e in inputs for name in e.names))

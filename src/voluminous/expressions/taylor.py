@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import Float, dr
 from .interval import Truth
 from .ops import Ops
 from .traced_interval import TracedInterval, TracedIntervalOps, slopes_in_ranges
@@ -109,16 +109,16 @@ class TracedJetOps(Ops):
         slope, straight = slopes_in_ranges(x.value, places, entries)
         return chain(x, value, slope, self._zero().unknown_where(~straight, False))
 
-    def is_mask(self, value: Any) -> bool:
+    def is_mask(self, value: Float) -> bool:
         return isinstance(value, Truth)
 
-    def number(self, value: Any) -> TracedJet:
+    def number(self, value: Float) -> TracedJet:
         if not isinstance(value, Truth):
             return value
         jump = self._zero().unknown_where(value.true & value.false, False)
         return TracedJet(self._at.number(value), jump, jump)
 
-    def mask(self, value: Any) -> Any:
+    def mask(self, value: Float) -> Any:
         return value if self.is_mask(value) else self._at.mask(value.value)
 
     def ones_like(self, value: TracedJet) -> TracedJet:
@@ -250,7 +250,7 @@ class TracedJetOps(Ops):
         twice = times(turn, plus(growth, growth))
         return TracedJet(value, turn, self._over(plus(bend, negative(twice)), square))
 
-    def _cross(self, dy: Derivative, x: Any, y: Any, dx: Derivative) -> Derivative:
+    def _cross(self, dy: Derivative, x: Float, y: Float, dx: Derivative) -> Derivative:
         return plus(times(dy, x), negative(times(y, dx)))
 
     def _over(self, a: Derivative, b: TracedInterval) -> Derivative:

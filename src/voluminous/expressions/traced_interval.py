@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Float, dr, from_host
 from .drjit_ops import DrjitOps
 from .interpolation import TablePosition, locate
 from .interval import ROUNDING, Array, Ends, Interval, Operation
@@ -125,7 +125,7 @@ class TracedInterval(Interval):
         return traced(type(self.lo), other)
 
 
-def traced(real: Any, value: Any) -> TracedInterval:
+def traced(real: Any, value: Float) -> TracedInterval:
     """Return a value as an interval for kernels.
 
     Parameters
@@ -177,7 +177,7 @@ class TracedIntervalOps(IntervalOps):
         self._constant = float_type if constant is None else constant
         self._at = DrjitOps(float_type)
 
-    def of(self, value: Any) -> TracedInterval:
+    def of(self, value: Float) -> TracedInterval:
         return traced(self._real, value)
 
     def constant(self, value: float) -> TracedInterval:
@@ -269,7 +269,7 @@ def _enclosure(
     return _moved_out(*extremes([*values, *between]), *around, x.nan)
 
 
-def _moved_out(lo: Any, hi: Any, least: Any, most: Any, nan: Any) -> TracedInterval:
+def _moved_out(lo: Float, hi: Float, least: Float, most: Float, nan: Any) -> TracedInterval:
     """Return ends moved out by what rounding may lose; where all entries are equal, it is none."""
     info = float_info(type(lo))
     largest = larger(dr.abs(least), dr.abs(most))
@@ -283,7 +283,7 @@ def _moved_out(lo: Any, hi: Any, least: Any, most: Any, nan: Any) -> TracedInter
 
 
 def _extreme_between(
-    column: np.ndarray, extreme: Callable[..., Any], start: Any, stop: Any, otherwise: Any
+    column: np.ndarray, extreme: Callable[..., Any], start: Float, stop: Any, otherwise: Any
 ) -> Any:
     """Return the extreme of ``column[start:stop]``; `otherwise` where that is empty."""
     real, UInt = type(otherwise), type(start)

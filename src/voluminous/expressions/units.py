@@ -66,11 +66,6 @@ def resolve(expression: Expression, units: tuple[Unit, ...]) -> tuple[Expression
         The same if nothing has to be converted.
     astropy unit or None
         None if it is a plain number.
-
-    Raises
-    ------
-    UnitsError
-        If it has no unit; shows the part of the expression, and how to write it.
     """
     if not any(_counts(unit) for unit in units) and not has_units(expression):
         return expression, None

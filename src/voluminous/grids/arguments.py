@@ -12,15 +12,7 @@ from ..units import plain
 
 
 def plain_points(points: Any, unit: Any) -> np.ndarray:
-    """Return points as float64, shape (n, 3), in a grid's unit; plain numbers are in it already.
-
-    Raises
-    ------
-    InputError
-        If they have another shape.
-    UnitsError
-        If they are no numbers, or have a unit that cannot be converted.
-    """
+    """Return points as float64, shape (n, 3), in a grid's unit; plain numbers are in it already."""
     array = np.asarray(plain(points, unit, "points"))
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(
@@ -42,11 +34,6 @@ def check_extent(**axes: np.ndarray) -> None:
     ----------
     **axes : array
         The walls along each axis that is a length.
-
-    Raises
-    ------
-    InputError
-        If a domain is shorter than 1e-100 along one of them, or walls are beyond 1e100.
     """
     for name, edges in axes.items():
         if np.abs(edges).max() > _LONGEST or edges[-1] - edges[0] < _SHORTEST:
@@ -58,13 +45,7 @@ def check_extent(**axes: np.ndarray) -> None:
 
 
 def as_array(values: Any, name: str, dtype: Any = None) -> np.ndarray:
-    """Return values as an array.
-
-    Raises
-    ------
-    InputError
-        If rows are of different lengths, or values are no numbers where `dtype` wants some.
-    """
+    """Return values as an array."""
     try:
         return np.asarray(values, dtype=dtype)
     except (TypeError, ValueError) as error:

@@ -7,15 +7,18 @@ so every ray runs upwards: the loop needs neither the sign of the step nor two l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Int, dr, from_host
 from ..backend.functions import first_true, unit_interval
 from ..backend.types import Float, Mask
 from ..geometry import is_uniform
 from .contract import Ray, Walk
+
+if TYPE_CHECKING:
+    from ..backend.device import Backend
 
 # Later than any crossing, in units of the grid's scale: when a ray that runs parallel to a wall
 # meets it.
@@ -66,7 +69,7 @@ class Axis:
         Length of one unit of mirrored coordinates.
     """
 
-    def __init__(self, edges: np.ndarray, unit: float, scale: float, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, unit: float, scale: float, backend: Backend) -> None:
         self.backend = backend
         self.count = len(edges) - 1
         self.edges = from_host(backend.Wide, edges)
@@ -116,7 +119,7 @@ class Axis:
 class UniformAxis(Axis):
     """Cells of equal width; mirrored coordinates are counted in cells, so edge i is at i."""
 
-    def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, scale: float, backend: Backend) -> None:
         super().__init__(edges, (edges[-1] - edges[0]) / (len(edges) - 1), scale, backend)
 
     def _wall_near(self, side: Side, coordinate: Float) -> Any:
@@ -129,7 +132,7 @@ class UniformAxis(Axis):
         lead = dr.select(side.parallel, NEVER, (1.0 - position) * side.pace)
         return self._narrowed(position, side.speed, side.pace, lead)
 
-    def crossing(self, track: AxisTrack, index: Any) -> Any:
+    def crossing(self, track: AxisTrack, index: Int) -> Any:
         """Return the distance at which the ray leaves mirrored cell `index`."""
         return dr.fma(index, track.pace, track.lead)
 
@@ -137,7 +140,7 @@ class UniformAxis(Axis):
         """Return the mirrored cell where the ray is at distance `t`; it may be outside."""
         return dr.floor(dr.fma(t, track.speed, track.position))
 
-    def fraction(self, track: AxisTrack, index: Any, t: Float) -> Any:
+    def fraction(self, track: AxisTrack, index: Int, t: Float) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         return unit_interval(dr.fma(t, track.speed, track.position) - index)
 
@@ -145,7 +148,7 @@ class UniformAxis(Axis):
 class RectilinearAxis(Axis):
     """Cells of any width; mirrored coordinates are counted in units of the grid's scale."""
 
-    def __init__(self, edges: np.ndarray, scale: float, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, scale: float, backend: Backend) -> None:
         super().__init__(edges, scale, scale, backend)
         up, down = (edges - edges[0]) / scale, (edges[-1] - edges[::-1]) / scale
         # One more: of rays that have left downwards the next wall is looked up, too.
@@ -168,7 +171,7 @@ class RectilinearAxis(Axis):
         table = dr.select(side.down, self.down_table, 0)
         return self._narrowed(position, side.speed, side.pace, lead, table)
 
-    def crossing(self, track: AxisTrack, index: Any) -> Any:
+    def crossing(self, track: AxisTrack, index: Int) -> Any:
         """Return the distance at which the ray leaves mirrored cell `index`."""
         slot = track.table + self.backend.UInt(index) + 1
         return dr.fma(dr.gather(self.backend.Float, self.mirrored, slot), track.pace, track.lead)
@@ -183,7 +186,7 @@ class RectilinearAxis(Axis):
         )
         return Float(self.backend.Int(above) - 1)
 
-    def fraction(self, track: AxisTrack, index: Any, t: Float) -> Any:
+    def fraction(self, track: AxisTrack, index: Int, t: Float) -> Any:
         """Return where in mirrored cell `index` the ray is at distance `t`, between 0 and 1."""
         slot = track.table + self.backend.UInt(index)
         lower = dr.gather(self.backend.Float, self.mirrored, slot)
@@ -191,7 +194,7 @@ class RectilinearAxis(Axis):
         return unit_interval((dr.fma(t, track.speed, track.position) - lower) * inverse)
 
 
-def make_axis(edges: np.ndarray, scale: float, backend: Any) -> UniformAxis | RectilinearAxis:
+def make_axis(edges: np.ndarray, scale: float, backend: Backend) -> UniformAxis | RectilinearAxis:
     """Return the faster kind of axis that the edges allow."""
     kind = UniformAxis if is_uniform(edges) else RectilinearAxis
     return kind(edges, scale, backend)

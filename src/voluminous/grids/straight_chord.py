@@ -59,12 +59,12 @@ def parabola_through(samples: list[Any]) -> list[Any]:
     return [a, 3.0 * p - q, 2.0 * (q - p)]
 
 
-def _line(low: Float, high: Any, start: Any, way: Float) -> list[Any]:
+def _line(low: Float, high: Float, start: Float, way: Float) -> list[Any]:
     rise = high - low
     return [horner(start, [low, rise]), rise * way]
 
 
-def _blend(low: list[Any], high: list[Any], start: Any, way: Float) -> list[Any]:
+def _blend(low: list[Any], high: list[Any], start: Float, way: Float) -> list[Any]:
     rise = [b - a for a, b in zip(low, high, strict=True)]
     here = [horner(start, [a, r]) for a, r in zip(low, rise, strict=True)]
     onward = [r * way for r in rise]

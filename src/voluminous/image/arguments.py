@@ -23,13 +23,7 @@ PLANES = ("transparency", "optical_depth", "error", "lower", "upper")
 
 
 def intensity(values: Any, unit: Any) -> tuple[Array, str]:
-    """Return intensities as an array (ny, nx, channel) of floats, and the name of their unit.
-
-    Raises
-    ------
-    InputError
-        If they do not have two or three axes, are empty, or are not real numbers.
-    """
+    """Return intensities as an array (ny, nx, channel) of floats, and the name of their unit."""
     values = as_quantity(values)
     if is_quantity(values):
         unit = unit or values.unit
@@ -45,13 +39,7 @@ def intensity(values: Any, unit: Any) -> tuple[Array, str]:
 
 
 def plane(values: Any, shape: tuple[int, ...], what: str) -> Array | None:
-    """Return an array of shape (ny, nx, channel), or (ny, nx, 1) if the same in every channel.
-
-    Raises
-    ------
-    InputError
-        If it cannot be broadcast to `shape`.
-    """
+    """Return an array of shape (ny, nx, channel), or (ny, nx, 1) if the same in every channel."""
     if values is None:
         return None
     values = as_quantity(values)
@@ -95,13 +83,7 @@ def _floats(values: Any, what: str) -> Array:
 
 
 def narrowed(values: Array, kind: type[np.floating[Any]], what: str) -> Array:
-    """Round to a narrower kind of float, refusing what it cannot hold.
-
-    Raises
-    ------
-    InputError
-        If the greatest value is beyond its range, or so small that few digits would be left.
-    """
+    """Round to a narrower kind of float, refusing what it cannot hold."""
     if values.dtype == kind:
         return values  # nothing is lost, however small
     info = np.finfo(kind)
@@ -135,13 +117,7 @@ def known_unit(unit: Any) -> Any:
 
 
 def axis(values: Any, count: int, unit: str, name: str) -> Axis:
-    """Return `count` pixel-centre coordinates as float64; pixel indices for None.
-
-    Raises
-    ------
-    InputError
-        If their number is wrong, or they are not finite and strictly monotonic.
-    """
+    """Return `count` pixel-centre coordinates as float64; pixel indices for None."""
     if values is None:
         return np.arange(count, dtype=np.float64)
     centres = np.atleast_1d(np.array(plain(values, unit or None, name), dtype=np.float64))
@@ -201,11 +177,6 @@ def as_wcs(value: Any, shape: tuple[int, ...]) -> Any:
         Of pixels, the centre of the lower left one being 0, 0.
     shape : tuple of int
         Rows and columns of the image.
-
-    Raises
-    ------
-    InputError
-        If it is something else, or has other axes.
     """
     if value is None:
         return None
@@ -237,13 +208,7 @@ def _from_text(text: str) -> Any:
 
 
 def json_value(value: Any, what: str) -> Any:
-    """Return `value` as it will be after saving and loading: dicts, lists, strings and numbers.
-
-    Raises
-    ------
-    InputError
-        If there is something in it that JSON cannot hold.
-    """
+    """Return `value` as it will be after saving and loading: dicts, lists, strings and numbers."""
     if value is None:
         return None
     try:

@@ -76,11 +76,6 @@ def as_beam(beam: Any) -> tuple[float, float, float, Any]:
     Parameters
     ----------
     beam : float, Quantity, (major, minor) or (major, minor, pa), or a radio_beam.Beam
-
-    Raises
-    ------
-    InputError
-        If it is something else, or not positive.
     """
     if hasattr(beam, "major") and hasattr(beam, "minor"):
         beam = (beam.major, beam.minor, beam.pa)
@@ -100,13 +95,7 @@ def as_beam(beam: Any) -> tuple[float, float, float, Any]:
 
 
 def beam_area(image: Image, beam: Any) -> float:
-    """Return the solid angle of a beam on the sky in steradians: 2π σ₁ σ₂.
-
-    Raises
-    ------
-    UnitsError
-        If the image is not on the sky and the beam is a length.
-    """
+    """Return the solid angle of a beam on the sky in steradians: 2π σ₁ σ₂."""
     major, minor, _, unit = beam
     if unit is not None and unit.is_equivalent("rad"):
         return float(2.0 * np.pi * (_SIGMA * unit.to("rad")) ** 2 * major * minor)

@@ -39,11 +39,6 @@ def loads(text: str | None, shape: tuple[int, ...]) -> dict[str, Any]:
 
     Coordinates are left out if they do not fit `shape` (ny, nx): another program may have cut the
     picture and kept the text.
-
-    Raises
-    ------
-    FileFormatError
-        If the text is ours but damaged, or from a later version.
     """
     if not text or not text.startswith(f'{{"{KEY}":'):
         return {}

@@ -253,11 +253,6 @@ def as_position(position: Any) -> Any:
     ----------
     position : SkyCoord, (ra, dec) or str
         Plain numbers are degrees, texts such as ``"05h35m17.3s -05d23m28s"``; both ICRS.
-
-    Raises
-    ------
-    InputError
-        If it is something else.
     """
     from astropy.coordinates import SkyCoord
 

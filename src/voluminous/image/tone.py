@@ -61,13 +61,6 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
         Which curve.
     softening : float, optional
         For "asinh" and "log": where the linear part ends, in units of white.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such stretch.
-    InputError
-        If a number is not positive, or the stretch has no softening.
     """
     if softening is not None and stretch not in tuple(_SOFT):
         raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
@@ -82,13 +75,7 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
 
 
 def positive(value: Any, what: str) -> float:
-    """Return `value` as a float if it is a positive finite number.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
+    """Return `value` as a float if it is a positive finite number."""
     number = finite(value, what)
     if number <= 0:
         raise InputError(f"{what} must be greater than 0, got {value!r}")
@@ -96,13 +83,7 @@ def positive(value: Any, what: str) -> float:
 
 
 def finite(value: Any, what: str) -> float:
-    """Return `value` as a float if it is a finite number.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
+    """Return `value` as a float if it is a finite number."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -130,11 +111,6 @@ def scale(
         Given in place of a stretch.
     exposure, vmin, vmax : float or None
         Limits; `exposure` stands for vmax = 1 / exposure.
-
-    Raises
-    ------
-    InputError
-        If they contradict each other.
     """
     from matplotlib.colors import LogNorm, Normalize
 
@@ -294,13 +270,7 @@ def _brightest(colors: NDArray[Any]) -> NDArray[Any]:
 
 
 def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any) -> float:
-    """Return the intensity shown as white: `vmax`, or 1 / `exposure`, or the automatic one.
-
-    Raises
-    ------
-    InputError
-        If both are given, or white is not above black.
-    """
+    """Return the intensity shown as white: `vmax`, or 1 / `exposure`, or the automatic one."""
     if exposure is not None and vmax is not None:
         raise InputError("give exposure or vmax, not both: they set the same thing")
     if exposure is None and vmax is None:
@@ -331,13 +301,7 @@ def automatic_exposure(brightest: NDArray[Any]) -> float:
 
 
 def fit(linear: NDArray[np.float32], bend: Curve, gamut: str) -> NDArray[np.float32]:
-    """Stretch non-negative linear colours and fit them into 0 … 1.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such gamut rule.
-    """
+    """Stretch non-negative linear colours and fit them into 0 … 1."""
     if gamut == "clip":
         return bend.forward(np.minimum(linear, 1))
     if gamut != "hue":
@@ -452,13 +416,7 @@ _WHITE = (1.0, 1.0, 1.0)
 
 
 def chosen(channels: Any, count: int) -> list[int]:
-    """Return the indices of the channels to show, out of `count`.
-
-    Raises
-    ------
-    InputError
-        If an index is not an integer from 0 to count − 1.
-    """
+    """Return the indices of the channels to show, out of `count`."""
     if channels is None:
         return list(range(count))
     try:
@@ -474,13 +432,7 @@ def chosen(channels: Any, count: int) -> list[int]:
 
 
 def single(channels: Any, count: int, why: str) -> int:
-    """Return the index of the one channel to show.
-
-    Raises
-    ------
-    InputError
-        If more than one is left; says `why` it must be one.
-    """
+    """Return the index of the one channel to show."""
     indices = chosen(channels, count)
     if len(indices) != 1:
         raise InputError(
@@ -497,11 +449,6 @@ def matrix(mix: Any, count: int) -> NDArray[np.float64]:
     mix : array_like or None
         Numbers or names of colours; None for the default: one channel grey, two orange and
         blue, three red, green and blue, and every further one white.
-
-    Raises
-    ------
-    InputError
-        If the shape is wrong or a value is not finite.
     """
     if mix is None:
         return _default(count)
@@ -528,13 +475,7 @@ def _default(count: int) -> NDArray[np.float64]:
 
 
 def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Check that every option has a known name.
-
-    Raises
-    ------
-    UnknownNameError
-        For the first that has not; names the nearest.
-    """
+    """Check that every option has a known name."""
     for name in given:
         if name not in known:
             raise unknown_name(kind, name, known)
@@ -545,15 +486,7 @@ _CHANGING = ("stretch", "softening", "colormap", "norm", "vmin", "vmax")
 
 
 def plain_options(options: dict[str, Any], unit: Any) -> dict[str, Any]:
-    """Return display options with exposure and limits as plain numbers, in the unit shown.
-
-    Raises
-    ------
-    InputError
-        If an option contradicts ``exposure="rgb"``.
-    UnitsError
-        If a limit is a quantity that cannot be converted.
-    """
+    """Return display options with exposure and limits as plain numbers, in the unit shown."""
     if isinstance(options.get("exposure"), str):
         options = options | _as_they_are(options)
     given = {name: options.get(name) for name in ("vmin", "vmax")}

@@ -24,7 +24,7 @@ from .quantity import CellQuantity, check_volume, converted
 if TYPE_CHECKING:
     from ..backend.types import Float
     from ..cameras import Camera
-    from ..grids.contract import Segment, Track
+    from ..grids.contract import Ray, Segment, Track
     from ..image import Image
     from ..media import Medium
     from ..volume import Volume
@@ -65,7 +65,7 @@ class Scan(RayTracer):
     def nothing(self) -> Path:
         return NOTHING
 
-    def _followed(self, ray: Any) -> MarchState:
+    def _followed(self, ray: Ray) -> MarchState:
         state = super()._followed(ray)
         return replace(state, path=Path(state.carried[: self.counts[0]], [], []))
 
@@ -87,7 +87,7 @@ class Scanned:
     length: float
 
 
-def scan(volume: Volume, medium: Medium, camera: Camera, scheme: Any, **options: Any) -> Scanned:
+def scan(volume: Volume, medium: Medium, camera: Camera, scheme: Scheme, **options: Any) -> Scanned:
     """Follow the rays through the pixels' centres."""
     job, _ = prepare(volume, medium, camera, scheme=scheme, cutoff=0.0, **options)
     nx, ny = job.frame.pixels

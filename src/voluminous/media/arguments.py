@@ -24,11 +24,6 @@ def scalar(value: Any, what: str) -> Any:
     """Return a finite float, or a Quantity left as it is until the volume's unit is known.
 
     Of text such as "0.1 pc" it is the quantity in it.
-
-    Raises
-    ------
-    InputError
-        If it is not one finite number.
     """
     value = as_given(value, what)
     magnitude = value.value if is_quantity(value) else value
@@ -42,13 +37,7 @@ def scalar(value: Any, what: str) -> Any:
 
 
 def whole_number(value: Any, what: str, least: int, most: int) -> int:
-    """Return a whole number, which may be written as ``16.0``.
-
-    Raises
-    ------
-    InputError
-        If it is none, or not between the least and the most.
-    """
+    """Return a whole number, which may be written as ``16.0``."""
     real = isinstance(value, Real)
     if not real or not least <= value <= most or int(value) != value:
         raise InputError(f"{what} must be a whole number from {least} to {most}, got {value!r}")
@@ -73,13 +62,7 @@ def plain_number(value: Any) -> float:
 
 
 def channel_values(value: Any, what: str) -> tuple[float, ...]:
-    """Return finite floats, one per channel, from a number or a sequence.
-
-    Raises
-    ------
-    InputError
-        If they are not numbers.
-    """
+    """Return finite floats, one per channel, from a number or a sequence."""
     check_plain(value, what)
     try:
         values = np.atleast_1d(np.asarray(value, dtype=np.float64))
@@ -93,13 +76,7 @@ def channel_values(value: Any, what: str) -> tuple[float, ...]:
 
 
 def color_values(color: Any) -> tuple[float, ...]:
-    """Return emission per channel, from numbers, or red, green and blue from a colour's name.
-
-    Raises
-    ------
-    InputError, UnknownNameError
-        If it is neither.
-    """
+    """Return emission per channel, from numbers, or red, green and blue from a colour's name."""
     if isinstance(color, str):
         return get_color(color)
     return channel_values(without_alpha(color, "color"), "color")
@@ -124,13 +101,7 @@ def check_extinction(values: tuple[float, ...], channels: int, what: str) -> Non
 
 
 def fraction(value: Any, what: str) -> float:
-    """Return a number from 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
+    """Return a number from 0 to 1."""
     if not isinstance(value, (int, float)) or not 0 <= value <= 1:
         raise InputError(f"{what} must be a number from 0 to 1, got {value!r}")
     return float(value)
@@ -209,13 +180,7 @@ def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
 
 
 def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[float, ...], ...]:
-    """Return one row of opacities per level; all of one number where that is all there is (grey).
-
-    Raises
-    ------
-    InputError
-        If they are not from 0 to 1, or as many as levels or channels.
-    """
+    """Return one row of opacities per level; all of one number where that is all there is (grey)."""
     rows = [channel_values(row, "opacity") for row in _opacity_rows(opacity, count, channels)]
     for row in rows:
         check_extinction(row, channels, "opacity")

@@ -275,7 +275,7 @@ class Coefficients(Medium):
         }
 
 
-def _expressions(value: Any, what: str) -> tuple[Expression, ...]:
+def _expressions(value: Float, what: str) -> tuple[Expression, ...]:
     single = isinstance(value, (str, bytes, Real, Expression)) or getattr(value, "ndim", 1) == 0
     parts = (value,) if single else tuple(value) if isinstance(value, Iterable) else ()
     if not parts:

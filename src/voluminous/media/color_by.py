@@ -26,13 +26,7 @@ if TYPE_CHECKING:
 
 
 def values_at(position: np.ndarray, norm: Any, vmin: float, vmax: float) -> np.ndarray:
-    """Return the values that a norm over a range maps to positions from 0 to 1, ends exact.
-
-    Raises
-    ------
-    InputError
-        If the norm has no inverse.
-    """
+    """Return the values that a norm over a range maps to positions from 0 to 1, ends exact."""
     fitted = get_norm(norm, vmin, vmax)
     try:
         values = np.array(fitted.inverse(position), dtype=np.float64)
@@ -49,13 +43,6 @@ def get_norm(norm: Any, vmin: float, vmax: float) -> Any:
     """Return an invertible matplotlib norm over a range, from its name (default linear) or itself.
 
     A norm object is copied, and takes the range where it has none.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no scale of that name.
-    InputError
-        If the range does not suit it (a logarithm of something not positive), or is not its own.
     """
     if norm is None or isinstance(norm, str):
         return _named_norm(norm or "linear", vmin, vmax)
@@ -188,13 +175,7 @@ class OpenRange:
 
     @property
     def scale(self) -> ColorScale:
-        """The colours.
-
-        Raises
-        ------
-        InputError
-            If an end is not known.
-        """
+        """The colours."""
         if self._scale is None:
             raise InputError(
                 "the range of these colours is measured in a volume: give vmin and vmax, or take "
@@ -349,7 +330,7 @@ class ColorBy(Value):
         return f"ColorBy({', '.join(f'{k}={v!r}' for k, v in self.describe().items())})"
 
 
-def _or_black(value: Any) -> Float:
+def _or_black(value: Float) -> Float:
     """Return a colour, zero where it is NaN; of an interval, one that holds zero there."""
     if not isinstance(value, Interval):
         return dr.select(dr.isnan(value), 0.0, value)

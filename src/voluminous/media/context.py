@@ -14,7 +14,7 @@ from ..expressions import DrjitOps, Expression, Margin, Ops
 from ..expressions.interpolation import interpolate
 
 
-def _same(value: Any) -> Any:
+def _same(value: Float) -> Any:
     return value
 
 

@@ -385,7 +385,7 @@ class Medium(Value):
         # sum([...]) starts from 0.
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def __call__(self, values: Any) -> tuple[Any, Any]:
+    def __call__(self, values: Float) -> tuple[Any, Any]:
         """Return j and α per unit length at values of its fields or expressions.
 
         Parameters

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from ..backend import dr
+from ..backend import Int, dr
 from ..backend.functions import horner, precision_of, unit_interval
 from ..backend.types import Float, Mask
 from ..expressions.taylor import TracedJet, TracedJetOps
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 NOISE = {"single": 2e-6, "double": 1e-14}
 
 
-def passes(stretch: Stretch, expr: Expression | Margin, level: Any) -> tuple[Float, Float]:
+def passes(stretch: Stretch, expr: Expression | Margin, level: Int) -> tuple[Float, Float]:
     """Return how often an expression may pass a level on a stretch, and how often nodes show it.
 
     Once more than that where it may turn: smaller panels tell.
@@ -42,13 +42,13 @@ def passes(stretch: Stretch, expr: Expression | Margin, level: Any) -> tuple[Flo
     return dr.select(turns, shown + 1, possible), shown
 
 
-def way_within(values: list[Float], level: Any, width: Any) -> Float:
+def way_within(values: list[Float], level: Int, width: Float) -> Float:
     """Return how far a sequence goes up and down within a surface, in its widths."""
     ends = [unit_interval((x - level) / width + 0.5) for x in values]
     return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
 
 
-def _sign_changes(values: list[Float], level: Any) -> Float:
+def _sign_changes(values: list[Float], level: Int) -> Float:
     """Return how often a sequence passes a level.
 
     Bézier control points do at least as often as their curve, and more by an even number (Farin
@@ -97,12 +97,12 @@ class _Search:
     count: Float
 
 
-def on_chord(stretch: Stretch, expr: Expression, level: Any) -> Float:
+def on_chord(stretch: Stretch, expr: Expression, level: Int) -> Float:
     """Return where a line through both ends passes a level, from 0 to 1."""
     return _root(*(stretch.scalar(expr, s) - level for s in (0.0, 1.0)))
 
 
-def passing(stretch: Stretch, expr: Expression | Margin, level: Any) -> Float:
+def passing(stretch: Stretch, expr: Expression | Margin, level: Int) -> Float:
     """Return where the first half of a stretch that shows it passes a level, from 0 to 1.
 
     Anywhere in it where neither half does.
@@ -125,7 +125,7 @@ def slope_at(stretch: Stretch, expr: Expression | Margin, place: Float) -> Float
     return dr.select(dr.isfinite(slope) & (slope != 0.0), slope, chord)
 
 
-def _searched(stretch: Stretch, expr: Expression | Margin, level: Any) -> _Search:
+def _searched(stretch: Stretch, expr: Expression | Margin, level: Int) -> _Search:
     """Return the search for a place near that at which a level is passed, at its end.
 
     Secants; an end that stays while the other comes nearer counts the less, the nearer that comes

@@ -140,8 +140,8 @@ class Gaussian(SampledShaped):
     def __init__(
         self,
         expr: Any,
-        center: Any,
-        sigma: Any,
+        center: Float,
+        sigma: Float,
         color: Any,
         opacity: Any,
         path_length: Any = "auto",
@@ -152,7 +152,7 @@ class Gaussian(SampledShaped):
     ) -> None:
         super().__init__(expr, center, sigma, color, opacity, path_length, where, shading, lights)
 
-    def shape(self, ops: Ops, offset: Float, width: Any) -> Float:
+    def shape(self, ops: Ops, offset: Float, width: Float) -> Float:
         """Return exp(-(offset/σ)²/2); zero at infinity."""
         scaled = offset / width
         return ops.exp(-0.5 * (scaled * scaled))

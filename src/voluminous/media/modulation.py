@@ -308,11 +308,11 @@ def _possible(where: Expression, stretch: Stretch) -> Float:
     return _defined_unit(within(stretch, where))
 
 
-def _product(factor: Any, value: Any) -> Float:
+def _product(factor: Any, value: Float) -> Float:
     return dr.select(factor == 0.0, 0.0, factor * value)
 
 
-def _defined_unit(value: Any) -> Float:
+def _defined_unit(value: Float) -> Float:
     if not isinstance(value, Interval):
         return dr.select(value > 0.0, dr.select(value < 1.0, value, 1.0), 0.0)
     where: Any = dr.select if isinstance(value, TracedInterval) else np.where

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import dr, from_host
+from ..backend import Int, dr, from_host
 from ..backend.functions import first_true, precision_of
 from ..backend.types import Float, Mask
 from .stretch import Middle
@@ -179,7 +179,7 @@ class Rows:
             self.parts.append((_packet(real, width), data, width))
             start += width
 
-    def at(self, index: Any) -> list[Float]:
+    def at(self, index: Int) -> list[Float]:
         """Return the numbers of a row."""
         found: list[Any] = []
         for kind, data, width in self.parts:
@@ -346,9 +346,9 @@ def _from_node(p: Place) -> list[Float]:
     return [p.left[-1], *_moments(p.x - p.low, p.value[-1], p.before[-1])]
 
 
-def _moments(way: Float, near: Any, far: Any) -> tuple[Float, Float]:
+def _moments(way: Float, near: Float, far: Float) -> tuple[Float, Float]:
     return way * way * (near + 2.0 * far) / 6.0, way * _square(near, far)
 
 
-def _square(a: Any, b: Any) -> Float:
+def _square(a: Float, b: Float) -> Float:
     return (a * a + a * b + b * b) / 3.0

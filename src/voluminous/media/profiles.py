@@ -64,8 +64,8 @@ class Shaped(Medium):
     def __init__(
         self,
         expr: Any,
-        center: Any,
-        width: Any,
+        center: Float,
+        width: Float,
         color: Any,
         opacity: Any,
         path_length: Any = "auto",
@@ -99,7 +99,7 @@ class Shaped(Medium):
         """Whether all channels are the same function of x, times numbers."""
         return self.grey and self.modulation.fixed
 
-    def shape(self, ops: Ops, offset: Float, width: Any) -> Float:
+    def shape(self, ops: Ops, offset: Float, width: Float) -> Float:
         """Return the shape at a distance from the centre; one at its peak."""
         raise NotImplementedError
 

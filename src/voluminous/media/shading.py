@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..backend import dr
+from ..backend import Int, dr
 from ..backend.types import Float, Mask
 from ..errors import InputError
 from ..expressions import Expression
@@ -34,13 +34,7 @@ Light = tuple[Any, float]
 
 
 def given_lights(lights: Any) -> tuple[Light, ...]:
-    """Return lights as (direction or "headlight", weight); the weights add up to one.
-
-    Raises
-    ------
-    InputError
-        If one is neither "headlight" nor a direction, or no light is left.
-    """
+    """Return lights as (direction or "headlight", weight); the weights add up to one."""
     if not isinstance(lights, (list, tuple, type(None))):
         raise InputError(f"lights must be a list, got {lights!r}")
     rows = [_light(one) for one in ([HEADLIGHT] if lights is None else lights)]
@@ -165,7 +159,7 @@ class Shade:
             values.append(along / dr.select(size > 0.0, size, 1.0))
         return context.narrow(self._lit(values, context.number, context.kept_number(self.share)))
 
-    def _lit(self, values: list[Float], number: Any, share: Any) -> Float:
+    def _lit(self, values: list[Float], number: Int, share: Any) -> Float:
         """Return the factor from the gradient's components; ambient where they vanish."""
         x, y, z = (abs(v) for v in values[:3])
         ops = dr if not isinstance(values[0], (np.ndarray, float)) else np

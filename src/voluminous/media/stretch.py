@@ -194,7 +194,7 @@ def _lopsided(stretch: Stretch, expr: Expression | Margin) -> Float:
     return dr.select(off > _LOPSIDED * dr.abs(last - first), 0.5 * off, 0.0)
 
 
-def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Mask:
+def undecided(stretch: Stretch, expr: Expression | Margin, width: Float) -> Mask:
     """Return where intervals say as little of single places as of all: of 1/n where n is zero.
 
     Nothing is learned from narrower panels there: in a vacuum these were all as narrow as can be,
@@ -215,7 +215,7 @@ def undecided(stretch: Stretch, expr: Expression | Margin, width: Any) -> Mask:
 
 
 def _seen_if_undecided(
-    stretch: Stretch, expr: Expression | Margin, low: Float, high: Float, width: Any
+    stretch: Stretch, expr: Expression | Margin, low: Float, high: Float, width: Float
 ) -> tuple[Float, Float]:
     """Return ends of a range; where intervals tell nothing, those of what is seen."""
     least, largest = without_nan(stretch.nodes(expr))
@@ -305,7 +305,7 @@ class Stretch:
         """Return an expression at both ends and the middle, in order."""
         return [self.scalar(expr, s) for s in NODES]
 
-    def set_scalar(self, expr: Expression, s: float, value: Any) -> None:
+    def set_scalar(self, expr: Expression, s: float, value: Float) -> None:
         """Say which value an expression has at a place.
 
         At 0 it is what it was at the end of the stretch before, so that the integrals over a ray's
@@ -375,7 +375,7 @@ class Stretch:
         inner = [control_point(cubic, number) for number in (1, 2)]
         return [cubic[0], *inner, sum(cubic[1:], cubic[0])]
 
-    def part(self, start: Any, width: Any) -> Stretch:
+    def part(self, start: Float, width: Float) -> Stretch:
         """Return the part from `start` on, of a width, as a stretch."""
         begin, part = self.context.real(start), self.context.real(width)
         cubics = {name: shifted(c, begin, part) for name, c in self.cubics.items()}
@@ -501,7 +501,7 @@ def control_point(cubic: Cubic, number: int) -> Float:
     return total
 
 
-def shifted(cubic: Cubic, start: Any, width: Any) -> list[Float]:
+def shifted(cubic: Cubic, start: Float, width: Float) -> list[Float]:
     """Return the coefficients of p(start + width s) (Horner's rule for all derivatives)."""
     own = list(cubic)
     count = len(own)
@@ -539,7 +539,7 @@ def kept(stretch: Stretch, key: Any, make: Any) -> Any:
     return store[key]
 
 
-def middle_of(t: Any, variance: Any) -> Middle:
+def middle_of(t: Float, variance: Any) -> Middle:
     """Return the middle for a centre of mass and a variance on [-1, 1]."""
     t = dr.select(dr.isnan(t), 0.0, t)  # of infinite ends: log10 where nothing is
     t = dr.select(t < -1.0, -1.0, dr.select(t > 1.0, 1.0, t))

@@ -167,13 +167,7 @@ _PARTICLE_BYTES = 300
 def check_options(
     max_particles: Any, cell_width: Any, min_level: Any, max_level: Any, periodic: Any
 ) -> None:
-    """Refuse options that cannot be; they are those of `from_particles`.
-
-    Raises
-    ------
-    InputError
-        Tells which is wrong, and what it should be.
-    """
+    """Refuse options that cannot be; they are those of `from_particles`."""
     if not isinstance(max_particles, Integral) or max_particles < 1:
         raise InputError(f"max_particles must be a whole number, at least 1, got {max_particles!r}")
     width = float(cell_width) if isinstance(cell_width, Real) else 0.0
@@ -194,11 +188,6 @@ def check_options(
 
 
 def check_count(count: int) -> None:
-    """Refuse more particles than there is memory for.
-
-    Raises
-    ------
-    MemoryNeededError
-    """
+    """Refuse more particles than there is memory for."""
     advice = "give a part of them, or use a machine with more memory"
     check_memory(count * _PARTICLE_BYTES, f"placing {count} particles on a grid", advice)

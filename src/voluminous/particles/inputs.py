@@ -59,15 +59,7 @@ class Particles:
 
 
 def particles(positions: Any, masses: Any, unit: Unit) -> Particles:
-    """Return particles as they are given to `from_particles`.
-
-    Raises
-    ------
-    InputError
-        If there are none, positions are not of shape (n, 3), or something is not finite.
-    UnitsError
-        If units are unknown.
-    """
+    """Return particles as they are given to `from_particles`."""
     positions, masses = without_mask(positions), without_mask(masses)
     own = unit_of(positions)
     unit = space_unit(unit) if own is None else own
@@ -109,13 +101,7 @@ def positive(values: Any, unit: Unit, what: str, count: int) -> np.ndarray:
 
 
 def carried(fields: Mapping[str, Any] | None, count: int) -> dict[str, tuple[np.ndarray, Any]]:
-    """Return name → values and unit of what particles carry; vectors as their components.
-
-    Raises
-    ------
-    InputError
-        If there is not one number or vector for each particle, or two fields have the same name.
-    """
+    """Return name → values and unit of what particles carry; vectors as their components."""
     if fields is not None and not isinstance(fields, Mapping):
         raise InputError(
             "fields must be a mapping of names to arrays, such as {'velocity': array}, got "
@@ -157,13 +143,7 @@ def _components(name: Any, array: np.ndarray, count: int) -> list[tuple[Any, np.
 
 
 def check_lengths(lengths: Any, what: str, smallest: float = 0.0) -> None:
-    """Refuse lengths of which cubes are no numbers.
-
-    Raises
-    ------
-    InputError
-        If one is larger than 1e90, or smaller than the smallest.
-    """
+    """Refuse lengths of which cubes are no numbers."""
     low, high = float(np.min(lengths)), float(np.max(lengths))
     if not smallest <= low or not high <= LARGEST:
         raise InputError(

@@ -83,12 +83,6 @@ KERNELS = {
 
 
 def get_kernel(name: Any) -> Kernel:
-    """Return a kernel by its name.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is none of this name; names the nearest.
-    """
+    """Return a kernel by its name."""
     check_name("kernel", name, KERNELS)
     return KERNELS[name]

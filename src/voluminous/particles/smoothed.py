@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from ..progress import reporter
 from .deposit import Deposit, crossing, with_images
 from .kernels import Kernel
 from .octree import Base
+
+if TYPE_CHECKING:
+    from ..backend.device import Backend
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,7 @@ class Overlaps:
         nodes: OctreeNodes,
         points: np.ndarray,
         radius: np.ndarray,
-        backend: Any,
+        backend: Backend,
         steps: int = 1,
     ) -> None:
         self.backend = backend
@@ -200,7 +203,7 @@ class Overlaps:
         return total
 
 
-def packed(backend: Any, points: np.ndarray, last: np.ndarray) -> Any:
+def packed(backend: Backend, points: np.ndarray, last: np.ndarray) -> Any:
     """Return points (n, 3) and a fourth number for each, to be gathered at once."""
     rows = np.empty((len(points), 4))
     rows[:, :3], rows[:, 3] = points, last

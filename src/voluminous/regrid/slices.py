@@ -18,6 +18,7 @@ from ..units import Unit, is_count, plain, shown, unit_name
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from ..cameras.contract import Camera
     from ..grids.contract import Grid
 
 
@@ -136,7 +137,7 @@ class Slice:
 immutable(Slice, "make another by volume.slice(...); `values` are in its `unit`")
 
 
-def slice_of(volume: Any, expression: Any, plane: Plane, camera: Any) -> Slice:
+def slice_of(volume: Any, expression: Any, plane: Plane, camera: Camera) -> Slice:
     """Return an expression on a plane; three components of a vector."""
     values, grid = volume.evaluate(expression, camera=camera), volume.grid
     is_vector = values.ndim > len(grid.shape)
@@ -227,15 +228,7 @@ def make_plane(
 
 
 def cells_on(grid: Grid, plane: Plane) -> np.ndarray:
-    """Return the flat numbers of the cells at a plane's pixels, shape (ny, nx); -1 outside.
-
-    Raises
-    ------
-    InputError
-        If no pixel is in a cell: what would be shown is nothing.
-    MemoryNeededError
-        If there are more pixels than fit.
-    """
+    """Return the flat numbers of the cells at a plane's pixels, shape (ny, nx); -1 outside."""
     nx, ny = plane.pixels
     check_memory(
         _PIXEL_BYTES * nx * ny, f"a slice of {nx} x {ny} pixels", "take fewer, resolution=400"

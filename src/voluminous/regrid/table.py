@@ -45,13 +45,6 @@ def table(columns: Mapping[str, tuple[np.ndarray, Any]], kind: str) -> Any:
     kind : {"dict", "numpy", "astropy", "pandas"}
         Arrays and Quantities by name; a structured array; a `QTable`; a `DataFrame`. Structured
         arrays and data frames know no units.
-
-    Raises
-    ------
-    UnknownNameError
-        For another kind.
-    MissingPackageError
-        If there is no pandas for a `DataFrame`.
     """
     check_name("kind of table", kind, KINDS)
     if kind == "pandas":

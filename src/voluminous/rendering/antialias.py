@@ -18,6 +18,8 @@ from .tolerance import in_kernel_unit
 from .tracer import Paths, RayTracer, Traced, reverse
 
 if TYPE_CHECKING:
+    from ..grids.contract import Segment
+    from ..schemes.base import Source
     from .job import RenderJob
     from .tracer import RayTracer
 
@@ -260,7 +262,7 @@ class MinCellWidth:
         """Return the widths that rays begin with."""
         raise NotImplementedError
 
-    def width(self, cursor: Any, segment: Any, sight: Any) -> Any:
+    def width(self, cursor: Any, segment: Segment, sight: Any) -> Any:
         """Return the width of the cell of a segment."""
         raise NotImplementedError
 
@@ -278,7 +280,7 @@ class TreeCellWidth(MinCellWidth):
     def before(self, sight: Any, count: int) -> Any:
         return dr.full(self.backend.Float, self.largest, count)
 
-    def width(self, cursor: Any, segment: Any, sight: Any) -> Any:
+    def width(self, cursor: Any, segment: Segment, sight: Any) -> Any:
         lookup = self.walk.lookup
         width = lookup.sizes(cursor.cell)[0]
         return dr.select(lookup.is_cell(cursor.cell), width, self.largest)
@@ -358,7 +360,7 @@ class SphericalCellWidth(MinCellWidth):
         inner = self.backend.Float(self.inner)
         return dr.select(sight.closest <= inner, _OF_CAVITY * inner, np.inf)
 
-    def width(self, cursor: Any, segment: Any, sight: RaySight) -> Any:
+    def width(self, cursor: Any, segment: Segment, sight: RaySight) -> Any:
         kind = self.backend.quotient(segment.cell, self.alike)
         radius, depth, along_theta, along_phi = dr.gather(
             self.backend.packet(4), self.sizes, kind, segment.active
@@ -388,7 +390,7 @@ class CylindricalCellWidth(MinCellWidth):
     def before(self, sight: Any, count: int) -> Any:
         return dr.full(self.backend.Float, self.widest, count)
 
-    def width(self, cursor: Any, segment: Any, sight: Any) -> Any:
+    def width(self, cursor: Any, segment: Segment, sight: Any) -> Any:
         return dr.gather(self.backend.Float, self.widths, segment.cell, segment.active)
 
 
@@ -456,7 +458,7 @@ class PixelParts:
 class FluxConserving(RayTracer):
     """A job's rays, in parts of pixels as small as the cells that they meet."""
 
-    def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
+    def __init__(self, job: RenderJob, source: Source, brightest_background: float) -> None:
         super().__init__(job, source, brightest_background)
         self.narrowest = _narrowest(job)
         self.width = max(job.frame.pixel)

@@ -17,6 +17,7 @@ from .cache import Cache
 from .prepare import prepare
 
 if TYPE_CHECKING:
+    from ..cameras.contract import Frame
     from ..media import Medium
 
 
@@ -85,7 +86,7 @@ def first_camera(
     return Orthographic(**angles)
 
 
-def _limits(light: np.ndarray, frame: Any) -> list[tuple[float, float]]:
+def _limits(light: np.ndarray, frame: Frame) -> list[tuple[float, float]]:
     """Return between which coordinates of the image plane something shines, along both axes."""
     seen = np.where(light > _FAINT * light.max(), light, 0.0)
     ends = [_span(seen.sum(axis=a)) for a in (0, 1)]

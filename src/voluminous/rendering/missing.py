@@ -11,7 +11,7 @@ import copy
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from ..schemes.base import Position, Scheme, Solution
 from ..schemes.path import empty_path
 from ..volume import Volume
 from .cache import Cache
+
+if TYPE_CHECKING:
+    from ..grids.contract import Grid
+    from ..schemes.base import Source
 
 
 class HiddenCells:
@@ -45,7 +49,7 @@ class HiddenCells:
         return backend.UInt(np.ascontiguousarray(self.words, np.uint32))
 
 
-def through_cells(walk: Any, grid: Any, backend: Backend) -> Any:
+def through_cells(walk: Any, grid: Grid, backend: Backend) -> Any:
     """Return a walk whose segments lie in one cell of the grid each."""
     return walk if walk.in_cells else TwoWalks(walk, grid.walk(backend))
 
@@ -58,16 +62,16 @@ class Hiding(Scheme):
         self.name, self.coefficients_at = scheme.name, scheme.coefficients_at
         self.controlled = scheme.controlled
 
-    def start(self, position: Position, source: Any) -> list[Float]:
+    def start(self, position: Position, source: Source) -> list[Float]:
         return self.scheme.start(position, source)
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Float], moved: Mask
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Float]:
         return self.scheme.after_skip(position, source, carried, moved)
 
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
+        self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         cell = cell_of(segment)
         word = dr.gather(type(self.bits), self.bits, cell >> 5, segment.active)
@@ -162,7 +166,7 @@ def _check_finite(volume: Volume, name: str, missing: np.ndarray) -> None:
         raise InputError(f"field {name!r} has no value at all: every cell is NaN")
 
 
-def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
+def filled(grid: Grid, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
     """Return a field with the mean of what touches them in its missing cells.
 
     Cells that touch none with a value get the mean of the field: nothing shows it.
@@ -176,7 +180,7 @@ def filled(grid: Any, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
 
 
 def _boxes(
-    grid: Any, array: np.ndarray, missing: np.ndarray
+    grid: Grid, array: np.ndarray, missing: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield missing cells with others around, and the means of these: boxes of 3 x 3 x 3."""
     gone = missing.reshape(array.shape)
@@ -205,7 +209,7 @@ def _box_sums(values: np.ndarray) -> np.ndarray:
 
 
 def _located(
-    grid: Any, array: np.ndarray, missing: np.ndarray
+    grid: Grid, array: np.ndarray, missing: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield missing cells with others around, and the means of these: cells of any size."""
     step = _CHUNK >> 4

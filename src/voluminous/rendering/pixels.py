@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..backend import Backend, dr, from_host
+from ..backend import Backend, Float, dr, from_host
 
 # Side of a block of pixels: within one, lanes follow the Morton curve, so that the lanes of a
 # vector (16 of them) and the vectors after one another walk through the same cells.
@@ -126,7 +126,7 @@ class PixelOrder:
         return Lanes(u, v, target)
 
 
-def _every_second_bit(v: Any) -> Any:
+def _every_second_bit(v: Float) -> Any:
     v = v & 0x55
     v = (v | (v >> 1)) & 0x33
     return (v | (v >> 2)) & 0x0F

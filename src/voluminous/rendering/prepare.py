@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..backend import get_backend
 from ..calibration import calibrated
@@ -32,11 +32,14 @@ from .options import (
 from .precision import needs_double, plain_widths
 from .sources.cells import check_fields
 
+if TYPE_CHECKING:
+    from ..cameras.contract import Camera
+
 
 def prepare(
     volume: Volume,
     medium: Medium,
-    camera: Any,
+    camera: Camera,
     *,
     scheme: Any = None,
     tolerance: float | None = 1e-3,
@@ -129,7 +132,7 @@ def _double_for_fields(completed: Completed, medium: Medium) -> bool:
     return found
 
 
-def _check_types(volume: Any, medium: Any, camera: Any) -> None:
+def _check_types(volume: Any, medium: Medium, camera: Camera) -> None:
     if not isinstance(volume, Volume):
         raise InputError(
             f"render needs a vm.Volume first, got {type(volume).__name__}{how_to_take(volume)}"

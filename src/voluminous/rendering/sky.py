@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,11 +12,15 @@ from ..image.sky import of_pixels
 from ..units import parse_unit
 from ..volume import Volume
 
+if TYPE_CHECKING:
+    from ..cameras.contract import Camera, Frame
+    from ..grids.contract import Grid
+
 # Rounding of the vectors of a camera.
 _ZERO = 1e-12
 
 
-def image_wcs(volume: Volume, camera: Any, frame: Any) -> Any:
+def image_wcs(volume: Volume, camera: Camera, frame: Frame) -> Any:
     """Return the WCS of a picture; None where its plane has none.
 
     Parallel rays along z show the sky. Where one side of the picture is along z, it shows a
@@ -37,7 +41,7 @@ def image_wcs(volume: Volume, camera: Any, frame: Any) -> Any:
     return _of_slit(grid, wcs, frame, steps, first, alone) if any(alone) else None
 
 
-def _of_sky(grid: Any, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: Any) -> Any:
+def _of_sky(grid: Grid, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: Any) -> Any:
     if not wcs.has_celestial or not all(is_uniform(edges) for edges in grid.edges[:2]):
         return None
     width = np.array([np.ptp(edges) / (len(edges) - 1) for edges in grid.edges[:2]])
@@ -46,7 +50,7 @@ def _of_sky(grid: Any, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: A
 
 
 def _of_slit(
-    grid: Any, wcs: Any, frame: Any, steps: np.ndarray, first: np.ndarray, alone: list[bool]
+    grid: Grid, wcs: Any, frame: Frame, steps: np.ndarray, first: np.ndarray, alone: list[bool]
 ) -> Any:
     """Return the WCS of an offset and of the third axis, to which z is proportional."""
     from astropy.wcs import WCS
@@ -72,7 +76,7 @@ def _of_slit(
     return new
 
 
-def _third(grid: Any, wcs: Any, z: float) -> tuple[tuple[str, Any, float], float]:
+def _third(grid: Grid, wcs: Any, z: float) -> tuple[tuple[str, Any, float], float]:
     """Return kind, unit and value of the third coordinate at z, and how fast it grows with z."""
     single = wcs.sub([3])
     low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]

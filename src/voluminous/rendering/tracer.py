@@ -402,7 +402,7 @@ def innermost(error: BaseException) -> BaseException:
     return error
 
 
-def reverse(ray: Any) -> Any:
+def reverse(ray: Ray) -> Any:
     """Return rays that run the other way, towards the camera."""
     last = None if ray.first is None else -ray.first
     first = None if ray.last is None else -ray.last

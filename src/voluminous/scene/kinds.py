@@ -23,15 +23,7 @@ class Kind:
     take: Callable[[Any], Any]
 
     def __call__(self, key: str, value: Any) -> Any:
-        """Return the value that a constructor takes.
-
-        Raises
-        ------
-        InputError
-            If `value` is of another kind; names the key.
-        UnitsError
-            If its unit does not exist.
-        """
+        """Return the value that a constructor takes."""
         try:
             return self.take(value)
         except _UnfitError:
@@ -169,13 +161,6 @@ def arguments(
         The values, as in the file.
     kinds : mapping of Kind
         What a key may be; by default what the parameter's annotation says.
-
-    Raises
-    ------
-    UnknownNameError
-        For a key that is no parameter; names the nearest.
-    InputError
-        If a value is of the wrong kind, or one is missing.
     """
     parameters = {
         name: parameter

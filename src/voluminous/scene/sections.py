@@ -66,13 +66,7 @@ _IMAGE: dict[str, Kind] = {
 
 
 def build_medium(sections: list[Mapping[str, Any]]) -> Any:
-    """Return the sum of the media in ``[[medium]]``.
-
-    Raises
-    ------
-    VoluminousError
-        If one cannot be made; names its number.
-    """
+    """Return the sum of the media in ``[[medium]]``."""
     from ..media import MEDIA
 
     parts = _listed("medium", sections, MEDIA, _MEDIUM)
@@ -81,13 +75,7 @@ def build_medium(sections: list[Mapping[str, Any]]) -> Any:
 
 
 def build_objects(sections: list[Mapping[str, Any]]) -> list[Any]:
-    """Return the stars, lines, … in ``[[object]]``.
-
-    Raises
-    ------
-    VoluminousError
-        If one cannot be made; names its number.
-    """
+    """Return the stars, lines, … in ``[[object]]``."""
     from ..objects import OBJECTS
 
     return _listed("object", sections, OBJECTS, _OBJECT)

@@ -21,15 +21,7 @@ _LISTS = ("medium", "object")
 
 
 def plain_sections(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all sections, in order, as tables of plain values.
-
-    Raises
-    ------
-    UnknownNameError
-        For a section that does not exist.
-    InputError
-        If one is missing, or is no table.
-    """
+    """Return all sections, in order, as tables of plain values."""
     for name in settings:
         if name not in SECTIONS:
             raise unknown_name("section", name, SECTIONS)
@@ -84,15 +76,7 @@ def plain_value(value: Any) -> Any:
 
 
 def set_value(settings: dict[str, Any], place: str, value: Any) -> None:
-    """Set the value at a place such as ``medium.1.color``; its last part may be new.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such section.
-    InputError
-        If the place leads through something that is not a table.
-    """
+    """Set the value at a place such as ``medium.1.color``; its last part may be new."""
     *path, last = place.split(".")
     section = path[0] if path else last
     if section not in SECTIONS:
@@ -143,13 +127,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def loads(text: str) -> dict[str, Any]:
-    """Return the tables of a TOML document.
-
-    Raises
-    ------
-    FileFormatError
-        If it is not TOML; names line and column.
-    """
+    """Return the tables of a TOML document."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -171,13 +149,7 @@ def value(text: str) -> Any:
 
 
 def dumps(tables: Mapping[str, Any]) -> str:
-    """Return a TOML document; `loads` gives back the same values.
-
-    Raises
-    ------
-    InputError
-        If there is a value that TOML cannot hold.
-    """
+    """Return a TOML document; `loads` gives back the same values."""
     return "\n".join(_lines(tables, "")).strip() + "\n"
 
 

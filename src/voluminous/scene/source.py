@@ -81,13 +81,7 @@ class VolumeSource:
 
 
 def read_source(section: Mapping[str, Any]) -> VolumeSource:
-    """Return what ``[volume]`` says, checked as far as that goes without the file.
-
-    Raises
-    ------
-    VoluminousError
-        If a key is unknown, a value of the wrong kind, or an expression or unit wrong.
-    """
+    """Return what ``[volume]`` says, checked as far as that goes without the file."""
     with placed("[volume]"):
         if ("path" in section) == ("model" in section):
             raise InputError("give path = a file, or model = one of " + ", ".join(sorted(models())))
@@ -136,13 +130,7 @@ def _file(section: Mapping[str, Any], options: dict[str, Any]) -> VolumeSource:
 
 
 def typed_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a reader's options as it takes them, from plain values.
-
-    Raises
-    ------
-    InputError
-        If one is of the wrong kind.
-    """
+    """Return a reader's options as it takes them, from plain values."""
     return {key: _FILE.get(key, kinds.ANYTHING)(key, value) for key, value in options.items()}
 
 

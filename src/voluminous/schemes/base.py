@@ -85,18 +85,18 @@ class Scheme:
     complete: bool = False
     everywhere: bool = False
 
-    def start(self, position: Position, source: Any) -> list[Float]:
+    def start(self, position: Position, source: Source) -> list[Float]:
         """Return what is carried along rays, where they enter."""
         return []
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Float], moved: Mask
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Float]:
         """Return what rays carry, some of which (`moved`) crossed empty space to a position."""
         return carried
 
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
+        self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         """Return the solution of a segment, and what to carry on.
 
@@ -132,7 +132,7 @@ class Scheme:
 
 
 def interpolated_at(
-    position: Position, source: Any, values: list[Float], moved: Mask
+    position: Position, source: Source, values: list[Float], moved: Mask
 ) -> list[Float]:
     """Return the coefficients at a position: interpolated anew for rays that have moved."""
 
@@ -155,18 +155,18 @@ class VertexScheme(Scheme):
     order = 2
     coefficients_at = "vertex"
 
-    def start(self, position: Position, source: Any) -> list[Float]:
+    def start(self, position: Position, source: Source) -> list[Float]:
         cursor = position.cursor
         corners = position.walk.entry_corners(position.track, cursor)
         return list(source.interpolate(corners, cursor.inside))
 
     def after_skip(
-        self, position: Position, source: Any, carried: list[Float], moved: Mask
+        self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Float]:
         return interpolated_at(position, source, carried, moved)
 
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
+        self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         corners = segment.walk.exit_corners(segment.track, segment)
         reached = list(source.interpolate(corners, segment.active))

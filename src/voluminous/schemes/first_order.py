@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..backend.functions import attenuation
 from ..backend.types import Float
 from ..grids.contract import Segment
 from .base import Scheme, Solution
+
+if TYPE_CHECKING:
+    from .base import Source
 
 
 class FirstOrder(Scheme):
@@ -21,7 +24,7 @@ class FirstOrder(Scheme):
     name = "first-order"
 
     def solve(
-        self, segment: Segment, source: Any, carried: list[Float]
+        self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
         j, alpha = source.at(segment)
         depth = [a * segment.length for a in alpha]

@@ -197,7 +197,7 @@ def sampled_segment(
     return path, good & good_dim & (most(depth) <= THIN)
 
 
-def _ordering(first: Any, last: Any, ahead: Float, length: Float) -> list[Float]:
+def _ordering(first: Float, last: Float, ahead: Float, length: Float) -> list[Float]:
     """Return what means miss of the order along the ray, for j and α linear along the segment.
 
     To first order in α: ∫ j(s) (1 - ∫₀ˢ α ds') ds is that of means and L² (j₀ α₁ - j₁ α₀)/12.

@@ -9,7 +9,7 @@ rounded up to a multiple of the widest step; rays never come to the cells that a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...backend import dr
 from ...backend.functions import inverse_power_of_two, unit_interval
@@ -19,6 +19,9 @@ from ..contract import Segment
 from .dual_walk import Chord, DualTrack, DualWalk
 from .leap import cell_ahead
 from .walk import least, lesser, nearest
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # log2 of the widest step.
 WIDEST = 3
@@ -95,7 +98,7 @@ class CoarseChord(Chord):
 class CoarseWalk(DualWalk):
     """Rays through the dual of a uniform `CartesianGrid`, in steps of one or more cells."""
 
-    def __init__(self, edges: Any, scale: float, backend: Any) -> None:
+    def __init__(self, edges: Any, scale: float, backend: Backend) -> None:
         super().__init__(edges, scale, backend, 1 << WIDEST)
         counts = [len(e) for e in edges]  # of dual cells, without those that were added
         self.own_cells = self._strides(counts)
@@ -130,7 +133,7 @@ class CoarseWalk(DualWalk):
         ]
         return CoarseCursor(index, self.backend.Float(1), cursor.t, cursor.inside)
 
-    def settle(self, cursor: Any, width: Any) -> CoarseCursor:
+    def settle(self, cursor: Any, width: Float) -> CoarseCursor:
         narrow = inverse_power_of_two(width)
         index = [dr.floor(i * narrow) * width for i in cursor.index]
         return CoarseCursor(index, width, cursor.t, cursor.inside)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from ...packages import room
 from ...units import is_quantity, plain, space_unit, unit_name, unit_of
 from ..arguments import check_extent, plain_points
 from ..contract import Box, Grid
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
+    from ...backend.types import Float
 
 
 class CartesianCells:
@@ -87,7 +91,7 @@ class CartesianCells:
         """Number of vertices."""
         return int(np.prod([len(e) for e in self.edges], dtype=object))
 
-    def vertex_cells(self, vertex: Int, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Any, Any]]:
         """Return the eight cells around vertices, each with where it exists (traced)."""
         from ...backend import dr
 
@@ -105,7 +109,7 @@ class CartesianCells:
             found.append(((a * ny + b) * nz + c, there))
         return found
 
-    def traced_centers(self, cell: Int, backend: Any) -> list[Any]:
+    def traced_centers(self, cell: Int, backend: Backend) -> list[Any]:
         """Return x, y and z of cell centres from flat cell numbers (traced)."""
         from ...backend import dr, from_host
 
@@ -176,7 +180,7 @@ class CartesianGrid(CartesianCells, Grid):
     walk_kinds = ("cells", "dual", "coarse")
     has_blocks = cells_are_boxes = is_rectilinear = has_vertices = has_traced_centers = True
 
-    def __init__(self, x: Any, y: Any, z: Any, *, unit: Any = None) -> None:
+    def __init__(self, x: Float, y: Float, z: Float, *, unit: Any = None) -> None:
         self.unit = _common_unit((x, y, z), unit)
         self.edges = tuple(
             _edges(values, self.unit, name) for values, name in zip((x, y, z), AXES, strict=True)
@@ -246,7 +250,7 @@ class CartesianGrid(CartesianCells, Grid):
         """Width in x of the first cell: what flux conservation compares a pixel with."""
         return float(self.edges[0][1] - self.edges[0][0])
 
-    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend.
 
         Parameters
@@ -280,7 +284,7 @@ class CartesianGrid(CartesianCells, Grid):
             return confined(self.edges, self.scale, backend, box=box)
         return self.on_device(backend, kind, lambda: kinds[kind](self.edges, self.scale, backend))
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
         lattices: list[Any] = room("rendering.sources.corner_layouts").cartesian_lattices(
             arrays, backend
         )
@@ -319,7 +323,7 @@ def _common_unit(axes: Any, unit: Any) -> Any:
     return space_unit(unit)
 
 
-def _edges(values: Any, unit: Any, axis: str) -> np.ndarray:
+def _edges(values: Float, unit: Any, axis: str) -> np.ndarray:
     if unit_of(values) is None and not is_quantity(values):
         edges = _plain_edges(values, axis)
     else:
@@ -341,7 +345,7 @@ def _edges(values: Any, unit: Any, axis: str) -> np.ndarray:
     return edges
 
 
-def _plain_edges(values: Any, axis: str) -> np.ndarray:
+def _plain_edges(values: Float, axis: str) -> np.ndarray:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -12,13 +12,16 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ...backend import Int, dr, from_host
 from ...backend.types import Float, Mask
 from .walk import BLOCK, least, lesser, nearest
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # A block is 2^BITS cells wide.
 BITS = BLOCK.bit_length() - 1
@@ -104,12 +107,12 @@ class Search:
         return self.code > _FARTHEST
 
 
-def block_shape(cells: Any) -> tuple[int, ...]:
+def block_shape(cells: Int) -> tuple[int, ...]:
     """Return how many blocks there are along each axis."""
     return tuple((int(n) + BLOCK - 1) >> BITS for n in cells)
 
 
-def make_blocks(filled: np.ndarray, backend: Any, steps: np.ndarray | None = None) -> Blocks:
+def make_blocks(filled: np.ndarray, backend: Backend, steps: np.ndarray | None = None) -> Blocks:
     """Return blocks.
 
     Parameters
@@ -223,7 +226,7 @@ class Way:
         octant = sum(dr.select(d, self.backend.UInt(4 >> axis), 0) for axis, d in enumerate(down))
         self.shift = octant * _DISTANCE_BITS
 
-    def block(self, axis: int, index: Any) -> Any:
+    def block(self, axis: int, index: Int) -> Any:
         """Return the block of a cell."""
         return dr.floor((index + self.lacking[axis]) * (1.0 / self.side))
 
@@ -279,7 +282,7 @@ class Way:
         return lesser(dr.select(block > old, block, old), old + (reach - 1.0))
 
 
-def cell_ahead(axis: Any, track: Any, t: Float, low: Any, high: Float) -> Any:
+def cell_ahead(axis: Int, track: Any, t: Float, low: Float, high: Float) -> Any:
     """Return the mirrored cell a ray is in at distance `t`, between two others.
 
     If rounding puts a wall of it behind the ray, that wall has been crossed.

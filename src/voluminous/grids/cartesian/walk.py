@@ -7,13 +7,16 @@ never accumulates and no ray leaks. The lengths of a ray's segments add up to it
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
 from ..contract import Box, Corners, Segment
 from ..wall_corners import bilinear, pick, trilinear
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Cells along each axis of the blocks that rays leap over (`grids.cartesian.leap`).
 BLOCK = 4
@@ -71,7 +74,9 @@ class CartesianWalk(BoxWalk):
 
     leaps = True  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
 
-    def __init__(self, edges: Any, scale: float, backend: Any, *, box: Box | None = None) -> None:
+    def __init__(
+        self, edges: Any, scale: float, backend: Backend, *, box: Box | None = None
+    ) -> None:
         self.backend = backend
         self.axes = [make_axis(e, scale, backend) for e in edges]
         self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)
@@ -171,7 +176,7 @@ class CartesianWalk(BoxWalk):
             there &= (found[a] >= first[a]) & (found[a] <= track.last[a])
         return found, here, there
 
-    def _advanced(self, axis: Any, track: AxisTrack, start: Any, t: Float, equal: Mask) -> Any:
+    def _advanced(self, axis: Int, track: AxisTrack, start: Float, t: Float, equal: Mask) -> Any:
         """Return the mirrored cell at a distance: all walls before it are crossed.
 
         Those at the very distance are where `equal` is true. The place at the distance is right but
@@ -232,7 +237,7 @@ class CartesianWalk(BoxWalk):
         """Return the cursor in the cell it is in: this walk never takes wider steps."""
         return cursor
 
-    def settle(self, cursor: Any, width: Any) -> Any:
+    def settle(self, cursor: Any, width: Float) -> Any:
         """Return the cursor as it is: this walk never takes wider steps."""
         return cursor
 
@@ -257,7 +262,7 @@ class CartesianWalk(BoxWalk):
         ]
 
 
-def lesser(a: Any, b: Any) -> Any:
+def lesser(a: Float, b: Float) -> Any:
     """Return the smaller of two numbers that are no NaN: one instruction, dr.minimum takes four."""
     return dr.select(a < b, a, b)
 

@@ -104,7 +104,7 @@ def _horizontal_normal(direction: list[Any]) -> list[Any]:
 
 
 def approach_axis(
-    origin: list[Any], direction: list[Any], outer: Any, low: Float, high: Any
+    origin: list[Any], direction: list[Any], outer: Any, low: Float, high: Float
 ) -> AxisApproach:
     """Return rays counted from the point of their chord that is nearest to the z axis.
 
@@ -134,7 +134,7 @@ def approach_axis(
     )
 
 
-def _between(z: Any, dz: Any, low: Float, high: Any) -> tuple[Any, Any]:
+def _between(z: Float, dz: Any, low: Float, high: Float) -> tuple[Any, Any]:
     """Return the distances at which rays are between two planes; the wrong way if never."""
     Wide = type(z)
     parallel = dr.abs(dz) < PARALLEL

@@ -6,11 +6,15 @@ r, θ and φ). Vertices are numbered in C order, one more than cells along each 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ...backend import dr
+from ...backend import Float, dr
 from ...backend.types import Int
 from ..contract import Corners
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
+    from ..contract import Grid
 
 
 def cell_corners(walk: Any, track: Any, leaving: Any) -> Corners:
@@ -68,7 +72,7 @@ def _multilinear(walk: Any, base: Any, fractions: list[Any], strides: list[Any])
     return Corners(vertices, weights)
 
 
-def cells_around(grid: Any, lane: Int, backend: Any) -> list[tuple[Any, Any]]:
+def cells_around(grid: Grid, lane: Int, backend: Backend) -> list[tuple[Any, Any]]:
     """Return the eight cells around vertices, and whether each of them exists.
 
     Azimuth that spans a full circle is cyclic: the first and the last vertex have the same cells.
@@ -103,7 +107,7 @@ def cells_around(grid: Any, lane: Int, backend: Any) -> list[tuple[Any, Any]]:
     return found
 
 
-def _side(cell: Int, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
+def _side(cell: Int, last: Float, cyclic: bool, folded: bool) -> tuple[Any, Any]:
     if cyclic:
         cell = dr.select(cell < 0, last, dr.select(cell > last, 0, cell))
     elif folded:
@@ -112,7 +116,7 @@ def _side(cell: Int, last: Any, cyclic: bool, folded: bool) -> tuple[Any, Any]:
     return dr.clip(cell, 0, last), inside
 
 
-def _unravel(lane: Int, shape: tuple[int, ...], backend: Any) -> list[Any]:
+def _unravel(lane: Int, shape: tuple[int, ...], backend: Backend) -> list[Any]:
     Int, UInt, rest, numbers = backend.Int, backend.UInt, backend.UInt(lane), []
     for count in shape[:0:-1]:
         row = backend.quotient(rest, dr.opaque(UInt, count + 1))

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...backend import dr
+from ...backend import Float, dr
 from ..box_walk import NEVER
 
 # A coefficient that is zero for all rays is None.
@@ -63,7 +63,7 @@ def meet(lines: Lines, wall: Sequence[Any], inward: Any) -> Any:
     return dr.select(met, t, dr.select(inward, -NEVER, type(v)(NEVER)))
 
 
-def _root(lines: Lines, v: Any, inward: Any) -> Any:
+def _root(lines: Lines, v: Float, inward: Any) -> Any:
     positive, other = lines.offset or ()
     square = v - (positive if other is positive else dr.select(v > 0.0, positive, other))
     root = dr.sqrt(dr.select(square > 0.0, square, 0.0))
@@ -71,7 +71,7 @@ def _root(lines: Lines, v: Any, inward: Any) -> Any:
     return root if lines.straight is None else dr.select(lines.straight, v, root)
 
 
-def _linear(form: Form, c: Any, s: Any) -> Any:
+def _linear(form: Form, c: Any, s: Float) -> Any:
     constant, by_c, by_s = form
     total = constant
     for coefficient, value in ((by_c, c), (by_s, s)):
@@ -130,22 +130,22 @@ def _any(masks: list[Any]) -> Any:
     return found
 
 
-def either(a: Any, b: Any) -> Any:
+def either(a: Float, b: Float) -> Any:
     """Return where one of two holds."""
     return a | b
 
 
-def both(a: Any, b: Any) -> Any:
+def both(a: Float, b: Float) -> Any:
     """Return where both of two hold."""
     return a & b
 
 
-def later(a: Any, b: Any) -> Any:
+def later(a: Float, b: Float) -> Any:
     """Return the larger of two numbers that are no NaN."""
     return dr.select(a > b, a, b)
 
 
-def lesser(a: Any, b: Any) -> Any:
+def lesser(a: Float, b: Float) -> Any:
     """Return the smaller of two numbers that are no NaN."""
     return dr.select(a < b, a, b)
 

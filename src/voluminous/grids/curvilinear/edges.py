@@ -36,13 +36,7 @@ def angle_edges(values: Any, name: str) -> np.ndarray:
 
 
 def increasing(values: Any, name: str) -> np.ndarray:
-    """Return cell edges as a new array of float64.
-
-    Raises
-    ------
-    InputError
-        If they are not one-dimensional, fewer than two, not finite or not increasing.
-    """
+    """Return cell edges as a new array of float64."""
     try:
         edges = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -63,13 +57,7 @@ def _not_above(edges: np.ndarray) -> np.ndarray:
 
 
 def radii(edges: np.ndarray, name: str) -> np.ndarray:
-    """Return edges that are radii.
-
-    Raises
-    ------
-    InputError
-        If the first one is negative.
-    """
+    """Return edges that are radii."""
     if edges[0] < 0:
         raise InputError(f"{name} edges must not be negative; the first is {edges[0]:g}")
     edges.setflags(write=False)
@@ -77,13 +65,7 @@ def radii(edges: np.ndarray, name: str) -> np.ndarray:
 
 
 def azimuths(edges: np.ndarray) -> np.ndarray:
-    """Return edges that are azimuths; a circle that is closed but for rounding is closed.
-
-    Raises
-    ------
-    InputError
-        If they span more than a full circle.
-    """
+    """Return edges that are azimuths; a circle that is closed but for rounding is closed."""
     span = edges[-1] - edges[0]
     if span > FULL_CIRCLE + ANGLE_ROUNDING:
         raise InputError(

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from .approach import dot
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import lesser
 from .radmc3d_substeps import SteppedWalk
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
+    from ..contract import Grid
 
 # The longest segment, as a part of its distance, where nothing is asked: √(q² + u²) is then off by
 # 6e-6 q at most, and a field of white noise by 4e-4 of its range.
@@ -75,13 +79,13 @@ class Smooth:
         Distance of the farthest point of the domain, in units of the scale.
     """
 
-    def __init__(self, centre: bool, extent: float, backend: Any) -> None:
+    def __init__(self, centre: bool, extent: float, backend: Backend) -> None:
         self.centre, self.backend = centre, backend
         self.part = backend.opaque(_PART)
         self.least = backend.opaque(_NEAREST * float(np.finfo(backend.dtype).eps) * extent)
 
     @classmethod
-    def of(cls, grid: Any, backend: Any) -> Smooth:
+    def of(cls, grid: Grid, backend: Backend) -> Smooth:
         """Return what a grid needs."""
         farthest = [float(np.abs(grid.edges[k]).max()) / grid.scale for k in (0, 2)]
         centre = bool(grid.kind == "spherical")
@@ -140,7 +144,7 @@ class DualGrid:
     scale: float
 
     @classmethod
-    def of(cls, grid: Any) -> DualGrid:
+    def of(cls, grid: Grid) -> DualGrid:
         """Return the dual of a curvilinear grid."""
         edges = tuple(
             dual_edges(e, periodic)
@@ -154,7 +158,7 @@ class DualGrid:
         return tuple(len(e) - 1 for e in self.edges)
 
 
-def periodic_axes(grid: Any) -> list[bool]:
+def periodic_axes(grid: Grid) -> list[bool]:
     """Return along which axes a grid closes upon itself."""
     return [name == "phi" and grid.is_periodic for name in grid.coordinates]
 
@@ -169,7 +173,7 @@ def dual_edges(edges: np.ndarray, periodic: bool) -> np.ndarray:
     return np.concatenate([edges[:1], centers, edges[-1:]])
 
 
-def dual_values(array: np.ndarray, grid: Any) -> np.ndarray:
+def dual_values(array: np.ndarray, grid: Grid) -> np.ndarray:
     """Return a field at the vertices of the dual grid."""
     for axis, periodic in enumerate(periodic_axes(grid)):
         array = _at_walls(array, axis, periodic)
@@ -223,7 +227,7 @@ class CurvilinearChord:
         """Return it from three values, for schemes of second order: in 0.9 of their time."""
         return parabola_through([trilinear(values, self._place(k / 2)) for k in range(3)])
 
-    def distance(self, s: Any) -> Any:
+    def distance(self, s: Float) -> Any:
         """Return how far along the ray a place of the segment is, s from 0 to 1."""
         end = self.segment.exit.t
         # With all digits near the axis; what is added is zero but for parts of segments.
@@ -234,7 +238,7 @@ class CurvilinearChord:
         """Return where in its cell a point is, from 0 to 1 along all three axes."""
         return self.walk.place(self._index, point, own)
 
-    def point(self, s: Any) -> list[Any]:
+    def point(self, s: Float) -> list[Any]:
         """Return a point of the segment, from the centre, in units of the scale.
 
         Where one of its ends is on the axis or in the centre, a point next to that.

@@ -6,7 +6,7 @@ import functools
 from dataclasses import dataclass
 from typing import Any
 
-from ...backend import dr
+from ...backend import Int, dr
 from ...backend.types import Float, Mask
 from ..box_walk import NEVER
 from ..contract import Walk
@@ -74,7 +74,7 @@ class GapCrossing(Walk):
         """Return the lanes that are in no cell."""
         return functools.reduce(either, self._gaps(track, count))
 
-    def _cross_gap(self, track: Any, count: list[Any], t: Float, lanes: Any) -> Jump:
+    def _cross_gap(self, track: Any, count: list[Any], t: Float, lanes: Int) -> Jump:
         """Move those lanes that are in a gap to the first cell beyond, or out of the domain."""
 
         def in_gap(count: list[Any], t: Float) -> Any:

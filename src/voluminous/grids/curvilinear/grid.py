@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ...units import unit_name
 from ..contract import Box, Grid
 from .corners import cells_around
 from .edges import FULL_CIRCLE, is_closed
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Single precision must tell this many points apart across the thinnest cell.
 _POINTS_PER_CELL = 256
@@ -153,17 +156,17 @@ class CurvilinearGrid(Grid):
         """True if azimuth spans a full circle."""
         return is_closed(self.edges[self.coordinates.index("phi")])
 
-    def vertex_cells(self, lane: Any, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, lane: Any, backend: Backend) -> list[tuple[Any, Any]]:
         """Return the cells around vertices, and whether they exist; see `cells_around`."""
         return cells_around(self, lane, backend)
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
         module = room("rendering.sources.corner_layouts")
         make = module.curvilinear_lattices if self.is_structured else module.tree_lattices
         lattices: list[Any] = make(self, arrays, backend)
         return lattices
 
-    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
 
         Parameters
@@ -173,11 +176,6 @@ class CurvilinearGrid(Grid):
         kind : {"cells", "substeps", "dual"}
             Through the cells; through the cells in the sub-steps that RADMC-3D takes; or through
             the dual cells between their centres.
-
-        Raises
-        ------
-        InputError
-            For any other kind.
         """
         from .walks import make_walk
 

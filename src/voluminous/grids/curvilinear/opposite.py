@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ...backend import Float, dr, from_host
 from .edges import FULL_CIRCLE
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 _HALF = 0.5 * FULL_CIRCLE
 # A place outside, along any axis, also where that closes upon itself.
@@ -28,7 +31,7 @@ class Opposite:
         In double precision.
     """
 
-    def __init__(self, grid: Any, alike: list[bool], half: float, backend: Any) -> None:
+    def __init__(self, grid: Any, alike: list[bool], half: float, backend: Backend) -> None:
         self.real, self.UInt = backend.Float, backend.UInt
         names, edges = list(grid.coordinates), grid.edges
         self.azimuth = names.index("phi")
@@ -73,12 +76,12 @@ class Opposite:
             out[1] = self._upside_down(place[1])
         return [dr.select(beyond, new, old) for new, old in zip(out, place, strict=True)]
 
-    def _upside_down(self, place: Any) -> Any:
+    def _upside_down(self, place: Float) -> Any:
         if self.alike[1]:
             return -place
         return 2.0 * self.extent[1] - place if self.mirrored else self._looked_up(1, place)
 
-    def _half_turned(self, place: Any) -> Any:
+    def _half_turned(self, place: Float) -> Any:
         if self.alike[self.azimuth]:
             return place + self.half
         if not self.around:
@@ -87,7 +90,7 @@ class Opposite:
         wrapped = place - extent * dr.floor(place / extent)
         return self._looked_up(self.azimuth, wrapped)
 
-    def _looked_up(self, axis: int, place: Any) -> Any:
+    def _looked_up(self, axis: int, place: Float) -> Any:
         extent = self.extent[axis]
         inside = (place > 0.0) & (place < extent)
         unit = self.UInt(dr.clip(place, 0.0, extent - 0.5))

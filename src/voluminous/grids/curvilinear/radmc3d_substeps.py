@@ -18,7 +18,7 @@ from .walk import Cursor, CurvilinearWalk, Step, Track
 _LARGEST_TURN = 0.1
 
 
-def cut(closest: Any, radius: Any, t: Float, length: Float) -> tuple[Any, Any]:
+def cut(closest: Any, radius: Float, t: Float, length: Float) -> tuple[Any, Any]:
     """Return where a step that turns too far is to end, and which do.
 
     Parameters

@@ -8,7 +8,7 @@ edges along each axis are.
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from .edges import ANGLE_ROUNDING, FULL_CIRCLE
 from .grid import CurvilinearGrid
 from .refined_surroundings import RefinedSurroundings, StraightSurroundings
 from .spherical import SphericalGrid
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Finest cells along one axis: kernels hold a table of their walls.
 _MOST_WALLS = 1 << 24
@@ -147,18 +150,18 @@ class RefinedCells(CurvilinearGrid):
     def vertex_count(self) -> int:
         return self.vertex_numbers.count
 
-    def vertex_cells(self, lane: Int, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, lane: Int, backend: Backend) -> list[tuple[Any, Any]]:
         return cells_around(self, lane, backend)
 
-    def surroundings(self, backend: Any) -> RefinedSurroundings:
+    def surroundings(self, backend: Backend) -> RefinedSurroundings:
         """Return what finds the leaves around vertices in kernels, in double precision."""
         return RefinedSurroundings(self, backend.with_precision("double"))
 
-    def neighbourhood(self, backend: Any) -> StraightSurroundings:
+    def neighbourhood(self, backend: Backend) -> StraightSurroundings:
         """Return what finds neighbours of leaves in kernels, and how far they are."""
         return StraightSurroundings(self, backend.with_precision("double"))
 
-    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once).
 
         Parameters

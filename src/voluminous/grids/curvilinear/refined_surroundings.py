@@ -13,17 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import Float, Int, dr
 from ...backend.types import Mask
 from ...geometry import SPHERICAL
 from ..trees.axes import Spacing
 from ..trees.lookup import Cell
 from ..trees.vertices import Surroundings
 from .opposite import Opposite
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 class RefinedSurroundings(Surroundings):
@@ -36,12 +39,12 @@ class RefinedSurroundings(Surroundings):
         In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid.tree, backend)
         self.turning, self.mirrored = endless(grid)
         self.parts = [float(p) for p in grid.divisions]
 
-    def spacing(self, grid: Any, backend: Any) -> ContinuedSpacing:
+    def spacing(self, grid: Any, backend: Backend) -> ContinuedSpacing:
         return OwnSpacing(grid, backend)
 
     def steps(self, middle: list[Any], size: list[Any], width: list[Any]) -> list[Any]:
@@ -78,7 +81,7 @@ class RefinedSurroundings(Surroundings):
         return Cell(cell.number, low, cell.size), there
 
 
-def _turns(place: Any, extent: Any) -> Any:
+def _turns(place: Float, extent: Any) -> Any:
     """Return how far places are from where they are within the domain: a turn or none."""
     return dr.select(place < 0.0, -extent, dr.select(place > extent, extent, 0.0))
 
@@ -98,7 +101,7 @@ class ContinuedSpacing(Spacing):
     """
 
     def __init__(
-        self, grid: Any, edges: Any, backend: Any, straight: Sequence[bool] = (False,) * 3
+        self, grid: Any, edges: Any, backend: Backend, straight: Sequence[bool] = (False,) * 3
     ) -> None:
         turning, mirrored = (
             [own and not on for own, on in zip(each, straight, strict=True)]
@@ -133,7 +136,7 @@ class OwnSpacing(ContinuedSpacing):
         In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, grid.edges, backend)
         self.parts = [dr.opaque(backend.Float, float(p)) for p in grid.divisions]
 
@@ -181,12 +184,12 @@ class StraightSurroundings(RefinedSurroundings):
         In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         super().__init__(grid, backend)
         self.alike = _alike(grid)
         self.opposite = Opposite(grid, self.alike, np.pi / _TURNED, backend)
 
-    def spacing(self, grid: Any, backend: Any) -> StraightSpacing:
+    def spacing(self, grid: Any, backend: Backend) -> StraightSpacing:
         return StraightSpacing(grid, backend)
 
     def cell_at(self, place: list[Any], active: Mask) -> tuple[Cell, Any]:
@@ -213,7 +216,7 @@ class StraightSpacing(ContinuedSpacing):
         In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         angles = [name in ("theta", "phi") for name in grid.coordinates]
         alike = _alike(grid)
         edges = [
@@ -253,7 +256,7 @@ class StraightSpacing(ContinuedSpacing):
         return [size, out]
 
     def _wider(
-        self, axis: int, radius: Any, least: Any, middle: list[Any], width: list[Any], size: Any
+        self, axis: int, radius: Float, least: Float, middle: list[Any], width: list[Any], size: Any
     ) -> Any:
         """Widen sizes along an angle to a least width, within the grid, and return their width."""
         wanted = size[axis] * dr.minimum(least, _WIDEST * radius) / width[axis]
@@ -265,7 +268,7 @@ class StraightSpacing(ContinuedSpacing):
         size[axis] = wide
         return width[axis]
 
-    def turning(self, axis: Any, middle: list[Any], gradient: list[Any]) -> Any:
+    def turning(self, axis: Int, middle: list[Any], gradient: list[Any]) -> Any:
         """Return by how much a gradient that turns with an angle changes along it, per length.
 
         That is the gradient's part away from the axis (centre), over the distance from there.

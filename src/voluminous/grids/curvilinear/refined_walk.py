@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
@@ -24,6 +24,9 @@ from .field_walk import CurvilinearChord, Smooth, Smoothed
 from .radmc3d_substeps import cut
 from .surfaces import Turning
 from .walk import Cursor, CurvilinearWalk, Exit, Track
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 @dataclass
@@ -68,7 +71,7 @@ class RefinedWalk(CurvilinearWalk):
         families: list[Any],
         approach: Any,
         scale: float,
-        backend: Any,
+        backend: Backend,
         *,
         axes: list[int],
         grid: Any,
@@ -155,7 +158,7 @@ class RefinedWalk(CurvilinearWalk):
                 found.append(k + onward)
         return found
 
-    def _between(self, family: Any, axis: Any, first: Any, last: Any, t: Float) -> Any:
+    def _between(self, family: Any, axis: Int, first: Float, last: Float, t: Float) -> Any:
         count = later(family.enter(axis, t), first)
         return lesser(count, last)
 
@@ -223,7 +226,7 @@ class RefinedFieldWalk(Smoothed, RefinedWalk):
     backend : Backend
     """
 
-    def __init__(self, grid: Any, walk: RefinedWalk, backend: Any) -> None:
+    def __init__(self, grid: Any, walk: RefinedWalk, backend: Backend) -> None:
         super().__init__(
             walk.families,
             walk.approach,

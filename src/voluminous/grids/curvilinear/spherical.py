@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from .edges import (
     radii,
 )
 from .grid import CurvilinearGrid
+
+if TYPE_CHECKING:
+    from ...backend.types import Float
 
 MIDPLANE = 0.5 * np.pi
 
@@ -82,8 +85,8 @@ class SphericalGrid(CurvilinearGrid):
     def __init__(
         self,
         r: Any,
-        theta: Any = (0.0, np.pi),
-        phi: Any = (0.0, 2 * np.pi),
+        theta: Float = (0.0, np.pi),
+        phi: Float = (0.0, 2 * np.pi),
         *,
         mirror: bool = False,
         refined: Any = None,

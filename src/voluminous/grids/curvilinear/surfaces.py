@@ -14,7 +14,7 @@ a ray is among them, and the coefficients with which it meets them (`grids.curvi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines, meet
 from .edges import ANGLE_ROUNDING
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 @dataclass
@@ -99,7 +102,7 @@ class Surfaces:
     halves_cell = False
     widest = 0.0
 
-    def __init__(self, table: np.ndarray, walls: int, cells: int, backend: Any) -> None:
+    def __init__(self, table: np.ndarray, walls: int, cells: int, backend: Backend) -> None:
         self.backend, self.walls, self.cells = backend, walls, cells
         self.own_table = table
         self.last_cell = dr.opaque(backend.Int, cells - 1)
@@ -118,7 +121,7 @@ class Surfaces:
         """Whether no cell is wider than π/4."""
         return self.widest <= 0.25 * np.pi + ANGLE_ROUNDING
 
-    def time(self, track: Any, count: Any) -> Any:
+    def time(self, track: Any, count: Int) -> Any:
         """Return the distance of the next crossing."""
         return meet(track.lines, self.wall_at(ahead(track.slot, count)), count < 0)
 
@@ -126,7 +129,7 @@ class Surfaces:
         """Return where between the walls of its cell a point is, from 0 to 1."""
         raise NotImplementedError
 
-    def in_gap(self, track: Any, count: Any) -> Any:
+    def in_gap(self, track: Any, count: Int) -> Any:
         """Return the lanes between walls that hold no cell."""
         raise NotImplementedError
 
@@ -187,7 +190,7 @@ class Turning(Surfaces):
         """Return True for walls from the first one on that is not below a place."""
         raise NotImplementedError
 
-    def number(self, track: TurningTrack, count: Any) -> Any:
+    def number(self, track: TurningTrack, count: Int) -> Any:
         """Return how many walls lie below the ray."""
         number = track.turn + dr.abs(count)
         return (
@@ -196,7 +199,7 @@ class Turning(Surfaces):
             else dr.select(track.down, self.wall_count - number, number)
         )
 
-    def wall(self, track: TurningTrack, count: Any) -> Any:
+    def wall(self, track: TurningTrack, count: Int) -> Any:
         """Return the number of the wall that is met next."""
         wall = ahead(track.turn, count)
         if track.down is None:
@@ -223,7 +226,7 @@ class Running(Surfaces):
         )
         return self.backend.Int(met)
 
-    def rises(self, track: RunningTrack, count: Any) -> Any:
+    def rises(self, track: RunningTrack, count: Int) -> Any:
         """Return where the number of the cell grows along the ray."""
         return ~track.down
 
@@ -236,7 +239,7 @@ class Running(Surfaces):
         raise NotImplementedError
 
 
-def ahead(turn: Any, count: Any) -> Any:
+def ahead(turn: Any, count: Int) -> Any:
     """Return the wall ahead, from that at the turning point: -count - 1 on, if that is negative."""
     return turn + (count ^ (count >> 31))
 
@@ -261,7 +264,7 @@ class Planes(Running):
 
     encloses = True
 
-    def __init__(self, edges: np.ndarray, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, backend: Backend) -> None:
         beyond = [2 * edges[-1] - edges[0]], [edges[-1] - 2 * edges[0]]
         heights = np.concatenate([edges, beyond[0], -edges[::-1], beyond[1]])
         table = np.stack([heights, np.zeros_like(heights)], axis=1)
@@ -299,11 +302,11 @@ class Planes(Running):
         """Return the distance at which rays leave the outermost plane."""
         return self.time(track, self.last_cell + 1)
 
-    def cell(self, track: RunningTrack, count: Any) -> Any:
+    def cell(self, track: RunningTrack, count: Int) -> Any:
         """Return the number of the cell along this axis."""
         return dr.select(track.down, self.wall_count - 1 - count, count - 1)
 
-    def vertex(self, track: RunningTrack, count: Any) -> Any:
+    def vertex(self, track: RunningTrack, count: Int) -> Any:
         """Return the number of the vertices on the wall that is met next."""
         return dr.select(track.down, self.wall_count - 1 - count, count)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .edges import ANGLE_ROUNDING, FULL_CIRCLE, is_closed
 from .surfaces import Running, RunningTrack
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Half planes nearer than this (in roundings) to a ray's direction are met at either end of it.
 _PARALLEL = 64
@@ -52,7 +55,7 @@ class HalfPlanes(Running):
         Azimuths of the cells' walls.
     """
 
-    def __init__(self, edges: np.ndarray, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, backend: Backend) -> None:
         self.has_gaps = not is_closed(edges)
         self.angles, halved = _with_wide_halved(edges if self.has_gaps else edges[:-1])
         self.halves_cell = halved < len(edges) - 1
@@ -113,7 +116,7 @@ class HalfPlanes(Running):
         slot = self._around(dr.select(behind, slot + 1, slot))
         return RunningTrack(surface, self.lines(surface), start, start + slot, down)
 
-    def _angle_after_first_wall(self, x: Any, y: Any, down: Mask) -> Any:
+    def _angle_after_first_wall(self, x: Float, y: Float, down: Mask) -> Any:
         """Return the azimuth from the first wall (of either sense) on, below a full circle."""
         angle = dr.atan2(y, x) - self.first_angle
         angle = dr.select(down, self.extent - angle, angle)
@@ -134,31 +137,31 @@ class HalfPlanes(Running):
         bottom = (None, surface.dy, -surface.dx)
         return Lines(top, bottom, least=surface.slowest, start=surface.turn)
 
-    def cell(self, track: RunningTrack, count: Any) -> Any:
+    def cell(self, track: RunningTrack, count: Int) -> Any:
         """Return the number of the cell along this axis; the one after the last for the gap."""
         slot = self._slot(track, count)
         down = self.wall_count - 1 - slot
         up = dr.select(slot == 0, self.wall_count, slot) - 1
         return self._of_grid(dr.select(track.down, down, up))
 
-    def _slot(self, track: RunningTrack, count: Any) -> Any:
+    def _slot(self, track: RunningTrack, count: Int) -> Any:
         return self._around(track.slot - track.start + count)
 
     def _around(self, slot: Any) -> Any:
         return dr.select(slot >= self.wall_count, slot - self.wall_count, slot)
 
-    def in_gap(self, track: RunningTrack, count: Any) -> Any:
+    def in_gap(self, track: RunningTrack, count: Int) -> Any:
         return self.cell(track, count) > self.last_cell
 
-    def vertex(self, track: RunningTrack, count: Any) -> Any:
+    def vertex(self, track: RunningTrack, count: Int) -> Any:
         """Return the number of the vertices on the wall that is met next."""
         return self._of_grid(self._wall(track, count))
 
-    def in_cell(self, track: RunningTrack, count: Any) -> Any:
+    def in_cell(self, track: RunningTrack, count: Int) -> Any:
         """Return the lanes of which the wall that is met next is in the middle of a cell."""
         return self._wall(track, count) == self.halved + 1
 
-    def _wall(self, track: RunningTrack, count: Any) -> Any:
+    def _wall(self, track: RunningTrack, count: Int) -> Any:
         slot = self._slot(track, count)
         return dr.select(track.down, self.wall_count - 1 - slot, slot)
 

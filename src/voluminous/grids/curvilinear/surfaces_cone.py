@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from .approach import CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .surfaces import Turning, TurningTrack
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 @dataclass
@@ -64,7 +67,7 @@ class Cones(Turning):
         The last edge is the midplane, and the cells are mirrored below it.
     """
 
-    def __init__(self, edges: np.ndarray, mirrored: bool, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, mirrored: bool, backend: Backend) -> None:
         self.mirrored = mirrored
         every = np.concatenate([edges, np.pi - edges[-2::-1]]) if mirrored else edges
         self.above, self.below = bool(every[0] > 0), bool(every[-1] < np.pi)
@@ -133,11 +136,11 @@ class Cones(Turning):
             (surface.tilt, surface.steepest),
         )
 
-    def cell(self, track: TurningTrack, count: Any) -> Any:
+    def cell(self, track: TurningTrack, count: Int) -> Any:
         """Return the number of the cell along this axis; outside the cells for lanes in a gap."""
         return self._fold(self.number(track, count) - int(self.above), 2 * self.cells - 1)
 
-    def rises(self, track: TurningTrack, count: Any) -> Any:
+    def rises(self, track: TurningTrack, count: Int) -> Any:
         """Return where the number of the cell grows with that of the walls below the ray."""
         up = ~track.down
         if not self.mirrored:
@@ -145,14 +148,14 @@ class Cones(Turning):
         number = self.number(track, count) - int(self.above)
         return up ^ (number > self.last_cell)
 
-    def in_gap(self, track: TurningTrack, count: Any) -> Any:
+    def in_gap(self, track: TurningTrack, count: Int) -> Any:
         number = self.number(track, count)
         north, south = number == 0, number == self.wall_count
         if self.above and self.below:
             return north | south
         return north if self.above else south
 
-    def vertex(self, track: TurningTrack, count: Any) -> Any:
+    def vertex(self, track: TurningTrack, count: Int) -> Any:
         """Return the number of the vertices on the wall that is met next."""
         return self._fold(self.wall(track, count) + int(not self.above), 2 * self.cells)
 

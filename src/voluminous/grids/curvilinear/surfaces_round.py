@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from .approach import PARALLEL, AxisApproach, CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
 from .crossing import Lines
 from .surfaces import Turning, TurningTrack
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 class Round(Turning):
@@ -29,7 +32,7 @@ class Round(Turning):
 
     encloses = True
 
-    def __init__(self, edges: np.ndarray, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, backend: Backend) -> None:
         self.has_gaps = bool(edges[0] > 0)
         radii = edges if self.has_gaps else edges[1:]
         # Beyond the last wall one more, so that rays that have left read something finite.
@@ -59,22 +62,22 @@ class Round(Turning):
         last = track.reach - 1
         return dr.select(last < 0, -NEVER, self.time(track, dr.maximum(last, 0)))
 
-    def cell(self, track: TurningTrack, count: Any) -> Any:
+    def cell(self, track: TurningTrack, count: Int) -> Any:
         """Return the number of the cell along this axis."""
         return self.number(track, count) - self.skipped
 
-    def rises(self, track: TurningTrack, count: Any) -> Any:
+    def rises(self, track: TurningTrack, count: Int) -> Any:
         """Return where the number of the cell grows with that of the walls below the ray."""
         return self.backend.Bool(True)
 
-    def in_gap(self, track: TurningTrack, count: Any) -> Any:
+    def in_gap(self, track: TurningTrack, count: Int) -> Any:
         return (track.turn | count) == 0
 
-    def vertex(self, track: TurningTrack, count: Any) -> Any:
+    def vertex(self, track: TurningTrack, count: Int) -> Any:
         """Return the number of the vertices on the wall that is met next."""
         return self.wall(track, count) + (1 - self.skipped)
 
-    def _fraction(self, cell: Int, radius: Any, own: Arithmetic) -> Any:
+    def _fraction(self, cell: Int, radius: Float, own: Arithmetic) -> Any:
         lower = dr.gather(self.backend.Float, self.lower, self.backend.UInt(cell))
         inverse = dr.gather(self.backend.Float, self.inverse_width, self.backend.UInt(cell))
         return own.part(radius, lower, inverse)

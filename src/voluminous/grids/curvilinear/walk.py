@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from .corners import cell_corners, wall_corners
 from .crossing import choose, later, lesser, meet, nearest, pick
 from .gaps import GapCrossing, beyond
 from .surfaces import ahead
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Counts beyond a wall, the next walls' distances, the one there, and the number of its family.
 Step = tuple[list[Any], list[Any], Any, Any]
@@ -108,7 +111,7 @@ class CurvilinearWalk(GapCrossing):
         vertex_strides: list[int],
         approach: Any,
         scale: float,
-        backend: Any,
+        backend: Backend,
     ) -> None:
         self.backend, self.families, self.approach = backend, families, approach
         self.scale, self.to_scale = backend.wide(scale), backend.wide(1.0 / scale)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .approach import approach_axis, approach_centre
 from .field_walk import CurvilinearFieldWalk, DualGrid, Smooth
@@ -15,10 +15,13 @@ from .surfaces_cone import Cones
 from .surfaces_round import Shells, Tubes
 from .walk import CurvilinearWalk
 
+if TYPE_CHECKING:
+    from ...backend.device import Backend
+
 KINDS = {"cells": CurvilinearWalk, "substeps": SteppedWalk, "dual": CurvilinearFieldWalk}
 
 
-def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
+def make_walk(grid: Any, backend: Backend, kind: str) -> CurvilinearWalk:
     """Return the walk through a spherical or a cylindrical grid."""
     if len(grid.shape) == 1:
         return _refined_walk(grid, backend, kind)
@@ -40,7 +43,7 @@ def make_walk(grid: Any, backend: Any, kind: str) -> CurvilinearWalk:
     )
 
 
-def _refined_walk(grid: Any, backend: Any, kind: str) -> RefinedWalk:
+def _refined_walk(grid: Any, backend: Backend, kind: str) -> RefinedWalk:
     """Return the walk through a grid that is refined: among the walls of the evenly refined one."""
     families = {"spherical": _spherical, "cylindrical": _cylindrical}
     fine = DualGrid(grid.kind, grid.fine_edges, grid.mirror, grid.scale)
@@ -57,7 +60,7 @@ def _refined_walk(grid: Any, backend: Any, kind: str) -> RefinedWalk:
     )
 
 
-def _spherical(grid: Any, backend: Any) -> tuple[list[Any], Any]:
+def _spherical(grid: Any, backend: Backend) -> tuple[list[Any], Any]:
     r, theta, phi = grid.edges
     radii = r / grid.scale
     families = [
@@ -68,7 +71,7 @@ def _spherical(grid: Any, backend: Any) -> tuple[list[Any], Any]:
     return families, partial(approach_centre, outer=backend.wide(radii[-1]))
 
 
-def _cylindrical(grid: Any, backend: Any) -> tuple[list[Any], Any]:
+def _cylindrical(grid: Any, backend: Backend) -> tuple[list[Any], Any]:
     R, phi, z = grid.edges
     radii, heights = R / grid.scale, z / grid.scale
     families = [Tubes(radii, backend), HalfPlanes(phi, backend), Planes(heights, backend)]

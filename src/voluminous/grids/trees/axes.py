@@ -6,15 +6,18 @@ that every ray runs upwards.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ...backend import Int, dr, from_host
 from ...backend.functions import first_true
 from ...backend.types import Float
 from ...geometry import is_uniform
 from ..box_walk import NEVER, Axis, AxisTrack, Side
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 class UniformTreeAxis(Axis):
@@ -33,7 +36,7 @@ class UniformTreeAxis(Axis):
     """
 
     def __init__(
-        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Any
+        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Backend
     ) -> None:
         super().__init__(edges, (edges[-1] - edges[0]) / extent, scale, backend)
         self.extent, self.top = backend.opaque(extent), top
@@ -56,7 +59,7 @@ class UniformTreeAxis(Axis):
         """Return the distance at which the ray leaves a cell."""
         return dr.fma(low, track.pace, dr.fma(size, track.pace, track.lead))
 
-    def beyond(self, track: AxisTrack, t: Float, low: Any) -> Any:
+    def beyond(self, track: AxisTrack, t: Float, low: Float) -> Any:
         """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return dr.fma(t, track.speed, track.position) - low
 
@@ -65,7 +68,7 @@ class UniformTreeAxis(Axis):
         place = dr.fma(t, track.speed, track.position)
         return self._inside(dr.select(place > reached, place, reached))
 
-    def _inside(self, place: Any) -> Any:
+    def _inside(self, place: Float) -> Any:
         return dr.select(place < self.top, place, self.top)
 
 
@@ -76,7 +79,7 @@ class RectilinearTreeAxis(Axis):
     """
 
     def __init__(
-        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Any
+        self, edges: np.ndarray, extent: float, top: Any, scale: float, backend: Backend
     ) -> None:
         super().__init__(edges, scale, scale, backend)
         self.extent, self.top = backend.opaque(extent), top
@@ -124,7 +127,7 @@ class RectilinearTreeAxis(Axis):
         part = dr.fma(low + size, self.bases, -base)
         return dr.fma(dr.fma(part, width, wall), track.pace, track.lead)
 
-    def beyond(self, track: AxisTrack, t: Float, low: Any) -> Any:
+    def beyond(self, track: AxisTrack, t: Float, low: Float) -> Any:
         """Return how far above the lower wall of its cell a ray is at distance `t`, in places."""
         return self.place(track, t, low) - low
 
@@ -136,7 +139,7 @@ class RectilinearTreeAxis(Axis):
         place = (base + part) * self.per_base
         return self._inside(dr.select(place > reached, place, reached))
 
-    def _base(self, place: Any) -> Any:
+    def _base(self, place: Float) -> Any:
         """Return the mirrored number of the base cell above a place, which may be a wall."""
         base = dr.floor(dr.fma(place, self.bases, self.lift))
         return dr.select(base < self.last, base, self.last)
@@ -146,7 +149,7 @@ class RectilinearTreeAxis(Axis):
         low, width, inverse, _ = dr.gather(self.backend.packet(4), self.cells, slot)
         return low, width, inverse
 
-    def _inside(self, place: Any) -> Any:
+    def _inside(self, place: Float) -> Any:
         return dr.select(place < self.top, place, self.top)
 
 
@@ -157,7 +160,7 @@ def _cells(walls: np.ndarray) -> np.ndarray:
 
 
 def make_tree_axis(
-    edges: np.ndarray, extent: float, top: Any, scale: float, backend: Any
+    edges: np.ndarray, extent: float, top: Any, scale: float, backend: Backend
 ) -> UniformTreeAxis | RectilinearTreeAxis:
     """Return the faster kind of axis that the edges allow."""
     kind = UniformTreeAxis if is_uniform(edges) else RectilinearTreeAxis
@@ -174,7 +177,7 @@ class Spacing:
         In double precision.
     """
 
-    def __init__(self, grid: Any, backend: Any) -> None:
+    def __init__(self, grid: Any, backend: Backend) -> None:
         kinds = [_Even if is_uniform(edges) else _Uneven for edges in grid.base_edges]
         self.axes = [
             kind(edges / grid.scale, int(parts), backend)
@@ -189,7 +192,7 @@ class Spacing:
         """Return how far to look around boxes for second derivatives: once, by their sizes."""
         return [size]
 
-    def turning(self, axis: Any, middle: list[Any], gradient: list[Any]) -> Any:
+    def turning(self, axis: Int, middle: list[Any], gradient: list[Any]) -> Any:
         """Return by how much a gradient that turns with an axis changes along it: not at all."""
         return 0.0
 
@@ -201,21 +204,21 @@ class Spacing:
 class _Even:
     """Base cells of equal width."""
 
-    def __init__(self, edges: np.ndarray, parts: int, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, parts: int, backend: Backend) -> None:
         width = float(edges[-1] - edges[0]) / ((len(edges) - 1) * parts)
         self.width = dr.opaque(backend.Float, width)
 
-    def unit(self, place: Any) -> Any:
+    def unit(self, place: Float) -> Any:
         return self.width
 
-    def way(self, start: Any, end: Float) -> Any:
+    def way(self, start: Float, end: Float) -> Any:
         return (end - start) * self.width
 
 
 class _Uneven:
     """Base cells of any width."""
 
-    def __init__(self, edges: np.ndarray, parts: int, backend: Any) -> None:
+    def __init__(self, edges: np.ndarray, parts: int, backend: Backend) -> None:
         self.real, self.UInt = backend.Float, backend.UInt
         self.bases = dr.opaque(backend.Float, 1.0 / parts)
         self.parts = dr.opaque(backend.Float, float(parts))
@@ -223,10 +226,10 @@ class _Uneven:
         self.low = from_host(backend.Float, edges[:-1] - edges[0])
         self.widths = from_host(backend.Float, np.diff(edges) / parts)
 
-    def unit(self, place: Any) -> Any:
+    def unit(self, place: Float) -> Any:
         return dr.gather(self.real, self.widths, self.UInt(self._base(place)))
 
-    def way(self, start: Any, end: Float) -> Any:
+    def way(self, start: Float, end: Float) -> Any:
         bases = [self._base(place) for place in (start, end)]
         first, last = (
             dr.fma(place - base * self.parts, self.unit(place), self._wall(base))
@@ -235,7 +238,7 @@ class _Uneven:
         # Within a base cell the difference is exact, however small.
         return dr.select(bases[0] == bases[1], (end - start) * self.unit(start), last - first)
 
-    def _base(self, place: Any) -> Any:
+    def _base(self, place: Float) -> Any:
         return dr.clip(dr.floor(place * self.bases), 0.0, self.last)
 
     def _wall(self, base: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from ..arguments import plain_points
 from ..contract import Box, Grid
 from .tree import Tree
 from .vertices import VertexNumbers
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 AXES = "xyz"
 # Single precision must tell this many points apart across the smallest cell.
@@ -201,34 +204,34 @@ class TreeCells(Grid):
         """Number of vertices."""
         return self.vertex_numbers.count
 
-    def vertex_cells(self, vertex: Int, backend: Any) -> list[tuple[Any, Any]]:
+    def vertex_cells(self, vertex: Int, backend: Backend) -> list[tuple[Any, Any]]:
         """Return the eight cells around consecutive vertices; see `grids.contract.Grid`."""
         from .vertices import cells_around
 
         return cells_around(self, vertex, backend)
 
-    def surroundings(self, backend: Any) -> Any:
+    def surroundings(self, backend: Backend) -> Any:
         """Return what finds the cells around vertices in kernels (made once)."""
         from .vertices import Surroundings
 
         double = backend.with_precision("double")
         return self.on_device(double, "surroundings", lambda: Surroundings(self.tree, double))
 
-    def neighbourhood(self, backend: Any) -> Any:
+    def neighbourhood(self, backend: Backend) -> Any:
         """Return what finds neighbours of cells in kernels, and how far they are: the same."""
         return self.surroundings(backend)
 
-    def lattice(self, arrays: Sequence[np.ndarray], backend: Any) -> list[Any]:
+    def lattice(self, arrays: Sequence[np.ndarray], backend: Backend) -> list[Any]:
         lattices: list[Any] = room("rendering.sources.corner_layouts").tree_lattices(
             self, arrays, backend
         )
         return lattices
 
-    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
         self.check_no_box(box)
         return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
 
-    def walk_through(self, tree: Tree, backend: Any, kind: str = "cells") -> Any:
+    def walk_through(self, tree: Tree, backend: Backend, kind: str = "cells") -> Any:
         """Return a walk through another tree over the same domain, such as one with more holes."""
         from .walk import TreeFieldWalk, TreeWalk
 

@@ -10,13 +10,16 @@ import functools
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import Float, dr
 from ...backend.types import Int, Mask
 from .tree import NONE, NUMBER_BITS, Tree
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 @dataclass
@@ -84,7 +87,7 @@ class TreeLookup:
     """
 
     def __init__(
-        self, tree: Tree, backend: Any, stretches: Sequence[int | None] = (None, None, None)
+        self, tree: Tree, backend: Backend, stretches: Sequence[int | None] = (None, None, None)
     ) -> None:
         self.backend, self.tree = backend, tree
         self.numbering = tree.numbering.traced(tree, backend)
@@ -226,16 +229,18 @@ class TreeLookup:
         """Return which lanes are in a cell, and not in a hole."""
         return cell.number != NONE
 
-    def _descended(self, entry: Int, place: Any, way: Orientation, active: Mask) -> tuple[Any, Any]:
+    def _descended(
+        self, entry: Int, place: Float, way: Orientation, active: Mask
+    ) -> tuple[Any, Any]:
         """Follow entries that are blocks down to one that is none; return it, and its level."""
         UInt, level = self.backend.UInt, self.backend.Int(0)
         if len(self.tree.units) == 1:
             return entry, level
 
-        def is_block(entry: Int, level: Any) -> Any:
+        def is_block(entry: Int, level: Int) -> Any:
             return active & (entry >> NUMBER_BITS == 0)
 
-        def down(entry: Int, level: Any) -> tuple[Any, Any]:
+        def down(entry: Int, level: Int) -> tuple[Any, Any]:
             level = level + 1
             slot = entry + self.numbering.slot(place, level, way)
             return dr.gather(UInt, self.entries, slot, is_block(entry, level)), level
@@ -252,5 +257,5 @@ def _same(cell: Cell) -> Cell:
     return cell
 
 
-def _unchanged(entry: Int, level: Any) -> tuple[Any, Any]:
+def _unchanged(entry: Int, level: Int) -> tuple[Any, Any]:
     return entry, level

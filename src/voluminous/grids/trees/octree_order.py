@@ -194,11 +194,6 @@ def levels_from_flags(flags: np.ndarray, bases: int, children: int) -> np.ndarra
         Number of base cells.
     children : int
         Number of nodes a node is split into.
-
-    Raises
-    ------
-    InputError
-        If the flags are too few, too many, or the tree is deeper than 30 levels.
     """
     ones = int(np.count_nonzero(flags))
     _check_count(len(flags), bases, ones, children)
@@ -345,13 +340,7 @@ def checked_deepest(levels: Any) -> int:
 
 
 def checked_choice(where: Any, count: int, what: str) -> np.ndarray:
-    """Return which of so many leaves are chosen; numbers that are 0 or 1 are booleans.
-
-    Raises
-    ------
-    InputError
-        If there are other numbers, or more or fewer than leaves.
-    """
+    """Return which of so many leaves are chosen; numbers that are 0 or 1 are booleans."""
     chosen = as_array(where, what)
     if chosen.dtype != bool and np.isin(chosen, (0, 1)).all():  # what `Volume.evaluate` gives
         chosen = chosen.astype(bool)

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr
+from ...backend import Float, dr
 from ...backend.types import Int, Mask
 from .lookup import Cell, Orientation
 from .octree_order import Places, spread_bits
 from .tree import NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 from .vertices import VertexNumbers, corner_numbers
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Levels that a lattice spans at most: wider ones are hardly ever worth it (0 to 1 % fewer points).
 _DEEPEST = 3
@@ -229,7 +232,7 @@ class Halved:
             number += spread_bits(local, len(self.axes)) << k
         return np.where(entry & NUMBER_MASK == NONE, -1, number), size
 
-    def traced(self, tree: Tree, backend: Any) -> Any:
+    def traced(self, tree: Tree, backend: Backend) -> Any:
         """Return the same for kernels."""
         return TracedHalved(self.axes, tree, backend)
 
@@ -242,7 +245,7 @@ class TracedHalved:
     as long: what rays wait for is the chain of look-ups.)
     """
 
-    def __init__(self, axes: tuple[int, ...], tree: Tree, backend: Any) -> None:
+    def __init__(self, axes: tuple[int, ...], tree: Tree, backend: Backend) -> None:
         self.axes, self.backend = axes, backend
         single = backend.precision == "single"
         self.Whole: Any = backend.Int if single else dr.int64_array_t(backend.Float)
@@ -262,7 +265,7 @@ class TracedHalved:
             self.backend.UInt(u >> bits if axis in self.axes else u) for axis, u in enumerate(unit)
         ]
 
-    def slot(self, unit: list[Any], level: Any, way: Orientation) -> Any:
+    def slot(self, unit: list[Any], level: Int, way: Orientation) -> Any:
         """Return the number of an entry of a tree level in its block."""
         bits, slot = self.Whole(self.root_bits - level * STEP), self.backend.UInt(0)
         for k, axis in enumerate(self.axes):
@@ -270,7 +273,7 @@ class TracedHalved:
             slot = slot | (local << (k * STEP))
         return slot
 
-    def cell(self, entry: Int, unit: list[Any], level: Any, way: Orientation, active: Mask) -> Cell:
+    def cell(self, entry: Int, unit: list[Any], level: Int, way: Orientation, active: Mask) -> Cell:
         """Return the cells around finest units, from entries of a tree level that are no blocks.
 
         Nothing is looked up: `active` is for numberings that do.
@@ -295,11 +298,11 @@ class TracedHalved:
         """Return the sizes of cells along each axis."""
         return [cell.size[0] if axis in self.axes else 1.0 for axis in range(3)]
 
-    def _local(self, index: Any, flip: Any, mask: Any) -> Any:
+    def _local(self, index: Int, flip: Any, mask: Mask) -> Any:
         """Return the lowest bits of mirrored indices, as they are if counted upwards."""
         return (self.backend.UInt(index) ^ flip) & mask
 
-    def _spread(self, v: Any) -> Any:
+    def _spread(self, v: Float) -> Any:
         n = len(self.axes)
         if n == 1 or self.even < 2:
             return v

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...backend import dr, from_host
+from ...backend import Float, dr, from_host
 from ...backend.types import Int, Mask
 from .lookup import Cell, Orientation
 from .tree import ABSENT, NONE, NUMBER_MASK, Tree
 
 if TYPE_CHECKING:
+    from ...backend.device import Backend
     from .patch_cells import Patches
 
 
@@ -33,7 +34,7 @@ class PowersOfTwo:
 
     exact = True
 
-    def __init__(self, exponents: np.ndarray, extent: np.ndarray, backend: Any) -> None:
+    def __init__(self, exponents: np.ndarray, extent: np.ndarray, backend: Backend) -> None:
         self.backend = backend
         shifts = np.arange(3) * _EXPONENT_BITS
         self.codes = (exponents << shifts).sum(axis=1).astype(np.uint32)
@@ -73,7 +74,7 @@ class AnySizes:
 
     exact = False
 
-    def __init__(self, sizes: np.ndarray, extent: np.ndarray, backend: Any) -> None:
+    def __init__(self, sizes: np.ndarray, extent: np.ndarray, backend: Backend) -> None:
         self.codes = np.arange(len(sizes), dtype=np.uint32)
         self.alike = bool((sizes == sizes[:, :1]).all())
         self.per_axis = [
@@ -100,14 +101,14 @@ class AnySizes:
         return size, per_size, counts
 
 
-def _chosen(which: list[Any], values: Any) -> Any:
+def _chosen(which: list[Any], values: Float) -> Any:
     *others, found = values
     for mask, value in zip(which, others, strict=True):
         found = dr.select(mask, value, found)
     return found
 
 
-def make_sizes(sizes: np.ndarray, extent: np.ndarray, backend: Any) -> PowersOfTwo | AnySizes:
+def make_sizes(sizes: np.ndarray, extent: np.ndarray, backend: Backend) -> PowersOfTwo | AnySizes:
     """Return the faster kind that the sizes (levels, 3) of cells allow."""
     mantissa, exponent = np.frexp(sizes.astype(float))
     if (mantissa == 0.5).all():
@@ -140,7 +141,7 @@ class PatchNumbering:
         number[partly] = patches.numbers[(local + patches.first_slots[patch])[partly]]
         return np.where(hole, -1, number), np.where(hole, unit, size)
 
-    def traced(self, tree: Tree, backend: Any) -> Any:
+    def traced(self, tree: Tree, backend: Backend) -> Any:
         """Return the same for kernels."""
         return TracedPatches(self.patches, tree, backend)
 
@@ -153,7 +154,7 @@ class TracedPatches:
     index is off for no rounding. That is not needed where all sizes are powers of two.
     """
 
-    def __init__(self, patches: Patches, tree: Tree, backend: Any) -> None:
+    def __init__(self, patches: Patches, tree: Tree, backend: Backend) -> None:
         self.backend, self.holes = backend, tree.holes
         self.sizes = make_sizes(patches.sizes, tree.extent, backend)
         self.units = _Units(tree, backend)
@@ -179,7 +180,7 @@ class TracedPatches:
         """Return the indices of the root's entries around centred places."""
         return [self.backend.UInt(p * i) for p, i in zip(place, self.units.per_root, strict=True)]
 
-    def slot(self, place: list[Any], level: Any, way: Orientation) -> Any:
+    def slot(self, place: list[Any], level: Int, way: Orientation) -> Any:
         """Return the number of an entry of a tree level in its block."""
         slot, stride = self.backend.UInt(0), self.backend.UInt(1)
         for axis, p in enumerate(place):
@@ -190,7 +191,7 @@ class TracedPatches:
         return slot
 
     def cell(
-        self, entry: Int, place: list[Any], level: Any, way: Orientation, active: Mask
+        self, entry: Int, place: list[Any], level: Int, way: Orientation, active: Mask
     ) -> Cell:
         """Return the cells around places, from entries of a tree level that are no blocks.
 
@@ -229,7 +230,7 @@ class TracedPatches:
         """Return the sizes of cells along each axis."""
         return cell.size * (3 // len(cell.size))
 
-    def _index(self, index: Any) -> Any:
+    def _index(self, index: Int) -> Any:
         return self.backend.UInt(self.Whole(index))
 
     def _number(self, number: Int, tabled: Any, hole: Any) -> Any:
@@ -241,7 +242,7 @@ class TracedPatches:
         return number if hole is None else dr.select(hole, NONE, number)
 
 
-def _blocks(patches: Patches, tree: Tree, backend: Any) -> list[tuple[Any, Any]] | None:
+def _blocks(patches: Patches, tree: Tree, backend: Backend) -> list[tuple[Any, Any]] | None:
     """Return the shape of patches, and one over it, where they are blocks of one shape.
 
     Those of each level are on a lattice of their own, as they are in Athena++ and FLASH. None where
@@ -257,7 +258,7 @@ def _blocks(patches: Patches, tree: Tree, backend: Any) -> list[tuple[Any, Any]]
 class _Units:
     """Sizes of the entries of a tree's levels."""
 
-    def __init__(self, tree: Tree, backend: Any) -> None:
+    def __init__(self, tree: Tree, backend: Backend) -> None:
         self.backend, units = backend, tree.units.T.astype(float)
         self.per_root = [backend.opaque(1.0 / u[0]) for u in units]
         self.unit = [from_host(backend.Float, u) for u in units]
@@ -272,7 +273,7 @@ class _Units:
                 for u, per_root, r in zip(units, self.per_root, ratios[1], strict=True)
             ]
 
-    def at(self, axis: int, level: Any) -> tuple[Any, Any, Any]:
+    def at(self, axis: int, level: Int) -> tuple[Any, Any, Any]:
         """Return one over the size of a level's entries, of those above, and their ratio."""
         if self.below is not None:
             return self.below[axis]
@@ -282,7 +283,7 @@ class _Units:
         per_outer = dr.gather(Float, self.per_unit[axis], level - 1)
         return per_unit, per_outer, dr.gather(UInt, self.ratios[axis], level)
 
-    def sizes(self, level: Any) -> tuple[list[Any], list[Any]]:
+    def sizes(self, level: Int) -> tuple[list[Any], list[Any]]:
         level, Float = self.backend.UInt(level), self.backend.Float
         return (
             [dr.gather(Float, u, level) for u in self.unit],
@@ -294,6 +295,6 @@ def _but(hole: Any, patch: Any) -> Any:
     return dr.select(hole, 0, patch)
 
 
-def _unmirrored(index: Any, count: Any, flip: Any) -> Any:
+def _unmirrored(index: Int, count: Int, flip: Any) -> Any:
     """Return indices below a count, counted from the other end where `flip` has all bits set."""
     return (index ^ flip) + (count & flip)

@@ -20,9 +20,12 @@ are therefore small beside their cells, and mostly flat.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 NUMBER_BITS = 29
 NUMBER_MASK = (1 << NUMBER_BITS) - 1
@@ -58,7 +61,7 @@ class Numbering(Protocol):
             Size of the entries.
         """
 
-    def traced(self, tree: Tree, backend: Any) -> Any:
+    def traced(self, tree: Tree, backend: Backend) -> Any:
         """Return the same for kernels; see `trees.lookup`."""
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from ...backend import dr, from_host
 from ...backend.types import Float, Int, Mask
 from .axes import Spacing
 from .lookup import Cell, TreeLookup
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 # Corners of a cell, or octants around a vertex: below (0) or above along x, y and z.
 OCTANTS = tuple(itertools.product((0, 1), repeat=3))
@@ -42,7 +45,7 @@ class Boxes:
         where the domain is short enough.
     """
 
-    def __init__(self, grid: Any, first: int, last: int, backend: Any) -> None:
+    def __init__(self, grid: Any, first: int, last: int, backend: Backend) -> None:
         self.backend = backend
         self.kind = backend.UInt if max(grid.tree.extent) < 1 << 32 else backend.Wide
         kept = [np.empty((3, last - first), _DTYPES[self.kind is backend.UInt]) for _ in range(2)]
@@ -60,7 +63,7 @@ class Boxes:
         """Return the sizes of cells."""
         return self._of(self._size, lane)
 
-    def corner(self, lane: Int, corner: Any) -> list[Any]:
+    def corner(self, lane: Int, corner: Int) -> list[Any]:
         """Return the places of corners of cells."""
         return [
             low + dr.select((corner >> (2 - axis)) & 1 == 1, size, 0.0)
@@ -88,7 +91,7 @@ class Surroundings:
 
     alike: Sequence[bool] = (False, False, False)
 
-    def __init__(self, tree: Any, backend: Any) -> None:
+    def __init__(self, tree: Any, backend: Backend) -> None:
         self.lookup = TreeLookup(tree, backend)
         self.way = self.lookup.orient()
         self.extent = [dr.opaque(backend.Wide, float(n)) for n in tree.extent]
@@ -117,7 +120,7 @@ class Surroundings:
         cell = self.lookup.find(place, self.way, there)
         return cell, there & self.lookup.is_cell(cell)
 
-    def spacing(self, grid: Any, backend: Any) -> Spacing:
+    def spacing(self, grid: Any, backend: Backend) -> Spacing:
         """Return what knows lengths on the grid."""
         return Spacing(grid, backend)
 
@@ -130,7 +133,7 @@ class Surroundings:
         return cell.low, self.lookup.sizes(cell)
 
 
-def cells_around(grid: Any, vertex: Int, backend: Any) -> list[tuple[Any, Any]]:
+def cells_around(grid: Any, vertex: Int, backend: Backend) -> list[tuple[Any, Any]]:
     """Return the cells around consecutive vertices; see `Grid.vertex_cells`.
 
     A cell that fills several octants counts as often (RADMC-3D's rule).
@@ -176,7 +179,7 @@ class VertexNumbers:
         """How many vertices there are."""
         return int(self.first[-1])
 
-    def places(self, first: int, last: int, backend: Any) -> list[Any]:
+    def places(self, first: int, last: int, backend: Backend) -> list[Any]:
         """Return where consecutive vertices are, in finest units: x, y and z (traced).
 
         Parameters
@@ -207,7 +210,7 @@ class VertexNumbers:
             for axis, i in enumerate(index)
         ]
 
-    def traced(self, backend: Any) -> TracedNumbers:
+    def traced(self, backend: Backend) -> TracedNumbers:
         """Return the same for kernels (made once per device)."""
         key = backend.UInt  # the same in both precisions
         if key not in self._traced:
@@ -218,7 +221,7 @@ class VertexNumbers:
 class TracedNumbers:
     """The numbers of the vertices of cells, in kernels."""
 
-    def __init__(self, cells: np.ndarray, backend: Any) -> None:
+    def __init__(self, cells: np.ndarray, backend: Backend) -> None:
         self.pair = backend.module.Array2u
         self.cells = from_host(backend.UInt, cells.reshape(-1))
 
@@ -239,7 +242,7 @@ def packed_strides(strides: np.ndarray) -> np.ndarray:
     return packed
 
 
-def corner_numbers(first: Any, index: np.ndarray, points: np.ndarray, scale: Float) -> np.ndarray:
+def corner_numbers(first: Float, index: np.ndarray, points: np.ndarray, scale: Float) -> np.ndarray:
     """Return what `VertexNumbers.cells` tells of cells.
 
     Parameters

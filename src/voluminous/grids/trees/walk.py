@@ -8,7 +8,7 @@ at any depth, and the lengths of a ray's segments add up to its chord.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...backend import dr
 from ...backend.functions import unit_interval
@@ -22,6 +22,9 @@ from ..wall_corners import bilinear, trilinear
 from .axes import make_tree_axis
 from .lookup import Cell, Orientation, TreeLookup
 from .tree import Tree
+
+if TYPE_CHECKING:
+    from ...backend.device import Backend
 
 
 @dataclass
@@ -95,7 +98,7 @@ def entered_is_finer(walk: Any, leaving: Any) -> Any:
     return leaving.onward & finer
 
 
-def choose(mask: Any, first: Cell, second: Cell) -> Cell:
+def choose(mask: Mask, first: Cell, second: Cell) -> Cell:
     """Return one of two cells."""
     return Cell(
         dr.select(mask, first.number, second.number),
@@ -171,7 +174,7 @@ class TreeWalk(BoxWalk):
 
     leaps = False
 
-    def __init__(self, grid: Any, tree: Tree, backend: Any) -> None:
+    def __init__(self, grid: Any, tree: Tree, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
         edges, scale = grid.base_edges, grid.scale
         # Along uneven axes distances are known within one base cell at a time.
@@ -294,7 +297,7 @@ class TreeFieldWalk(TreeWalk):
     is forgotten. (As segments of no length they had some field, and surfaces were crossed in it.)
     """
 
-    def __init__(self, grid: Any, tree: Tree, backend: Any) -> None:
+    def __init__(self, grid: Any, tree: Tree, backend: Backend) -> None:
         super().__init__(grid, tree, backend)
         self.has_gaps = self.holes
 

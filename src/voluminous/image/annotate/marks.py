@@ -72,13 +72,7 @@ def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
 
 
 def _points(*told: Any) -> np.ndarray:
-    """Return points in one unit: centimetres where they are texts with units, else as they are.
-
-    Raises
-    ------
-    ValueError
-        If there are both: which unit plain numbers are in only the volume knows. Zeros are in any.
-    """
+    """Return points in one unit: centimetres where they are texts with units, else as they are."""
     coordinates = [c for point in told for c in point]
     if any(isinstance(c, str) for c in coordinates):
         coordinates = [_in_cm(c) for c in coordinates]
@@ -216,11 +210,6 @@ def scale_bar(
         True: a round length that fits. A length: this one, such as ``"100 au"``.
     shown : (float, str), optional
         The unit of a round length; see `bar_length`.
-
-    Raises
-    ------
-    InputError
-        If it is longer than the picture.
     """
     left, right, _, _ = image.extent
     across = abs(right - left)
@@ -300,11 +289,6 @@ def time_text(time: Any, volume: Volume | None) -> str:
     time : bool, str, float or Quantity
         True: the time in ``volume.meta``.
     volume : Volume or None
-
-    Raises
-    ------
-    InputError
-        If it is nothing that can be written.
     """
     if time is True:
         return _of_meta({} if volume is None else volume.meta)

@@ -30,13 +30,7 @@ FORMATS: tuple[Format, ...] = (
 
 
 def format_of(path: Path) -> Format:
-    """Return the format that the suffix of `path` stands for.
-
-    Raises
-    ------
-    UnknownNameError
-        If no format has this suffix; names the nearest.
-    """
+    """Return the format that the suffix of `path` stands for."""
     known = {suffix: f for f in FORMATS for suffix in f.suffixes}
     suffix = path.suffix.lower()
     if suffix not in known:

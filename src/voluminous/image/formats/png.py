@@ -50,11 +50,6 @@ def encode(
         Add what `Image.annotate` does; a dict has its options.
     **display
         Options of `Image.to_rgb`.
-
-    Raises
-    ------
-    InputError
-        If `bits` is something else, or the transparency is needed and unknown.
     """
     if bits not in tuple(_TYPES):
         raise InputError(f"bits must be 8 or 16, got {bits!r}")
@@ -181,13 +176,7 @@ def _text(key: str, text: str) -> bytes:
 
 
 def decode16(content: bytes) -> NDArray[np.uint16]:
-    """Return the pixels of a PNG file with 16 bits per sample, the top row first.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is cut short, damaged or interlaced.
-    """
+    """Return the pixels of a PNG file with 16 bits per sample, the top row first."""
     chunks = _chunks(content)
     columns, rows, bits, kind, _, _, interlaced = struct.unpack(">2I5B", chunks[b"IHDR"])
     if interlaced:

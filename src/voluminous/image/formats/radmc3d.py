@@ -113,11 +113,6 @@ def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
     path : Path
     wavelengths : float, array_like or Quantity, optional
         Of the channels, in micron. An image that was read from such a file knows them.
-
-    Raises
-    ------
-    InputError
-        If wavelengths are missing, or not one for each channel.
     """
     waves = _wavelengths(image, wavelengths)
     parameters = len((image.provenance or {}).get("stokes", "I"))

@@ -14,6 +14,7 @@ from ..axes import AXES, axis_of, edges_of_centers, is_even
 
 if TYPE_CHECKING:
     from ...grids import CartesianGrid
+    from ...schemes.base import Source
 
 _AS_IT_IS = (slice(None),) * 3
 _KINDS = (("x", "y", "z"), ("bounds",), ("spacing",))
@@ -202,7 +203,7 @@ def equal_cells(shape: tuple[int, ...], options: Mapping[str, Any], unit: Any) -
     return CartesianGrid.uniform(shape, bounds if own is None else bounds * own, unit=unit)
 
 
-def _edges(entries: Mapping[str, Entry], source: Any, axis: str, cells: int) -> Any:
+def _edges(entries: Mapping[str, Entry], source: Source, axis: str, cells: int) -> Any:
     """Return the edges that `source`, a place in the file or an array, stands for."""
     edges, what = source, f"{axis} edges have"
     if isinstance(source, str):

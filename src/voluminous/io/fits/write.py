@@ -26,13 +26,7 @@ _LONGEST = 68
 
 
 def write(volume: Volume, path: Path) -> None:
-    """Write each field into an HDU of its own, the first into the primary one.
-
-    Raises
-    ------
-    InputError
-        If cells are not equally wide, there is no field, or a name that no card can hold.
-    """
+    """Write each field into an HDU of its own, the first into the primary one."""
     from astropy.io import fits
 
     cards = _world_cards(volume)

@@ -71,13 +71,6 @@ def write(
     list of Path
         The files that were written.
 
-    Raises
-    ------
-    InputError
-        If files are there already, RADMC-3D has no such grid, or there is nothing to write.
-    UnitsError
-        If a field is no such quantity.
-
     Examples
     --------
     >>> sphere = vm.models.sphere(8)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from ..axes import round_unit
 from ..contract import UnitLike
 from ..leaves import ABSENT, placed_values, tree_of_leaves
 from .source import YtSource, plain_values
+
+if TYPE_CHECKING:
+    from ...grids.contract import Grid
 
 _DEGREE = math.pi / 180
 
@@ -355,7 +358,7 @@ def _tree(
     return grid, lambda field, unit: placed_values(source.values(field, unit), order)
 
 
-def _scattered(source: YtSource, grid: Any, number: np.ndarray) -> tuple[Any, Load]:
+def _scattered(source: YtSource, grid: Grid, number: np.ndarray) -> tuple[Any, Load]:
     """Return what reads values of cells of the grid by number; others are missing."""
     if (number < 0).any():
         raise InputError("yt tells of a cell that is in no grid; is the region of this data set?")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ...media.ranges import RangeContext
 from ...memory import check_memory
 from ...volume import Volume
 from ..cache import VolumeStatistics
+
+if TYPE_CHECKING:
+    from ...grids.contract import Grid
 
 # Cells whose coordinates are computed at once.
 _CHUNK = 1 << 20
@@ -99,7 +102,7 @@ class CellEvaluator:
         self,
         volume: Volume,
         medium: Medium,
-        numbers: Any,
+        numbers: Int,
         backend: Backend,
         statistics: VolumeStatistics | None = None,
     ) -> None:
@@ -226,7 +229,7 @@ def ray_coordinates(volume: Volume, names: Iterable[str]) -> dict[str, Expressio
     return {name: _formula(name, grid) for name in own}
 
 
-def _formula(name: str, grid: Any) -> Expression:
+def _formula(name: str, grid: Grid) -> Expression:
     if name == "R":
         return Expression(_ACROSS)
     if name == "theta":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from ...memory import check_memory, fits
 from ..cache import Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .channel_layout import unit_near
+
+if TYPE_CHECKING:
+    from ...grids.contract import Grid
 
 # Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
 # with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.
@@ -201,7 +204,7 @@ def make_nodes(padded: np.ndarray, backend: Backend, unit: float) -> NodalValues
 
 
 def make_corner_packets(
-    grid: Any, arrays: Sequence[np.ndarray], backend: Backend
+    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[CornerPackets]:
     """Return the values of fields at the corners of a tree's cells, each divided by a unit.
 
@@ -219,14 +222,16 @@ def make_corner_packets(
     return made
 
 
-def tree_lattices(grid: Any, arrays: Sequence[np.ndarray], backend: Backend) -> list[CornerPackets]:
+def tree_lattices(
+    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
+) -> list[CornerPackets]:
     """Return the `Grid.lattice` of trees: values at the corners of their cells."""
     _check_size(8 * grid.size, backend)
     return make_corner_packets(grid, arrays, backend)
 
 
 def curvilinear_lattices(
-    grid: Any, arrays: Sequence[np.ndarray], backend: Backend
+    grid: Grid, arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[NodalValues]:
     """Return the `Grid.lattice` of curvilinear grids."""
     return [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from ..cache import Cache
 from .cells import CellEvaluator
 from .corner_layouts import CornerPackets
 from .wide_steps import difference_limits, wide_steps
+
+if TYPE_CHECKING:
+    from ...grids.contract import Grid
 
 _WIDTH = 1 << BITS
 
@@ -126,7 +129,7 @@ _WORTHWHILE = 0.05
 _CHUNK = 1 << 20
 
 
-def pruned_walk(grid: Any, visible: np.ndarray, backend: Backend, kind: str) -> Any:
+def pruned_walk(grid: Grid, visible: np.ndarray, backend: Backend, kind: str) -> Any:
     """Return a walk through the leaves that are visible, or None if most of them are."""
     if np.count_nonzero(visible) > _WORTHWHILE * len(visible):
         return None

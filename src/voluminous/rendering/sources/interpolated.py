@@ -151,7 +151,7 @@ class Interpolated:
     def _own(self, cubics: dict[str, list[Float]]) -> dict[str, list[Float]]:
         return {name: [self._value(name, v) for v in c] for name, c in cubics.items()}
 
-    def _value(self, name: str, value: Any) -> Any:
+    def _value(self, name: str, value: Float) -> Any:
         value = self.context.real(value)
         return value * self.units[name] if name in self.units else value
 
@@ -189,7 +189,7 @@ class Interpolated:
         """Whether something is without width."""
         return any(part.surface_only for part in self.evaluator.medium.components())
 
-    def layer(self, stretch: Stretch, place: Any) -> Path:
+    def layer(self, stretch: Stretch, place: Float) -> Path:
         """Return what has no width and is passed on a stretch, as it is at a place."""
         found = self.evaluator.medium.layer(stretch, self.context, place)
         assert found is not None  # `layered`

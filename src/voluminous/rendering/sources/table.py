@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ...schemes.base import Coefficients, Scheme
 from ..cache import SLABS, Cache
 from .cells import LARGEST, SLAB, CellEvaluator, device_array
 from .empty_space import CELLS, get_blocks, pruned_walk, tabled
+
+if TYPE_CHECKING:
+    from ...grids.contract import Grid
 
 
 def packet_widths(count: int) -> list[int]:
@@ -115,7 +118,7 @@ def vertex_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTa
     return table
 
 
-def _vertex_pieces(grid: Any) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+def _vertex_pieces(grid: Grid) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Yield ranges of vertices, and of the cells around them.
 
     Layers of the first axis touch two layers of cells; the leaves of a tree are anywhere.
@@ -137,7 +140,7 @@ def _unheard(done: int, total: int) -> None:
     """Report nothing."""
 
 
-def _means(cells: CoefficientTable, grid: Any, vertices: tuple[int, int], low: int) -> list[Any]:
+def _means(cells: CoefficientTable, grid: Grid, vertices: tuple[int, int], low: int) -> list[Any]:
     """Return the means at consecutive vertices, from a table of cells that begins with `low`."""
     backend = cells.backend
     UInt, Float = backend.UInt, backend.Float
@@ -231,7 +234,7 @@ class OnRay:
             found[k] = dr.select(found[k] >= 0, found[k], math.nan)
         return self.numbers.split([self._narrow(v) for v in found])
 
-    def _narrow(self, value: Any) -> Any:
+    def _narrow(self, value: Float) -> Any:
         return flush_subnormal(self.backend.Float(value))
 
 
@@ -284,13 +287,13 @@ def tabulated(
     return table if key is None else cache.put(key, table)
 
 
-def _pruned(table: CoefficientTable, grid: Any, scheme: Scheme, faint: float) -> Any:
+def _pruned(table: CoefficientTable, grid: Grid, scheme: Scheme, faint: float) -> Any:
     if scheme.coefficients_at != "cell" or not grid.can_be_pruned:
         return None
     return pruned_walk(grid, tabled(table, faint), table.backend, "cells")
 
 
-def _crowded(numbers: Any, needed: int, cells_per_step: float) -> bool:
+def _crowded(numbers: Int, needed: int, cells_per_step: float) -> bool:
     """Return True if the medium is better evaluated on the ray than for all cells beforehand.
 
     That is so where the rays visit few of the cells. But a table, if it can be recognised and

@@ -51,7 +51,7 @@ class CellSamples:
     least: Any
     most: Any
 
-    def with_one(self, value: Any, rise: Any, there: Mask) -> CellSamples:
+    def with_one(self, value: Float, rise: Any, there: Mask) -> CellSamples:
         """Return it with one cell more, where there is one."""
         return CellSamples(
             self.values + dr.select(there, value, 0.0),
@@ -60,7 +60,7 @@ class CellSamples:
             dr.select(there & (value > self.most), value, self.most),
         )
 
-    def mean(self, count: Any, share: Any) -> Any:
+    def mean(self, count: Int, share: Any) -> Any:
         """Return the mean, with a share of the rises, no less and no more than the values."""
         mean = dr.fma(share, self.rises, self.values) / count
         mean = dr.select(mean < self.least, self.least, mean)
