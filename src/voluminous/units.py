@@ -93,7 +93,7 @@ def split_text(text: str) -> tuple[float, str] | None:
 
 
 def quantity_in(text: str) -> Any:
-    """Return the quantity in a text such as "0.1 pc", a number if there is no unit; None if none."""
+    """Return the quantity in a text such as "0.1 pc", or the number without a unit, or None."""
     parts = split_text(text)
     if parts is None:
         return None
@@ -164,7 +164,7 @@ def _known_unit(unit: Any) -> Any:
 
 
 def space_unit(unit: Any) -> Any:
-    """Return the unit that a user names for the edges of cells; units themselves are taken as such."""
+    """Return the unit of the edges of cells; texts must name a length or an angle."""
     parsed = parse_unit(unit)
     if isinstance(unit, str) and parsed is not None and not _has_extent(parsed):
         raise UnitsError(

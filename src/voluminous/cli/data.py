@@ -46,7 +46,7 @@ class DataFile:
     def given(
         cls, path: Path, format: str | None, options: Mapping[str, Any], fields: FieldChoice = None
     ) -> DataFile:
-        """Return a file of which ``--set`` may give format and fields, with ``volume.`` or without."""
+        """Return a data file; ``--set`` may give format and fields, with or without ``volume.``."""
         rest = {key.removeprefix("volume."): value for key, value in options.items()}
         own: dict[str, Any] = {"format": format, "fields": fields}
         for key, value in own.items():

@@ -180,7 +180,7 @@ def _mapped(name: str, count: int) -> tuple[tuple[float, ...], ...]:
 
 
 def given_opacities(opacity: Any, count: int, channels: int) -> tuple[tuple[float, ...], ...]:
-    """Return one row of opacities per level; all of one number where that is all there is (grey)."""
+    """Return one row of opacities per level; of one number each if they are grey."""
     rows = [channel_values(row, "opacity") for row in _opacity_rows(opacity, count, channels)]
     for row in rows:
         check_extinction(row, channels, "opacity")

@@ -123,7 +123,7 @@ def _check_goes_around(grid: Grid, counts: dict[str, int], around: int) -> None:
 
 
 def _check_vectors(volume: Any) -> None:
-    """Refuse vectors that are given along x and y: in one cell all around they have no direction."""
+    """Refuse vectors along x and y: in a cell that goes all around they have no direction."""
     for name in volume.fields:
         stem, _, axis = name.rpartition("_")
         if stem and axis == "x" and all(f"{stem}_{own}" in volume for own in CARTESIAN):
