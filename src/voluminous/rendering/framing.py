@@ -62,8 +62,7 @@ def framed(
 
 
 def perspective(framing: Orthographic, volume: Volume, fov: float) -> tuple[Any, Any, np.ndarray]:
-    """Return position, target and up vector of a perspective view of a frame, with `fov` in
-    degrees.
+    """Return position, target and up vector of a perspective view; `fov` is in degrees.
 
     A cube as wide as the frame fills the picture with its front.
     """

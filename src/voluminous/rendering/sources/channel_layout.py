@@ -63,7 +63,7 @@ def channels_last(planes: Sequence[np.ndarray]) -> np.ndarray:
 
 @dataclass
 class PerChannel:
-    """One emissivity per channel and the extinction, as the medium gives them.
+    """Emissivity per channel and extinction, as the medium gives them.
 
     Attributes
     ----------
@@ -192,8 +192,7 @@ class PerChannel:
 
 @dataclass
 class SharedProfiles:
-    """Profile values of a grey medium that is a sum of shapes; its methods are those of
-    `PerChannel`.
+    """Shapes of a grey medium that is their sum; the methods are those of `PerChannel`.
 
     Attributes
     ----------
