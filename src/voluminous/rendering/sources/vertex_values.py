@@ -29,7 +29,7 @@ from ...backend import Backend, dr, from_host
 from ...backend.types import Float, Int, Mask
 from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
-from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings
+from ...grids.trees.vertices import OCTANTS, Surroundings, VertexBoxes
 from ...memory import check_memory
 
 # Relative difference of widths below which two cells count as equally large.
@@ -175,7 +175,7 @@ class CornerValues:
         self.grid, self.backend = grid, backend.with_precision("double")
         self.real = backend.Float
         self.fields = [self.real(np.ascontiguousarray(f, dtype=backend.dtype)) for f in fields]
-        self.boxes = Boxes(grid, 0, grid.size, self.backend)
+        self.boxes = VertexBoxes(grid, 0, grid.size, self.backend)
         self.derivatives = CellSlopes(grid, self.fields, backend, self.boxes)
         self.around: Surroundings = self.derivatives.around
         self.spacing = self.derivatives.spacing
