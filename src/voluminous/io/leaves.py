@@ -1,4 +1,4 @@
-"""Trees of any geometry from leaves in any order, which need not fill the domain."""
+"""Trees of any geometry from unordered leaves that need not fill the domain."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ..errors import InputError
 from ..grids.trees.octree_order import DEEPEST, Places, flags_from_levels, interleaved
 from .contract import UnitLike
 
-# What a cell is that no leaf of the data lies in.
+# Index that marks a cell without a leaf in the data.
 ABSENT = -1
 
 
 def tree_of_leaves(
     kind: Any, edges: Any, level: np.ndarray, index: np.ndarray, axes: Any, *, unit: UnitLike = None
 ) -> tuple[Any, np.ndarray]:
-    """Return a grid of leaves in any order, and where its cells are among them."""
+    """Return a grid of unordered leaves, and the index of the leaf for each of its cells."""
     counts = np.array([len(e) - 1 for e in edges])
     level, index = np.asarray(level, np.int64), np.asarray(index, np.int64)
     if len(level) == 0 or level.max() > DEEPEST or level.min() < 0:
@@ -37,7 +37,7 @@ def tree_of_leaves(
 
 
 def placed_values(values: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """Return a field in the order of a grid; NaN where it has no leaf, zero for whole numbers."""
+    """Return a field in grid order; cells without a leaf get NaN, or 0 for integer fields."""
     found: np.ndarray = values[source]
     absent = source == ABSENT
     if absent.any():
@@ -46,7 +46,7 @@ def placed_values(values: np.ndarray, source: np.ndarray) -> np.ndarray:
 
 
 def _halved_axes(kind: Any, edges: Any, unit: UnitLike) -> tuple[int, ...]:
-    """Return the axes that a grid halves: not those of one cell that closes upon itself."""
+    """Return the axes that the grid refines: all but periodic axes of one cell."""
     if hasattr(kind, "from_leaves"):
         return (0, 1, 2)
     base = int(np.prod([len(e) - 1 for e in edges]))
@@ -57,7 +57,7 @@ def _halved_axes(kind: Any, edges: Any, unit: UnitLike) -> tuple[int, ...]:
 def _repeated(
     level: np.ndarray, index: np.ndarray, source: np.ndarray, axis: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return leaves cut along an axis that is not halved in the data, into cells of their level."""
+    """Split leaves along an axis that the data do not refine, into cells of their level."""
     parts = 1 << level
     which = np.repeat(np.arange(len(level)), parts)
     first = np.cumsum(parts) - parts
@@ -69,7 +69,7 @@ def _repeated(
 def _fillers(
     counts: np.ndarray, level: np.ndarray, index: np.ndarray, axes: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return levels and indices of the largest cells that fill what leaves leave empty."""
+    """Return levels and indices of the largest cells that fill the gaps between leaves."""
     found: list[tuple[int, np.ndarray]] = []
     if not _is_full(counts, level, len(axes)):
         nodes = np.zeros((0, 3), np.int64)
@@ -105,13 +105,13 @@ def _children(nodes: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
 
 
 def _lacking(cells: np.ndarray, present: np.ndarray) -> np.ndarray:
-    """Return those of some cells that are not present; what is present is among the cells."""
+    """Return the cells that are not in `present`, a subset of `cells`."""
     distinct, count = _distinct(np.concatenate([cells, present]))
     return distinct[count == 1]
 
 
 def _distinct(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distinct rows, and how often each is there; `numpy.unique` takes thrice as long."""
+    """Return distinct rows and their counts; `numpy.unique` takes three times as long."""
     rows = rows[np.lexsort(rows.T)]
     new = np.append(True, (np.diff(rows, axis=0) != 0).any(axis=1))[: len(rows)]
     starts = np.flatnonzero(new)

@@ -1,4 +1,4 @@
-"""Names of fields: as expressions can use them, and which of them a user asks for."""
+"""Field names: conversion to identifiers for expressions, and selection by the user."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 from ..errors import InputError, unknown_name
 from .contract import FieldChoice
 
-# Endings of the components of vectors, in the coordinates of all grids.
+# Suffixes of vector components, for the coordinates of all grids.
 _COMPONENTS = (("x", "y", "z"), ("r", "theta", "phi"), ("R", "phi", "z"))
 
 
 def field_name(place: str) -> str:
-    """Return a name that expressions can use: the last part of a place, made an identifier.
+    """Return a name valid in expressions: the last part of a place, converted to an identifier.
 
     Examples
     --------
@@ -25,7 +25,7 @@ def field_name(place: str) -> str:
     from ..expressions import CONSTANTS, FUNCTIONS
     from ..fields import COORDINATES
 
-    # Expressions read names in this normal form.
+    # Expressions use this Unicode normal form.
     last = unicodedata.normalize("NFKC", place.rsplit("/", 1)[-1])
     name = "".join(c if f"_{c}".isidentifier() else "_" for c in last)
     name = name if name.isidentifier() else f"_{name}"
@@ -36,7 +36,7 @@ def field_name(place: str) -> str:
 def chosen_fields(
     known: Mapping[str, str], fields: FieldChoice, kind: str = "field"
 ) -> dict[str, str]:
-    """Return name → place of the fields that a user asks for."""
+    """Return {name: place} for the fields that the user requests."""
     if fields is None:
         return _distinct((name, place) for place, name in known.items())
     if isinstance(fields, Mapping):

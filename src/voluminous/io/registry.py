@@ -1,4 +1,4 @@
-"""Find the reader for a file: those of this package, and those that other packages bring."""
+"""Reader selection: the readers of this package and those that other packages register."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from .zarr.ome import OMEZarrReader
 if TYPE_CHECKING:
     from ..volume import Volume
 
-# The general formats: asked last, since codes put their own layouts into them.
+# General formats come last, because codes store specific layouts in them.
 READERS: tuple[Reader, ...] = (
     NativeReader(),
     RADMC3DReader(),
@@ -68,7 +68,7 @@ READERS: tuple[Reader, ...] = (
     YtReader(),
     MINCReader(),
     NeXusReader(),
-    PyVistaReader(),  # CGNS and Exodus are in HDF5 and NetCDF
+    PyVistaReader(),  # CGNS and Exodus are stored in HDF5 and NetCDF
     NetCDFReader(),
     OMEZarrReader(),
     LabelledZarrReader(),
@@ -96,9 +96,9 @@ READERS: tuple[Reader, ...] = (
 GROUP = "voluminous.readers"
 # Enough for the magic bytes of all formats, and for the first keyword of a text file.
 HEAD_LENGTH = 4096
-# Bytes of fields that are read when a file is opened; of more each field when it is first used.
+# Fields of up to this many bytes in total are read on opening; beyond, each on first use.
 AT_ONCE = 256 << 20
-# Entries of a directory that are tried (it may hold a million), and those that are listed.
+# Number of directory entries that are tried (there may be a million), and that are listed.
 _ENTRIES, _LISTED = 256, 8
 
 
@@ -110,17 +110,18 @@ def open(
     Parameters
     ----------
     path : str or Path
-        The file; its content tells the format. Of Zarr also a URL: ``"https://…/cells.zarr"``.
+        The file; the format is detected from its content. For Zarr also a URL:
+        ``"https://…/cells.zarr"``.
     fields : None, str, sequence of str or dict, optional
-        Which fields the volume shall have: all (None), one, several, or ``{name: place in the
-        file}``, such as ``{"density": "/gas/rho"}``. Only these are read; if they take more than
-        256 MiB, each when it is first used (`Volume.load` reads them all).
+        Fields of the volume: all (None), one, several, or ``{name: place in the file}``, such as
+        ``{"density": "/gas/rho"}``. Only these are read; if they take more than 256 MiB, each is
+        read on first use (`Volume.load` reads them all).
     format : str, optional
-        Name of the reader, if the file itself does not tell.
+        Name of the reader, if the format cannot be detected.
     **options
-        What the format needs to know. NPZ, NPY and HDF5: ``bounds``, ``spacing`` or the edges
-        ``x, y, z`` of the cells (by default those in the file, else cells of unit length),
-        ``unit`` of length, and ``axes="zyx"`` if z is the first axis of the arrays.
+        Options of the reader. NPZ, NPY and HDF5: ``bounds``, ``spacing`` or the cell edges
+        ``x, y, z`` (default: those in the file, else cells of unit length), ``unit`` of length,
+        and ``axes="zyx"`` if z is the first axis of the arrays.
 
     Returns
     -------
@@ -129,25 +130,25 @@ def open(
     Raises
     ------
     FileFormatError
-        If the file is damaged, or of a format that no reader knows.
+        If the file is damaged, or if no reader supports its format.
     UnknownNameError
-        For an option, format or field that does not exist; names the nearest.
+        If an option, format or field does not exist; the message names the nearest.
     InputError
-        If there is no such file, or what is in it cannot make a volume.
+        If the file does not exist, or if its contents cannot make a volume.
 
     Examples
     --------
     >>> volume = vm.open("snapshot.h5", {"density": "/gas/rho"}, unit="pc", bounds=(-1, 1))
     """
     volume = open_lazily(path, fields, format=format, **options)
-    # Damage shows at once in all but large files.
+    # In all but large files, damage is detected at once.
     return volume.load() if volume.bytes_waiting <= AT_ONCE else volume
 
 
 def open_lazily(
     path: str | Path, fields: FieldChoice = None, *, format: str | None = None, **options: Any
 ) -> Volume:
-    """Return what `open` does, with fields that are read when they are first used."""
+    """Same as `open`, but each field is read on first use."""
     path = as_path(path)
     reader = find_reader(path, format)
     shown = url_of(path) or path
@@ -162,7 +163,7 @@ def open_lazily(
 
 
 def readers() -> tuple[Reader, ...]:
-    """Return all readers, in the order in which they are asked."""
+    """Return all readers, in the order in which they are tried."""
     return (*_foreign(), *READERS)
 
 
@@ -179,13 +180,13 @@ def find_reader(path: Path, format: str | None = None) -> Reader:
 
 
 def reader_for_suffix(path: Path) -> Reader | None:
-    """Return the most general reader that the name of a file speaks for."""
+    """Return the most general reader for a file's suffix."""
     fitting = [reader for reader in readers() if path.suffix.lower() in reader.suffixes]
     return fitting[-1] if fitting else None
 
 
 def check_options(reader: Reader, options: Any) -> None:
-    """Check that a reader knows all options."""
+    """Check that the reader supports all options."""
     for option in options:
         if option not in reader.options:
             raise unknown_name(f"{reader.name} option", option, reader.options)
@@ -193,7 +194,7 @@ def check_options(reader: Reader, options: Any) -> None:
 
 @functools.cache
 def _foreign() -> tuple[Reader, ...]:
-    """Return the readers of other packages; warn of one that cannot be loaded."""
+    """Return the readers of other packages; warn if one cannot be loaded."""
     result = []
     for entry in importlib.metadata.entry_points(group=GROUP):
         try:
@@ -226,7 +227,7 @@ def _head(path: Path) -> bytes:
 
 
 def _quick_reader(path: Path) -> Reader | None:
-    """Return the reader for a path without asking yt, which takes seconds to import."""
+    """Return the reader for a path without trying yt, which takes seconds to import."""
     head = _head(path)
     asked = (reader for reader in readers() if not isinstance(reader, AnyYtReader))
     return next((reader for reader in asked if reader.matches(path, head)), None)
@@ -257,14 +258,14 @@ def _unknown_format(path: Path, head: bytes) -> FileFormatError:
 
 
 def _openable(directory: Path) -> str:
-    """Return lines that name what can be opened in a directory; yt, which is slow, is not asked."""
+    """Return lines that list the supported files in a directory, without trying yt (slow)."""
     lines = []
     try:
         for entry in sorted(itertools.islice(directory.iterdir(), _ENTRIES)):
             with contextlib.suppress(OSError, InputError):
                 reader = None if entry.name.startswith(".") else _quick_reader(entry)
                 lines += [] if reader is None else [f"  {entry}: {reader.description}"]
-    except OSError:  # a directory that must not be read
+    except OSError:  # no permission to read the directory
         return ""
     more = [] if len(lines) <= _LISTED else [f"  … and {len(lines) - _LISTED} more"]
     return "\n".join(lines[:_LISTED] + more)

@@ -1,7 +1,7 @@
-"""World coordinates of a cube: its WCS, mended, with axes in the order of a grid's x, y, z.
+"""World coordinates of a cube: its repaired WCS, with axes in the grid's order x, y, z.
 
 Greisen & Calabretta (2002), Calabretta & Greisen (2002), Greisen et al. (2006): FITS papers I-III.
-Axes with coordinates in a table (``-TAB`` of paper III, section 6, and SKIRT's) become a ``-TAB``
+Axes with tabulated coordinates (``-TAB`` of paper III, section 6, and SKIRT's) become a ``-TAB``
 axis with one coordinate per pixel and no index.
 """
 
@@ -30,9 +30,9 @@ _KINDS = {"length": "WAVE", "frequency": "FREQ", "energy": "ENER"}
 
 
 def skirt_centers(part: HDU, header: Header) -> dict[int, np.ndarray]:
-    """Return ``{2: coordinates}`` if SKIRT's table of the third axis is in the file, else nothing.
+    """Return ``{2: coordinates}`` if the file has SKIRT's table of the third axis, else ``{}``.
 
-    The header gets the kind and the unit of the axis.
+    Also sets the type and unit of the axis in the header.
     """
     from astropy.io import fits
 
@@ -52,7 +52,7 @@ def skirt_centers(part: HDU, header: Header) -> dict[int, np.ndarray]:
 
 
 def put_centers(header: Header, axis: int, centers: np.ndarray) -> Any:
-    """Give an axis (from 0) of a header coordinates at pixels; return the table of these."""
+    """Assign pixel coordinates to an axis (from 0) of a header; return their table."""
     k, steps = axis + 1, np.diff(centers)
     count = header[f"NAXIS{k}"]
     if centers.shape != (count,) or not (np.all(steps > 0) or np.all(steps < 0)):
@@ -70,7 +70,7 @@ def put_centers(header: Header, axis: int, centers: np.ndarray) -> Any:
     return table_hdus({(f"{_TABLE}{k}", _COLUMN): centers})[0]
 
 
-# What programs write, and what the standard calls it.
+# Non-standard spellings and their standard form.
 _TYPES = {
     "VELOCITY": "VELO",
     "VELOCIT": "VELO",
@@ -80,22 +80,22 @@ _TYPES = {
     "WAVELENG": "WAVE",
     "WAVELENGTH": "WAVE",
 }
-# CD1_2, and PC001002 as it was before the standard.
+# CD1_2, and the pre-standard form PC001002.
 _CARD = re.compile(r"(CD|PC)(\d\d?_\d\d?|\d{6})")
-# The most that the standard has room for in names of cards.
+# Maximum that fits into the keyword names of the standard.
 _MOST_AXES = 99
-# What to do about a header that is wrong.
+# Advice for an invalid header.
 HINT = "; open it with wcs=False for cells of unit length, or with bounds=…"
 
 
 def has_world(part: HDU) -> bool:
-    """Return True if a header says anything of where pixels are."""
+    """Return True if a header contains world coordinates."""
     keys = ("CDELT", "CTYPE", "CRVAL", "CD", "PC")
     return any(f"{key}{end}" in part.header for key in keys for end in ("1", "2", "1_1", "001001"))
 
 
 def wcs_of(part: HDU, rest: str | None) -> WCS:
-    """Return the WCS of a header, of which some spellings are mended."""
+    """Return the WCS of a header after correcting common misspellings."""
     from astropy.io import fits
     from astropy.wcs import WCS
 
@@ -118,7 +118,7 @@ def wcs_of(part: HDU, rest: str | None) -> WCS:
             wcs = WCS(header, fits.HDUList([fits.PrimaryHDU(), *tables]) if tables else None)
         except FileFormatError:
             raise
-        except Exception as error:  # wcslib and astropy raise many kinds
+        except Exception as error:  # wcslib and astropy raise many exception types
             told = str(error).strip().splitlines()[-1]
             raise FileFormatError(f"{part.name}: its WCS is wrong ({told}){HINT}") from error
     # Not of three axes, and not to be turned.
@@ -128,7 +128,7 @@ def wcs_of(part: HDU, rest: str | None) -> WCS:
 
 def _mended(part: HDU, rest: str | None) -> Header:
     header = part.header.copy()
-    if is_compressed(part):  # its own axes are those of a table
+    if is_compressed(part):  # a table's axes, not an image's
         for k, side in enumerate(image_shape(part), start=1):
             header[f"NAXIS{k}"] = side
         header["NAXIS"] = len(image_shape(part))
@@ -148,9 +148,9 @@ def _mended(part: HDU, rest: str | None) -> Header:
 
 
 def _put_one_matrix(part: HDU, header: Header) -> None:
-    """Describe axes with CDi_j cards and axes without them by CDi_j cards alone.
+    """Describe all axes with CDi_j cards if some axes have them.
 
-    wcslib takes one way for all axes, and steps of 1 for those that are described in another.
+    wcslib accepts one form for all axes and assumes steps of 1 for axes given in another.
     """
     cards = {}
     for found in filter(None, map(_CARD.fullmatch, header)):
@@ -162,7 +162,7 @@ def _put_one_matrix(part: HDU, header: Header) -> None:
     by_matrix = {i for (kind, i, _), value in values.items() if kind == "CD" and value}
     if not by_matrix:
         for key in cards.values() if "CDELT1" in header else ():
-            if key.startswith("CD"):  # all zero: they describe nothing
+            if key.startswith("CD"):  # all zero: no information
                 del header[key]
         return
     rows = {}
@@ -208,24 +208,24 @@ def _put_rest(header: Header, rest: Any) -> None:
 
 
 _CONVENTIONS = {"radio": "VRAD", "optical": "VOPT", "relativistic": "VELO"}
-# Spectral axes are velocities where the rest frequency is known, in the convention of their kind.
+# With a rest frequency, spectral axes become velocities in the convention of their type.
 _USUAL = {"FREQ": "VRAD", "ENER": "VRAD", "WAVN": "VRAD", "WAVE": "VOPT", "AWAV": "VOPT"}
-# Cells that are less apart than this part of their width are the same.
+# Cells offset by less than this fraction of their width are identical.
 _SAME = 1e-3
-# Rounding of a cosine and a sine, in degrees.
+# Rounding error of a cosine and a sine, in degrees.
 _TURNED = 1e-9
 
 
 @dataclass(frozen=True)
 class World:
-    """The world coordinates of a cube whose axes are in the order x, y, z of a grid."""
+    """The world coordinates of a cube whose axes are in the grid's order x, y, z."""
 
-    wcs: WCS  # of the arranged cube, pixel axes x, y, z
-    axes: tuple[int, ...]  # which axis of the cube (0 is the fastest) each is
-    flipped: tuple[bool, ...]  # which are reversed
+    wcs: WCS  # of the rearranged cube, pixel axes x, y, z
+    axes: tuple[int, ...]  # axis of the cube (0 is the fastest) for each of x, y, z
+    flipped: tuple[bool, ...]  # whether each axis is reversed
 
     def arrange(self, stored: np.ndarray) -> np.ndarray:
-        """Return an array in the order of NumPy as the grid wants it; a view."""
+        """Return a view of a NumPy-ordered array in the grid's axis order."""
         return stored.transpose([2 - axis for axis in self.axes])[
             tuple(slice(None, None, -1 if flip else 1) for flip in self.flipped)
         ]
@@ -236,22 +236,22 @@ class World:
         return bool(self.wcs.has_celestial)
 
     def agrees(self, other: World) -> bool:
-        """Return True if cells of another cube are in the same places, and in the same order."""
+        """Return True if another cube has the same cells in the same order."""
         if (self.axes, self.flipped) != (other.axes, other.flipped):
             return False
         ends = np.array(self.wcs.pixel_shape) - 1.0
         corners = np.array([[0.0, 0.0, 0.0], [ends[0], 0.0, ends[2]], [0.0, ends[1], 0.0]])
         try:
             found = other.wcs.wcs_world2pix(self.wcs.wcs_pix2world(corners, 0), 0)
-        except ValueError:  # beyond the horizon of the other's projection
+        except ValueError:  # outside the other cube's projection
             return False
         kinds = [list(w.wcs.ctype) for w in (self.wcs, other.wcs)]
         return kinds[0] == kinds[1] and bool(np.all(np.abs(found - corners) < _SAME))
 
     def pointing(self) -> dict[str, Any]:
-        """Return where the middle of the cube is on the sky, and how it is turned, in degrees.
+        """Return the sky position of the cube's centre and its orientation, in degrees.
 
-        ``posang`` is that of the y axis, from north to east; a camera with the same
+        ``posang`` is the position angle of the y axis, from north to east; a camera with the same
         ``posang`` shows north at the top.
         """
         middle = 0.5 * (np.array(self.wcs.pixel_shape) - 1)
@@ -290,7 +290,7 @@ def world(
 
 
 def _order(wcs: WCS) -> list[int]:
-    """Return longitude, latitude and the third axis; else the spectral one last."""
+    """Return the axes as longitude, latitude, third; without a sky, with the spectral axis last."""
     if wcs.wcs.lng >= 0 and wcs.wcs.lat >= 0:
         first = [wcs.wcs.lng, wcs.wcs.lat]
         return [*first, *({0, 1, 2} - set(first))]
@@ -303,7 +303,7 @@ def _linear(wcs: WCS) -> np.ndarray:
 
 
 def _check_apart(wcs: WCS) -> None:
-    """Refuse axes that are not at right angles, except for those on the sky."""
+    """Refuse non-orthogonal axes, except on the sky."""
     linear = np.abs(_linear(wcs))
     if not np.all(np.isfinite(linear)) or not np.all(linear.max(axis=1) > 0):
         raise FileFormatError(f"a pixel of the WCS has no size{HINT}")
@@ -316,7 +316,7 @@ def _check_apart(wcs: WCS) -> None:
 
 
 def _converted(wcs: WCS, velocity: str | None) -> WCS:
-    """Return the WCS with a spectral axis that is a velocity, if that can be."""
+    """Return the WCS with its spectral axis converted to velocity, if possible."""
     if velocity is not None and velocity not in _CONVENTIONS:
         raise InputError(f"velocity must be one of {list(_CONVENTIONS)}, got {velocity!r}")
     spectral = wcs.wcs.spec
@@ -333,7 +333,7 @@ def _converted(wcs: WCS, velocity: str | None) -> WCS:
     try:
         new.wcs.sptr(f"{wanted}-???")
     except ValueError as error:
-        if velocity is None:  # a logarithmic axis, for example: as good as it is
+        if velocity is None:  # for example a logarithmic axis: keep it unchanged
             return wcs
         hint = "" if known else "; give rest='… GHz'"
         raise InputError(
@@ -343,21 +343,21 @@ def _converted(wcs: WCS, velocity: str | None) -> WCS:
 
 
 def _upright(wcs: WCS, sides: list[int]) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Return how pixels are swapped and reversed so that coordinates rise, east to the left.
+    """Return how to swap and reverse pixel axes so that coordinates ascend, with east to the left.
 
-    Pixels of the grid are at ``matrix q + origin`` in the file, axes in the order returned last.
+    Grid pixel q lies at ``matrix q + origin`` in the file, with axes in the order returned last.
     """
     linear = _linear(wcs)
     own = [0, 1, 2]
     if abs(linear[0, 1] * linear[1, 0]) > abs(linear[0, 0] * linear[1, 1]):
-        own = [1, 0, 2]  # turned by about 90 degrees
+        own = [1, 0, 2]  # rotated by about 90 degrees
     signs = np.sign([linear[k, own[k]] for k in range(3)])
     for k in range(3):
-        if wcs.wcs.ctype[k].endswith("-TAB"):  # the table may fall
+        if wcs.wcs.ctype[k].endswith("-TAB"):  # the table may descend
             ends = wcs.sub([k + 1]).wcs_pix2world([[0], [sides[k] - 1]], 0)[:, 0]
             signs[k] = np.sign(ends[1] - ends[0])
     if wcs.has_celestial:
-        signs[0] *= -1  # x runs to the right: to the west
+        signs[0] *= -1  # x runs to the right, which is west
     matrix, origin = np.zeros((3, 3)), np.zeros(3)
     for k in range(3):
         matrix[own[k], k] = 1.0 if signs[k] > 0 else -1.0

@@ -1,1 +1,1 @@
-"""Snapshots of particles: SPH, moving meshes and N-body."""
+"""Readers for particle snapshots: SPH, moving meshes and N-body."""

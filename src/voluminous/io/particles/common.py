@@ -1,4 +1,4 @@
-"""What readers of particles share: options, columns, and the volume that particles make."""
+"""Common parts of the particle readers: options, columns, and the resulting volume."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ OPTIONS = {
     "empty": "value of fields in cells without mass (0); nan hides them",
 }
 DENSITY_UNIT = "g / cm3"
-# Where a word of a name in capitals begins.
+# Start of a word in a CamelCase name.
 _WORD = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[\s_]+")
-# SWIFT writes plurals.
+# SWIFT uses plurals.
 _SINGULAR = {
     **{f"{stem}ies": f"{stem}y" for stem in ("densit", "velocit", "energ", "entrop", "metallicit")},
     **{f"{word}s": word for word in ("temperature", "pressure", "potential", "length", "rate")},
@@ -43,40 +43,40 @@ _SINGULAR = {
 
 @dataclass(frozen=True)
 class ParticleColumn:
-    """One number that each particle has."""
+    """One scalar per particle."""
 
     info: FieldInfo
-    load: Callable[[], np.ndarray]  # returns it for all particles, shape (n,), in its unit
+    load: Callable[[], np.ndarray]  # returns the values of all particles, shape (n,), in `unit`
 
 
 class ParticleFile:
-    """The particles in a file. Without units of the code, numbers are plain."""
+    """The particles in a file. Without code units, values are dimensionless."""
 
-    density: FieldInfo  # the field that masses make; its place is where masses are
+    density: FieldInfo  # the density field made from the masses; its place is that of the masses
     meta: dict[str, Any]
 
     def columns(self) -> list[ParticleColumn]:
-        """Return what can be fields."""
+        """Return the columns that can become fields."""
         raise NotImplementedError
 
     def points(self) -> Any:
-        """Return positions, shape (n, 3): a Quantity if units are known."""
+        """Return positions, shape (n, 3); a Quantity if the code units are given."""
         raise NotImplementedError
 
     def masses(self) -> Any:
         raise NotImplementedError
 
     def sizes(self) -> dict[str, Any]:
-        """Return the arguments of `from_particles` that say how large particles are."""
+        """Return the arguments of `from_particles` that set the particle sizes."""
         raise NotImplementedError
 
     def domain(self, points: Any, sizes: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the arguments of `from_particles` that say where the domain is."""
+        """Return the arguments of `from_particles` that set the domain."""
         return {}
 
 
 class ParticleReader(Reader):
-    """A reader whose file holds particles: `particles` opens it with the options in `opening`."""
+    """Base of particle readers: `particles` opens the file with the options named in `opening`."""
 
     opening: tuple[str, ...] = ()
 
@@ -150,7 +150,7 @@ def with_unit(values: np.ndarray, unit: str) -> Any:
 
 
 def number(attributes: Any, *names: str) -> float | None:
-    """Return the first attribute there is, one finite number; None if there is none."""
+    """Return the first existing attribute that is one finite number; None if there is none."""
     for name in names:
         if name in attributes:
             values = np.ravel(attributes[name])
@@ -161,7 +161,7 @@ def number(attributes: Any, *names: str) -> float | None:
 
 
 def common_name(name: str) -> str:
-    """Return the common name of what codes call a property of particles.
+    """Return the common name of a particle property from a code's name.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""HDF5 snapshots as Gadget, AREPO, GIZMO and SWIFT write them."""
+"""Reader for HDF5 snapshots of Gadget, AREPO, GIZMO and SWIFT."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from .gadget_units import read_header
 if TYPE_CHECKING:
     import h5py
 
-# Types of particles by name, as most codes count them.
+# Particle types by name, in the numbering of most codes.
 TYPES = {"gas": 0, "dark_matter": 1, "disk": 2, "bulge": 3, "stars": 4, "black_holes": 5}
-# Not averaged over cells: these make the density, or tell particles apart.
+# Not averaged over cells: these set positions and density, or identify particles.
 _NO_FIELDS = ("coordinates", "mass", "density", "volume")
 _IDENTITY = re.compile(r"IDs?(?![a-z])")
 _WIDEST = 64
 _SEVERAL = re.compile(r"\.\d+(?=\.(hdf5|h5)$)")
 _MOST_FILES = 1 << 16
-# SWIFT's smoothing length is twice the standard deviation of the kernel; the radius of the support
-# in it is Γ of Dehnen & Aly (2012, MNRAS 425, 1068), table 1.
+# SWIFT's smoothing length is twice the standard deviation of the kernel; the support radius in
+# units of it is Γ of Dehnen & Aly (2012, MNRAS 425, 1068), table 1.
 _SWIFT = {
     **dict.fromkeys(("m4", "cubic"), ("cubic", 1.825742)),
     **dict.fromkeys(("m5", "quartic"), ("quartic", 2.018932)),
@@ -47,15 +47,15 @@ _SWIFT = {
     **dict.fromkeys(("wendland c4", "wendland-c4"), ("wendland-c4", 2.207940)),
     **dict.fromkeys(("wendland c6", "wendland-c6"), ("wendland-c6", 2.449490)),
 }
-# Gadget, GIZMO and AREPO write the radius of the support; the kernel is the cubic spline.
+# Gadget, GIZMO and AREPO write the support radius; the kernel is the cubic spline.
 _GADGET = ("cubic", 1.0)
 
 
 class GadgetReader(ParticleReader):
-    """ParticleFile of one type, placed on an octree.
+    """Reader of one particle type, deposited on an octree.
 
-    With smoothing lengths they are smoothed by the code's kernel; without, but with volumes or
-    densities, they are the cells of a mesh; else they get smoothing lengths of their own.
+    Particles with smoothing lengths are smoothed by the code's kernel. Without them, particles with
+    volumes or densities are mesh cells; all others get estimated smoothing lengths.
     """
 
     name = "gadget"
@@ -81,7 +81,7 @@ class GadgetReader(ParticleReader):
 
 
 class GadgetItem(NamedTuple):
-    """A data set, taken over all files."""
+    """A data set, concatenated over all files."""
 
     shape: tuple[int, ...]
     dtype: Any
@@ -89,7 +89,7 @@ class GadgetItem(NamedTuple):
 
 
 class GadgetSnapshot(ParticleFile):
-    """The particles of one type, in one file or several, or in a directory with these."""
+    """The particles of one type in a file, several files, or a directory of files."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class GadgetSnapshot(ParticleFile):
         with opened(path) as file:
             self.header = read_header(file, (length_unit, mass_unit, velocity_unit))
             count = number(file["Header"].attrs, "NumFilesPerSnapshot") or 1
-            self.kernel = _kernel(file)  # its name, and its radius in the file's lengths
+            self.kernel = _kernel(file)  # name, and support radius in the file's lengths
             kind = TYPES.get(particle_type, particle_type)
             self.group, types = f"PartType{kind}", [k for k in file if k.startswith("PartType")]
         self.kind = int(kind) if str(kind).isdigit() else -1
@@ -136,7 +136,7 @@ class GadgetSnapshot(ParticleFile):
             self.files.append((path, shape[0]))
 
     def _describe(self) -> dict[str, str]:
-        """Register all data sets; return why others can be no fields."""
+        """Register all data sets; return the reasons why the others cannot be fields."""
         path, count = self.files[0]
         with opened(path) as file:
             found, left_out = data_sets(path, file[self.group])
@@ -171,7 +171,7 @@ class GadgetSnapshot(ParticleFile):
         return FieldInfo("density", "Header/MassTable", shape, "float64", unit)
 
     def _values(self, name: str, factor: float = 1.0, column: int | None = None) -> np.ndarray:
-        """Return a data set of all files, or a column of it, times a factor: float64."""
+        """Return a data set (or one of its columns) of all files times a factor, as float64."""
         parts = []
         for path, count in self.files:
             with opened(path) as file:
@@ -242,7 +242,7 @@ class GadgetSnapshot(ParticleFile):
 
 
 def _first_file(path: Path) -> Path:
-    """Return the first file of a snapshot in a directory of its own; a file as it is."""
+    """Return the first file of a snapshot directory; a file is returned unchanged."""
     if not path.is_dir():
         return path
     found = [*path.glob("*.0.hdf5"), *path.glob("*.0.h5")]

@@ -1,7 +1,7 @@
-"""The header of snapshots like Gadget's: units, cosmology, time, box.
+"""The header of Gadget-like snapshots: units, cosmology, time, box.
 
-Powers of the scale factor a and of h where the file does not tell them are Gadget-2's and AREPO's:
-Springel (2005, MNRAS 364, 1105, and the code's user guide), Nelson et al. (2019, Comput.
+If the file does not give the powers of the scale factor a and of h, those of Gadget-2 and AREPO
+are used: Springel (2005, MNRAS 364, 1105, and the code's user guide), Nelson et al. (2019, Comput.
 Astrophys. 6, 2, with the data specifications of IllustrisTNG).
 """
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Dimension:
-    """What a data set is: powers of mass, length, velocity, a and h, and the unit to give it."""
+    """Dimension of a data set: powers of mass, length, velocity, a and h, and the output unit."""
 
     mass: float = 0
     length: float = 0
@@ -44,17 +44,17 @@ _KNOWN = {
     "internal_energy": Dimension(velocity=2, unit="km2 / s2"),
     "potential": Dimension(velocity=2, a=-1, unit="km2 / s2"),
     "pressure": Dimension(1, -3, 2, -3, 2, "erg / cm3"),
-    # Its square is a pressure; a code's numbers are in the root of the code's unit of pressure.
+    # Its square is a pressure; values are in the square root of the code's pressure unit.
     "magnetic_field": Dimension(0.5, -1.5, 1, -2, 1, "G"),
 }
-# In these units whatever the code's are.
+# In these units regardless of the code's units.
 _FIXED = {"temperature": "K", "star_formation_rate": "solMass / yr"}
 _EXPONENTS = ("U_M exponent", "U_L exponent", "U_t exponent")
 
 
 @dataclass(frozen=True)
 class GadgetUnits:
-    """The code's units in cgs, None where the file does not tell; a and h, 1 without cosmology."""
+    """The code units in cgs (None if the file omits them), a and h (1 without cosmology)."""
 
     length: float | None = None
     mass: float | None = None
@@ -67,7 +67,7 @@ class GadgetUnits:
         return None not in (self.length, self.mass, self.velocity)
 
     def of(self, name: str, attributes: Mapping[str, Any]) -> tuple[float, str]:
-        """Return the factor from a data set's numbers (by its common name) to a unit, and that."""
+        """Return (factor, unit): factor converts a data set, given by its common name, to unit."""
         if not self.known:
             return 1.0, ""
         if name in _FIXED and not set(_EXPONENTS) <= set(attributes):
@@ -88,7 +88,7 @@ class GadgetUnits:
 
 
 def _dimension_of(name: str, attributes: Mapping[str, Any]) -> Dimension:
-    """Return what a data set is: by its name, else by attributes as AREPO and SWIFT give them."""
+    """Return a data set's dimension, from its name or else from AREPO's or SWIFT's attributes."""
     given = _scaling(attributes)
     if name in _KNOWN:
         known = _KNOWN[name]
@@ -117,7 +117,7 @@ def _composed(mass: float, length: float, velocity: float) -> str:
     return "" if unit == u.dimensionless_unscaled else str(unit)
 
 
-# Sizes of the code's units in SWIFT, and in others.
+# Attributes with the code units in SWIFT, and in other codes.
 _UNITS = {
     "length": ("Unit length in cgs (U_L)", "UnitLength_in_cm", "UnitLength_In_CGS"),
     "mass": ("Unit mass in cgs (U_M)", "UnitMass_in_g", "UnitMass_In_CGS"),
@@ -129,17 +129,17 @@ _CGS = {"length": "cm", "mass": "g", "velocity": "cm / s"}
 
 @dataclass(frozen=True)
 class GadgetHeader:
-    """What the header says."""
+    """The contents of the header."""
 
     units: GadgetUnits
-    box: np.ndarray | None  # widths from 0 on, in the code's unit
+    box: np.ndarray | None  # box widths, in the code's unit; the box begins at 0
     periodic: bool
     meta: dict[str, Any]  # time or redshift
-    masses: np.ndarray  # of particles of each type, 0 where each has its own
+    masses: np.ndarray  # particle mass of each type, 0 if masses are stored per particle
 
 
 def read_header(file: h5py.File, given: tuple[Any, Any, Any]) -> GadgetHeader:
-    """Return the header of an open file; units that a user gives come first."""
+    """Return the header of an open file; units given by the user take precedence."""
     header = _attributes(file, "Header")
     attrs = _attributes(file, "Parameters") | header | _attributes(file, "Units")
     cosmological = _is_cosmological(file, attrs)
@@ -161,7 +161,7 @@ def _attributes(file: h5py.File, group: str) -> dict[str, Any]:
 
 
 def _is_cosmological(file: h5py.File, attrs: dict[str, Any]) -> bool:
-    """Return True if lengths are comoving; where no flag tells, if time is the scale factor."""
+    """Return True if lengths are comoving; without a flag, if time is the scale factor."""
     swift = _attributes(file, "Cosmology")
     flag = number(attrs | swift, "ComovingIntegrationOn", "Cosmological run")
     if flag is not None:

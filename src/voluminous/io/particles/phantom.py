@@ -1,4 +1,4 @@
-"""Dumps of Phantom, an SPH code: native ones, and in HDF5."""
+"""Reader for dumps of the SPH code Phantom, native and HDF5."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .phantom_dump import DumpArray, byte_order, read_dump
 if TYPE_CHECKING:
     import h5py
 
-# Types of particles as Phantom counts them.
+# Particle types in Phantom's numbering.
 TYPES = {"gas": 1, "boundary": 3, "star": 4, "dark_matter": 5, "bulge": 6, "dust": 7}
 _VECTORS = {"xyz": "", "vxyz": "v", "Bxyz": "B"}
-# What copies call what Phantom has for each type.
+# Header names of the particle masses by type: the name in Phantom, and the name in copies.
 _MASS = ("massoftype", "mass")
-# Common names; powers of the code's length, mass and time; and the unit to give them in.
+# Common names; powers of the code's length, mass and time; and the output unit.
 _KNOWN: dict[str, tuple[str, tuple[int, int, int], str]] = {
     **{f"v{axis}": (f"velocity_{axis}", (1, 0, -1), "km / s") for axis in "xyz"},
     "u": ("internal_energy", (2, 0, -2), "km2 / s2"),
@@ -62,7 +62,7 @@ class PhantomReader(ParticleReader):
 
 @dataclass(frozen=True)
 class PhantomColumn:
-    """One number for each particle: its place, what it is in the file, and how to read it."""
+    """One scalar per particle: its place, its description, and a function that reads it."""
 
     place: str
     shape: tuple[int, ...]
@@ -72,13 +72,13 @@ class PhantomColumn:
 
 @dataclass(frozen=True)
 class PhantomContents:
-    """A dump, whichever way it was written; no values of particles are read."""
+    """The contents of a native or HDF5 dump, without particle values."""
 
-    header: dict[str, np.ndarray]  # all numbers of each tag
+    header: dict[str, np.ndarray]  # all header numbers by tag
     particles: dict[str, PhantomColumn]  # by Phantom's tags, vectors as components: x, vx, Bx …
     sinks: dict[str, PhantomColumn]
     mass_place: str
-    left_out: dict[str, str]  # why other data sets can be no fields
+    left_out: dict[str, str]  # reasons why other data sets cannot be fields
 
 
 class PhantomParticles(ParticleFile):
@@ -98,7 +98,7 @@ class PhantomParticles(ParticleFile):
         self.meta = self._meta()
 
     def _meta(self) -> dict[str, Any]:
-        """Return the time, and the sinks: their numbers by Phantom's names, in code units."""
+        """Return the time, and the sinks in code units under Phantom's names."""
         factor, unit = self._factor((0, 0, 1), "s")
         meta: dict[str, Any] = {"code": "Phantom", "time": self._number("time", 0.0) * factor}
         meta |= {"time_unit": "s"} if unit else {}
@@ -117,7 +117,7 @@ class PhantomParticles(ParticleFile):
 
     @functools.cached_property
     def live(self) -> np.ndarray:
-        """Which particles are of the type, and not accreted."""
+        """Mask of the particles that have the type and are not accreted."""
         columns = self.dump.particles
         live = np.asarray(columns["h"].load() > 0)
         if "itype" in columns:
@@ -142,7 +142,7 @@ class PhantomParticles(ParticleFile):
         if not 0 < mass < np.inf:
             raise FileFormatError(f"massoftype of type {self.kind} is {mass}, expected more than 0")
         masses = np.full(np.count_nonzero(self.live), mass)
-        if "apr_level" in self.dump.particles:  # split particles: smaller by powers of two
+        if "apr_level" in self.dump.particles:  # split particles: masses smaller by powers of two
             masses *= np.exp2(1 - self._values("apr_level"))
         return self._scaled(masses, (0, 1, 0), "g")
 
@@ -151,7 +151,7 @@ class PhantomParticles(ParticleFile):
         return with_unit(values * factor, own)
 
     def _factor(self, powers: tuple[int, int, int], unit: str) -> tuple[float, str]:
-        """Return the factor from the code's numbers to a unit, and that; 1 and "" if unknown."""
+        """Return (factor, unit) to convert from code units; (1, "") without code units."""
         if self.units is None:
             return 1.0, ""
         from astropy import units as u
@@ -161,7 +161,7 @@ class PhantomParticles(ParticleFile):
         return value * float(cgs.to(u.Unit(unit))), unit
 
     def columns(self) -> list[ParticleColumn]:
-        """Return all real numbers but positions."""
+        """Return all real columns except the positions."""
         found = []
         for tag, item in self.dump.particles.items():
             if item.dtype.kind == "f" and tag not in ("x", "y", "z"):
@@ -242,7 +242,7 @@ def _in_hdf5(path: Path) -> PhantomContents:
 def _columns_in(
     path: Path, group: h5py.Group, count: int | None = None
 ) -> tuple[dict[str, PhantomColumn], dict[str, str]]:
-    """Return each column of the data sets in a group, and why other data sets have none."""
+    """Return the columns of the data sets in a group, and why other data sets have none."""
     found: dict[str, PhantomColumn] = {}
     items, left_out = data_sets(path, group)
     for name, item in items.items():

@@ -1,4 +1,4 @@
-"""Phantom's native dumps: Fortran records of a tagged header, and of tagged arrays.
+"""Parser for Phantom's native dumps: Fortran records with a tagged header and tagged arrays.
 
 The layout is described in Phantom's documentation (https://phantomsph.readthedocs.io, "Phantom dump
 file format"), and by Price et al. (2018, PASA 35, e031).
@@ -14,9 +14,9 @@ import numpy as np
 
 from ...errors import FileFormatError
 
-# What the numbers of the first record must be.
+# Required numbers in the first record.
 _FIRST, _SECOND, _THIRD = 60769, 60878, 690706
-# Bytes of default integers and reals, by the length of the first record.
+# Sizes in bytes of default integers and reals, by the length of the first record.
 _SIZES = {20: (4, 4), 24: (4, 8), 36: (8, 4), 40: (8, 8)}
 _TAG = 16
 _KINDS = 8
@@ -25,7 +25,7 @@ _MOST_ARRAYS = 1 << 12
 
 @dataclass(frozen=True)
 class DumpArray:
-    """An array in the file: where its values begin, of which type and how many they are."""
+    """An array in the file: offset, type and number of values."""
 
     offset: int
     dtype: np.dtype
@@ -34,15 +34,15 @@ class DumpArray:
 
 @dataclass(frozen=True)
 class PhantomDump:
-    """What is in a dump."""
+    """The contents of a dump."""
 
-    header: dict[str, np.ndarray]  # all numbers of each tag
+    header: dict[str, np.ndarray]  # all header numbers by tag
     particles: dict[str, DumpArray]
     sinks: dict[str, DumpArray]
 
 
 def byte_order(head: bytes) -> str | None:
-    """Return the order of bytes of a dump, ``"<"`` or ``">"``; None if this is no dump."""
+    """Return the byte order of a dump, ``"<"`` or ``">"``; None for any other file."""
     for order in "<>":
         if len(head) >= 12:
             length = int(np.frombuffer(head, f"{order}i4", 1)[0])
@@ -53,7 +53,7 @@ def byte_order(head: bytes) -> str | None:
 
 
 def read_dump(path: Path) -> PhantomDump:
-    """Return what is in a dump with tags, of one block; no values of particles are read."""
+    """Return the contents of a tagged one-block dump, without particle values."""
     with open(path, "rb") as file:
         records = _Records(file, path.stat().st_size)
         order = byte_order(records.start)
@@ -71,7 +71,7 @@ def read_dump(path: Path) -> PhantomDump:
 
 
 class _Records:
-    """Fortran records: their length in four bytes, before and after."""
+    """Fortran records: a four-byte length precedes and follows each."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size, self.order = file, size, "<"
@@ -121,7 +121,7 @@ class _Records:
 
 
 def _types(records: _Records) -> list[np.dtype]:
-    """Return the types of numbers there are, in the order in which they come."""
+    """Return the number types of the header, in file order."""
     content = records.read()
     integer, real = _SIZES[len(content)]
     order = records.order
@@ -163,14 +163,14 @@ def _blocks(records: _Records, types: list[np.dtype], header: dict[str, np.ndarr
     found = [_arrays(records, types, count, numbers) for count, numbers in sizes]
     count = sizes[0][0]
     particles = dict(found[0])
-    # Magnetic fields and radiation have groups of their own; the second one is of sinks.
+    # Magnetic fields and radiation have separate groups; the second group holds the sinks.
     for (other, _), arrays in zip(sizes[2:], found[2:], strict=True):
         particles |= arrays if other == count else {}
     return PhantomDump(header, particles, found[1] if len(found) > 1 else {})
 
 
 def _group(records: _Records) -> tuple[int, np.ndarray]:
-    """Return how long the arrays of a group are, and how many there are of each type."""
+    """Return the array length of a group, and its number of arrays per type."""
     order = records.order
     (group,) = records.numbers([("count", f"{order}i8"), ("numbers", f"{order}i4", _KINDS)], 1)
     numbers = group["numbers"]

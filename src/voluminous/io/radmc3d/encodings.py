@@ -1,7 +1,7 @@
-"""The three encodings of RADMC-3D's files: text, binary, and Fortran records; read and written.
+"""Readers and writers for RADMC-3D's three file encodings: text, binary and Fortran records.
 
-Whole numbers and reals come in the same order in all three. A file is read from its beginning;
-`planes` then gives the values on the cells, which are read when they are used.
+Integers and reals come in the same order in all three. A file is read sequentially; `planes` then
+returns the cell values, which are read on first use.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 Reals = NDArray[np.float64]
 _REALS = {4: "f4", 8: "f8"}
-# The byte order in which the format number is small is the right one.
+# The byte order is the one in which the format number is small.
 _LARGEST_FORMAT = 1 << 16
 _CUT = "it is cut short: "
 
 
 class EncodedFile:
-    """A file that is open as long as the block that it is used in lasts."""
+    """An input file, opened and closed by a `with` block."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -49,39 +49,39 @@ class EncodedFile:
         self._file.close()
 
     def format(self, precision: bool) -> int:
-        """Return the format number; in files with values on cells the precision follows it."""
+        """Return the format number; in files of cell values the precision follows it."""
         raise NotImplementedError
 
     def integers(self, count: int, what: str) -> list[int]:
-        """Return whole numbers."""
+        """Read `count` integers."""
         raise NotImplementedError
 
     def reals(self, count: int, what: str) -> Reals:
-        """Return double-precision numbers."""
+        """Read `count` double-precision numbers."""
         raise NotImplementedError
 
     def flags(self, what: str) -> NDArray[np.uint8]:
-        """Return all that is left: numbers that are 0 or 1."""
+        """Read the rest of the file as numbers that are 0 or 1."""
         raise NotImplementedError
 
     def end(self) -> None:
-        """Check that nothing is left."""
+        """Check that the file is read to its end."""
         raise NotImplementedError
 
     def width(self, cells: int) -> int:
-        """Return how many values per cell follow; 0 if that is unclear."""
+        """Return the number of values per cell in the rest of the file; 0 if it is ambiguous."""
         return 0
 
     def planes(self, count: int, size: int) -> ValuePlanes:
-        """Return what is left: `count` planes of `size` numbers."""
+        """Return the rest of the file as `count` planes of `size` numbers."""
         raise NotImplementedError
 
 
 class ValuePlanes:
-    """Values on the cells, one plane of them after the other."""
+    """Cell values as consecutive planes."""
 
     dtype: np.dtype = np.dtype(np.float64)
-    mapped = False  # values stay in the file
+    mapped = False  # values are not read yet
 
     def plane(self, index: int) -> np.ndarray:
         raise NotImplementedError
@@ -90,19 +90,19 @@ class ValuePlanes:
 # Text
 
 _WHOLE = re.compile(rb"[+-]?\d{1,18}")
-# Fortran leaves out the letter where an exponent has three digits: 1.0-100.
+# Fortran omits the letter E before an exponent of three digits: 1.0-100.
 _NUMBER = re.compile(rb"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdDqQ]?([+-]\d+)|[eEdDqQ](\d+))?")
 _WORDS = re.compile(rb"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _LETTERS = bytes.maketrans(b"dDqQ", b"eeee")
 _LONGEST_LINE = 1 << 26
 _BLOCK = 1 << 22
 _SHOWN = 32
-# How many of the last numbers of a file show how they are written, if they are as long as this.
+# Number of values at the end of a file that show the number format, if they have this length.
 _LAST, _FIXED = 9, 8
 
 
 def number(token: bytes) -> float:
-    """Return a number as Fortran writes it; raises ValueError for any other text."""
+    """Return a number in Fortran notation; raise ValueError for any other text."""
     found = _NUMBER.fullmatch(token)
     if found is None:
         if _WORDS.fullmatch(token):
@@ -118,7 +118,7 @@ def _shown(token: bytes) -> str:
 
 
 class TextFile(EncodedFile):
-    """A text file as Fortran reads it: each reading starts on a new line, and skips its rest."""
+    """A text file read as by Fortran: each read starts on a new line and skips the rest of it."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -182,7 +182,7 @@ class TextFile(EncodedFile):
 
     def planes(self, count: int, size: int) -> TextPlanes:
         left = self._size - self._file.tell()
-        if left < 2 * count * size - 1:  # a digit and a space each
+        if left < 2 * count * size - 1:  # one digit and one space per flag
             raise FileFormatError(
                 f"{_CUT}{count * size} numbers are promised, but only {left} characters are left"
             )
@@ -190,7 +190,7 @@ class TextFile(EncodedFile):
 
 
 class TextPlanes(ValuePlanes):
-    """All numbers in the rest of a text file: one plane."""
+    """The numbers in the rest of a text file, as one plane."""
 
     def __init__(self, path: Path, offset: int, line: int, size: int) -> None:
         self.path, self.offset, self.line, self.size = path, offset, line, size
@@ -219,7 +219,7 @@ class TextPlanes(ValuePlanes):
         return first + len(read)
 
     def _check_end(self, last: bytes) -> None:
-        """Refuse a file that ends within a number: shorter than the others, and no line ends it."""
+        """Refuse a file truncated within a number: no final newline, and a shorter last number."""
         with self.path.open("rb") as file:
             file.seek(max(self.path.stat().st_size - 2048, self.offset))
             numbers = [token.lstrip(b"+-") for token in file.read().split()[1:]][-_LAST:]
@@ -231,12 +231,12 @@ class TextPlanes(ValuePlanes):
 
 
 def _numbers(text: bytes, line: int) -> Reals:
-    """Return the numbers in a text that begins in a line of a file."""
+    """Return the numbers in a text that begins at line `line` of the file."""
     if not text or text.isspace():
         return np.empty(0)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # older NumPy warns of what is no number
+            warnings.simplefilter("error")  # older NumPy warns if the text is not a number
             return np.fromstring(text.translate(_LETTERS).decode("ascii"), sep=" ")
     except (ValueError, DeprecationWarning):
         values: list[float] = []
@@ -252,7 +252,7 @@ def _numbers(text: bytes, line: int) -> Reals:
 
 
 class BinaryFile(EncodedFile):
-    """Whole numbers of eight bytes, then numbers of four or eight; of either byte order."""
+    """A binary file of either byte order: integers of eight bytes, then reals of four or eight."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -318,7 +318,7 @@ class BinaryFile(EncodedFile):
 
 
 class BinaryPlanes(ValuePlanes):
-    """ValuePlanes of numbers that stay in a binary file."""
+    """ValuePlanes read from a binary file on use."""
 
     mapped = True
 
@@ -330,17 +330,17 @@ class BinaryPlanes(ValuePlanes):
         return mapped(self.path, offset, (self.size,), self.dtype)
 
 
-# Fortran records: their length in bytes, four bytes long, in front and behind
+# Fortran records: a four-byte length (in bytes) precedes and follows each record
 
 _MARK = 4
-# The first record holds one or two whole numbers: its length shows the byte order.
+# The first record holds one or two integers: its length shows the byte order.
 _FIRST = (4, 8, 16)
 
 
 class RecordFile(EncodedFile):
-    """An unformatted file of Fortran; of either byte order.
+    """An unformatted Fortran file of either byte order.
 
-    Whole numbers in grids have four bytes, those in files with values on cells eight.
+    Integers have four bytes in grid files and eight in files of cell values.
     """
 
     def __init__(self, path: Path) -> None:
@@ -363,7 +363,7 @@ class RecordFile(EncodedFile):
         return self._read(count, "f8", what).astype(np.float64)
 
     def _read(self, count: int, kind: str, what: str) -> np.ndarray:
-        """Return numbers from one or several records."""
+        """Read numbers that span one or more records."""
         dtype = np.dtype(self._order + kind)
         needed = count * dtype.itemsize
         while len(self._left) < needed:
@@ -429,7 +429,7 @@ class RecordFile(EncodedFile):
 
 
 class RecordPlanes(ValuePlanes):
-    """ValuePlanes of numbers in records of one length; the last one in a plane may be filled up."""
+    """ValuePlanes in records of equal length; the last record of a plane may be padded."""
 
     def __init__(
         self, path: Path, offset: int, size: int, per_record: int, dtype: np.dtype
@@ -453,14 +453,14 @@ class RecordPlanes(ValuePlanes):
 
 # Writing
 
-# So many digits bring every double back.
+# This many digits reproduce every double exactly.
 _REAL = "%.16e"
-# Values turned into text, or into bytes, at once.
+# Number of values converted to text or bytes at a time.
 _PIECE = 1 << 16
 
 
 class TextOut:
-    """Writes a text file: a line for each call or each cell."""
+    """Writes a text file: one line per call or per cell."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -473,7 +473,7 @@ class TextOut:
         self._file.write((" ".join(map(str, numbers)) + "\n").encode())
 
     def rows(self, columns: list[np.ndarray]) -> None:
-        """Write the values of columns side by side."""
+        """Write columns side by side."""
         line = " ".join([_REAL] * len(columns)) + "\n"
         for first in range(0, len(columns[0]), _PIECE):
             piece = np.stack([c[first : first + _PIECE] for c in columns], axis=1)
@@ -491,7 +491,7 @@ class BinaryOut(TextOut):
     _real = "<f8"
 
     def format(self, number: int, single: bool | None = None) -> None:
-        """Write the format number; of files with data (`single` is not None) also the precision."""
+        """Write the format number, and the precision in data files (`single` is not None)."""
         self.integers(number)
         if single is not None:
             self._real = "<f4" if single else "<f8"

@@ -1,6 +1,6 @@
-"""The files of a model, and the fields in them.
+"""The files of a RADMC-3D model and the fields in them.
 
-RADMC-3D knows files by their names; any other file with values on the grid is a field too.
+RADMC-3D identifies files by name; any other file of values on the grid is read as a field too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .encodings import BinaryFile, EncodedFile, RecordFile, TextFile, ValuePlane
 from .grid_file import GridFile, read_grid
 
 GRID = "amr_grid"
-# Suffixes in the order of preference: RADMC-3D stops where there is more than one.
+# Suffixes in order of preference: RADMC-3D stops if there is more than one.
 FORMATS: dict[str, type[EncodedFile]] = {
     **dict.fromkeys((".binp", ".bdat", ".bout"), BinaryFile),
     **dict.fromkeys((".inp", ".dat", ".out"), TextFile),
@@ -28,15 +28,15 @@ FORMATS: dict[str, type[EncodedFile]] = {
 }
 INPUT = (".binp", ".inp", ".uinp")
 _PREFERENCE = {suffix: rank for rank, suffix in enumerate(FORMATS)}
-# More species than anyone has: memory is not taken for a damaged number.
+# Upper limit on species: a damaged number must not cause a huge allocation.
 _MOST_PARTS = 1 << 16
 
 
 @dataclass(frozen=True)
 class FieldKind:
-    """How values are laid out in a file, and their unit."""
+    """Layout and unit of the values in a file."""
 
-    # One value per cell; three; one array per species; some values per cell; one per frequency.
+    # One value per cell, three, one array per species, several per cell, or one per frequency.
     layout: Literal["scalar", "vector", "species", "levels", "frequencies"]
     unit: str
     suffix: str = ".inp"  # of text files
@@ -58,7 +58,7 @@ KINDS = {
     "heatsource": FieldKind("scalar", "erg / (s cm3)"),
     "mean_intensity": FieldKind("frequencies", _INTENSITY, ".out"),
 }
-# Files of which there is one per molecule.
+# Files that exist once per molecule.
 _PREFIXES = {
     "numberdens_": FieldKind("scalar", _NUMBER),
     "levelpop_": FieldKind("levels", _NUMBER, ".dat"),
@@ -66,7 +66,7 @@ _PREFIXES = {
 
 
 def known_kind(stem: str) -> FieldKind | None:
-    """Return what a file of this name (without suffix) holds; None if RADMC-3D has none such."""
+    """Return the kind of a file with this name (no suffix); None if RADMC-3D defines none."""
     for prefix, kind in _PREFIXES.items():
         if stem.startswith(prefix) and stem != prefix:
             return kind
@@ -74,26 +74,26 @@ def known_kind(stem: str) -> FieldKind | None:
 
 
 def find(directory: Path, stem: str, suffixes: tuple[str, ...]) -> list[Path]:
-    """Return the existing files of a name, the preferred one first."""
+    """Return the existing files of this name, in order of preference."""
     paths = [directory / (stem + suffix) for suffix in suffixes]
     return [path for path in paths if path.is_file()]
 
 
 @dataclass(frozen=True)
 class FieldPart:
-    """A field in a file: which of its planes, and which values of that."""
+    """One field in a file: its plane, and its values within the plane."""
 
     name: str
-    place: str  # the file's name, and which of its fields
+    place: str  # file name and field within the file
     unit: str
-    file: FieldFile | VoluminousError  # or why it cannot be read
+    file: FieldFile | VoluminousError  # or the reason why it cannot be read
     plane: int = 0
     part: slice | None = None  # all of them
 
 
 @dataclass
 class FieldFile:
-    """A file with values on the cells."""
+    """A file of cell values."""
 
     path: Path
     planes: ValuePlanes
@@ -101,13 +101,13 @@ class FieldFile:
     _kept: dict[int, np.ndarray] = field(default_factory=dict)
 
     def expect(self, part: FieldPart) -> None:
-        """Count a field that will be read."""
+        """Register a field that will be read."""
         self._wanted[part.plane] = self._wanted.get(part.plane, 0) + 1
 
     def values(self, part: FieldPart) -> np.ndarray:
-        """Return a field in the file's order.
+        """Return a field in the file's cell order.
 
-        A plane with several fields is kept until the last of those expected has been read.
+        A plane shared by several fields is cached until the last expected field has been read.
         """
         with placed(self.path.name):
             plane = self._kept.pop(part.plane, None)
@@ -119,7 +119,7 @@ class FieldFile:
 
 
 def parts_of(path: Path, grid: GridFile) -> list[FieldPart]:
-    """Return the fields in a file; one that says why not, if RADMC-3D knows it and it is wrong."""
+    """Return the fields in a file; for an invalid RADMC-3D file, one part that states the error."""
     kind = known_kind(path.stem)
     try:
         with placed(path.name), FORMATS[path.suffix](path) as source:
@@ -143,7 +143,7 @@ def _parts(
     kind = kind or _guessed(source, cells)
     endings = _endings(source, kind, grid)
     count = len(endings)
-    # Text is read as a whole.
+    # A text file is read completely.
     planes = count if kind.layout not in ("vector", "levels") else 1
     one = planes == 1 or isinstance(source, TextFile)
     file = FieldFile(
@@ -169,7 +169,7 @@ def _parts(
 
 
 def _guessed(source: EncodedFile, cells: int) -> FieldKind:
-    """Return what a file holds that RADMC-3D does not know: one value per cell, or three."""
+    """Return the kind of a file that RADMC-3D does not define: one or three values per cell."""
     if isinstance(source, RecordFile):
         raise FileFormatError("RADMC-3D has no such file")
     return FieldKind("vector" if source.width(cells) == 3 else "scalar", "")
@@ -192,15 +192,15 @@ def _endings(source: EncodedFile, kind: FieldKind, grid: GridFile) -> list[str]:
 
 @dataclass(frozen=True)
 class Model:
-    """What is in a directory."""
+    """The contents of a model directory."""
 
     grid_path: Path
     grid: GridFile
-    parts: dict[str, FieldPart]  # all fields by their places
-    own: tuple[str, ...]  # places that the path which was given stands for: all, or one file's
+    parts: dict[str, FieldPart]  # all fields by place
+    own: tuple[str, ...]  # places selected by the given path: all, or those of one file
 
     def chosen(self, fields: FieldChoice) -> dict[str, FieldPart]:
-        """Return the fields that a user asks for, by the names they shall have."""
+        """Return the requested fields by their requested names."""
         known = {place: part.name for place, part in self.parts.items()}
         if fields is None:
             known = {place: known[place] for place in self.own}
@@ -209,7 +209,7 @@ class Model:
         return {name: self.parts[place] for name, place in chosen_fields(known, fields).items()}
 
     def _expanded(self, fields: FieldChoice, known: dict[str, str]) -> Any:
-        """Return names in which one that stands for several species is replaced by theirs."""
+        """Replace each name that stands for several species by the names of these species."""
         if isinstance(fields, str):
             fields = [fields]
         if not isinstance(fields, (list, tuple)):
@@ -223,7 +223,7 @@ class Model:
 
 
 def open_model(path: Path) -> Model:
-    """Return what there is in a directory, or around a file in one."""
+    """Return the model in a directory, or in the directory that contains the given file."""
     directory = path if path.is_dir() else path.parent
     grids = find(directory, GRID, INPUT)
     grid_path = path if path in grids else grids[0]
@@ -264,7 +264,7 @@ def _warn_of_others(paths: list[Path]) -> None:
 
 
 def holds_model(path: Path, head: bytes) -> bool:
-    """Return True for a directory with a grid, and for a file beside one that begins as they do."""
+    """Return True for a directory with a grid file, and for a model file in such a directory."""
     directory = path if path.is_dir() else path.parent
     if path.is_file() and (path.suffix not in FORMATS or not _begins(path.suffix, head)):
         return False

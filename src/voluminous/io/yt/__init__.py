@@ -1,4 +1,4 @@
-"""Data sets of yt on their own cells, and files that yt can read."""
+"""Volumes from yt data sets on their original cells, and a reader for files that yt supports."""
 
 from .volume import from_yt
 

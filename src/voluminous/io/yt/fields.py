@@ -1,4 +1,4 @@
-"""Which fields a data set of yt has, and what they are called here."""
+"""The fields of a yt data set, and their names in voluminous."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ..contract import FieldChoice
 from ..names import chosen_fields, field_name
 
 Field = tuple[str, str]
-# R and phi are r and theta in yt's cylindrical coordinates.
+# R and phi are called r and theta in yt's cylindrical coordinates.
 _CYLINDRICAL = {"r": "R", "theta": "phi"}
-# What tells where particles are and how large, and which.
+# Particle positions, sizes and identifiers.
 _NOT_CARRIED = {"position", "position_x", "position_y", "position_z", "x", "y", "z", "mass"} | {
     "index",
     "type",
@@ -33,7 +33,7 @@ class YtFields:
         self.on_disk = {"/".join(f): self._names["/".join(f)] for f in stored}
 
     def chosen(self, fields: FieldChoice) -> dict[str, Field]:
-        """Return name → field of those asked for; see `voluminous.Volume.from_yt`."""
+        """Return {name: field} for the requested fields; see `voluminous.Volume.from_yt`."""
         if fields is None:
             if not self.on_disk:
                 raise InputError("the data set has no field in cells; name one that yt derives")
@@ -46,11 +46,11 @@ class YtFields:
         try:
             return chosen_fields(self._names, asked)
         except UnknownNameError as error:
-            # yt derives hundreds: a list of all would hide the nearest one.
+            # yt derives hundreds: listing all would hide the nearest one.
             raise self._unknown(asked) from error
 
     def _as_text(self, fields: Any) -> Any:
-        """Return fields with all tuples ``("gas", "density")``, and yt's own objects, as places."""
+        """Replace tuples such as ``("gas", "density")`` and yt field objects by places."""
         if isinstance(fields, dict):
             return {name: _place(field) for name, field in fields.items()}
         return [_place(field) for field in ([fields] if self._is_one(fields) else fields)]
@@ -73,12 +73,12 @@ class YtFields:
 
 
 def _place(field: Any) -> Any:
-    field = getattr(field, "name", field)  # of ds.fields.gas.density
+    field = getattr(field, "name", field)  # for ds.fields.gas.density
     return "/".join(map(str, field)) if isinstance(field, tuple) else field
 
 
 def cell_fields(ds: Any) -> YtFields:
-    """Return the fields that have a value in each cell."""
+    """Return the fields with one value per cell."""
 
     def in_cells(field: Field) -> bool:
         info = ds.field_info.get(field)
@@ -92,7 +92,7 @@ def cell_fields(ds: Any) -> YtFields:
 
 
 def particle_fields(ds: Any, kind: str) -> YtFields:
-    """Return the fields that have a value at each particle of a kind."""
+    """Return the fields with one value per particle of a type."""
     stored = [_common(ds, field, kind) for field in ds.field_list if field[0] == kind]
     stored = [f for f in stored if f[1].lower().removeprefix("particle_") not in _NOT_CARRIED]
     others = [f for f in ds.derived_field_list if f[0] in ("gas", kind)]
@@ -104,7 +104,7 @@ def _order(field: Field) -> tuple[bool, Field]:
 
 
 def _common(ds: Any, field: Field, kind: str) -> Field:
-    """Return the common name of a field in the file; its own where it has none."""
+    """Return the yt common name of an on-disk field, or the field itself if there is none."""
     aliases = ds.field_info.field_aliases
     known = [a for a in aliases if a[0] in ("gas", kind) and _root(aliases, a) == field]
     known = sorted((a for a in known if a in ds.field_info), key=lambda a: a[0] != "gas")
@@ -120,7 +120,7 @@ def _root(aliases: Any, field: Field) -> Field:
 
 
 def _names(fields: dict[str, Field], endings: dict[str, str]) -> dict[str, str]:
-    """Return place → name; of those with equal names all but the first have their kind in front."""
+    """Return {place: name}; of equal names all but the first get their type as a prefix."""
     names: dict[str, str] = {}
     taken: set[str] = set()
     for place, (kind, last) in fields.items():

@@ -1,4 +1,4 @@
-"""Where the cells of a data set are: whole numbers on the lattice of each level."""
+"""Cell positions of a yt data set as integer indices on the lattice of each level."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DEGREE = math.pi / 180
 
 @dataclass(frozen=True)
 class YtAxis:
-    """A coordinate of ours: which one of yt it is, and how it follows from it."""
+    """One of our coordinates: the corresponding yt axis and the conversion from it."""
 
     name: str
     length: bool = True
@@ -33,7 +33,7 @@ class YtAxis:
     of: Callable[[Any, np.ndarray], np.ndarray] | None = None
 
     def walls(self, ds: Any, values: np.ndarray) -> np.ndarray:
-        """Return walls in this coordinate, from those in yt's."""
+        """Convert walls from yt's coordinate to this one."""
         return values if self.of is None else self.of(ds, values)
 
 
@@ -60,7 +60,7 @@ GEOMETRIES: dict[str, tuple[str, tuple[YtAxis, ...]]] = {
 
 
 def code_numbers(values: Any) -> np.ndarray:
-    """Return lengths as plain numbers in the code's unit; angles are kept as such lengths."""
+    """Return lengths as plain numbers in code units; yt stores angles as such lengths too."""
     if hasattr(values, "units"):
         values = values.to("code_length").d if not values.units.is_dimensionless else values.d
     return np.asarray(values, dtype=np.float64)
@@ -70,32 +70,32 @@ def _radius(ds: Any, name: str, otherwise: float) -> float:
     return float(code_numbers(getattr(ds, name, otherwise)))
 
 
-# How far corners of grids may be off the lattice, in cells.
+# Tolerance for grid corners relative to the lattice, in cells.
 _ROUNDING = 0.05
 
 
 @dataclass(frozen=True)
 class YtLattice:
-    """The cells of all levels, in the coordinates and the order of axes of our grids."""
+    """The cells of all levels, in the coordinates and axis order of our grids."""
 
     kind: str
     unit: UnitLike  # of lengths
     walls: tuple[np.ndarray, ...]  # the walls of the cells of level 0, ascending
-    sizes: np.ndarray  # how many cells of each level make one of level 0, along each axis
-    axes: tuple[int, ...]  # which axis of yt each of ours is
-    turned: tuple[bool, ...]  # which of ours run the other way
+    sizes: np.ndarray  # number of cells of each level per level-0 cell, along each axis
+    axes: tuple[int, ...]  # yt axis for each of ours
+    turned: tuple[bool, ...]  # our axes that run in the opposite direction
 
     @property
     def counts(self) -> np.ndarray:
-        """Cells of level 0 along each axis."""
+        """Number of level-0 cells along each axis."""
         return np.array([len(w) - 1 for w in self.walls])
 
     def cells(self, level: np.ndarray, index: np.ndarray) -> np.ndarray:
-        """Return indices of cells in our order of axes, from those of yt (n, 3)."""
+        """Convert cell indices (n, 3) from yt's axis order to ours."""
         return self.boxes(level, index, np.ones(3, np.int64))
 
     def boxes(self, level: np.ndarray, low: np.ndarray, shape: np.ndarray) -> np.ndarray:
-        """Return the first cells (n, 3) of boxes in our order of axes, from those of yt."""
+        """Convert the first cells (n, 3) of boxes from yt's axis order to ours."""
         found = low[:, self.axes].astype(np.int64)
         shape = np.broadcast_to(shape, low.shape)[:, self.axes]
         for axis in np.flatnonzero(self.turned):
@@ -104,14 +104,14 @@ class YtLattice:
         return found
 
     def edges(self, level: int, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
-        """Return the walls of the cells of a level from `low` to `high`."""
+        """Return the cell walls of a level from `low` to `high`."""
         return [
             np.interp(np.arange(a, b + 1) / size, np.arange(len(w)), w)
             for w, size, a, b in zip(self.walls, self.sizes[level], low, high, strict=True)
         ]
 
     def array(self, values: np.ndarray) -> np.ndarray:
-        """Return an array over yt's axes with ours."""
+        """Convert an array from yt's axes to ours."""
         steps = tuple(slice(None, None, -1 if t else None) for t in self.turned)
         return values.transpose(self.axes)[steps]
 
@@ -141,7 +141,7 @@ def lattice_of(ds: Any, unit: UnitLike = None) -> YtLattice:
 
 
 def length_unit(ds: Any, width: float, unit: UnitLike = None) -> tuple[Any, float]:
-    """Return a unit of length, and the code's unit of length in it; `width` is in the latter."""
+    """Return a length unit, and the code unit in it; `width` is in code units."""
     from astropy import units as u
 
     code = ds.quan(1.0, "code_length")
@@ -149,14 +149,14 @@ def length_unit(ds: Any, width: float, unit: UnitLike = None) -> tuple[Any, floa
         unit = round_unit(width * float(code.to("cm")) * u.cm)
     unit = u.Unit(unit)
     name = {"solRad": "Rsun"}.get(str(unit), str(unit))
-    try:  # yt's own parsec: what was 4 kpc there is 4 kpc here, to the last digit
+    try:  # use yt's parsec, so that 4 kpc in yt are exactly 4 kpc here
         return unit, float(code.to(name))
-    except Exception:  # whatever yt raises over a name that it does not know
+    except Exception:  # yt raises various exceptions for an unknown name
         return unit, float(code.to("cm")) * u.cm.to(unit)
 
 
 def grid_boxes(ds: Any, lattice: YtLattice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return level (n,), first cell and number of cells (n, 3) of the grids of a data set."""
+    """Return level (n,), first cell and number of cells (n, 3) of each grid of a data set."""
     index = ds.index
     level = np.asarray(index.grid_levels).reshape(-1).astype(np.int64)
     shape = np.asarray(index.grid_dimensions).astype(np.int64)
@@ -175,7 +175,7 @@ def grid_boxes(ds: Any, lattice: YtLattice) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def _sizes(ds: Any) -> np.ndarray:
-    """Return how many cells of each level make one of level 0, in yt's order of axes."""
+    """Return the number of cells of each level per level-0 cell, in yt's axis order."""
     counts = np.asarray(ds.domain_dimensions)
     if not hasattr(ds.index, "grid_levels"):
         return np.left_shift(1, np.arange(31))[:, None] * np.ones(3, np.int64)
@@ -199,7 +199,7 @@ def _is_uneven(ds: Any) -> bool:
 
 
 def _base_widths(ds: Any) -> Any:
-    """Return the widths of cells along each axis where they differ, of a data set of one grid."""
+    """Return the cell widths along each axis if they are uneven, for a data set of one grid."""
     grids: Any = getattr(ds.index, "grids", ())
     if len(grids) == 0 or getattr(grids[0], "cell_widths", None) is None:
         return None
@@ -209,14 +209,14 @@ def _base_widths(ds: Any) -> Any:
 
 
 def _walls(ds: Any, axis: int, widths: Any) -> np.ndarray:
-    """Return the walls of the cells of level 0 along an axis of yt, in the code's unit."""
+    """Return the level-0 cell walls along a yt axis, in code units."""
     low, high = (float(code_numbers(e)[axis]) for e in (ds.domain_left_edge, ds.domain_right_edge))
     if widths is None:
         return np.linspace(low, high, int(ds.domain_dimensions[axis]) + 1)
     return low + np.append(0.0, np.cumsum(code_numbers(widths[axis])))
 
 
-# Values of a field (a tuple, as yt names it) in a unit of yt, as they can be given to a volume.
+# Returns the values of a yt field (a tuple) in a yt unit, in the form that a volume takes.
 Load = Callable[[tuple[str, str], Any], Any]
 _REGULAR: dict[str, Any] = {
     "cartesian": CartesianGrid,
@@ -224,17 +224,17 @@ _REGULAR: dict[str, Any] = {
     "cylindrical": CylindricalGrid,
 }
 _TREES: dict[str, Any] = {**_REGULAR, "cartesian": OctreeGrid}
-# A box that a region fills to less than this part is not made whole.
+# A region that fills less than this fraction of its box is not extended to the whole box.
 _SPARSE = 8
 _FEW = 1 << 16
 _ADVICE = "choose a smaller region, such as ds.box(left, right)"
 
 
 def layout(source: YtSource, lattice: YtLattice) -> tuple[Any, Load]:
-    """Return the grid of a source's cells, and what reads a field onto it.
+    """Return the grid of a source's cells, and a function that loads a field onto it.
 
-    Nothing is resampled. Cells of one level are a regular grid; grids of several levels are
-    patches, or a tree in curvilinear coordinates; octrees are octrees.
+    There is no resampling. Cells of one level become a regular grid; grids of several levels become
+    patches, or a tree in curvilinear coordinates; octrees remain octrees.
     """
     if source.whole and source.kind == "grids":
         level, low, shape = grid_boxes(source.ds, lattice)
@@ -265,9 +265,9 @@ def _all_cells(source: YtSource, lattice: YtLattice) -> tuple[np.ndarray, np.nda
 def _box(
     level: np.ndarray, index: np.ndarray, lattice: YtLattice
 ) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return a level, and first and last cells of it, of the box around cells.
+    """Return level, first cell and last cell of the box around the cells.
 
-    It is the level of the largest cell, or a coarser one if cells are few and far between.
+    The level is that of the largest cell, or a coarser one if the cells are sparse.
     """
     base = int(level.min())
     sizes = lattice.sizes // lattice.sizes[base]
@@ -290,7 +290,7 @@ def _joined(source: YtSource, lattice: YtLattice, low: np.ndarray) -> tuple[Any,
             kept = set(part.field_data)
             values = lattice.array(plain_values(part[field], unit))
             for key in set(part.field_data) - kept:
-                del part.field_data[key]  # all of them would be kept as long as the data set
+                del part.field_data[key]  # otherwise it lives as long as the data set
             x, y, z = (slice(a, a + n) for a, n in zip(first, values.shape, strict=True))
             whole[x, y, z] = values
         return whole
@@ -301,7 +301,7 @@ def _joined(source: YtSource, lattice: YtLattice, low: np.ndarray) -> tuple[Any,
 def _patches(
     source: YtSource, lattice: YtLattice, base: int, low: np.ndarray, high: np.ndarray
 ) -> tuple[Any, Load]:
-    """Return the grids of the levels from `base` on, as far as they are inside a box of cells."""
+    """Return the parts of the grids of level `base` and finer that lie in a box of cells."""
     level, first, shape = grid_boxes(source.ds, lattice)
     ratio = lattice.sizes // lattice.sizes[base]
     last = np.minimum(first + shape, high * ratio[level])
@@ -359,7 +359,7 @@ def _tree(
 
 
 def _scattered(source: YtSource, grid: Grid, number: np.ndarray) -> tuple[Any, Load]:
-    """Return what reads values of cells of the grid by number; others are missing."""
+    """Return the grid and a loader that assigns values by cell number; other cells are missing."""
     if (number < 0).any():
         raise InputError("yt tells of a cell that is in no grid; is the region of this data set?")
     small = np.int32 if grid.size < np.iinfo(np.int32).max else np.int64

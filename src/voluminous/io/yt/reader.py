@@ -1,4 +1,4 @@
-"""What the files of simulation codes look like, without asking yt: it takes seconds to import."""
+"""Detection of simulation outputs by content, without importing yt (which takes seconds)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ...volume import Volume
 
 
-# What must be in the root of an HDF5 file: groups or data sets, and attributes.
+# Required in the root of an HDF5 file: groups or data sets, and attributes.
 _HDF5_CODES: dict[str, tuple[set[str], set[str]]] = {
     "FLASH": ({"bounding box", "node type"}, set()),
     "Chombo": ({"Chombo_global"}, {"num_levels"}),
@@ -42,11 +42,11 @@ _ENZO_ENDING = re.compile(r"\.(hierarchy|cpu\d{4,})$")
 
 
 def code_output(path: Path, head: bytes) -> Path | None:
-    """Return the path that yt wants for an output of a code it knows, of which `path` is a part."""
+    """Return the path to pass to yt for the supported output that contains `path`."""
     for recognise in (_ramses, _enzo, _amrex, _hdf5, _amrvac, _enzo_e):
         try:
             found = recognise(path, head)
-        except Exception:  # what is damaged beyond recognition
+        except Exception:  # damaged beyond recognition
             continue
         if found is not None:
             return found
@@ -71,7 +71,7 @@ def _enzo(path: Path, head: bytes) -> Path | None:
 
 
 def _parameters(path: Path) -> Path | None:
-    """Return Enzo's file of parameters, which has one of grids beside it, that a file goes with."""
+    """Return Enzo's parameter file (one with a file of grids beside it) that a file belongs to."""
     parameters = path.with_name(_ENZO_ENDING.sub("", path.name))
     if not parameters.is_file():
         return None
@@ -79,7 +79,7 @@ def _parameters(path: Path) -> Path | None:
 
 
 def _only(files: Iterable[Path]) -> Path | None:
-    """Return the one file that there is; which of several outputs is meant the user has to say."""
+    """Return the file if there is exactly one; among several outputs the user must choose."""
     found = list(files)
     return found[0] if len(found) == 1 else None
 
@@ -106,7 +106,7 @@ def _hdf5(path: Path, head: bytes) -> Path | None:
 
 
 def _amrvac(path: Path, head: bytes) -> Path | None:
-    """MPI-AMRVAC: a version from 3 to 5, and where in the file tree and blocks are."""
+    """Detect MPI-AMRVAC: version 3 to 5, and valid offsets of the tree and the blocks."""
     if path.suffix != ".dat" or len(head) < 12:
         return None
     version, *offsets = struct.unpack("=iii", head[:12])
@@ -176,7 +176,7 @@ class YtReader(Reader):
 
 
 class AnyYtReader(YtReader):
-    """Files that no other reader knows, if yt says it knows them."""
+    """Files that no other reader recognizes but yt does."""
 
     name = "yt-any"
     description = "a file that yt reads"
@@ -185,13 +185,13 @@ class AnyYtReader(YtReader):
         self._named = reader_for_suffix
 
     def matches(self, path: Path, head: bytes) -> bool:
-        # A damaged file of another format is none of yt's, and it takes seconds to ask.
+        # A damaged file of another format is not for yt, and asking yt takes seconds.
         if self._named(path) or not (head or path.is_dir()) or not is_installed("yt"):
             return False
         try:
             with quiet():
                 return bool(_kinds(path))
-        except Exception:  # a path that cannot be looked into
+        except Exception:  # an unreadable path
             return False
 
 
@@ -204,12 +204,12 @@ def _loaded(path: Path, *, units_override: Any = None, load: Any = None) -> Any:
     if units_override is not None:
         options["units_override"] = units_override
     ds = _kind(output, str(options.pop("hint", "")))(str(output), **options)
-    ds.index  # noqa: B018 - what is damaged shows here
+    ds.index  # noqa: B018 - a damaged file raises here
     return ds
 
 
 def _check_places(path: Path) -> None:
-    """Refuse an output in HDF5 whose cells yt would put in wrong places."""
+    """Refuse an HDF5 output whose cells yt would misplace."""
     with opened(path) as file:
         blocks = file["Info"].attrs if "Locations" in file and "Info" in file else {}
         if np.any(blocks.get("IncludesGhost", 0)):
@@ -232,11 +232,11 @@ def _check_places(path: Path) -> None:
 
 
 def _kinds(path: Path) -> list[Any]:
-    """Return the classes of yt that claim a file, the most special ones.
+    """Return the most specific yt classes that claim a file.
 
-    As in yt.load, but one that fails over another's file does not hide the rest.
+    As in yt.load, except that a class that fails on another format's file does not hide the rest.
     """
-    # yt registers its frontends when it first loads a file.
+    # yt registers its frontends on its first load.
     for name in require("yt.frontends", "yt", "reading this file").__all__:
         with contextlib.suppress(Exception):
             importlib.import_module(f"yt.frontends.{name}.api")

@@ -1,4 +1,4 @@
-"""What a user gives: a data set of yt, or a region of one; its cells and values, part by part."""
+"""Cells and values of a yt data set or region, read in chunks."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from ...units import parse_unit, unit_name
 
 @dataclass(frozen=True)
 class YtSource:
-    """Cells of a data set."""
+    """The cells of a data set or region."""
 
     ds: Any
-    region: Any  # with the cells; of a whole data set all
-    whole: bool  # true if these are all cells there are
-    kind: str  # how they are kept: "sampled" is an array that yt makes of any
+    region: Any  # the data object with the cells; all data for a whole data set
+    whole: bool  # true if these are all cells of the data set
+    kind: str  # storage layout; "sampled" is an array that yt resamples from any layout
 
     def cells(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Yield level (n,) and index (n, 3) of consecutive cells, in yt's order of axes."""
-        # Of AMReX with different ratios yt numbers levels with gaps.
+        """Yield level (n,) and index (n, 3) of consecutive cells, in yt's axis order."""
+        # For AMReX data with varying refinement ratios, yt's level numbers have gaps.
         gaps = getattr(self.ds, "level_offsets", ())
         numbers = np.arange(len(gaps)) + gaps
         for part in self.region.chunks([], "io"):
-            # As whole numbers: nothing has to be rounded to find a cell.
+            # Integers: no rounding is needed to locate a cell.
             level = np.asarray(part.ires)
             yield np.searchsorted(numbers, level) if len(gaps) else level, np.asarray(part.icoords)
 
     def values(self, field: tuple[str, str], unit: Any) -> np.ndarray:
-        """Return a field in all cells, in the order of `cells`, as plain numbers in yt's unit."""
-        # Within a part yt keeps what it reads to itself: the user's region stays as it is.
+        """Return a field in all cells, in the order of `cells`, as plain numbers in a yt unit."""
+        # Within a chunk yt caches separately: the user's region object is not modified.
         parts = [plain_values(p[field], unit) for p in self.region.chunks([], "io")]
         return np.concatenate(parts)
 
 
 def source_of(data: Any) -> YtSource:
-    """Return the source that a data set or region is."""
+    """Return the source for a yt data set or region."""
     static = require("yt.data_objects.static_output", "yt", "from_yt")
     containers = require("yt.data_objects.selection_objects.data_selection_objects", "yt", "")
     if isinstance(data, static.Dataset):
@@ -79,11 +79,11 @@ def _kind(ds: Any) -> str:
                     "sample it first: vm.Volume.from_yt(ds.arbitrary_grid(left, right, dims))"
                 )
             return kind
-    return "octree"  # all others have cells that are halved
+    return "octree"  # all others have a refinement ratio of 2
 
 
 def plain_values(values: Any, unit: Any) -> np.ndarray:
-    """Return an array of yt as plain numbers in a unit of its, of type float64."""
+    """Return a yt array as plain float64 numbers in a yt unit."""
     converted = values.to(unit) if hasattr(values, "units") else values
     return np.asarray(getattr(converted, "d", converted), dtype=np.float64)
 
@@ -94,14 +94,14 @@ _BARS = ("yt", "suppress_stream_logging")
 
 @contextmanager
 def quiet(purpose: str = "reading this file") -> Iterator[Any]:
-    """Give yt, with its log, bars and warnings off; all is as before afterwards."""
+    """Yield yt with its log, progress bars and warnings disabled; restore them afterwards."""
     yt = require("yt", "yt", purpose)
     logger, config = logging.getLogger("yt"), require("yt.config", "yt", purpose).ytcfg
     level, bars = logger.level, config.get(*_BARS)
     logger.setLevel(_SILENT)
     config.set(*_BARS, True)
     try:
-        # Derived fields divide by zero in empty cells.
+        # Derived fields may divide by zero in empty cells.
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             yield yt
@@ -111,7 +111,7 @@ def quiet(purpose: str = "reading this file") -> Iterator[Any]:
 
 
 def meta_of(ds: Any) -> dict[str, Any]:
-    """Return what is known of a data set besides its cells."""
+    """Return the metadata of a data set."""
     meta: dict[str, Any] = {"dataset": str(ds), "code": str(ds.dataset_type)}
     time: Any = getattr(ds, "current_time", None)
     if hasattr(time, "to"):
@@ -121,16 +121,16 @@ def meta_of(ds: Any) -> dict[str, Any]:
     return meta
 
 
-# Constants in the two packages (the parsec, the Sun's mass) differ by less.
+# The two packages' constants (parsec, solar mass) differ by less than this.
 _ALIKE = 1e-3
-# Of these the two differ in dimension: they are the same in the systems they belong to.
+# The packages give these units different dimensions; within their unit systems they are equal.
 _GAUSSIAN = {"gauss": "G", "G": "G", "uG": "uG", "nG": "nG", "mG": "mG"}
 
 
 def units_of_field(ds: Any, field: tuple[str, str]) -> tuple[Any, Any]:
-    """Return the unit of yt to convert a field to, and that unit in astropy (None: a number).
+    """Return the yt unit to convert a field to, and its astropy equivalent (None: dimensionless).
 
-    It is the unit that yt shows the field in; of a code's own units the cgs unit.
+    It is yt's display unit of the field; for code units, the cgs unit.
     """
     info = ds._get_field_info(field)
     text = next((t for t in (info.output_units, info.units) if t not in (None, "auto")), None)
@@ -145,7 +145,7 @@ def units_of_field(ds: Any, field: tuple[str, str]) -> tuple[Any, Any]:
 
 
 def _in_astropy(unit: Any) -> Any:
-    """Return the same unit in astropy, dimensionless included; None if it has no word for it."""
+    """Return the equivalent astropy unit, including dimensionless; None if there is none."""
     from astropy import units as u
 
     text = str(unit)
@@ -160,13 +160,13 @@ def _in_astropy(unit: Any) -> Any:
         return None
     if found is None or not hasattr(found, "si"):
         return None
-    # "h" is an hour to astropy and may be Hubble's constant to yt: the size tells.
+    # "h" is an hour in astropy but may be Hubble's constant in yt: compare the sizes.
     same = abs(found.si.scale / float(unit.base_value) - 1) < _ALIKE
     return found if same and not unit.base_offset else None
 
 
 def converted(field: tuple[str, str], unit: Any, wanted: Any) -> tuple[Any, float]:
-    """Return a unit asked for, and the factor to it."""
+    """Return the requested unit, and the conversion factor to it."""
     from astropy import units as u
 
     target = parse_unit(wanted) or u.dimensionless_unscaled

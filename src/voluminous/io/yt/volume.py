@@ -1,4 +1,4 @@
-"""From a data set of yt, or a region of one, to a volume."""
+"""Construction of a volume from a yt data set or region."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 _DENSITY = "density"
-# yt's names of kernels.
+# yt's kernel names.
 _KERNELS = {"wendland2": "wendland-c2", "wendland4": "wendland-c4", "wendland6": "wendland-c6"}
 
 
 def particle_kind(ds: Any) -> str:
-    """Return the particles to be shown: gas, or where there is none all."""
+    """Return the particle type to show: gas, or all if there is no gas."""
     for kind in getattr(ds, "_sph_ptypes", ()):
         if (kind, "particle_mass") in ds.field_info and (kind, _DENSITY) in ds.field_info:
             return str(kind)
@@ -36,7 +36,7 @@ def particle_kind(ds: Any) -> str:
 def volume_of_particles(
     source: YtSource, known: YtFields, fields: FieldChoice, unit: UnitLike, units: dict[str, Any]
 ) -> Volume:
-    """Return the volume of particles; see `from_yt`."""
+    """Return the volume of a particle data set; see `from_yt`."""
     from ...particles import from_particles, get_kernel
 
     ds, kind = source.ds, particle_kind(source.ds)
@@ -66,7 +66,7 @@ def volume_of_particles(
 
 
 def _sizes(source: YtSource, kind: str, factor: float, support: float) -> dict[str, Any]:
-    """Return what tells how large particles are: cells by their density, others by h."""
+    """Return the size arguments: densities for mesh cells, smoothing lengths for particles."""
     from astropy import units as u
 
     ds = source.ds
@@ -74,13 +74,13 @@ def _sizes(source: YtSource, kind: str, factor: float, support: float) -> dict[s
         return {"density": _plain(source, (kind, _DENSITY), "g/cm**3") * u.g / u.cm**3}
     if (kind, "smoothing_length") not in ds.field_info:
         return {}
-    # To yt it is the radius at which the kernel ends.
+    # In yt it is the support radius of the kernel.
     radius = _plain(source, (kind, "smoothing_length"), "code_length")
     return {"smoothing_length": radius * factor / support}
 
 
 def _values(source: YtSource, field: Field, wanted: Any) -> Any:
-    """Return what particles carry, as a Quantity, in the unit wanted or yt's."""
+    """Return particle values as a Quantity, in the requested unit or yt's."""
     from astropy import units as u
 
     own, unit = units_of_field(source.ds, field)
@@ -106,7 +106,7 @@ def _set_density(volume: Volume, name: str, units: dict[str, Any]) -> None:
     volume[name] = u.Quantity(values, unit)
 
 
-# Bytes of fields that are read at once; of more each field when it is first used.
+# Fields of up to this many bytes in total are read at once; beyond, each is read on first use.
 _AT_ONCE = 256 << 20
 
 
@@ -117,50 +117,50 @@ def from_yt(
     unit: UnitLike = None,
     units: Mapping[str, Any] | None = None,
 ) -> Volume:
-    """Return the volume of a data set of yt, or of a region of one, on its own cells.
+    """Return the volume of a yt data set, or of a region of one, on its original cells.
 
     Nothing is resampled: octrees become an `OctreeGrid`, grids of several levels a `PatchGrid` (in
-    spherical and cylindrical coordinates a refined `SphericalGrid` or `CylindricalGrid`), cells of
-    one level a regular grid. Particles are laid on an octree by `from_particles`: gas, or where
-    there is none the masses of all.
+    spherical and cylindrical coordinates a refined `SphericalGrid` or `CylindricalGrid`), and cells
+    of one level a regular grid. Particles are deposited on an octree by `from_particles`: the gas,
+    or the masses of all particles if there is no gas.
 
     Parameters
     ----------
     data : yt Dataset or data object
-        ``ds``, or three-dimensional parts of it: ``ds.box(left, right)``, ``ds.sphere(…)``, a cut
-        region, a covering or arbitrary grid … Only what they need is read. The grid is the box
-        around their cells; cells in it that are not theirs have the value NaN.
+        ``ds``, or a three-dimensional part of it: ``ds.box(left, right)``, ``ds.sphere(…)``, a cut
+        region, a covering or arbitrary grid … Only the required data are read. The grid is the box
+        around the selected cells; other cells in the box have the value NaN.
     fields : str, tuple, sequence or dict, optional
         ``"density"``, ``("gas", "density")``, ``"gas/density"``, several of them, or ``{name:
-        field}``; fields that yt derives too, and ``"velocity"`` for three components. By default
-        all fluid fields in the file, under yt's common names where they have one.
+        field}``. Fields derived by yt are allowed, and ``"velocity"`` selects three components.
+        Default: all fluid fields in the file, under yt's common names where they have one.
     unit : str or unit, optional
-        Unit of length; by default the largest of nm, um, mm, cm, m, km, solRad, au, pc, kpc, Mpc
-        and Gpc of which the domain is at least one wide. Lengths are proper, not comoving.
+        Unit of length. Default: the largest of nm, um, mm, cm, m, km, solRad, au, pc, kpc, Mpc and
+        Gpc in which the domain is at least 1 wide. Lengths are proper, not comoving.
     units : dict, optional
-        Units of fields, ``{name: unit}``; by default those in which yt shows them.
+        Units of fields, ``{name: unit}``. Default: yt's display units.
 
     Returns
     -------
     Volume
-        Its `meta` has ``dataset``, ``code``, ``time`` (in ``time_unit``) and, of cosmological
-        simulations, ``redshift``. Values are double precision, as yt gives them.
+        Its `meta` has ``dataset``, ``code``, ``time`` (in ``time_unit``) and, for cosmological
+        simulations, ``redshift``. Values are double precision, unchanged from yt.
 
     Raises
     ------
     InputError
-        If `data` has no cells in three dimensions, or its cells make no grid that there is.
+        If `data` has no three-dimensional cells, or if no grid type supports its cells.
     UnknownNameError
-        If there is no such field; names the nearest.
+        If a field does not exist; the message names the nearest.
     UnitsError
-        If a field cannot have the unit asked for.
+        If a field cannot be converted to the requested unit.
     MissingPackageError
         If yt is not installed.
 
     Notes
     -----
-    YtFields of up to 256 MiB in all are read at once; of more each when it is first used. The data
-    set must not be changed until then.
+    Fields of up to 256 MiB in total are read at once. If they take more, each is read on first use,
+    and the data set must not be changed until then.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def volume_of(
     unit: UnitLike = None,
     units: Mapping[str, Any] | None = None,
 ) -> Volume:
-    """Return the volume with all fields waiting; see `from_yt`."""
+    """Return the volume with all fields unread; see `from_yt`."""
     from ...volume import Volume
 
     with quiet("from_yt"):
@@ -199,7 +199,7 @@ def volume_of(
 
 
 def fields_of(source: YtSource) -> YtFields:
-    """Return the fields that a source has."""
+    """Return the fields of a source."""
     if source.kind == "particles":
         return particle_fields(source.ds, particle_kind(source.ds))
     return cell_fields(source.ds)
