@@ -159,8 +159,8 @@ def _scale(seen: np.ndarray, extinctions: int) -> np.ndarray:
 def _bends(seen: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
     """Return the second differences of rows at each pixel: the larger of both axes.
 
-    Pixels at the frame's edge take the value of the next ones. A row of two pixels gives their
-    difference, a single one zero.
+    Pixels at the frame's edge take the value of the next ones. Two pixels in a row give their
+    difference, a single one infinity.
     """
     nx, ny = pixels
     planes = seen.reshape(-1, ny, nx)
