@@ -201,7 +201,7 @@ class RenderJob:
         return tracer
 
     def _kernels(self, tracer: RayTracer, faintest: bool) -> KernelCache | None:
-        """Return the cache of traced batches: the volume's if everything they depend on has a key."""
+        """Return the cache of traced batches: the volume's, if all its dependencies have keys."""
         if self.backend.device != "cpu" or self.backend.derivatives:
             return None
         parts = self.medium.key(), self.camera.key(), self.scheme.key()
