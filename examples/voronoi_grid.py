@@ -16,7 +16,7 @@ import voluminous as vm
 from voluminous.backend import dr, from_host
 from voluminous.errors import InputError
 from voluminous.grids.box_walk import BoxWalk, make_axis
-from voluminous.grids.contract import Box, Grid, Segment
+from voluminous.grids.contract import CellBox, Grid, Segment
 from voluminous.units import plain, space_unit, unit_of
 
 # Along each axis of the box: places at which a cell nearby is known, for rays that enter.
@@ -108,7 +108,7 @@ class VoronoiGrid(Grid):
         nearest = self.tree.query(self.points, 2)[0][:, 1].min()
         return bool(nearest < 256 * np.finfo(np.float32).eps * np.ptp(self.bounds, axis=1).max())
 
-    def walk(self, backend: Any, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Any, kind: str = "cells", box: CellBox | None = None) -> Any:
         """Return the walk of rays from cell to cell."""
         self.check_no_box(box)
         if kind != "cells":

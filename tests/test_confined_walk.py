@@ -11,7 +11,7 @@ import pytest
 import voluminous as vm
 from voluminous.backend import dr, from_host, get_backend
 from voluminous.errors import InputError
-from voluminous.grids.contract import Box
+from voluminous.grids.contract import CellBox
 from voluminous.rendering.march import RayState, hand_on, march
 from voluminous.rendering.pixels import PixelOrder
 from voluminous.rendering.prepare import prepare
@@ -37,7 +37,7 @@ def boxes(shape, cuts):
     parts = [list(itertools.pairwise(w)) for w in walls]
     for place in itertools.product(*(range(len(p)) for p in parts)):
         ends = [parts[a][k] for a, k in enumerate(place)]
-        yield place, Box(tuple(e[0] for e in ends), tuple(e[1] for e in ends))
+        yield place, CellBox(tuple(e[0] for e in ends), tuple(e[1] for e in ends))
 
 
 def along(direction, order):
@@ -74,7 +74,7 @@ def pictures(grid, camera, scheme, tolerance, cuts):
     ray = whole._ray(PixelOrder(whole.job.frame.pixels).lanes(0, count, whole.backend))
     before = RayState(whole.nothing())
     reference = march(walk, whole.source, whole.scheme, ray, before, None, False)
-    held = Box.with_ghosts.fget if whole.job.walk_kind == "dual" else cells_of
+    held = CellBox.with_ghosts.fget if whole.job.walk_kind == "dual" else cells_of
     octants = np.array(np.broadcast_arrays(*(np.asarray(d) < 0 for d in ray.direction)))
     octants = np.broadcast_to(octants, (3, count))
     found = path_of(reference) * np.nan
@@ -129,11 +129,11 @@ def test_boxes_with_a_ghost_layer_add_up_on_interpolated_fields(tolerance):
 
 def test_other_walks_and_grids_refuse_a_box():
     backend = get_backend("cpu", "single")
-    box = Box((0, 0, 0), (1, 1, 1))
+    box = CellBox((0, 0, 0), (1, 1, 1))
     octree = vm.OctreeGrid([0, 1, 2], [0, 1], [0, 1])
     spherical = vm.SphericalGrid([0, 1, 2])
     for grid, kind in ((UNIFORM, "coarse"), (octree, "cells"), (spherical, "dual")):
         with pytest.raises(InputError, match="cannot be confined"):
             grid.walk(backend, kind, box)
     with pytest.raises(InputError, match="low < high"):
-        UNIFORM.walk(backend, "cells", Box((0, 0, 0), (10, 1, 1)))
+        UNIFORM.walk(backend, "cells", CellBox((0, 0, 0), (10, 1, 1)))

@@ -12,8 +12,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from .llvm import find_llvm_early
+from .packages import VERSION
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 # Public name → module that has it.
 _PUBLIC = {

@@ -8,6 +8,8 @@ from typing import Any
 
 from .errors import MissingPackageError
 
+VERSION = "0.1.0"
+
 
 def require(module: str, extra: str, purpose: str) -> Any:
     """Return a module of an optional package.

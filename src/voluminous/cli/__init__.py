@@ -13,8 +13,8 @@ import warnings
 from collections.abc import Iterator, Sequence
 from types import ModuleType
 
-from .. import __version__
 from ..errors import VoluminousError
+from ..packages import VERSION
 from . import convert, demo, doctor, formats, info, measure, probe, render
 
 COMMANDS: dict[str, ModuleType] = {
@@ -86,7 +86,7 @@ def parser() -> argparse.ArgumentParser:
         description="Physically based volume rendering: pictures from 3-D data.",
         epilog="Start with: voluminous demo",
     )
-    top.add_argument("--version", action="version", version=f"voluminous {__version__}")
+    top.add_argument("--version", action="version", version=f"voluminous {VERSION}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():
         summary = (module.__doc__ or "").strip().splitlines()[0]

@@ -1,6 +1,7 @@
 """How a ray walks: one folder per family of grids, one contract (`grids.contract`)."""
 
 from .cartesian.grid import CartesianGrid
+from .curvilinear import refined as _refined  # noqa: F401 - tells the plain grids of it
 from .curvilinear.cylindrical import CylindricalGrid
 from .curvilinear.spherical import SphericalGrid
 from .trees.octree import OctreeGrid

@@ -89,7 +89,7 @@ class Corners:
 
 
 @dataclass(frozen=True)
-class Box:
+class CellBox:
     """A box of cells of a structured grid, to which a walk is confined.
 
     Attributes
@@ -377,7 +377,7 @@ class Grid:
         """
         raise NotImplementedError
 
-    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
         """Return the `Walk` for a backend.
 
         Parameters
@@ -387,7 +387,7 @@ class Grid:
         kind : str
             ``"cells"``: through the cells; ``"dual"``: through the dual cells between their
             centres; ``"substeps"``: through the cells in the sub-steps of RADMC-3D.
-        box : Box, optional
+        box : CellBox, optional
             Confine it to these cells. Geometry and distances are those of the whole domain; cells
             are numbered within the box, and vertices of the dual walk within `Box.with_ghosts`.
 
@@ -398,7 +398,7 @@ class Grid:
         """
         raise NotImplementedError
 
-    def check_no_box(self, box: Box | None) -> None:
+    def check_no_box(self, box: CellBox | None) -> None:
         """Refuse a walk confined to a box.
 
         Raises

@@ -49,7 +49,7 @@ class TwoLandings:
 
 
 @dataclass
-class Piece(Segment):
+class WalkPiece(Segment):
     """A segment of the first walk, or a part of it, within one cell of the second."""
 
     own: Any
@@ -89,7 +89,7 @@ class TwoWalks(Walk):
         t = here.t - _arrive(track)
         return tracks, TwoCursors(here, there, t, here.inside & there.inside)
 
-    def next(self, track: TwoTracks, cursor: TwoCursors) -> tuple[Piece, TwoCursors]:
+    def next(self, track: TwoTracks, cursor: TwoCursors) -> tuple[WalkPiece, TwoCursors]:
         """Return the piece of a segment up to the next wall of either walk."""
         whole, onward = self.first.next(track.first, cursor.first)
         cell, beyond = self.second.next(track.second, cursor.second)
@@ -105,7 +105,7 @@ class TwoWalks(Walk):
             dr.select(ends, onward.inside, cursor.first.inside)
             & dr.select(leaves, beyond.inside, cursor.second.inside),
         )
-        piece = Piece(**parts, own=cell.cell)
+        piece = WalkPiece(**parts, own=cell.cell)
         return replace(piece, active=whole.active & cell.active), moved
 
     def chord(self, track: TwoTracks, segment: Segment) -> Any:

@@ -1,7 +1,7 @@
-"""What a telescope's beam makes of a picture: an elliptical Gaussian on the plane or on the sky.
+"""Convolution of an image with a telescope's beam, an elliptical Gaussian on the plane or the sky.
 
-A Gaussian of covariance C in one frame has the covariance M C Mᵀ in another that M leads to; so one
-beam serves lengths, angles, oblong pixels and pictures that are turned on the sky.
+A Gaussian with covariance C in one frame has covariance M C Mᵀ after the linear map M. So the same
+code handles lengths, angles, non-square pixels and pictures that are rotated on the sky.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from ..units import degrees, parse_unit, plain, unit_of
 if TYPE_CHECKING:
     from .image import Image
 
-# Standard deviation of a Gaussian over its full width at half maximum.
+# Ratio of a Gaussian's standard deviation to its full width at half maximum.
 _SIGMA = 1.0 / math.sqrt(8.0 * math.log(2.0))
-# A kernel reaches so many standard deviations: what lies beyond is 4e-7 of it.
+# Radius of the kernel in standard deviations; 4e-7 of the Gaussian lies outside.
 _REACH = 5.5
-# Full widths beyond so many sides of the image are refused: kernels grow with their square.
+# Maximum full width in sides of the image: the size of a kernel grows with the square.
 _WIDEST = 2.0
 # Beams narrower than this (standard deviation in pixels) are averaged over each pixel.
 _NARROW, _FINER = 2.0, 10
 # Keys of the beam in a convolved image's provenance.
 _TOLD = {"major", "minor", "pa", "unit"}
-# A pixel is missing where less than this of the kernel falls on valid ones (rounding: 1e-16).
+# Minimum fraction of the kernel on valid pixels; below it a pixel is missing (rounding: 1e-16).
 _LEAST = 1e-6
 
 
 def convolve(image: Image, beam: Any) -> Image:
-    """Return the image as seen with a beam; see `Image.convolve`."""
+    """Return the image convolved with a beam; see `Image.convolve`."""
     how = image.provenance or {}
     _check_sums(how)
     if "beam" in how:
@@ -45,7 +45,7 @@ def convolve(image: Image, beam: Any) -> Image:
     seen = {name: _smoothed(p, kernel) for name, p in planes.items() if p is not None}
     return image.replace(
         intensity=_smoothed(image.intensity, kernel),
-        optical_depth=None,  # no mean of transparencies has the mean depth
+        optical_depth=None,  # undefined: a mean over the beam has no optical depth
         provenance={**how, "beam": _told(beam)},
         **seen,
     )
@@ -110,7 +110,7 @@ def beam_area(image: Image, beam: Any) -> float:
 
 
 def fits_beam(image: Image) -> tuple[float, float, float] | None:
-    """Return BMAJ, BMIN and BPA in degrees of what an image on the sky was convolved with."""
+    """Return BMAJ, BMIN and BPA in degrees of the beam of a convolved image on the sky."""
     told, to_sky = (image.provenance or {}).get("beam"), sky_matrix(image)
     if told is None or to_sky is None:
         return None
@@ -122,7 +122,7 @@ def fits_beam(image: Image) -> tuple[float, float, float] | None:
 
 
 def sky_matrix(image: Image) -> np.ndarray | None:
-    """Return what leads from pixels to degrees east and north; None without celestial axes."""
+    """Return the matrix from pixels to degrees east and north; None without celestial axes."""
     if image.wcs is None or not image.wcs.has_celestial:
         return None
     return np.asarray(image.wcs.celestial.pixel_scale_matrix, dtype=np.float64)
@@ -131,7 +131,7 @@ def sky_matrix(image: Image) -> np.ndarray | None:
 def _in_pixels(image: Image, beam: tuple[float, float, float, Any]) -> np.ndarray:
     """Return the covariance of a beam in pixels along x and y.
 
-    Position angles run from north to east on the sky; on a plane from up to the left, likewise.
+    Position angles run from north to east on the sky, and from up to the left on a plane.
     """
     major, minor, angle, unit = beam
     to_plane, own = _frame(image, unit)
@@ -165,8 +165,8 @@ def _kernel(covariance: np.ndarray) -> Any:
 
     (minor, major), axes = np.linalg.eigh(covariance)
     angle = math.atan2(axes[1, 1], axes[0, 1])
-    # What is narrower than a part of a pixel falls between the points that are averaged. As wide as
-    # a part it is summed to 1e-8, and 1e-6 of it leave the pixel.
+    # A Gaussian narrower than a subpixel falls between the sample points of the average. With the
+    # width of a subpixel its sum is accurate to 1e-8, and 1e-6 of it leaves the pixel.
     sigmas = [math.sqrt(max(v, _FINER**-2)) for v in (major, minor)]
     reach = [2 * math.ceil(_REACH * math.sqrt(v) + 0.5) + 1 for v in np.diag(covariance)]
     fine = {"mode": "oversample", "factor": _FINER} if sigmas[1] < _NARROW else {}
@@ -174,22 +174,22 @@ def _kernel(covariance: np.ndarray) -> Any:
 
 
 def _smoothed(planes: np.ndarray, kernel: Any) -> np.ndarray:
-    """Return planes convolved one by one; black beyond the edges.
+    """Return the planes convolved one by one, with zeros beyond the edges.
 
-    Holes are filled from around them, as far as the kernel reaches.
+    Missing pixels (NaN) are interpolated from their surroundings within the kernel's radius.
     """
     from astropy.convolution import convolve_fft
 
     if planes.ndim == 2:
         return _smoothed(planes[..., None], kernel)[..., 0]
-    # astropy takes NaN as missing, and normalises what remains of the kernel there.
+    # astropy treats NaN as missing and renormalises the rest of the kernel there.
     found = [
         convolve_fft(planes[..., k], kernel, boundary="fill", allow_huge=True, min_wt=_LEAST)
         for k in range(planes.shape[-1])
     ]
     smooth = np.stack(found, axis=-1)
     if not np.any(planes < 0.0):
-        np.maximum(smooth, 0.0, out=smooth)  # Fourier's rounding leaves none of it below
+        np.maximum(smooth, 0.0, out=smooth)  # rounding of the FFT can make values negative
     return smooth.astype(planes.dtype)
 
 

@@ -1,4 +1,4 @@
-"""Images in other units: of lengths on their plane, and of intensities, per beam or per pixel."""
+"""Unit conversion of images: lengths on the plane, and intensities, per beam or per pixel."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def to_unit(image: Image, unit: UnitLike, beam: Any = None) -> Image:
 
 
 def _to_intensity(image: Image, target: Any, unit: UnitLike, beam: Any) -> Image:
-    """Return the image with its intensities, their errors and bounds in another unit."""
+    """Return the image with intensities, errors and bounds in another unit."""
     own = parse_unit(image.intensity_unit)
     if own is None:
         plane_unit = f", and its plane is in {image.unit}" if image.unit else ""
@@ -50,7 +50,7 @@ def _to_intensity(image: Image, target: Any, unit: UnitLike, beam: Any) -> Image
 
 
 def _scaled(values: NDArray[Any], factor: float) -> NDArray[Any]:
-    """Return values times a factor, in single precision if they are and none of them is lost."""
+    """Return values times a factor, in double precision if single over- or underflows."""
     wide = values.astype(np.float64) * factor
     info = np.finfo(values.dtype)
     before, after = np.abs(values), np.abs(wide)
@@ -64,7 +64,7 @@ def _factor(image: Image, own: Any, target: Any, beam: Any) -> float:
     from astropy import units as u
 
     target = u.dimensionless_unscaled if target is None else target
-    if own.is_equivalent(target):  # per beam is both, or neither
+    if own.is_equivalent(target):  # both units are per beam, or neither is
         return float(own.to(target))
     told = f"intensities in {own} cannot be converted to {target or 'no unit'}"
     for base, area in ((u.beam, _beam_area), (u.pix, _pixel_area)):
@@ -86,7 +86,7 @@ def _power(unit: Any, base: Any) -> float:
 
 
 def _beam_area(image: Image, beam: Any) -> float:
-    """Return the steradians of a beam: the one given, or the one it was convolved with."""
+    """Return the solid angle in sr of `beam`, or else of the beam in the image's provenance."""
     told = (image.provenance or {}).get("beam") if beam is None else beam
     if told is None:
         raise UnitsError("per beam needs to know which: give beam=, or convolve the image first")

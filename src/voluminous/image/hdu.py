@@ -23,7 +23,7 @@ Card = tuple[str, Any, str]
 Linear = tuple[NDArray[np.float64], float]  # coordinates and their step
 # Key and name of the WCS of the image plane in files whose first one is of the sky.
 _PLANE, _PLANE_NAME = "A", "image plane"
-# As radio astronomers' programs write it and look for it.
+# The spelling that radio astronomy software writes and expects.
 _PER_BEAM = "Jy/beam"
 # Coordinates this near to a linear axis (in pixels) count as linear; rounding is far below.
 _LINEAR_TO = 1e-6
@@ -32,7 +32,7 @@ _ON_SKY = re.compile("RA--|DEC-|[A-Z]{1,2}L(ON|AT)-")
 
 
 def cards(image: Image) -> Iterator[Card]:
-    """Give the cards for x, y and, if there are several, the channels."""
+    """Yield the cards for x, y and, if there are several, the channels."""
     axes = 2 if image.channels == 1 else 3
     yield "WCSAXES", axes, "number of axes"
     if image.wcs is not None:
@@ -58,7 +58,7 @@ def _axis_cards(
     middle = (centres.size + 1) / 2
     value = (centres[0] + centres[-1]) / 2
     if not _agree(centres, _linear(centres.size, middle, value, step), step):
-        return  # uneven: no card can tell it
+        return  # uneven spacing: no card can express it
     yield f"CTYPE{number}{key}", name, "linear"
     yield f"CRPIX{number}{key}", middle, "reference pixel; centre of the first is 1"
     yield f"CRVAL{number}{key}", float(value), "coordinate there"
@@ -76,7 +76,7 @@ def _agree(a: NDArray[np.float64], b: NDArray[np.float64], step: float) -> bool:
 
 
 def unit_card(unit: str) -> str:
-    """Return the name FITS has for a unit; the given one, in ASCII, if it has none."""
+    """Return the FITS name of a unit; the given name, in ASCII, if FITS has none."""
     if not unit:
         return ""
     from astropy import units as u
@@ -91,14 +91,14 @@ def unit_card(unit: str) -> str:
 def read(
     header: Header, shape: tuple[int, ...], extras: dict[str, NDArray[Any]], pixel_size: Any
 ) -> dict[str, Any]:
-    """Return x, y, unit and pixel_size as far as the header and the extensions tell them.
+    """Return those of x, y, unit and pixel_size that the header and the extensions define.
 
-    Our exact coordinates (extensions X and Y) hold as long as nobody changed the header since.
-    For a projection of the sky the plane of projection is meant: offsets from the reference
-    point. Rotated axes have no coordinates of their own and are left as pixel indices. The unit is
-    None where no card can tell it: both axes are uneven.
+    The exact coordinates (extensions X and Y) are valid unless the header was edited afterwards.
+    For a sky projection, coordinates are those of the projection plane: offsets from the reference
+    point. Rotated axes have no separate coordinates and stay pixel indices. The unit is None if
+    no card can express it, because both axes are uneven.
     """
-    # Where the first WCS is that of the sky, ours is another, unless the picture was cut since.
+    # If the first WCS is celestial, the plane's is the second, unless the picture was cropped.
     whole = [extras[axis].shape for axis in "XY" if axis in extras] == [shape[1:2], shape[:1]]
     key = _PLANE if whole and header.get(f"WCSNAME{_PLANE}") == _PLANE_NAME else ""
     across, up = (_linear_axis(header, n, shape[2 - n], key) for n in (1, 2))
@@ -117,14 +117,14 @@ def read(
 
 
 def _untouched(own: NDArray[Any] | None, axis: Linear | None, count: int) -> NDArray[Any] | None:
-    """Return our exact coordinates if they still fit the image and the cards."""
+    """Return the exact coordinates if they still match the image and the cards."""
     if own is None or own.shape != (count,):
         return None
     return own if axis is None or _agree(own, *axis) else None
 
 
 def _unit(header: Header, number: int, key: str) -> str:
-    """Return the unit of an axis: degrees on the sky, where the header says nothing."""
+    """Return the unit of an axis; celestial axes default to degrees."""
     default = "deg" if _ON_SKY.match(str(header.get(f"CTYPE{number}{key}", ""))) else ""
     return str(header.get(f"CUNIT{number}{key}", "")).strip() or default
 
@@ -172,7 +172,7 @@ def _header(image: Image) -> Header:
     header["BUNIT"] = (unit_card(image.intensity_unit), "unit of intensity")
     for keyword, value, comment in (*cards(image), *_camera(image), *_beam(image)):
         header[keyword] = (value, comment)
-    # Quotes and ampersands have a meaning of their own in FITS strings; JSON can spell them.
+    # Quotes and ampersands are special in FITS strings; JSON can escape them.
     text = metadata.dumps(image, coordinates=False)
     header[TEXT] = text.replace("'", "\\u0027").replace("&", "\\u0026")
     return header

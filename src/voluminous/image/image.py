@@ -1,4 +1,4 @@
-"""The result of a render: an array of intensities that knows where, in what unit and how."""
+"""`Image`, the result of a render: intensities with coordinates, units and provenance."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Image:
     wcs: WCS | None
     camera: dict[str, Any] | None
     provenance: dict[str, Any] | None
-    # NumPy's functions would take display values for intensities.
+    # NumPy's functions would operate on display values instead of intensities.
     __array_ufunc__ = None
 
     def __init__(
@@ -132,7 +132,7 @@ class Image:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what copies and pickles hold: optical depths that wait are computed."""
+        """Return the state for copies and pickles; a deferred optical depth is computed first."""
         _ = self.optical_depth
         return dict(vars(self))
 
@@ -149,7 +149,7 @@ class Image:
 
     @property
     def transparency(self) -> Array | None:
-        """Part of the light from behind that comes through, (ny, nx, channel); None if unknown."""
+        """Transmitted fraction of the light from behind, (ny, nx, channel); None if unknown."""
         return arguments.spread(self._planes["transparency"], self.shape)
 
     @property
@@ -163,7 +163,7 @@ class Image:
 
     @property
     def waits_for_depth(self) -> bool:
-        """True until an optical depth that takes another picture is asked for."""
+        """True while the optical depth is deferred, because it needs another render."""
         return self._pending is not None
 
     @property
@@ -174,12 +174,12 @@ class Image:
 
     @property
     def lower(self) -> Array | None:
-        """Guaranteed lower bound of the intensity, (ny, nx, channel); None if not asked for."""
+        """Guaranteed lower bound of the intensity, (ny, nx, channel); None if not requested."""
         return arguments.spread(self._planes["lower"], self.shape)
 
     @property
     def upper(self) -> Array | None:
-        """Guaranteed upper bound of the intensity, (ny, nx, channel); None if not asked for."""
+        """Guaranteed upper bound of the intensity, (ny, nx, channel); None if not requested."""
         return arguments.spread(self._planes["upper"], self.shape)
 
     @property
@@ -194,16 +194,16 @@ class Image:
 
     @property
     def exposure(self) -> float:
-        """The automatic exposure of all channels; ``to_rgb(exposure=…)`` shows the same again.
+        """The automatic exposure of all channels, which ``to_rgb(exposure=…)`` reproduces.
 
-        Given to other frames (`to_rgb`, `save`, `plot`, …), it shows equal intensities alike.
+        Pass it to other frames (`to_rgb`, `save`, `plot`, …) to show equal intensities alike.
         """
         return room("image.tone").exposure_of(self.intensity)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         """Return the picture: display values of `to_rgb`, (ny, nx, 3), with its top row first.
 
-        So ``plt.imshow(image)`` shows it upright. The numbers themselves are `intensity`.
+        So ``plt.imshow(image)`` shows it upright. For the intensities use `intensity`.
         """
         if copy is False:
             raise ValueError("the display values of an Image are made anew: copy=False is no way")
@@ -226,42 +226,42 @@ class Image:
     ) -> NDArray[np.float32]:
         """Return display values, shape (ny, nx, 3), from 0 to 1, row 0 at the bottom.
 
-        The values are meant to be shown as they are, as every PNG viewer and matplotlib do: with
+        Display the values unchanged, as every PNG viewer and matplotlib do: with
         the default `stretch` an intensity of 0.5 / exposure is half of full scale.
 
         Parameters
         ----------
         exposure : float or "rgb", optional
-            Intensities are multiplied by it; 1 / exposure is as bright as a display can show.
+            Factor for the intensities; an intensity of 1 / exposure is shown as white.
             Default: 1 / w, where 99.9 % of the pixels that are not black stay below w in their
             brightest colour; `Image.exposure` is this number, for the frames of a movie. "rgb"
             takes intensities as red, green and blue from 0 to 1 and shows them as they are, each
             limited to 1, as in Peters (2014): ``exposure=1, gamut="clip"``.
         stretch : {"linear", "sqrt", "asinh", "log", "gamma"} or float
-            Curve between black (0) and white (1), which brings out what is faint. A number g is
+            Curve between black (0) and white (1), which brightens faint regions. A number g means
             v**(1/g); "gamma" is 2.2; "asinh" and "log" are linear far below `softening` and
             logarithmic far above.
         gamut : {"hue", "clip"}
-            "hue" puts the stretch and the limit on the brightest of the three colours and scales
-            the other two along, so colours never shift; "clip" treats each on its own, so that
-            overexposed places turn white.
+            "hue" applies the stretch and the limit to the brightest of the three colours and
+            scales the other two by the same factor, so that hues never shift; "clip" treats each
+            colour separately, so that overexposed regions turn white.
         channels : int or sequence of int, optional
-            Channels to show, e.g. ``(2, 1, 0)``; one alone is shown in grey. Default: all.
+            Channels to show, e.g. ``(2, 1, 0)``; a single channel is grey. Default: all.
         mix : array_like, shape (shown channels, 3), optional
             Red, green and blue of each shown channel. Default: grey for one; orange and blue for
             two; red, green, blue for three, and every further one (such as a star's) white.
         colormap : str or matplotlib colormap, optional
             Show one channel through this colormap instead. Values run from `vmin` (default: the
-            least) to `vmax` (default: the greatest, or 1 / exposure), bent by `stretch`.
+            minimum) to `vmax` (default: the maximum, or 1 / exposure), mapped by `stretch`.
         norm : {"linear", "log"} or matplotlib Normalize, optional
-            Of one channel, in place of `stretch`; without a `colormap` it is shown in grey. "log"
-            starts at the least positive value, though at most six decades below `vmax`.
+            Replaces `stretch`, for one channel; grey without a `colormap`. "log" starts at the
+            smallest positive value, but at most six decades below `vmax`.
         vmin, vmax : float or Quantity, optional
             Intensities shown as black (default: 0) and as white (1 / `exposure`).
             Plain numbers are in `intensity_unit`.
         background : color, optional
-            Put this behind the picture, seen through its transparency. For images rendered in
-            front of a black background.
+            Colour behind the picture, seen through its transparency. For images rendered with a
+            black background.
         softening : float, optional
             For "asinh" (default 0.1) and "log" (0.01), in units of white.
 
@@ -276,10 +276,10 @@ class Image:
 
         Notes
         -----
-        Pixels that are not numbers or are negative are black (in a colormap: its "bad" color and
-        its lowest), infinite ones are as bright as can be. An image of zeros is black. One channel
-        of both signs, such as a map of velocities, is shown from blue over white (zero) to red, if
-        no option says how.
+        NaN and negative pixels are black (with a colormap: its "bad" colour and its lowest
+        colour), infinite pixels have full brightness. An image of zeros is black. One channel
+        of both signs, such as a map of velocities, is shown from blue through white (zero) to
+        red, unless an option chooses otherwise.
         """
         tone = room("image.tone")
         options: dict[str, Any] = {
@@ -305,15 +305,15 @@ class Image:
     def save(self, path: str | Path, **options: Any) -> None:
         """Write the image to a file; its suffix chooses the format.
 
-        The file appears whole or not at all: an error or an interruption leaves an existing file
-        as it was.
+        The file is written atomically: an error or an interruption leaves an existing file
+        unchanged.
 
         Parameters
         ----------
         path : str or Path
             ``.png`` holds display values; ``.tif``, ``.exr`` the intensities rounded to float32;
-            ``.fits``, ``.npz`` everything as it is. All carry coordinates, units, camera and
-            provenance. ``.jpg``, ``.pdf`` and ``.svg`` hold the display values alone.
+            ``.fits``, ``.npz`` everything unchanged. All hold coordinates, units, camera and
+            provenance. ``.jpg``, ``.pdf`` and ``.svg`` hold the display values only.
         **options
             PNG: all of `to_rgb`, ``bits=16``, ``transparent=True`` (alpha from the transparency),
             and ``annotate``: True, or options of `annotate`. JPEG, PDF, SVG: the same without bits;
@@ -333,17 +333,17 @@ class Image:
 
     @classmethod
     def load(cls, path: str | Path) -> Image:
-        """Read an image that `save` or another program wrote.
+        """Read an image written by `save` or by another program.
 
-        NPZ and FITS give back everything bit for bit, TIFF and EXR the intensities in float32
-        (EXR optical depth and transparency too). A PNG gives its display values, from 0 to 1.
+        NPZ and FITS restore everything bit for bit, TIFF and EXR the intensities in float32
+        (EXR also optical depth and transparency). A PNG gives its display values, from 0 to 1.
 
         Raises
         ------
         MissingPathError
             If there is no such file.
         FileFormatError
-            If it is damaged, or is not what its suffix says.
+            If it is damaged, or its content does not match its suffix.
         """
         from ..files import as_path
 
@@ -360,7 +360,7 @@ class Image:
     ) -> Axes:
         """Draw the image with axes in its unit, and a colour bar.
 
-        An image with world coordinates is drawn in these, unless `ax` is an ordinary one.
+        An image with world coordinates is drawn in these, unless `ax` is not a WCSAxes.
 
         Parameters
         ----------
@@ -368,12 +368,12 @@ class Image:
             Where to draw. Default: a new figure, shown by notebooks and ``plt.show()`` if pyplot
             is in use; otherwise a figure without a window, for ``ax.figure.savefig(...)``.
         unit : str or unit, optional
-            Show the image so, as `to` converts it: its axes in ``"pc"``, its values in ``"Jy/sr"``.
+            Convert the image first, as with `to`: axes to ``"pc"``, or values to ``"Jy/sr"``.
         scale_bar : bool
             Add a bar of a round length, in the same unit.
         colorbar : bool
-            Of the intensities where one channel is shown, else of the medium's colours, if
-            `provenance` tells them.
+            Add a colour bar: of the intensities if one channel is shown, else of the medium's
+            colours, if `provenance` contains them.
         **options
             Those of `to_rgb`.
 
@@ -392,14 +392,14 @@ class Image:
         Parameters
         ----------
         distance, position, posang : optional
-            As in `on_sky`: celestial coordinates. Without them those that the image has, or its
-            plane's, linear and in its unit (always there, as WCS "A" beside celestial ones).
+            As in `on_sky`, for celestial coordinates. Default: the image's WCS, or else the linear
+            coordinates of its plane in its unit (always present, as WCS "A" beside celestial ones).
 
         Returns
         -------
         astropy.io.fits.PrimaryHDU
-            Of (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")`` writes
-            it, and all else that is known.
+            Shape (ny, nx), or (channel, ny, nx) for several channels. ``image.save("x.fits")``
+            also writes the other arrays and metadata.
         """
         arguments.refuse_renamed(old)
         return room("image.hdu").to_hdu(self, distance, position, posang)
@@ -407,15 +407,15 @@ class Image:
     def on_sky(
         self, *, distance: Any = None, position: Any, posang: Any = 0.0, **old: Any
     ) -> Image:
-        """Return the image with celestial world coordinates: what is where on the sky.
+        """Return the image with celestial world coordinates.
 
         Parameters
         ----------
         distance : Quantity, str or float
-            Of the object, e.g. ``140 * u.pc``; plain numbers are in the image's unit. Not for
-            perspective cameras, whose pictures are measured in angles.
+            Distance of the object, e.g. ``140 * u.pc``; plain numbers are in the image's unit. Not
+            for perspective cameras, whose image coordinates are angles.
         position : SkyCoord, (ra, dec) or str
-            Of the plane's origin, where x = y = 0; plain numbers are degrees (ICRS).
+            Position of the plane's origin, x = y = 0; plain numbers are degrees (ICRS).
         posang : float or Quantity
             Angle of the picture's y axis from north towards east; plain numbers are degrees.
 
@@ -433,7 +433,7 @@ class Image:
         return room("image.sky").on_sky(self, distance, position, posang)
 
     def convolve(self, beam: Any) -> Image:
-        """Return the image as seen with a telescope's beam, an elliptical Gaussian.
+        """Return the image convolved with a telescope's beam, an elliptical Gaussian.
 
         Parameters
         ----------
@@ -445,76 +445,76 @@ class Image:
         Returns
         -------
         Image
-            Of the same unit, with sums kept but for what is spread over the edges. The optical
-            depth is left out: a mean over a beam has none. Missing pixels (NaN) are filled from
-            around them, as far as the beam reaches.
+            In the same unit. Sums are conserved, except for the loss over the edges. The optical
+            depth is dropped: a mean over a beam has none. Missing pixels (NaN) are interpolated
+            from their surroundings within the radius of the beam.
 
         Raises
         ------
         InputError
-            For maps whose numbers do not add up, such as depths.
+            For maps whose values are not additive, such as depths.
         UnitsError
             If the beam's unit is not the plane's.
         """
         return room("image.beam").convolve(self, beam)
 
     def to(self, unit: UnitLike, *, beam: Any = None) -> Image:
-        """Return the image in another unit: of its plane (`unit`), or of its intensities.
+        """Return the image with its plane (`unit`) or its intensities in another unit.
 
         Parameters
         ----------
         unit : str or unit
             A length (or an angle, if the plane has angles) converts `x`, `y` and `pixel_size`; any
-            other, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``, intensities, errors and
-            bounds. Maps whose values are lengths too (depths) have both converted.
+            other unit, such as ``"Jy/beam"``, ``"Jy/pix"`` or ``"MJy/sr"``, converts intensities,
+            errors and bounds. For maps whose values are lengths (depths), a length converts both.
         beam : optional
             As in `convolve`, for units per beam. Default: the one the image was convolved with.
 
         Returns
         -------
         Image
-            In double precision if numbers of the new unit are beyond single precision.
+            In double precision if values in the new unit exceed the range of single precision.
 
         Raises
         ------
         UnitsError
-            If the image has no such unit, it cannot be converted, or a solid angle is missing.
+            If the image has no unit, the unit cannot be converted, or a solid angle is missing.
         """
         return room("image.conversion").to_unit(self, unit, beam)
 
     def annotate(self, **options: Any) -> Any:
-        """Return the picture with a scale bar, axes, colour bars …, its own pixels unchanged.
+        """Return the picture with a scale bar, axes, colour bars …; its pixels stay unchanged.
 
-        Annotations that the image knows nothing for are left out. What stands in the picture takes
-        the ink that can be read there; letters grow with the picture.
+        Annotations for which the image has no metadata are omitted. Annotations inside the picture
+        are drawn in a colour that contrasts with it; letters scale with the picture.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Draw into these, with lines and letters of matplotlib's sizes, and return them.
+            Draw into these, with matplotlib's line widths and font sizes, and return them.
         unit : str or unit, optional
-            Show the image so, as `to` converts it. Default: units that suit its size; with `ticks`
+            Convert the image first, as with `to`. Default: units that suit its size; with `ticks`
             the scale bar has the unit of the axes.
         scale_bar : bool, Quantity, str or float
-            A bar of 1, 2 or 5 · 10ⁿ of a unit that suits its length; or of this length, such as
-            ``"100 au"``. Perspective pictures wider than 0.2 radians have no one scale, and get
-            none by themselves.
+            True: a bar of length 1, 2 or 5 · 10ⁿ in a suitable unit. Or the length, such as
+            ``"100 au"``. Perspective pictures wider than 0.2 radians have no uniform scale, and
+            get no bar by default.
         triad : bool
-            The x, y and z axes of the volume as the camera sees them, at the lower right.
+            The projected x, y and z axes of the volume, at the lower right.
         compass : bool
-            North and east at the upper right, of an image with celestial coordinates (`on_sky`).
+            North and east at the upper right, for images with celestial coordinates (`on_sky`).
         ticks : bool
             Axes with ticks around the picture. Default: False.
         color_bar : bool
-            Beside the picture: the intensities of a picture that shows one channel; or the colours
-            of the medium, each as bright as can be.
+            Beside the picture: the intensities if one channel is shown; otherwise the colours of
+            the medium, each at full brightness.
         title : str
-            Above the picture, no wider than it.
+            Title above the picture, shrunk to its width if necessary.
         time : bool, str, float or Quantity
             Time stamp at the upper left. True: ``volume.meta["time"]`` (in
             ``"time_unit"``) and ``"redshift"``.
         volume : Volume, optional
-            For the time, and the histogram of its cells beside each colour bar (logarithmic).
+            Source of the time and of the (logarithmic) histogram beside each colour bar.
         medium : Medium, optional
             Default: the medium in the image's provenance.
         paper : color or "none"
@@ -540,21 +540,21 @@ class Image:
         return room("image.annotate").annotate(self, **options)
 
     def replace(self, **changes: Any) -> Image:
-        """Return an image with other values of some arguments of `Image`; the rest stays.
+        """Return a copy with some arguments of `Image` replaced.
 
-        Arrays are shared. One beside the intensity that is given as None is left out.
+        Arrays are shared. None drops an array other than the intensity.
         """
         names = ("intensity", "x", "y", "unit", "intensity_unit", "pixel_size", "wcs")
         kept = {name: getattr(self, name) for name in (*names, "camera", "provenance")}
         beside = [name for name in arguments.PLANES if name not in changes]
-        if self.waits_for_depth and "optical_depth" in beside:  # it takes a picture to compute
+        if self.waits_for_depth and "optical_depth" in beside:  # computing it needs another render
             beside.remove("optical_depth")
             kept["optical_depth"] = lambda: self.plane("optical_depth")
         kept |= {name: self.plane(name) for name in beside}
         return type(self)(**{**kept, **changes})
 
     def plane(self, name: str) -> Array | None:
-        """Return an array beside the intensity, with one channel if all are the same."""
+        """Return an array such as the transparency, with one channel if all channels are equal."""
         values = getattr(self, name)
         return None if values is None else arguments.gathered(values)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .image import Image
 
 Extent = tuple[float, float, float, float]
-_BAR_PART = 0.25  # the longest that a scale bar may be, in widths of the picture
+_BAR_PART = 0.25  # maximum length of a scale bar, in widths of the picture
 _MARGIN = 0.05
 _LONG_NUMBERS = (1e4, 1e6)  # longer ones become powers of ten
 
@@ -42,8 +42,8 @@ def plot(
     if shows_one_channel(image, options):
         drawn = axes.imshow(**one_channel(image, **options), **place)
         if ax is None and is_sky_axes(axes):
-            # The layout makes room for their labels before it knows of the fixed aspect: beside a
-            # picture in the middle there is too little for the bar.
+            # The layout reserves space for labels before it applies the fixed aspect, so a centred
+            # picture would leave too little space for the bar.
             axes.set_anchor("W")
     else:
         shown = with_colormap(image.intensity, options, is_projection(image))
@@ -61,7 +61,7 @@ def plot(
 
 
 def _coordinates(image: Image, axes: Axes) -> tuple[Extent, list[str]]:
-    """Return the outer edges as axes count them, and labels; none if they know their own."""
+    """Return the outer edges in axes coordinates, and labels; no labels for WCSAxes."""
     if image.wcs is not None and is_sky_axes(axes):
         ny, nx, _ = image.shape
         return (-0.5, nx - 0.5, -0.5, ny - 0.5), []
@@ -71,7 +71,7 @@ def _coordinates(image: Image, axes: Axes) -> tuple[Extent, list[str]]:
 
 
 def _thin_out(axes: Axes, extent: Extent) -> None:
-    """Take fewer ticks along x where numbers are so long that they would meet."""
+    """Reduce the number of ticks along x where long tick labels would overlap."""
     from matplotlib.ticker import AutoLocator
 
     locator, (low, high) = axes.xaxis.get_major_locator(), _LONG_NUMBERS
@@ -88,7 +88,7 @@ def _aspect(image: Image, extent: Extent) -> float:
 
 
 def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
-    """Return axes for an image, in a new figure or at a place in one."""
+    """Return axes for an image, in a new figure or at a position in `figure`."""
     figure = new_figure() if figure is None else figure
     if image.wcs is None:
         return cast("Axes", figure.add_subplot(*place))
@@ -98,7 +98,7 @@ def new_axes(image: Image, figure: Any = None, *place: int) -> Axes:
 
 
 def intensity_label(image: Image) -> str:
-    """Return the label of a colour bar: maps of measurements say what they are."""
+    """Return the label of a colour bar: the quantity, with its unit."""
     name = str((image.provenance or {}).get("map", "intensity"))
     return labelled(name, pretty_unit(image.intensity_unit))
 
@@ -106,12 +106,12 @@ def intensity_label(image: Image) -> str:
 def add_bars(
     axes: Any, image: Image, options: dict[str, Any], drawn: Any, *, own: bool, **known: Any
 ) -> None:
-    """Add a colour bar of what was drawn of one channel, or else of each scalar of the medium.
+    """Add a colour bar of the single channel drawn, or else of each scalar of the medium.
 
     Parameters
     ----------
     axes : matplotlib Axes or list of them
-        From which the bars take their room.
+        Axes that give up space for the bars.
     image, options, **known
         As for `scales_of`.
     drawn : matplotlib AxesImage
@@ -126,7 +126,7 @@ def add_bars(
         bars = [(scale.mappable, scale.label) for scale in scales_of(image, options, **known)]
     for number, (mappable, label) in enumerate(bars):
         bar = add_color_bar(axes, mappable, label, own=own, number=number)
-        # What a medium leaves dark is dark in the picture.
+        # Transparent parts of the bar look as dark as in the picture.
         bar.ax.set_facecolor(options.get("background") or "black")
 
 
@@ -139,7 +139,7 @@ def _add_scale_bar(axes: Axes, image: Image, extent: Extent) -> None:
     length = round_length(_BAR_PART * abs(shown))
     start = left + _MARGIN * width
     level = bottom + _MARGIN * height
-    # White with a dark rim can be read on any picture.
+    # White with a dark outline is legible on any picture.
     rim: dict[str, Any] = {"path_effects": [withStroke(linewidth=4, foreground="black", alpha=0.6)]}
     end = start + width * length / abs(shown)
     axes.plot([start, end], [level, level], color="white", linewidth=2, gid="scale-bar", **rim)

@@ -1,4 +1,4 @@
-"""Axes of a plot that show world coordinates: astropy's WCSAxes, with names and units to read."""
+"""World coordinates: WCS of images, plot axes (astropy's WCSAxes), and positions on the sky."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ if TYPE_CHECKING:
 
 
 def of_pixels(wcs: WCS, matrix: Any, origin: Any, shape: Any) -> Any:
-    """Return the WCS of pixels q that lie at ``matrix q + origin`` among the pixels of another.
+    """Return the WCS of new pixels q that lie at ``matrix q + origin`` in the pixels of `wcs`.
 
     Parameters
     ----------
     wcs : astropy.wcs.WCS
-        Of n axes. It stays as it is.
+        With n axes; not modified.
     matrix : array_like, shape (n, n)
-        Regular.
+        Non-singular.
     origin : array_like, shape (n,)
-        Where q = 0 is; the centre of the first pixel is 0.
+        Position of q = 0; the centre of the first pixel is 0.
     shape : sequence of n int
         Numbers of new pixels.
 
     Notes
     -----
-    Only the linear part of the chain changes, from pixels to the plane of projection: Greisen &
+    Only the linear transformation from pixels to the projection plane changes: Greisen &
     Calabretta (2002), "Representations of world coordinates in FITS", eq. 9.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     new = wcs.deepcopy()
     linear = np.diag(wcs.wcs.get_cdelt()) @ wcs.wcs.get_pc() @ matrix
-    # The size of a pixel along each world axis, with the sign it has along its own pixel axis.
+    # Pixel size along each world axis, with the sign of the diagonal element.
     steps = np.linalg.norm(linear, axis=1) * np.where(np.diag(linear) < 0, -1.0, 1.0)
     if wcs.wcs.has_cd():
         del new.wcs.cd
@@ -55,14 +55,14 @@ def of_pixels(wcs: WCS, matrix: Any, origin: Any, shape: Any) -> Any:
 
 
 def tables_of(wcs: WCS) -> dict[tuple[str, str], np.ndarray]:
-    """Return the coordinates in a WCS's tables (``-TAB``), by the names of table and column."""
+    """Return the coordinate tables of a WCS (``-TAB``), by names of table and column."""
     texts = {(axis, m): text for axis, m, text in wcs.wcs.get_ps()}
     axes = [(int(table.map[0]) + 1, np.ravel(table.coord)) for table in wcs.wcs.tab]
     return {(texts[axis, 0], texts[axis, 1]): centers for axis, centers in axes}
 
 
 def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
-    """Return what `tables_of` gives as HDUs."""
+    """Return the tables of `tables_of` as HDUs."""
     from astropy.io import fits
 
     made = []
@@ -74,9 +74,9 @@ def table_hdus(tables: Mapping[tuple[str, str], np.ndarray]) -> list[Any]:
 
 
 def wcs_of_header(header: Header) -> Any:
-    """Return the WCS of the first two axes of an image's header; None if it has none to speak of.
+    """Return the WCS of the first two axes of an image's header; None for plain coordinates.
 
-    Axes without a name, or named X and Y as ours are, have plain coordinates.
+    Axes without a name, or named X and Y (as `voluminous` writes them), are plain coordinates.
     """
     from astropy.wcs import WCS
 
@@ -88,7 +88,7 @@ def wcs_of_header(header: Header) -> Any:
         try:
             wcs = WCS(header, naxis=2)
             wcs.wcs.set()
-        except Exception:  # whatever is wrong with it, the picture can be read
+        except Exception:  # the picture is readable even if its WCS is not
             return None
     wcs.pixel_shape = (header["NAXIS1"], header["NAXIS2"])
     return wcs
@@ -109,14 +109,14 @@ _NAMES = {
     "AWAV": "wavelength (air)",
     "OFFSET": "offset",
 }
-# Units in which coordinates are read, where the WCS has those of the SI.
+# Units that replace the SI units of a WCS on axes.
 _READ = ("km/s", "GHz", "um")
-# There are about so many ticks on an axis.
+# Approximate number of ticks on an axis.
 _TICKS = 8
 
 
 def is_sky_axes(axes: Axes) -> bool:
-    """Return True for axes that know world coordinates."""
+    """Return True for axes with world coordinates (WCSAxes)."""
     return hasattr(axes, "coords") and hasattr(axes, "wcs")
 
 
@@ -128,9 +128,9 @@ def label_axes(axes: Any, wcs: WCS) -> None:
         unit = _unit(wcs, number)
         if coordinate.coord_type == "scalar" and unit is not None:
             coordinate.set_format_unit(unit)
-            # Left alone, astropy takes the decimals from the unit of the WCS. With a minus of
-            # matplotlib, as in its own kind of format, it knows numbers: of -1000 and -500, as
-            # "%.0f" writes them, it shows -1000 and 500, leaving out what both begin with.
+            # By default astropy takes the decimals from the unit of the WCS. A format like "%.0f"
+            # makes it drop the common prefix of labels: it shows -1000 and -500 as -1000 and 500.
+            # Its "x.x" format, with matplotlib's minus sign, avoids both.
             coordinate.set_major_formatter(f"x.{'x' * _decimals(wcs, number)}".removesuffix("."))
 
 
@@ -141,13 +141,13 @@ def plain_axes(wcs: WCS) -> tuple[tuple[float, float, float, float], list[str]]:
 
 
 def is_linear(wcs: WCS) -> bool:
-    """Return True for coordinates that do not depend on each other, and are linear."""
+    """Return True for independent, linear coordinates."""
     straight = np.array_equal(wcs.wcs.get_pc(), np.eye(2))
     return bool(straight and not any("-" in kind for kind in wcs.wcs.ctype))
 
 
 def has_lengths(wcs: WCS) -> bool:
-    """Return True if a bar along x can stand for a length: x is on the sky."""
+    """Return True if a scale bar along x can represent a length: x is on the sky."""
     return bool(wcs.has_celestial or wcs.wcs.ctype[0] == "OFFSET")
 
 
@@ -159,7 +159,7 @@ def _label(wcs: WCS, number: int) -> str:
 
 
 def _ends(wcs: WCS, number: int) -> tuple[float, float]:
-    """Return a coordinate at the outer edges of the picture, in the unit that is shown."""
+    """Return a coordinate at the outer edges of the picture, in the displayed unit."""
     corners = np.array([[-0.5, -0.5], np.array(wcs.pixel_shape) - 0.5])
     found = wcs.wcs_pix2world(corners, 0)[:, number]
     unit = _unit(wcs, number)
@@ -177,11 +177,11 @@ def _unit(wcs: WCS, number: int) -> Any:
     if unit is None:
         return None
     known = (parse_unit(name) for name in _READ)
-    # What is not of the SI was chosen by somebody.
+    # A unit outside the SI is a deliberate choice; keep it.
     return next((u for u in known if unit.is_equivalent(u) and unit.si.scale == 1), unit)
 
 
-# A picture's pixels must be as even as this part of one, for a header has but one size of them.
+# Tolerance for uniform pixel spacing, in pixels: a header stores only one pixel size.
 _EVEN_TO = 1e-6
 
 
@@ -196,9 +196,9 @@ def on_sky(image: Image, distance: Any, position: Any, posang: Any) -> Image:
     wcs = _frame_wcs(center, projection)
     angle = np.deg2rad(_finite(degrees(posang, "posang"), "posang"))
     wcs.wcs.crpix = reference
-    # Seen from here east is on the left: right ascension grows against x.
+    # East is on the left: right ascension increases towards negative x.
     wcs.wcs.cdelt = np.rad2deg([-steps[0], steps[1]])
-    # Up is north turned towards east. The angle belongs to lengths: pixels may be oblong.
+    # Up is north rotated towards east. The angle applies to lengths: pixels may not be square.
     c, s, ratio = np.cos(angle), np.sin(angle), steps[1] / steps[0]
     wcs.wcs.pc = [[c, -s * ratio], [s / ratio, c]]
     wcs.pixel_shape = (image.shape[1], image.shape[0])
@@ -207,10 +207,10 @@ def on_sky(image: Image, distance: Any, position: Any, posang: Any) -> Image:
 
 
 def _plane(image: Image, distance: Any) -> tuple[float, str]:
-    """Return radians per unit of the picture's plane at its middle, and the projection's name.
+    """Return radians per unit of the image plane at its centre, and the projection's name.
 
-    Seen from one point, the plane is a screen at unit distance, or a dome. Parallel rays show a
-    plane through the object, which is a screen at its distance.
+    For a perspective camera the plane is a screen at unit distance, or a dome. For parallel rays
+    the plane passes through the object, which makes it a screen at the object's distance.
     """
     unit = parse_unit(image.unit)
     if unit is not None and unit.is_equivalent("rad"):
@@ -247,7 +247,7 @@ def _length(distance: Any, unit: str) -> float:
 
 
 def as_position(position: Any) -> Any:
-    """Return a place on the sky as one SkyCoord.
+    """Return a position on the sky as a scalar SkyCoord.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ def _frame_wcs(center: Any, projection: str) -> Any:
 
     try:
         wcs = celestial_frame_to_wcs(center.frame, projection=projection)
-    except ValueError:  # a frame that FITS has no name for
+    except ValueError:  # FITS has no name for this frame
         center = center.icrs
         wcs = celestial_frame_to_wcs(center.frame, projection=projection)
     sphere = center.spherical

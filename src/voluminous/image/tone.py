@@ -1,4 +1,4 @@
-"""From intensities to display values: choose, mix, expose, stretch, fit into the gamut."""
+"""Tone mapping, from intensities to display values: mix, exposure, stretch and gamut."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _log(softening: float) -> Curve:
 
 
 LINEAR = Curve(lambda v: v, lambda w: w)
-GAMMA = 2.2  # the usual stand-in for the encoding of displays
+GAMMA = 2.2  # the usual approximation of the display encoding
 _FIXED = {
     "linear": LINEAR,
     "sqrt": Curve(np.sqrt, np.square),
@@ -53,14 +53,14 @@ STRETCHES = (*_FIXED, *_SOFT)
 
 
 def curve(stretch: str | float, softening: float | None = None) -> Curve:
-    """Return the curve for the name of a stretch, or for a number g the curve v**(1/g).
+    """Return the curve of a named stretch, or v**(1/g) for a number g.
 
     Parameters
     ----------
     stretch : {"linear", "sqrt", "gamma", "asinh", "log"} or float
-        Which curve.
+        Name of the curve, or g.
     softening : float, optional
-        For "asinh" and "log": where the linear part ends, in units of white.
+        For "asinh" and "log": end of the linear part, in units of white.
     """
     if softening is not None and stretch not in tuple(_SOFT):
         raise InputError(f"softening is for the stretches {' and '.join(_SOFT)}, not {stretch!r}")
@@ -75,7 +75,7 @@ def curve(stretch: str | float, softening: float | None = None) -> Curve:
 
 
 def positive(value: Any, what: str) -> float:
-    """Return `value` as a float if it is a positive finite number."""
+    """Return `value` as a float; raise unless it is positive and finite."""
     number = finite(value, what)
     if number <= 0:
         raise InputError(f"{what} must be greater than 0, got {value!r}")
@@ -83,7 +83,7 @@ def positive(value: Any, what: str) -> float:
 
 
 def finite(value: Any, what: str) -> float:
-    """Return `value` as a float if it is a finite number."""
+    """Return `value` as a float; raise unless it is finite."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -99,18 +99,18 @@ _DECADES = 1e-6
 def scale(
     values: NDArray[Any], bend: Curve, norm: Any, exposure: Any, vmin: Any, vmax: Any
 ) -> Normalize:
-    """Return the matplotlib norm that takes intensities to 0 … 1.
+    """Return the matplotlib norm that maps intensities to 0 … 1.
 
     Parameters
     ----------
     values : array
-        One channel; its finite values give the limits that are not given.
+        One channel; its finite values set the limits that are None.
     bend : Curve
         The stretch, used if `norm` is None.
     norm : {"linear", "log"}, Normalize or None
-        Given in place of a stretch.
+        Replaces the stretch.
     exposure, vmin, vmax : float or None
-        Limits; `exposure` stands for vmax = 1 / exposure.
+        Limits; `exposure` means vmax = 1 / exposure.
     """
     from matplotlib.colors import LogNorm, Normalize
 
@@ -183,15 +183,15 @@ def mapped(values: NDArray[Any], colormap: Any, norm: Normalize) -> NDArray[np.f
     table = get_colormap(colormap)
     assert norm.vmin is not None
     assert norm.vmax is not None
-    # Norms mask infinities; the ends of the scale show them as what they are.
-    # In double precision differences of numbers near the end of float32 are numbers.
+    # Norms mask infinities; clipping them to the ends of the scale keeps them visible.
+    # In double precision, differences of numbers near the limit of float32 stay finite.
     wide = values.astype(np.float64)
     ends = np.nan_to_num(wide, copy=False, nan=np.nan, posinf=norm.vmax, neginf=norm.vmin)
     rgba = table(norm(ends))
     return (rgba[..., :3] * rgba[..., 3:]).astype(np.float32)
 
 
-# Stand for infinity before and after scaling: ratios of colours can still be formed with them.
+# Replace infinity before and after scaling, so that ratios of colours stay finite.
 _LARGE = 1e150
 _HUGE = 1e30
 _PERCENT_BELOW_WHITE = 99.9
@@ -239,7 +239,7 @@ OPTIONS = frozenset(inspect.signature(display).parameters) - {"intensity", "tran
 def _exposed(
     intensity: NDArray[Any], channels: Any, mix: Any, exposure: Any, vmin: Any, vmax: Any
 ) -> NDArray[np.float32]:
-    """Mix the channels and scale so that black is 0 and white is 1; still beyond the gamut."""
+    """Mix the channels and scale black to 0 and white to 1, without clipping to the gamut."""
     mixed, brightest = mixed_channels(intensity, channels, mix)
     black = 0.0 if vmin is None else finite(vmin, "vmin")
     white = white_level(brightest, exposure, black, vmax)
@@ -252,12 +252,12 @@ def _exposed(
 def mixed_channels(
     intensity: NDArray[Any], channels: Any, mix: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return red, green and blue (ny, nx, 3), and their brightest where finite (n,)."""
+    """Return RGB (ny, nx, 3) and the maximum over the colours of each finite pixel (n,)."""
     indices = chosen(channels, intensity.shape[-1])
     colors = matrix(mix, len(indices))
     shown = intensity if channels is None else intensity[..., indices]
     mixed = shown.astype(np.float64)
-    # Infinity times a zero of the matrix would be NaN; a large number times zero is zero.
+    # Infinity times a zero matrix element is NaN; a large number times zero is zero.
     np.nan_to_num(mixed, copy=False, nan=0.0, posinf=_LARGE, neginf=0.0)
     if not np.array_equal(colors, np.eye(3)):
         mixed = mixed @ colors
@@ -265,12 +265,12 @@ def mixed_channels(
 
 
 def _brightest(colors: NDArray[Any]) -> NDArray[Any]:
-    # Many times faster than max(axis=-1), which takes the few channels pixel by pixel.
+    # Many times faster than max(axis=-1), which loops over the channels of each pixel.
     return reduce(np.maximum, np.moveaxis(colors, -1, 0))
 
 
 def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any) -> float:
-    """Return the intensity shown as white: `vmax`, or 1 / `exposure`, or the automatic one."""
+    """Return the intensity shown as white: `vmax`, 1 / `exposure`, or the automatic level."""
     if exposure is not None and vmax is not None:
         raise InputError("give exposure or vmax, not both: they set the same thing")
     if exposure is None and vmax is None:
@@ -283,15 +283,15 @@ def white_level(brightest: NDArray[Any], exposure: Any, black: float, vmax: Any)
 
 
 def automatic_exposure(brightest: NDArray[Any]) -> float:
-    """Return 1 / w, where 99.9 % of the lit pixels stay below w.
+    """Return 1 / w, where w is the 99.9 % percentile of the pixels above zero.
 
-    Pixels are lit that are above zero, so a small object in front of black is exposed like a large
-    one; one in a thousand may be overexposed, so a star does not darken all else.
+    Black pixels do not count, so that a small object in front of black is exposed like a large
+    one; 0.1 % may be overexposed, so that a star does not darken the rest.
 
     Parameters
     ----------
     brightest : array
-        The brightest of the colours of each pixel, finite; 1 is returned if all are black.
+        Maximum over the colours of each pixel, finite; if all are black the result is 1.
     """
     lit = brightest[brightest > 0]
     if lit.size == 0:
@@ -301,14 +301,14 @@ def automatic_exposure(brightest: NDArray[Any]) -> float:
 
 
 def fit(linear: NDArray[np.float32], bend: Curve, gamut: str) -> NDArray[np.float32]:
-    """Stretch non-negative linear colours and fit them into 0 … 1."""
+    """Stretch non-negative linear colours and map them into the gamut 0 … 1."""
     if gamut == "clip":
         return bend.forward(np.minimum(linear, 1))
     if gamut != "hue":
         raise unknown_name("gamut", str(gamut), GAMUTS)
     brightest = _brightest(linear)[..., None]
     divisor = np.where(brightest > 0, brightest, 1)
-    # Dividing first keeps ratios of numbers near the ends of float32 inside its range.
+    # Dividing first avoids overflow for numbers near the limits of float32.
     return np.minimum(linear / divisor * bend.forward(np.minimum(brightest, 1)), 1)
 
 
@@ -322,25 +322,25 @@ def _in_front(
     return np.minimum(rgb + through.astype(np.float32) * color, 1)
 
 
-# Blue comes, red goes, and white stands still, as astronomers draw it.
+# Astronomers' convention for velocities: blue approaches, red recedes, white is at rest.
 _SIGNED = "RdBu_r"
-# Below zero by so much of what is above, at least: less is what a sum left over.
+# Minimum ratio of the negative to the positive range; below it, negative values are rounding.
 _SHARE = 0.1
-# Percentiles of the values of a projection that are black and white.
+# Percentiles of a projection's values that are shown as black and white.
 _WINDOW = (0.5, 99.8)
-# Who gives one of these has said how.
+# Options that count as an explicit choice of the display.
 _DECIDING = ("background", "vmin", "vmax", "softening")
 
 
 def with_colormap(
     intensity: NDArray[Any], options: dict[str, Any], projection: bool = False
 ) -> dict[str, Any]:
-    """Return display options, with a colormap where one channel needs one and none is named.
+    """Return display options, with a default colormap if one channel needs one.
 
-    A norm bends the values of a colormap: then it is grey. One channel of both signs, of which
-    nothing is said, has one around zero: in grey all that is negative would be black, half of a
-    map of velocities. Where nothing is positive, as in depths before the middle, it is grey:
-    black would be all of it.
+    A norm without a colormap uses grey. One channel of both signs, without explicit options, gets
+    a diverging colormap around zero, because grey would show all negative values (half of a map
+    of velocities) as black. A channel without positive values, such as depths in front of the
+    middle, gets a grey colormap, because it would be entirely black otherwise.
 
     Parameters
     ----------
@@ -348,7 +348,7 @@ def with_colormap(
     options : dict
         Of `Image.to_rgb`; explicit choices are left unchanged.
     projection : bool
-        Values of a field itself, such as its maximum: signed ones are grey, as in radiology.
+        The values are those of a field, such as its maximum; signed ones are grey as in radiology.
     """
     if options.get("colormap") is not None or options.get("mix") is not None:
         return options
@@ -370,7 +370,7 @@ def with_colormap(
         return options
     given = options.get("exposure")
     reach = 1.0 / (automatic if given is None else positive(given, "exposure"))
-    # Alike on both sides.
+    # Limits symmetric around zero.
     return {**options, "colormap": _SIGNED, "exposure": None, "vmin": -reach, "vmax": reach}
 
 
@@ -383,7 +383,7 @@ def exposure_of(intensity: NDArray[Any]) -> float:
 
 
 def signed_exposure(values: NDArray[Any]) -> float | None:
-    """Return the automatic exposure of values of both signs; None if they are not."""
+    """Return the automatic exposure of |values|; None unless both signs are significant."""
     known = values[np.isfinite(values)]
     least, most = (known.min(), known.max()) if known.size else (0.0, 0.0)
     if most <= 0 or -least < _SHARE * most:
@@ -392,7 +392,7 @@ def signed_exposure(values: NDArray[Any]) -> float | None:
 
 
 def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | None:
-    """Return which values are black and white: of negative ones, and of signed projections."""
+    """Return the values shown as black and white, for negative values and signed projections."""
     known = values[np.isfinite(values)]
     most = known.max() if known.size else 1.0
     if (most > 0.0 and not projection) or known.min(initial=0.0) >= -_SHARE * max(most, 0.0):
@@ -405,12 +405,12 @@ def _window(values: NDArray[Any], projection: bool) -> tuple[float, float] | Non
 
 
 def is_projection(image: Any) -> bool:
-    """Return whether an image shows values of a field; see `voluminous.project`."""
+    """Return True if an image shows values of a field; see `voluminous.project`."""
     return (image.provenance or {}).get("how") in ("max", "min", "mean")
 
 
-# Two channels get colours that people with any kind of colour vision tell apart, and that add up
-# to a near white: orange and blue.
+# Orange and blue for two channels: distinguishable with any kind of colour vision, and their sum
+# is nearly white.
 _TWO = ((1.0, 0.6, 0.2), (0.1, 0.4, 1.0))
 _WHITE = (1.0, 1.0, 1.0)
 
@@ -442,12 +442,12 @@ def single(channels: Any, count: int, why: str) -> int:
 
 
 def matrix(mix: Any, count: int) -> NDArray[np.float64]:
-    """Return red, green and blue of each of `count` channels, shape (count, 3).
+    """Return the RGB weights of `count` channels, shape (count, 3).
 
     Parameters
     ----------
     mix : array_like or None
-        Numbers or names of colours; None for the default: one channel grey, two orange and
+        Numbers or colour names; None for the default: one channel grey, two orange and
         blue, three red, green and blue, and every further one white.
     """
     if mix is None:
@@ -475,18 +475,18 @@ def _default(count: int) -> NDArray[np.float64]:
 
 
 def check_options(kind: str, given: Iterable[str], known: Collection[str]) -> None:
-    """Check that every option has a known name."""
+    """Raise for the first option whose name is not in `known`."""
     for name in given:
         if name not in known:
             raise unknown_name(kind, name, known)
 
 
-# What changes intensities on their way to the display.
+# Options that change the mapping from intensities to display values.
 _CHANGING = ("stretch", "softening", "colormap", "norm", "vmin", "vmax")
 
 
 def plain_options(options: dict[str, Any], unit: Any) -> dict[str, Any]:
-    """Return display options with exposure and limits as plain numbers, in the unit shown."""
+    """Return display options with exposure and limits as plain numbers, in the displayed unit."""
     if isinstance(options.get("exposure"), str):
         options = options | _as_they_are(options)
     given = {name: options.get(name) for name in ("vmin", "vmax")}
@@ -513,7 +513,7 @@ def _as_they_are(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def display_values(image: Image, transparent: bool, display: dict[str, Any]) -> NDArray[Any]:
-    """Return what is shown, from 0 to 1, shape (ny, nx, 3), or 4 with alpha."""
+    """Return display values from 0 to 1, shape (ny, nx, 3), or (ny, nx, 4) with alpha."""
     shown = image.to_rgb(**display)
     return _with_alpha(shown, image.transparency) if transparent else shown
 
@@ -538,7 +538,7 @@ def shows_one_channel(image: Image, options: dict[str, Any]) -> bool:
 
 
 def one_channel(image: Image, **options: Any) -> dict[str, Any]:
-    """Return what imshow needs to show one channel, so that a colour bar can tell its values."""
+    """Return the arguments of imshow for one channel, so that a colour bar can be added."""
     options = with_colormap(
         image.intensity, plain_options(options, image.intensity_unit), is_projection(image)
     )
@@ -558,6 +558,6 @@ def one_channel(image: Image, **options: Any) -> dict[str, Any]:
 
 
 def _grey_limits(values: NDArray[Any], exposure: Any, vmin: Any, vmax: Any) -> list[Any]:
-    """Return limits as `to_rgb` has them without a colormap: from 0 to white."""
+    """Return the limits that `to_rgb` uses without a colormap: from 0 to white."""
     black = 0.0 if vmin is None else finite(vmin, "vmin")
     return [None, black, white_level(values[np.isfinite(values)], exposure, black, vmax)]

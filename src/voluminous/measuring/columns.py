@@ -179,7 +179,7 @@ def as_map(
         What was measured, and how: for the image's provenance. Its ``map`` says what the values
         are, in a colour bar too.
     """
-    from .. import __version__
+    from ..packages import VERSION
 
     frame = camera.frame(volume.grid)
     x, y = frame.coordinates()
@@ -192,7 +192,7 @@ def as_map(
         intensity_unit=unit_name(unit),
         camera=camera.describe(),
         wcs=image_wcs(volume, camera, frame),
-        provenance={"software": f"voluminous {__version__}", "volume": volume.describe(), **told},
+        provenance={"software": f"voluminous {VERSION}", "volume": volume.describe(), **told},
     )
 
 

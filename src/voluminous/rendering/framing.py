@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from ..media import Medium
 
 
-# A picture of so many pixels tells where something is …
+# Pixels per side of a coarse picture that shows where the medium is visible:
 _COARSE = 96
-# … brighter than this part of the brightest, but for this part of all its light (faint wisps).
+# brighter than the first fraction of the maximum, except for the second fraction of the total light
+# (faint wisps).
 _FAINT, _WISPS = 0.02, 2e-3
-# What shows fills this part of the frame; one that is as full already is left alone.
+# The visible part fills the first fraction of the frame; a frame filled to the second is unchanged.
 _FILLED, _FULL = 0.85, 0.7
 
 
@@ -38,7 +39,7 @@ def framed(
     view: str | None = None,
     resolution: Any = 400,
 ) -> Orthographic:
-    """Return a camera around what a medium shows; see `Orthographic.framing`."""
+    """Return a camera around the visible part of a medium; see `Orthographic.framing`."""
     camera = first_camera(volume, incl, phi, view=view).replace(resolution=resolution)
     if medium is None:
         return camera
@@ -61,7 +62,7 @@ def framed(
 
 
 def perspective(framing: Orthographic, volume: Volume, fov: float) -> tuple[Any, Any, np.ndarray]:
-    """Return position and target of an observer that sees a frame under an angle (degrees), and up.
+    """Return position, target and up vector of a perspective view; `fov` is in degrees.
 
     A cube as wide as the frame fills the picture with its front.
     """
@@ -76,7 +77,7 @@ def perspective(framing: Orthographic, volume: Volume, fov: float) -> tuple[Any,
 def first_camera(
     volume: Volume, incl: Any = None, phi: Any = None, *, view: str | None = None
 ) -> Orthographic:
-    """Return a camera that sees all of a volume from given angles, or in a view."""
+    """Return a camera that shows the whole volume from given angles, or in a view."""
     given = {name: v for name, v in (("incl", incl), ("phi", phi)) if v is not None}
     if view is not None and given:
         raise InputError(f"give angles or view={view!r}, not both")
@@ -87,7 +88,7 @@ def first_camera(
 
 
 def _limits(light: np.ndarray, frame: Frame) -> list[tuple[float, float]]:
-    """Return between which coordinates of the image plane something shines, along both axes."""
+    """Return the limits of the visible part along both axes of the image plane."""
     seen = np.where(light > _FAINT * light.max(), light, 0.0)
     ends = [_span(seen.sum(axis=a)) for a in (0, 1)]
     return [(axis[a], axis[b]) for axis, (a, b) in zip(frame.coordinates(), ends, strict=True)]
@@ -100,14 +101,14 @@ def _span(light: np.ndarray) -> tuple[int, int]:
 
 
 def _rounded(value: float, size: float) -> float:
-    """Return a length to a thousandth of the frame: it is shown, and typed again."""
+    """Return a length to a thousandth of the frame, short enough to be typed again."""
     return round(float(value), 3 - int(np.floor(np.log10(size))))
 
 
 def first_medium(volume: Volume) -> Medium:
-    """Return `suggest_medium` of a volume, as found for the picture before, or its channels.
+    """Return the volume's channels, or `suggest_medium` as cached for the last picture.
 
-    The former takes a second for a million cells of patches, the picture itself a tenth.
+    The latter takes a second for a million cells of patches, the picture itself a tenth.
     """
     if has_channels(volume):
         return presets.fluorescence(volume)
@@ -120,12 +121,12 @@ def first_medium(volume: Volume) -> Medium:
 
 
 def has_channels(volume: Volume) -> bool:
-    """Return whether all fields are channels of a microscope, several of them."""
+    """Return whether all fields are microscope channels, and there are several."""
     channels = volume.meta.get("channels") or {}
     return len(channels) > 1 and all(name in channels for name in volume.fields)
 
 
 def _key(volume: Volume) -> Any:
-    """Return what tells whether a field has changed: one that waits in a file was not looked at."""
+    """Return a key that changes with the fields; fields not read from the file yet do not count."""
     read = [name for name in volume.fields if name not in volume.waiting]
     return "first medium", Cache(volume).statistics.digests(read)

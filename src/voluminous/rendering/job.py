@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import importlib
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 
 from ..backend import Backend, dr
 from ..media.contract import Medium
+from ..packages import VERSION
 from ..schemes.base import Scheme
 from ..volume import Volume
 from .antialias import FluxConserving, refine
@@ -250,9 +250,8 @@ class RenderJob:
 
     def provenance(self) -> dict[str, Any]:
         """Return what is drawn, and how, as plain values."""
-        package = importlib.import_module(__package__.partition(".")[0])
         return {
-            "software": f"voluminous {package.__version__}",
+            "software": f"voluminous {VERSION}",
             "scheme": self.scheme.name,
             "precision": self.backend.precision,
             "device": self.backend.device,

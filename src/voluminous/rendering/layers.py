@@ -1,8 +1,9 @@
-"""Layers put into pixels: rays are followed anew up to them; what is behind is known already.
+"""Composites layers (objects) into pixels: rays are traced again, but only up to the layers.
 
-Let a ray gather E and dim by θ up to a layer (b, t), and let E∞ be what the whole ray gathers. Then
-it shows ``E + θ b + t (E∞ - E)``: a mean of the ray that ends at the layer and the one that does
-not. Nothing needs to be solved behind, and a layer that shows nothing changes nothing.
+Let a ray gather E and dim by θ up to a layer (b, t), and let E∞ be the emission along the whole
+ray. Then the pixel is ``E + θ b + t (E∞ - E)``: a mean of the ray that ends at the layer and the
+one that does not. The part behind the layer needs no second solution, and an invisible layer
+changes nothing.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ if TYPE_CHECKING:
 
 @dataclass
 class Pairs:
-    """Stretches of rays, in double precision.
+    """Paths of stretches of rays, in double precision.
 
     Attributes
     ----------
     emission : array, shape (n, channel)
     transparency : array, shape (n, channel or 1)
     error : array, shape (n, 3) or (n, 0)
-        How far b may be off, how far θ may be off, and the brightness of b; or nothing is known.
+        Error of b, error of θ, and brightness of b; empty without error control.
     """
 
     emission: np.ndarray
@@ -43,7 +44,7 @@ class Pairs:
     error: np.ndarray
 
     def over(self, back: Pairs) -> Pairs:
-        """Return each of these in front of one of the others, as `schemes.path.over` does."""
+        """Return each pair in front of one of the others, as `schemes.path.over` does."""
         return Pairs(
             self.emission + self.transparency * back.emission,
             self.transparency * back.transparency,
@@ -62,7 +63,7 @@ class Pairs:
         return np.stack(error, axis=1)
 
     def some(self, index: Int) -> Pairs:
-        """Return some of them."""
+        """Return a subset."""
         return Pairs(*(part.take(index, axis=0) for part in self.parts))
 
     @property
@@ -72,7 +73,7 @@ class Pairs:
 
     @classmethod
     def mean(cls, found: list[Pairs]) -> Pairs:
-        """Return the means of several sets."""
+        """Return the mean of several sets."""
         if len(found) == 1:
             return found[0]
         return cls(
@@ -81,10 +82,10 @@ class Pairs:
 
 
 def fold(pairs: Pairs, count: np.ndarray) -> Pairs:
-    """Return one pair per group: all of it, the first one in front.
+    """Return one pair per group: its composition, the first pair in front.
 
-    Folding is associative: neighbours are joined in each round, so that there are few rounds,
-    however many pairs one pixel has.
+    Composition is associative: each round joins neighbours, so there are few rounds even with many
+    pairs per pixel.
     """
     count = np.asarray(count)
     several = np.flatnonzero(count > 1)
@@ -116,7 +117,7 @@ def _joined(pairs: Pairs, count: np.ndarray) -> Pairs:
 
 
 def with_channels(values: np.ndarray, channels: int, fill: float) -> np.ndarray:
-    """Return values (…, own) with one for each channel, unless there is one for all of them."""
+    """Return values (…, own) with one entry per channel, or one entry for all channels."""
     own = values.shape[-1]
     if own == 1 or own == channels:
         return values
@@ -125,13 +126,13 @@ def with_channels(values: np.ndarray, channels: int, fill: float) -> np.ndarray:
 
 
 class Stretches(RayTracer):
-    """A job's rays, confined to parts of their way.
+    """Traces a job's rays between given depths.
 
     Parameters
     ----------
     brightest_background : float
-        The brightest thing that may be behind a stretch: rays must not stop before they know how
-        much of it comes through.
+        Upper bound of the intensity behind a stretch; rays must not stop before its attenuation is
+        determined.
     """
 
     def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
@@ -146,9 +147,9 @@ class Stretches(RayTracer):
         first: np.ndarray,
         offsets: list[tuple[float, float]],
     ) -> list[Pairs]:
-        """Return the stretches in front of layers: from the observer, or from the layer before.
+        """Return the stretches in front of layers: from the observer, or from the previous layer.
 
-        Rays are followed in the order of `layers`, where neighbours cross the same cells.
+        Rays are traced in the order of `layers`, where neighbours cross the same cells.
         """
         before = np.roll(layers.depth.take(order), 1)
         before[first] = -np.inf
@@ -160,7 +161,7 @@ class Stretches(RayTracer):
         return [found.some(order + k * len(order)) for k in range(len(offsets))]
 
     def to(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, depth: np.ndarray) -> Pairs:
-        """Return the stretches from the observer to depths."""
+        """Return the stretches from the observer to given depths."""
         begin = np.full(len(pixel), -np.inf)
         return self.between(pixel, du, dv, begin, depth, self.job.medium.channels)
 
@@ -173,7 +174,7 @@ class Stretches(RayTracer):
         end: np.ndarray,
         channels: int,
     ) -> Pairs:
-        """Return the pairs of rays between two depths each, in intensities of all channels."""
+        """Return the pairs of rays between two depths each, as intensities of all channels."""
         gathered = OutputBuffers(self, len(pixel))
         for first in range(0, len(pixel), self.batch):
             part = slice(first, first + self.batch)
@@ -185,7 +186,7 @@ class Stretches(RayTracer):
         return self._pairs(gathered.paths(), channels)
 
     def _confined(self, ray: Ray, begin: np.ndarray, end: np.ndarray) -> Ray:
-        """Return rays between depths, which count from the observer whichever way they run."""
+        """Return rays limited to depths, which count from the observer in either ray direction."""
         lanes = dr.width(ray.active)
         first, last = (from_host(self.backend.Wide, np.resize(d, lanes)) for d in (begin, end))
         if self.job.backward:
@@ -213,24 +214,24 @@ def _columns(rows: list[np.ndarray]) -> np.ndarray:
     return np.stack(rows, axis=-1).astype(np.float64)
 
 
-# Rays per side of a pixel where the picture itself takes as many as it needs.
+# Rays per side of a pixel where the picture itself is sampled adaptively.
 _SAMPLES = 4
-# Stretches followed together, of several rays per pixel.
+# Stretches traced at once, of several rays per pixel.
 _TOGETHER = 1 << 20
 
 
 @dataclass
 class Groups:
-    """Layers of each pixel together, the nearest first.
+    """Layers grouped by pixel, the nearest first.
 
     Attributes
     ----------
     order : int array, shape (n,)
-        Numbers of layers, group after group.
+        Indices of layers, group after group.
     pixel : int array, shape (groups,)
-        Flat numbers of pixels, each once.
+        Flat indices of pixels, each once.
     count : int array, shape (groups,)
-        How many layers each has.
+        Number of layers per group.
     """
 
     order: np.ndarray
@@ -239,7 +240,7 @@ class Groups:
 
     @classmethod
     def of(cls, layers: Layers, pixels: int) -> Groups:
-        """Return the groups of layers in a picture of so many pixels."""
+        """Return the groups of layers in a picture with a number of pixels."""
         occurs = np.bincount(layers.pixel, minlength=pixels)
         alone = occurs.take(layers.pixel) == 1  # most are: only the others need to be sorted
         single, several = np.flatnonzero(alone), np.flatnonzero(~alone)
@@ -258,7 +259,7 @@ class Groups:
 
 
 def lay(planes: RenderResult, layers: Layers, tracer: Stretches) -> None:
-    """Put layers at their depths into the pixels that they cover."""
+    """Composite layers at their depths into the pixels that they cover."""
     if not len(layers.pixel):
         return
     groups, job = Groups.of(layers, planes.emission[..., 0].size), tracer.job
@@ -278,16 +279,16 @@ def lay(planes: RenderResult, layers: Layers, tracer: Stretches) -> None:
 
 
 def _scatter(found: list[tuple[Pairs, Pairs]], through: np.ndarray) -> np.ndarray:
-    """Return by how much means over the rays of a pixel may be off: what is in front has edges."""
+    """Return the error of means over the rays of a pixel, due to edges of layers."""
     seen = [shown.emission - through[:, None] * bare.emission for shown, bare in found]
     low, high = (functools.reduce(extreme, seen) for extreme in (np.minimum, np.maximum))
     return left_of_edges((high - low).max(axis=1), len(found))
 
 
 def _folded(placed: Layers, count: np.ndarray, ways: Pairs) -> tuple[Pairs, Pairs]:
-    """Return what is seen up to the last layer of each pixel, with layers, and without any.
+    """Return each pixel's path up to its last layer, with layers and without.
 
-    Errors of the first are those of the light of layers alone: of how much of it comes through.
+    The errors of the first contain only the light of layers, due to its uncertain attenuation.
     """
     dim, bright = np.zeros_like(ways.error), np.zeros_like(ways.error)
     dim[:, 1:2] = ways.error[:, 1:2]
@@ -305,10 +306,10 @@ def _put(
     through: np.ndarray,
     tracer: Stretches,
 ) -> None:
-    """Put what layers show into pixels, in front of what they let through of the rest.
+    """Composite layers in front of the attenuated rest of the pixels.
 
-    Every way to a layer counts by at most 1 - `through`, and so do its errors. To them comes how
-    far the light of layers may be off, since it is dimmed on its way.
+    Every stretch in front of a layer has a weight of at most 1 - `through`, and so do its errors.
+    The error of the attenuation of layers' light is added.
     """
     (ny, nx, channels), (*_, dims) = planes.emission.shape, planes.transparency.shape
     whole, clear = planes.emission.reshape(-1, channels), planes.transparency.reshape(-1, dims)

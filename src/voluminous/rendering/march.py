@@ -15,10 +15,10 @@ from ..schemes.path import Path, most, over
 
 @dataclass
 class Cutoff:
-    """When a front-to-back ray stops: what is behind can no longer matter.
+    """Criterion at which a front-to-back ray stops because the rest is negligible.
 
-    A ray stops where ``transparency · behind < Σ weight · emission + least``: `behind` bounds what
-    can come from behind, and the sum is an allowed fraction of what the ray has gathered. With
+    A ray stops where ``transparency · behind < Σ weight · emission + least``: `behind` bounds the
+    intensity from behind, and the sum is an allowed fraction of the intensity gathered so far. With
     ``behind = 1`` and no weights it stops at transparency `least`.
     """
 
@@ -37,14 +37,14 @@ class Cutoff:
 
 @dataclass
 class RayState:
-    """What rays have gathered, handed from one piece of a domain to the next.
+    """State of rays, passed from one piece of a domain to the next.
 
     Attributes
     ----------
     path : Path
         Emission and transparency so far.
     carried : list of arrays or None
-        What the scheme carries from segment to segment; None before the first piece.
+        The scheme's state, carried from segment to segment; None before the first piece.
     begun : array of Bool or None
         Lanes that have entered a piece; the scheme starts the others where they enter.
     over : array of Bool or None
@@ -76,7 +76,7 @@ def march(
     cutoff: Cutoff | None,
     backward: bool,
 ) -> MarchState:
-    """Follow rays through the volume and return where they end, and what they have gathered.
+    """Trace rays through the volume and return their final state.
 
     The cursor of a ray that stopped early is still inside.
     """
@@ -96,8 +96,8 @@ def march(
         segment.backward = backward
         solution, carried = scheme.solve(segment, source, state.carried)
         front, back = (solution, state.path) if backward else (state.path, solution)
-        # The path BEFORE this segment is tested: the next look-up then need not wait for this
-        # segment's exponential (first order: 32 instead of 43 ms; one segment more is harmless).
+        # The path BEFORE this segment is tested, so that the next look-up need not wait for this
+        # segment's exponential (first order: 32 instead of 43 ms; one more segment is harmless).
         reached = never if cutoff is None else cutoff.reached(state.path)
         return (MarchState(cursor, carried, over(front, back), reached),)
 
@@ -105,7 +105,7 @@ def march(
     way = Way(walk, track, source.blocks) if leaps else None
 
     def visit(state: MarchState) -> tuple[MarchState]:
-        """Cross what is empty, then the block, or the cells up to a gap, where something is."""
+        """Skip empty space, then cross the block, or the cells up to a gap, that may be visible."""
         found: Landing
         if way is not None:
             found = leap(way, state.cursor)
@@ -119,8 +119,8 @@ def march(
 
         entered = MarchState(found.cursor, carried, state.path, state.over)
         if leaps and source.blocks.coarse:
-            # One step crosses most blocks: a loop over them takes longer than looking again where
-            # it does not (core, 100³: 20 ms with it, 17 ms without).
+            # One step crosses most blocks: a loop over their cells takes longer than returning to
+            # the outer loop (core, 100³: 20 ms with it, 17 ms without).
             (left,) = step(entered)
             return (dr.select(going_on(entered), left, entered),)
         (left,) = dr.while_loop((entered,), within, step, label=f"{scheme.name} cells")
@@ -132,6 +132,6 @@ def march(
 
 
 def hand_on(before: RayState, entered: Mask, after: MarchState) -> RayState:
-    """Return what rays take to the next piece, with the lanes that `entered` this one."""
+    """Return the rays' state for the next piece, given the lanes that `entered` this one."""
     begun = entered if before.begun is None else before.begun | entered
     return RayState(after.path, after.carried, begun, after.over)

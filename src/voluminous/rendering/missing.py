@@ -1,8 +1,8 @@
-"""Missing values: what lies around them goes on into them, and they are hidden.
+"""Missing values: they are filled from their neighbours, and their cells are hidden.
 
-A cell is missing where a field that the medium looks at is NaN there. Fields are interpolated
-between cells, so a value is put in its place, the mean of those that touch it: the neighbours look
-as if the field went on evenly. The cell itself is then hidden (`hidden`).
+A cell is missing where a field that the medium uses is NaN. Fields are interpolated between cells,
+so a missing value is replaced by the mean of the cells that touch it, and the neighbours look as if
+the field continued evenly. The cell itself is then hidden (`hidden`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class HiddenCells:
-    """Which cells show nothing, one bit each.
+    """A bit mask of cells that are hidden.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ class HiddenCells:
         self.words = np.pad(packed, (0, -len(packed) % 4)).view("<u4")
 
     def on(self, backend: Backend) -> Any:
-        """Return the bits where kernels find them."""
+        """Return the bits as a device array."""
         return backend.UInt(np.ascontiguousarray(self.words, np.uint32))
 
 
 def through_cells(walk: Any, grid: Grid, backend: Backend) -> Any:
-    """Return a walk whose segments lie in one cell of the grid each."""
+    """Return a walk whose segments each lie in one cell of the grid."""
     return walk if walk.in_cells else TwoWalks(walk, grid.walk(backend))
 
 
@@ -83,25 +83,25 @@ class Hiding(Scheme):
         return dr.select(hidden, nothing, found), dr.select(hidden, beyond, onward)
 
 
-# Cells looked at at once.
+# Cells processed at once.
 _CHUNK = 1 << 20
-# How far beyond a cell's walls its neighbours are looked for, in its widths.
+# Distance beyond a cell's centre at which its neighbours are located, in its widths.
 _BEYOND = 0.5 + 2.0**-6
 _AROUND = [way for way in itertools.product((-1, 0, 1), repeat=3) if any(way)]
 
 
 @dataclass
 class Completed:
-    """A volume without missing values in the fields that are looked at.
+    """A volume with missing values filled in the fields that are used.
 
     Attributes
     ----------
     cache : Cache
-        What was made of it before.
+        Cache of the results for this volume.
     hidden : HiddenCells or None
-        The cells in which something was missing.
+        The cells in which a value was missing.
     counts : dict of str to int
-        How many values each field lacks.
+        Number of missing values in each field.
     """
 
     volume: Volume
@@ -111,7 +111,7 @@ class Completed:
 
 
 def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
-    """Return the volume with values in place of those that are missing; itself if none is."""
+    """Return the volume with missing values filled; the volume itself if none is missing."""
     volume = cache.volume
     fields = sorted(volume.given(names))
     if hashed:
@@ -127,14 +127,14 @@ def complete(cache: Cache, names: Any, hashed: bool) -> Completed:
 
 
 def _all_finite(volume: Volume, name: str, cache: Any) -> bool:
-    """Return whether a field has a value everywhere: its least and largest tell."""
+    """Return whether a field has a value everywhere, judged by its least and largest."""
     if volume.array(name).dtype.kind != "f":
         return True
     return bool(np.all(np.isfinite(cache.statistics.extremes(name))))
 
 
 def _complete(volume: Volume, names: list[str]) -> tuple[Any, HiddenCells, dict[str, int]]:
-    """Return the volume with values everywhere, the cells that lack some, and how many."""
+    """Return the filled volume, its incomplete cells, and the number of missing values."""
     missing, counts, arrays = np.zeros(volume.grid.size, bool), {}, {}
     for name in names:
         array = volume.array(name)
@@ -167,9 +167,9 @@ def _check_finite(volume: Volume, name: str, missing: np.ndarray) -> None:
 
 
 def filled(grid: Grid, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
-    """Return a field with the mean of what touches them in its missing cells.
+    """Return a field whose missing cells hold the mean of the cells that touch them.
 
-    Cells that touch none with a value get the mean of the field: nothing shows it.
+    Cells without a valid neighbour get the mean of the field; they are not visible.
     """
     out = array.copy()
     flat = out.reshape(-1)
@@ -182,7 +182,7 @@ def filled(grid: Grid, array: np.ndarray, missing: np.ndarray) -> np.ndarray:
 def _boxes(
     grid: Grid, array: np.ndarray, missing: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield missing cells with others around, and the means of these: boxes of 3 x 3 x 3."""
+    """Yield missing cells with valid neighbours, and the neighbours' means: boxes of 3 x 3 x 3."""
     gone = missing.reshape(array.shape)
     plane = array[0].size
     step = max(1, _CHUNK // plane)
@@ -211,7 +211,7 @@ def _box_sums(values: np.ndarray) -> np.ndarray:
 def _located(
     grid: Grid, array: np.ndarray, missing: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield missing cells with others around, and the means of these: cells of any size."""
+    """Yield missing cells with valid neighbours, and the neighbours' means: cells of any size."""
     step = _CHUNK >> 4
     for first in range(0, grid.size, step):
         last = min(first + step, grid.size)

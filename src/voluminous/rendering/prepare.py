@@ -51,7 +51,7 @@ def prepare(
     antialias: str | None = None,
     progress: Progress = None,
 ) -> tuple[RenderJob, dict[str, int]]:
-    """Return everything a picture is made of, and how many values each field lacks.
+    """Return everything that a picture needs, and the number of missing values in each field.
 
     See `voluminous.render` for the arguments and errors.
     """
@@ -102,18 +102,18 @@ def prepare(
 
 
 def _is_fine(scheme: Any, tolerance: float | None, device: str) -> bool:
-    """Return whether a tolerance is asked for that rounding in single precision exceeds."""
+    """Return whether the requested tolerance is below the rounding error of single precision."""
     asked = check_tolerance(tolerance) if scheme.controlled else 1.0
     return asked < FINEST_SINGLE and device != "metal"
 
 
 def _usual_scheme(medium: Medium) -> str:
-    """Return the scheme for a medium where none is given: between labels there are no others."""
+    """Return the default scheme of a medium: labels must not be interpolated."""
     return "first-order" if medium.discrete else "post-classified"
 
 
 def _check_units(volume: Volume, medium: Medium) -> None:
-    """Refuse expressions that are not in plain numbers: those of media that others have written."""
+    """Refuse expressions with units; only media defined outside this package can have them."""
     for expr in (feature.expr for feature in medium.known_features()):
         if volume.without_units(expr) is not expr:
             raise UnitsError(
@@ -123,7 +123,7 @@ def _check_units(volume: Volume, medium: Medium) -> None:
 
 
 def _double_for_fields(completed: Completed, medium: Medium) -> bool:
-    """Return True if single precision cannot tell apart what the medium looks at."""
+    """Return True if single precision cannot resolve the fields that the medium uses."""
     cache = completed.cache
     widths = plain_widths(completed.volume, medium.known_features())
     told = tuple((expr.text, least) for expr, least in widths)

@@ -16,18 +16,19 @@ if TYPE_CHECKING:
     from .tracer import Paths, RayTracer
 
 
-# What one segment may be off by, as a fraction of what a pixel may; lower in every round.
+# Error allowed in one segment, as a fraction of a pixel's; smaller in every round.
 _SHARES = (0.05, 0.01, 0.002)
-# So many pixels tell how bright a picture is, if it has at least a few times as many. Of shells in
-# real data half of the pixels were drawn twice without that: 1.1 s in place of 1.7, 1.5 of 2.4.
+# Number of pixels that estimate the brightness of a picture, if it has at least a few times as
+# many. Without the estimate half of the pixels of shells in real data were drawn twice: it takes
+# 1.1 s instead of 1.7, and 1.5 instead of 2.4.
 _SAMPLES, _WORTHWHILE = 2500, 4
-# Where the brightest of them is so many times as bright as nearly all others, it may be beside a
-# peak that is brighter still.
+# If the brightest sample exceeds nearly all others by this factor, it may be beside a peak that is
+# brighter still.
 _PEAK = 3.0
-# Rounding of a path of many segments, as a fraction of its brightness.
+# Rounding error of a path of many segments, as a fraction of its brightness.
 _ROUNDING = {"single": 3e-6, "double": 1e-14}
-# What is that much fainter than the brightest pixel may be lost to underflow: e.g. far outside of a
-# Gaussian, where pixels are black that are not in truth.
+# Underflow may remove light below this fraction of the brightest pixel: e.g. far outside of a
+# Gaussian pixels are black that should not be.
 _UNDERFLOW = 1e-12
 
 
@@ -40,7 +41,7 @@ def render_to_tolerance(
 ) -> Generator[Traced, None, tuple[Paths, bool]]:
     """Trace all pixels, then those again whose errors exceed the tolerance; yield each batch.
 
-    Returns the paths, and False if the medium's faint places, which are left out, may show more.
+    Returns the paths, and False if the medium's faint places, which were skipped, may be visible.
     The errors are those of segments; `add_rounding_error` adds the others.
     """
     source = tracer.source
@@ -65,9 +66,9 @@ def render_to_tolerance(
 def mend(
     tracer: RayTracer, paths: Paths, tolerance: float, scale: Any, behind: Any, share: float
 ) -> np.ndarray | None:
-    """Trace pixels that are off by too much again, each segment with a share of the tolerance.
+    """Trace pixels with too large an error again, each segment with a share of the tolerance.
 
-    Returns their flat numbers; None if there are none.
+    Returns their flat indices; None if there are none.
     """
     wrong = _too_wrong(tracer, paths, tolerance, scale, behind)
     if not len(wrong):
@@ -78,22 +79,22 @@ def mend(
 
 
 def in_kernel_unit(background: float, unit: float) -> Any:
-    """Return a background in a unit: in double precision where its products may need it."""
+    """Return a background in the kernel's unit, in double precision if its products need it."""
     found = background / unit
     return found if fits_single(found) else np.float64(found)
 
 
 def _brightness(tracer: RayTracer, paths: Paths, behind: Any) -> Any:
-    """Return how bright pixels are in their brightest channels, in the kernel's unit."""
+    """Return the brightness of pixels in their brightest channels, in the kernel's unit."""
     seen = tracer.source.numbers.brightest_channel(paths.emission)
     through = functools.reduce(np.maximum, paths.transparency)
-    # What emits nothing, or as much as it takes away, is compared with what it is made of.
+    # A picture without net emission is compared with the sum of magnitudes along the ray.
     bright = seen + through * behind
     return bright if np.any(bright) else paths.error[2]
 
 
 def estimate_scale(tracer: RayTracer, behind: Any) -> float:
-    """Return the brightness of the brightest of some pixels, whatever their errors; 0 of few."""
+    """Return the maximum brightness of a sample of pixels at any error; 0 for a small picture."""
     tracer.source.allow(np.inf, np.inf, 1.0)
     nx, ny = tracer.job.frame.pixels
     if nx * ny < _WORTHWHILE * _SAMPLES:
@@ -120,9 +121,9 @@ def _around(pixel: int, step: int, nx: int, ny: int) -> np.ndarray:
 def _too_wrong(
     tracer: RayTracer, paths: Paths, tolerance: float, scale: Any, behind: Any
 ) -> np.ndarray:
-    """Return which pixels are off by more than the tolerance, rounding included.
+    """Return which pixels exceed the tolerance, rounding included.
 
-    Up to half of the tolerance: where rounding alone exceeds it nothing is gained by more panels.
+    Rounding counts up to half of the tolerance: where it alone exceeds it more panels do not help.
     """
     wrong, dim, _ = paths.error
     floor, dim_floor = _floor(tracer, paths)
@@ -131,7 +132,7 @@ def _too_wrong(
 
 
 def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
-    """Add to the errors what rounding, underflow, faint places and early ends may have lost."""
+    """Add the errors due to rounding, underflow, skipped faint places and early termination."""
     wrong, dim, _ = paths.error
     floor, dim_floor = _floor(tracer, paths)
     wrong += floor
@@ -139,22 +140,22 @@ def add_rounding_error(tracer: RayTracer, paths: Paths) -> None:
 
 
 def _floor(tracer: RayTracer, paths: Paths) -> tuple[np.ndarray, float]:
-    """Return what emission and transparency may be off by besides the errors of segments."""
+    """Return the errors of emission and transparency besides those of segments."""
     brightness = paths.error[2]
     lost = _UNDERFLOW * float(np.max(brightness, initial=0.0)) + _flushed(tracer)
     floor = fixed_relative_error(tracer) * brightness + (tracer.source.neglected + lost)
-    # Of what is behind, rays that stop early say so by their transparency.
+    # For rays that stop early, the transparency states how much of the background is missing.
     return floor, _ROUNDING[tracer.backend.precision] + tracer.source.neglected_depth
 
 
 def _flushed(tracer: RayTracer) -> float:
-    """Return what may be lost because sums that are smaller count as zero: colours are near one."""
+    """Return a bound of sums that were clamped to zero, given that colours are near one."""
     sums = tracer.source.numbers.emissions + 1
     return 2.0 * sums * MARGIN * float(np.finfo(tracer.backend.dtype).tiny)
 
 
 def fixed_relative_error(tracer: RayTracer) -> float:
-    """Return what rounding, cubics and early ends may have lost, as a fraction of brightness."""
+    """Return the relative error due to rounding, cubics and early termination."""
     lost = _ROUNDING[tracer.backend.precision]
     if tracer.ending is not None:
         lost += tracer.job.early_error
@@ -164,5 +165,5 @@ def fixed_relative_error(tracer: RayTracer) -> float:
 
 
 def total_error(paths: Paths, background: float) -> Any:
-    """Return how far intensities in front of a background may be off."""
+    """Return the error of intensities in front of a background."""
     return paths.error[0] + paths.error[1] * background

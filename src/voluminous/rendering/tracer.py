@@ -1,4 +1,4 @@
-"""Rays through pixels, in batches: marched, and gathered into one array per number of a path."""
+"""Traces rays through pixels in batches, and stores each component of the paths in one array."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
     from .job import RenderJob
 
 
-# Sums below so many times the smallest normal number count as zero: they may have lost subnormal
-# terms, and with how many threads, decides.
+# Sums below this multiple of the smallest normal number count as zero: they may have lost subnormal
+# terms, depending on the number of threads.
 MARGIN = 2.0**36
 
 
 @dataclass
 class RayBatch:
-    """Rays that are followed together.
+    """Rays that are traced together.
 
     Attributes
     ----------
     lanes : Lanes
         The rays.
     offset : (float, float)
-        Where in pixels they go through, besides.
+        Additional offset within the pixels.
     first : int
-        The place of the first one's results.
+        Index of the first ray's results.
     whole : (int, int), optional
-        The pixels of the picture, where these are the lanes of all of it, kept.
+        The pixels of the picture, if the lanes are cached and cover all of it.
     """
 
     lanes: Lanes
@@ -53,18 +53,18 @@ class RayBatch:
 
 @dataclass
 class RayInputs:
-    """What changes from picture to picture: arrays of one number each.
+    """Kernel inputs that change from picture to picture: arrays of one number each.
 
     Attributes
     ----------
     vectors : list of lists of arrays
-        The camera's.
+        The camera's vectors.
     places : list of [array, array]
-        Along both axes: the width of a pixel, and where the middle of the picture is.
+        Along both axes: the width of a pixel, and the position of the picture's centre.
     ending : Cutoff or None
         When rays stop.
     tolerance : tuple of arrays
-        What a segment may be off by, of schemes that control it.
+        Error allowed in a segment, for schemes with error control.
     """
 
     vectors: list[list[Any]]
@@ -74,7 +74,7 @@ class RayInputs:
 
 
 class BatchResult:
-    """What rays find, and where they stopped early: computed when, and whenever, it is written."""
+    """Unevaluated results of a ray batch; evaluated by each call of `write`."""
 
     def __init__(self, path: Path, early: Any, lanes: Lanes) -> None:
         numbers = path.emission + path.transparency + path.depth + path.error
@@ -84,9 +84,9 @@ class BatchResult:
         self.lanes, self.path = lanes, path
 
     def write(self, rows: list[Any], first: int) -> None:
-        """Write all numbers to where they belong, the results of the first ray to a place."""
-        # Dr.Jit puts what belongs to an older scope first: kernels would differ between what was
-        # traced now and before. What another thread traced has to be in one.
+        """Write all components to the output arrays, the first ray's at index `first`."""
+        # Dr.Jit orders variables by scope: without a new scope, kernels traced now and earlier
+        # would differ. Everything traced by another thread must be in one scope.
         dr.detail.new_scope(dr.backend_v(rows[0]))
         target = self.lanes.target + dr.opaque(type(self.lanes.target), first)
         for row, number in zip(rows, self.numbers, strict=True):
@@ -101,10 +101,10 @@ class Paths:
     Attributes
     ----------
     rows : list of array, shape (n,)
-        One per number of a path. On the CPU they are the memory that kernels wrote to: put into one
-        array they took 2 ms of the 13 of a picture of 400 × 400.
+        One per component of a path. On the CPU they are the memory that kernels wrote to; copying
+        them to one array took 2 ms of the 13 of a picture of 400 × 400.
     counts : (int, int, int)
-        How many emissions, extinctions and errors there are.
+        Number of emissions, extinctions and errors.
     stopped : bool
         Some rays stopped early.
     """
@@ -115,48 +115,48 @@ class Paths:
 
     @property
     def emission(self) -> list[np.ndarray]:
-        """Intensities, in as many rows as there are emissions."""
+        """Intensities, one row per emission."""
         return self.rows[: self.counts[0]]
 
     @property
     def transparency(self) -> list[np.ndarray]:
-        """Transparencies, in as many rows as there are extinctions."""
+        """Transparencies, one row per extinction."""
         first, count, _ = self.counts
         return self.rows[first : first + count]
 
     @property
     def depth(self) -> list[np.ndarray]:
-        """Optical depths, in as many rows as there are extinctions."""
+        """Optical depths, one row per extinction."""
         first, count, _ = self.counts
         return self.rows[first + count : first + 2 * count]
 
     @property
     def error(self) -> list[np.ndarray]:
-        """What is known of errors; see `schemes.path.Path`."""
+        """Errors; see `schemes.path.Path`."""
         first, count, _ = self.counts
         return self.rows[first + 2 * count :]
 
     def some(self, index: np.ndarray) -> Paths:
-        """Return some of the rays."""
+        """Return a subset of the rays."""
         return _mapped(lambda row: row[index], [self])
 
     def put(self, index: np.ndarray, new: Paths) -> None:
-        """Put others in the place of some rays."""
+        """Replace a subset of the rays."""
         for row, values in zip(self.rows, new.rows, strict=True):
             row[index] = values
         self.stopped |= new.stopped
 
     def plus(self, other: Paths) -> Paths:
-        """Return the sums of two paths each."""
+        """Return the sums with other paths, ray by ray."""
         return _mapped(np.add, [self, other])
 
     def times(self, factor: float) -> Paths:
-        """Return all numbers times a factor."""
+        """Return the paths with all components multiplied by a factor."""
         return _mapped(lambda row: row * factor, [self])
 
 
 def mean(found: Iterable[Paths]) -> Paths:
-    """Return the means of several sets of paths."""
+    """Return the mean of several sets of paths."""
     total, count = None, 0
     for one in found:
         total, count = one if total is None else total.plus(one), count + 1
@@ -171,7 +171,7 @@ def _mapped(function: Callable[..., np.ndarray], paths: Sequence[Paths]) -> Path
 
 @dataclass
 class Traced:
-    """What a batch has traced: flat numbers of pixels, and the paths of the whole picture so far.
+    """Result of a batch: flat indices of its pixels, and the paths of the whole picture so far.
 
     Paths of pixels that have not been traced yet hold zeros.
     """
@@ -184,7 +184,7 @@ Result = TypeVar("Result")
 
 
 def exhausted(batches: Generator[Traced, None, Result]) -> Result:
-    """Return what a generator of batches returns in the end."""
+    """Return the return value of a generator of batches."""
     while True:
         try:
             next(batches)
@@ -193,19 +193,19 @@ def exhausted(batches: Generator[Traced, None, Result]) -> Result:
             return result
 
 
-# Cells crossed per kernel launch, at most: a fraction of a second, so that Ctrl-C is heard.
+# Maximum number of cells crossed per kernel launch: a fraction of a second, so that Ctrl-C works.
 _STEPS_PER_BATCH = 5e7
-# Rays of the first of batches that are limited in time.
+# Rays in the first batch, if batches are limited in time.
 _FIRST_LANES = 1 << 13
 
 
 class RayTracer:
-    """A job's rays, ready to be marched through its source.
+    """Traces a job's rays through its source.
 
     Attributes
     ----------
     kernels : KernelCache or None
-        Where what is traced is kept, to be launched again.
+        Cache of traced batches, which can be launched again.
     """
 
     def __init__(self, job: RenderJob, source: Any, brightest_background: float) -> None:
@@ -234,7 +234,7 @@ class RayTracer:
     def batches(
         self, seconds: float | None = None, focus: tuple[float, float] | None = None
     ) -> Generator[Traced, None, Paths]:
-        """Trace all pixels: yield what each batch has traced, and return all paths at last."""
+        """Trace all pixels: yield the result of each batch, and return all paths at the end."""
         total: Paths | None = None
         offsets = subpixel_offsets(self.job.samples)
         for offset in offsets:
@@ -271,7 +271,7 @@ class RayTracer:
         return buffers.paths()
 
     def pixels(self, pixel: np.ndarray) -> Paths:
-        """Return the mean paths of some pixels, given by their flat numbers."""
+        """Return the mean paths of some pixels, given by their flat indices."""
         offsets = subpixel_offsets(self.job.samples)
         return mean(
             self.rays(pixel, np.full(len(pixel), du), np.full(len(pixel), dv)) for du, dv in offsets
@@ -287,7 +287,7 @@ class RayTracer:
         return gathered.paths()
 
     def ray_through(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Ray:
-        """Return single rays themselves, on at least two lanes; see `rays`."""
+        """Return the rays themselves, on at least two lanes; see `rays`."""
         return self._ray(self._lanes(pixel, du, dv))
 
     def _lanes(self, pixel: np.ndarray, du: np.ndarray, dv: np.ndarray) -> Lanes:
@@ -299,21 +299,21 @@ class RayTracer:
             found.write(gathered.rows, batch.first)
 
     def within(self, batch: RayBatch) -> list[Any]:
-        """Return where in pixels the rays of a batch go through, as run-time numbers."""
+        """Return the offset of a batch's rays within pixels, as run-time numbers."""
         return [self.backend.wide(o) for o in batch.offset]
 
     def found(self, lanes: Lanes, within: list[Any]) -> BatchResult:
-        """Return what rays find: traced, not computed."""
+        """Return the traced, unevaluated results of rays."""
         state = self._followed(self._ray(lanes, within))
         return BatchResult(state.path, state.cursor.inside, lanes)
 
     @property
     def numbers(self) -> RayInputs:
-        """All that a kernel reads besides what belongs to walk, source and scheme."""
+        """Return all kernel inputs except those of walk, source and scheme."""
         return RayInputs(self.vectors, self.places, self.ending, self.source.tolerance)
 
     def reading(self, numbers: RayInputs) -> RayTracer:
-        """Return the same rays, but for the arrays that kernels read numbers from."""
+        """Return a copy of this tracer whose kernels read other input arrays."""
         other = copy.copy(self)
         other.vectors, other.places, other.ending = numbers.vectors, numbers.places, numbers.ending
         if numbers.tolerance:
@@ -329,17 +329,17 @@ class RayTracer:
             raise innermost(error) from None
 
     def nothing(self) -> Path:
-        """Return what a ray has gathered at first."""
+        """Return the initial path of a ray."""
         return empty_path(self.backend.Float, *self.counts)
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """How many emissions, extinctions and errors a path has."""
+        """Number of emissions, extinctions and errors of a path."""
         numbers = self.source.numbers
         return numbers.emissions, numbers.extinctions, 3 if self.job.scheme.controlled else 0
 
     def _ray(self, lanes: Lanes, within: Sequence[Any] | None = None) -> Ray:
-        """Return the rays through places in pixels; lanes that are no rays have none."""
+        """Return the rays through positions in pixels; lanes without a ray are inactive."""
         within = within or [self.backend.wide(0.0)] * 2
         u, v = (
             dr.fma(place + o, step, shift)
@@ -366,10 +366,10 @@ class RayTracer:
 
 
 def _share_of_steps(blocks: Any) -> float:
-    """Return about how many steps rays take, of those through all cells.
+    """Return an estimate of the number of steps, relative to rays through all cells.
 
-    Few in empty space, and where steps are wide: fewer, longer batches then (512³, a thin shell: 20
-    batches took 0.27 s, 2 take 0.22 s).
+    Rays take fewer steps in empty space and where steps are wide. Batches are then fewer and longer
+    (512³, a thin shell: 20 batches took 0.27 s, 2 take 0.22 s).
     """
     if blocks is None:
         return 1.0
@@ -377,9 +377,9 @@ def _share_of_steps(blocks: Any) -> float:
 
 
 class OutputBuffers:
-    """Numbers of paths, one device array each, and at last where rays stopped early.
+    """Device arrays for the components of paths, and a last one that marks rays that stopped early.
 
-    Every place is written once: only those that are read before that need zeros (`partial`).
+    Every element is written once. Zeros are needed only if elements are read before (`partial`).
     """
 
     def __init__(self, tracer: RayTracer, count: int, *, partial: bool = False) -> None:
@@ -390,37 +390,39 @@ class OutputBuffers:
         self.rows = [make(tracer.backend.Float, count) for _ in range(total)]
 
     def paths(self) -> Paths:
-        """Return all of them."""
+        """Copy the arrays to the host."""
         *rows, early = (row.numpy() for row in self.rows)
         return Paths(rows, self.counts, self.ending is not None and bool(np.any(early)))
 
 
 def innermost(error: BaseException) -> BaseException:
-    """Return what went wrong inside a traced loop: Dr.Jit wraps it once for every loop around."""
+    """Return the original error of a traced loop: Dr.Jit wraps it once per enclosing loop."""
     while isinstance(error, RuntimeError) and error.__cause__ is not None:
         error = error.__cause__
     return error
 
 
 def reverse(ray: Ray) -> Any:
-    """Return rays that run the other way, towards the camera."""
+    """Return the reversed rays, towards the camera."""
     last = None if ray.first is None else -ray.first
     first = None if ray.last is None else -ray.last
     away = [-d for d in ray.direction]
     return replace(ray, direction=away, first=first, last=last)
 
 
-# Of more rays, if they are not a whole picture's, tracing is a small part; lanes take memory.
+# With more rays, unless they are a whole picture's, tracing is a small part of the time, and cached
+# lanes take memory.
 _MOST_RAYS = 1 << 16
-# Different batches that are kept.
+# Maximum number of batches in the cache.
 _KEPT = 8
 
 
 class KernelCache:
-    """Traced batches of pictures that differ in their `RayInputs` alone.
+    """Traced batches, for pictures that differ in their `RayInputs` alone.
 
-    Of 12.3 ms that the core (100³, 400², without error control) takes so, tracing took 2.4 more; of
-    70 ms with error control, where some pixels are drawn first, 8.
+    With the cache the core (100³, 400², without error control) takes 12.3 ms; tracing took 2.4 ms
+    more. With error control, where some pixels are traced first, tracing took 8 ms in addition to
+    70.
     """
 
     def __init__(self) -> None:
@@ -428,10 +430,10 @@ class KernelCache:
         self._lock = threading.Lock()
 
     def draw(self, tracer: RayTracer, batch: RayBatch, rows: list[Any]) -> bool:
-        """Follow the rays of a batch, and write what they find, if that is known already.
+        """Trace a batch with its cached kernel and write the results.
 
-        Returns False, and does nothing, where a batch is new, since most are drawn once, or large,
-        and where another thread draws the same.
+        Returns False, and does nothing, if the batch is new (most are traced only once) or large,
+        or if another thread is tracing.
         """
         many = len(batch.lanes.target) > _MOST_RAYS and batch.whole is None
         if many or not self._lock.acquire(blocking=False):
@@ -459,7 +461,7 @@ class KernelCache:
 
 
 class CompiledBatch:
-    """A batch that was traced, and memory of its own that its kernel reads numbers from."""
+    """A traced batch, with separate memory for its kernel's inputs."""
 
     def __init__(self, tracer: RayTracer, batch: RayBatch) -> None:
         self.read = clone_inputs(_read(tracer, batch))

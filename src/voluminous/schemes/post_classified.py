@@ -1,12 +1,12 @@
-"""Post-classified: fields are interpolated along the ray, and classified there.
+"""Post-classified: fields are interpolated along the ray, and the medium is evaluated there.
 
-Between cell centres a field is trilinear, so along a segment it is a cubic. Where a medium is
-smooth along a whole segment, four samples give its integral and a bound of their error. Elsewhere
-a segment is cut into panels: each is as wide as the medium lets it be, and ends where the medium
-has an edge. A panel is solved with more samples; or, with the medium's scalars nearly linear on it,
-in closed form (`Medium.means`) and by step doubling (`step_doubling`): where the medium is not
-smooth, where only the front of a panel shows, where its scalars are linear and closed forms exact,
-and where there were too many panels.
+Between cell centres a field is trilinear, so it is a cubic along a segment. Where the medium is
+smooth along a whole segment, four samples give its integral and a bound of the error. Elsewhere the
+segment is cut into panels with adaptive widths that end at the edges (discontinuities) of the
+medium. A panel is solved with more samples, or in closed form (`Medium.means`) with the medium's
+scalars nearly linear on it, and step doubling (`step_doubling`). The closed form is used where the
+medium is not smooth, where only the front of a panel is visible, where its scalars are linear (the
+closed form is then exact), and where there were too many panels.
 """
 
 from __future__ import annotations
@@ -28,27 +28,29 @@ from .step_doubling import ErrorBudget, solve_with_error
 if TYPE_CHECKING:
     from ..media.stretch import Stretch
 
-# The fields along a segment as polynomials, and the scalars at places of it, its ends among them.
+# The fields along a segment as polynomials; the scalars at positions on it, both ends included.
 Polynomials = dict[str, list[Float]]
 Values = list[list[Float]]
 
-# Panels are not made narrower than this fraction of a segment. With 2^-8 in single precision, three
-# surfaces of noise in a 500th of a cell were off by 0.1 of the maximum, in more time; where panels
-# at jumps of gates stopped there, in 0.7 of the time, 4 to 28 % of pixels were beyond their error.
+# Panels are not narrower than this fraction of a segment. With 2^-8 in single precision, three
+# surfaces of noise in a 500th of a cell had errors of 0.1 of the maximum, in more time; where
+# panels at jumps of gates stopped there, in 0.7 of the time, 4 to 28 % of pixels exceeded their
+# error.
 _NARROWEST = 2.0**-14
 # A panel this narrow that evaluates to NaN will not improve by halving: with a negative extinction
 # pictures of 20 x 20 pixels took minutes until they were refused.
 _NOT_FINITE = 2.0**-4
-# Scalars are linear along a segment if their slope changes by less than this part of it.
+# Scalars are linear along a segment if their slope changes by less than this fraction.
 _STRAIGHT = 0.01
-# Shells this much thinner than a segment are not sampled: closed forms have no width that is too
-# small. Shells of noise as wide as a third to a thirtieth of a cell take a half to a quarter of the
-# time with samples.
+# Shells thinner than this fraction of a segment are not sampled; closed forms have no minimum
+# width. With samples, shells of noise as wide as a third to a thirtieth of a cell take a half to a
+# quarter of the time.
 _SAMPLED = 2.0**-6
-# Optical depths of segments that are not sampled: attenuation by samples is that of thin panels.
+# Segments with a larger optical depth are not sampled: samples assume the attenuation of thin
+# panels.
 _DENSE = 2.0
-# How far behind an edge a panel ends, as a part of the segment: beyond its rounding. With 2^-16 in
-# single precision shells behind gates were off by up to 1e-4 of the maximum.
+# A panel ends this far behind an edge, as a fraction of the segment: more than its rounding error.
+# With 2^-16 in single precision shells behind gates had errors of up to 1e-4 of the maximum.
 _BEHIND = {"single": 2.0**-20, "double": 2.0**-32}
 
 
@@ -61,7 +63,7 @@ class PostClassified(Scheme):
     controlled = True
 
     def start(self, position: Position, source: Any) -> list[Float]:
-        """Carry the scalars where the ray is (not computed yet: NaN), and the error budget."""
+        """Carry the scalars at the ray's position (NaN: not computed yet), and the error budget."""
         unknown = source.context.real(math.nan)
         real = source.backend.Float
         return [*(unknown for _ in source.scalars), real(1), real(0)]
@@ -73,7 +75,7 @@ class PostClassified(Scheme):
         return [*(dr.select(moved, math.nan, x) for x in scalars), through, used]
 
     def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        """Go on with the scalars as they are there; what is not seen dims nothing."""
+        """Continue with the scalars after the hidden segment, and the budget before it."""
         return [*onward[:-2], *carried[-2:]]
 
     def solve(
@@ -82,7 +84,8 @@ class PostClassified(Scheme):
         *scalars, through, used = carried
         budget = ErrorBudget(through, used)
         cubics = source.along(segment).polynomials()
-        # Closely only where something may show: a shell in the radius takes a sixth of the time so.
+        # First a rough estimate, which restricts the rest to visible segments: a shell in the
+        # radius takes a sixth of the time.
         whole = source.stretch(cubics, segment.length, rough=True)
         for expr, before in zip(source.scalars, scalars, strict=True):
             fresh = whole.scalar(expr, 0.0)
@@ -161,7 +164,7 @@ def _good_enough(
 def _stretch(
     source: Any, cubics: Polynomials, values: Values, length: Float, *, rough: bool = False
 ) -> Stretch:
-    """Return a segment's stretch with the values that were computed outside of a branch."""
+    """Return a segment's stretch with the scalars that were computed outside of a branch."""
     whole: Stretch = source.stretch(cubics, length, rough=rough)
     for expr, own in zip(source.scalars, values, strict=True):
         whole.set_known(expr, own)
@@ -174,10 +177,10 @@ def _stretch(
 def sampled_segment(
     source: Any, whole: Stretch, budget: ErrorBudget, backward: bool, *, fine: bool = False
 ) -> tuple[Path, Mask]:
-    """Return a segment solved with means of samples (more of them: `fine`), and where accepted.
+    """Return a segment solved with means of samples (more with `fine`), and where it is accepted.
 
-    Where shells are wider than cells most segments need no more, and take a quarter of the time of
-    three panels that are compared.
+    Where shells are wider than cells most segments need no panels, and take a quarter of the time
+    of comparing three panels.
     """
     (emissivity, extinction), first, last, (off, off_depth) = source.sampled(whole, fine=fine)
     length, brightness = whole.length, source.numbers.brightness
@@ -198,9 +201,10 @@ def sampled_segment(
 
 
 def _ordering(first: Float, last: Float, ahead: Float, length: Float) -> list[Float]:
-    """Return what means miss of the order along the ray, for j and α linear along the segment.
+    """Return what means miss by ignoring the order along the ray, with j and α linear.
 
-    To first order in α: ∫ j(s) (1 - ∫₀ˢ α ds') ds is that of means and L² (j₀ α₁ - j₁ α₀)/12.
+    To first order in α, ∫ j(s) (1 - ∫₀ˢ α ds') ds is the value of the means plus L² (j₀ α₁ - j₁
+    α₀)/12.
     """
     (j_first, a_first), (j_last, a_last) = first, last
     factor = ahead * length * (1.0 / 12.0)
@@ -216,12 +220,12 @@ def _ordering(first: Float, last: Float, ahead: Float, length: Float) -> list[Fl
 
 @dataclass
 class SubPanel:
-    """A segment's fields as polynomials, its length, and a panel of it.
+    """A panel of a segment, with the segment's fields as polynomials and its length.
 
     Attributes
     ----------
     begin, width : array
-        As parts of the segment.
+        As fractions of the segment.
     scalars : list of pairs of arrays
         The medium's scalars at both ends of the panel.
     """
@@ -233,7 +237,7 @@ class SubPanel:
     scalars: Values
 
     def stretch(self, source: Any, *, edgeless: bool = True) -> Stretch:
-        """Return the panel as a stretch; whether edges may be inside is said by the medium."""
+        """Return the panel as a stretch; the medium decides whether edges may be inside."""
         part = self._part(source)
         part.edgeless = edgeless and bool(source.edges)
         for expr, (first, last) in zip(source.scalars, self.scalars, strict=True):
@@ -242,9 +246,10 @@ class SubPanel:
         return part
 
     def ending(self, source: Any, values: Values) -> SubPanel:
-        """Return it with the scalars at its end.
+        """Return the panel with the scalars at its end.
 
-        To the last bit where the next segment begins, lest a crossing be counted twice.
+        At the end of the segment they equal the next segment's to the last bit; otherwise a
+        crossing could be counted twice.
         """
         part, last = self._part(source), self.begin + self.width >= 1.0
         ends = [
@@ -260,10 +265,10 @@ class SubPanel:
 
 
 def next_panel(good: Mask, begin: Float, width: Float, tried: Float) -> tuple[Float, Float]:
-    """Return beginning and width of the next panel, as parts of the segment.
+    """Return beginning and width of the next panel, as fractions of the segment.
 
-    After an accepted one the next is tried twice as wide, if there is room; another is tried again,
-    half as wide. Where it was narrower than `tried`, for an edge, the next is tried that wide.
+    After an accepted panel the width is doubled, if there is room; a rejected panel is halved. If
+    an edge made the panel narrower than `tried`, the next panel has at least that width.
     """
     begin = dr.select(good, begin + width, begin)
     wider = dr.select(2.0 * width > tried, 2.0 * width, tried)
@@ -292,7 +297,7 @@ def _in_panels(
     nothing: Path,
     found: Path,
 ) -> Path:
-    """Return a segment solved in panels, the first as wide as `widest` of it if it can be."""
+    """Return a segment solved in panels; `widest` is the largest width of the first one."""
     real = type(length)
     closed = most(found.depth) > _DENSE
     if source.linear:
@@ -373,7 +378,7 @@ def _surface_alone(
     length: Float,
     nothing: Path,
 ) -> tuple[Path, Mask]:
-    """Return a segment of nothing but surfaces without width, and where there is one at most."""
+    """Return a segment of zero-width surfaces alone, and where it has at most one of them."""
     count, hidden = edges_ahead(whole, source.edges)
     good = ~hidden & (count < 2)
     real = type(length)
@@ -382,9 +387,9 @@ def _surface_alone(
 
 
 def _up_to_edge(source: Any, panel: SubPanel, values: Values) -> tuple[SubPanel, Mask, Mask]:
-    """Return a panel up to the first edge that shows, where there is one, and where some may hide.
+    """Return a panel cut at its first visible edge, and where edges may be hidden.
 
-    It ends just beyond the edge: the next one begins on the other side.
+    It ends just behind the edge; the next panel begins on the other side.
     """
     nowhere = panel.width < 0.0
     if not source.edges:
@@ -408,7 +413,7 @@ def _to_first_edge(
     source: Any, panel: SubPanel, values: Values, nowhere: Mask
 ) -> tuple[SubPanel, Mask, Mask]:
     count, hidden = edges_ahead(panel.stretch(source, edgeless=False), source.edges)
-    # Surfaces without width that are alone in a panel need not be at its end.
+    # A zero-width surface that is alone in a panel need not be at its end.
     panel = dr.if_stmt(
         args=(panel, values),
         cond=count > (1 if source.hollow else 0),
@@ -430,7 +435,7 @@ def _cut(source: Any, panel: SubPanel, values: Values) -> SubPanel:
 
 
 def _with_layer(source: Any, backward: bool, panel: SubPanel, passed: Mask, found: Path) -> Path:
-    """Return a panel with the surfaces without width at its end, where one is passed."""
+    """Return a panel with the zero-width surfaces at its end, where it passes one."""
     if not source.layered:
         return found
     return dr.if_stmt(

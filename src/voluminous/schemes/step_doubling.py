@@ -17,19 +17,19 @@ from .pre_integrated import solve_panel
 if TYPE_CHECKING:
     from ..media.stretch import Panel, Stretch
 
-# Optical depth above which only the front of a panel shows: means over it then say little.
+# Optical depth above which only the front of a panel is visible, so that means over it say little.
 _OPAQUE = 1.0
-# Where one half holds so many times the depth of the other their difference says little of it.
+# Ratio of the halves' optical depths above which their difference says little about the deeper one.
 _LOPSIDED = 4.0
-# Error of such a half, as a fraction of its emission times its absorption: a source that grows
-# from nothing along it gives a sixth.
+# Error of such a half, as a fraction of its emission times its absorption: a source function that
+# grows linearly from zero gives a sixth.
 _WITHIN_HALF = 0.25
 # Safety factor where structures are thinner than a panel. With 5, 99 % of rays through white noise
-# are within their error, whatever the medium; with 2.5 (in 0.9 to 1 of the time) 98 %.
+# are within their error, for any medium; with 2.5 (in 0.9 to 1 of the time) 98 %.
 _SHARP = 5.0
-# Rounding of a panel and its halves, as a fraction of the panel's brightness.
+# Rounding error of a panel and its halves, as a fraction of the panel's brightness.
 _ROUNDING = {"single": 4e-6, "double": 1e-14}
-# A piece of a ray may always be off by this fraction of what the first one may.
+# The error allowed in a piece of a ray is at least this fraction of the first piece's.
 _LEAST = 0.2
 
 
@@ -37,23 +37,23 @@ _LEAST = 0.2
 class ErrorBudget:
     """Error allowed in a piece of a ray, given what lies in front of it along the walk.
 
-    A piece may be off by a share of what is left of a pixel's error, so that the sum stays below it
-    however many there are. With equal shares a tenth to a quarter of the pixels of colormaps in
-    turbulent fields was drawn twice.
+    A piece may use a share of the remaining error of the pixel, so the sum stays below it for any
+    number of pieces. With equal shares a tenth to a quarter of the pixels of colormaps in turbulent
+    fields was drawn twice.
 
     Attributes
     ----------
     transparency : array
-        The largest of that in front; one where the walk goes towards the observer.
+        The largest transparency in front; one where the walk goes towards the observer.
     used : array
-        Error of that in front, as a fraction of what the pixel may be off by.
+        Error in front, as a fraction of the pixel's allowed error.
     """
 
     transparency: Float
     used: Float
 
     def accepts(self, source: Any, wrong: Float, dim: Float) -> tuple[Mask, Mask]:
-        """Return where errors of a piece's emission and transparency are allowed."""
+        """Return where the errors of a piece's emission and transparency are accepted."""
         allowed, allowed_dim, _ = source.tolerance
         left = 1.0 - self.used
         left = dr.select(left > _LEAST, left, _LEAST)
@@ -87,8 +87,8 @@ def solve_with_error(
 ) -> tuple[Path, Mask]:
     """Return a solved panel, and where its error is accepted.
 
-    The panel is solved as one and as two; where both are close the remaining difference is
-    extrapolated away (Richardson 1911). Where `least` it cannot be halved again.
+    The panel is solved as one and as two halves; where both are close the remaining difference is
+    removed by extrapolation (Richardson 1911). Where `least` it cannot be halved again.
     """
     halves = [_solved(source, part.panel(a, b)) for a, b in pairwise(NODES)]
     fine = over(*(halves[::-1] if backward else halves))
@@ -106,7 +106,7 @@ def solve_with_error(
     doubtful = _crowded(parts[0]) | _crowded(parts[1])
     if not source.steady:
         doubtful |= (most(fine.depth) > _OPAQUE) | _lopsided(parts[0], parts[1])
-    # A branch: few panels need it.
+    # In a branch, because few panels need it.
     unsure = dr.if_stmt(
         args=(halves, parts, least),
         cond=doubtful,
@@ -114,10 +114,10 @@ def solve_with_error(
         false_fn=_no_ordering_error,
     )
     error = [brightness(wrong) + unsure, most(dim), brightness(emission)]
-    # Extrapolation may give a little more than everything.
+    # Extrapolation may give an absorption slightly above one.
     transparency = [dr.select(lost > 1.0, 0.0, 1.0 - lost) for lost in through]
     path = Path(emission, transparency, depth, error)
-    # Smaller panels only add rounding to rounding.
+    # Smaller panels would not reduce an error that is due to rounding.
     rounding = _ROUNDING[precision_of(type(unsure))]
     good, good_dim = budget.accepts(source, *error[:2])
     good |= error[0] <= rounding * error[2]
@@ -154,7 +154,7 @@ def _in_parts(source: Any, part: Stretch, halves: list[Path]) -> Halves:
 
 
 def _mixed(halves: Halves) -> Float:
-    """Return the error of panels with several structures: each may dim the other, or none."""
+    """Return the ordering error of panels with several structures: each may dim the others."""
     total: Float = 0.0
     for shares in halves:
         several = _crowded(shares)
@@ -177,10 +177,10 @@ def _absorbed(depth: Float) -> Float:
 
 
 def _hidden_behind(source: Any, halves: list[Path], parts: Halves, least: Mask) -> Float:
-    """Return the error of opaque panels of which only the front shows, the front one first.
+    """Return the error of opaque panels, of which only the front (the first half) is visible.
 
-    Agreement of the halves proves nothing then; where they cannot be narrower, their difference
-    tells how much varies. Structures narrower than a panel do not count: see `_mixed`.
+    Agreement of the halves proves nothing then. Where panels cannot be narrower, the difference of
+    the halves estimates the variation. Structures narrower than a panel do not count: see `_mixed`.
     """
     front, back = halves
     opaque = [_wide_depth(shares) > _OPAQUE for shares in parts]
@@ -197,9 +197,9 @@ def _hidden_behind(source: Any, halves: list[Path], parts: Halves, least: Mask) 
 
 
 def _in_one_half(halves: list[Path], parts: Halves) -> Float:
-    """Return the error of panels of which one half does nearly nothing.
+    """Return the error of panels of which one half is nearly empty.
 
-    The whole then equals the other half: that they agree says nothing of how much varies in it.
+    The whole then equals the other half, and their agreement does not bound the variation in it.
     """
     total: Float = 0.0
     for half, shares, others in zip(halves, parts, parts[::-1], strict=True):
@@ -217,19 +217,19 @@ def _heavier(shares: list[Share], others: list[Share]) -> Mask:
 
 
 def _wide_depth(shares: list[Share]) -> Float:
-    """Return the depth of all that is wider than a half; for the rest see `_mixed`."""
+    """Return the optical depth of all structures wider than a half; for the others see `_mixed`."""
     return sum(dr.select(share.count < 1.0, share.depth, 0.0) for share in shares)
 
 
 def _extrapolated(
     coarse: list[Float], fine: list[Float], thin: Float, bent: Float
 ) -> tuple[list[Float], list[Float]]:
-    """Return the limit of two approximations of second order, and its error.
+    """Return the limit of two second-order approximations, and its error.
 
-    The halves are off by a third of their difference from the whole; that is subtracted, and the
-    whole difference given as the error. Where they differ much, or structures are thinner than a
-    half, there is no order: then the halves count, and more than the difference. `bent` is a
-    relative error that both may share.
+    The error of the halves is a third of their difference from the whole; it is subtracted, and the
+    whole difference is returned as the error. Where they differ much, or structures are thinner
+    than a half, the order is lost: the halves are then returned, with more than the difference as
+    error. `bent` is a relative error that both may share.
     """
     values, errors = [], []
     for c, f in zip(coarse, fine, strict=True):

@@ -15,13 +15,13 @@ import numpy as np
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..box_walk import Side
-from ..contract import Box, Ray, Segment
+from ..contract import CellBox, Ray, Segment
 from ..straight_chord import StraightChord
-from .walk import CartesianWalk, Cursor, Track
+from .walk import CartesianCursor, CartesianTrack, CartesianWalk
 
 
 @dataclass
-class DualTrack(Track):
+class DualTrack(CartesianTrack):
     """Also how mirrored fractions become real ones, the first corner, and the ray itself.
 
     Attributes
@@ -78,13 +78,13 @@ class DualWalk(CartesianWalk):
         backend: Any,
         multiple: int = 1,
         *,
-        box: Box | None = None,
+        box: CellBox | None = None,
     ) -> None:
         self.cells = [len(e) - 1 for e in edges]
         super().__init__([dual_edges(e, multiple) for e in edges], scale, backend, box=box)
         self.faces = [(backend.wide(e[0]), backend.wide(e[-1])) for e in edges]
 
-    def _ends(self, box: Box) -> list[tuple[Any, Any, Any]]:
+    def _ends(self, box: CellBox) -> list[tuple[Any, Any, Any]]:
         # Dual cell i lies between the centres of cells i - 1 and i, the last one beyond them all.
         return [
             tuple(
@@ -94,10 +94,10 @@ class DualWalk(CartesianWalk):
             for low, high, n in zip(box.low, box.high, self.cells, strict=True)
         ]
 
-    def _held(self, box: Box) -> list[int]:
+    def _held(self, box: CellBox) -> list[int]:
         return [part.stop - part.start + 1 for part in box.with_ghosts]
 
-    def enter(self, ray: Ray) -> tuple[Track, Cursor]:
+    def enter(self, ray: Ray) -> tuple[CartesianTrack, CartesianCursor]:
         first, last = self._between_faces(ray)
         if ray.first is not None:
             first = dr.maximum(first, ray.first)

@@ -16,7 +16,7 @@ from ...memory import check_memory
 from ...packages import room
 from ...units import is_quantity, plain, space_unit, unit_name, unit_of
 from ..arguments import check_extent, plain_points
-from ..contract import Box, Grid
+from ..contract import CellBox, Grid
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -250,7 +250,7 @@ class CartesianGrid(CartesianCells, Grid):
         """Width in x of the first cell: what flux conservation compares a pixel with."""
         return float(self.edges[0][1] - self.edges[0][0])
 
-    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend.
 
         Parameters
@@ -260,7 +260,7 @@ class CartesianGrid(CartesianCells, Grid):
         kind : {"cells", "dual", "coarse"}
             Through the cells; through the dual cells, whose corners are the centres of the cells;
             or through cubes of those.
-        box : Box, optional
+        box : CellBox, optional
             Confine a walk through ``"cells"`` or ``"dual"`` to these cells; of dual cells, to those
             with their upper corners there, and the ones beyond the domain's last centres.
 
@@ -290,7 +290,7 @@ class CartesianGrid(CartesianCells, Grid):
         )
         return lattices
 
-    def _check_box(self, box: Box, kind: str) -> None:
+    def _check_box(self, box: CellBox, kind: str) -> None:
         if kind not in ("cells", "dual"):
             self.check_no_box(box)
         limits = zip(box.low, box.high, self.shape, strict=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ...backend import dr
 from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER, AxisTrack, BoxWalk, Side, make_axis
-from ..contract import Box, Corners, Segment
+from ..contract import CellBox, Corners, Segment
 from ..wall_corners import bilinear, pick, trilinear
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ BLOCK = 4
 
 
 @dataclass
-class Track:
+class CartesianTrack:
     """What is constant along a ray: its axes, the strides with their signs, and where it leaves.
 
     `bounded` tells (while tracing) that rays may end inside a cell; `entry` is how far from the
@@ -41,7 +41,7 @@ class Track:
 
 
 @dataclass
-class Cursor:
+class CartesianCursor:
     """Where a ray is: mirrored cell indices, flat numbers of cell and lower vertex, distance."""
 
     index: list[Any]
@@ -67,7 +67,7 @@ class CartesianWalk(BoxWalk):
     Parameters
     ----------
     edges : three arrays
-    box : Box, optional
+    box : CellBox, optional
         Cells to which the walk is confined. Crossings are computed as without it, from the edges of
         the whole grid: what boxes contribute to a ray adds up to the same bits.
     """
@@ -75,7 +75,7 @@ class CartesianWalk(BoxWalk):
     leaps = True  # rays may cross empty blocks in one step (`grids.cartesian.leap`)
 
     def __init__(
-        self, edges: Any, scale: float, backend: Backend, *, box: Box | None = None
+        self, edges: Any, scale: float, backend: Backend, *, box: CellBox | None = None
     ) -> None:
         self.backend = backend
         self.axes = [make_axis(e, scale, backend) for e in edges]
@@ -92,20 +92,20 @@ class CartesianWalk(BoxWalk):
     def _strides(self, counts: Any) -> list[Any]:
         return [dr.opaque(self.backend.Int, s) for s in (counts[1] * counts[2], counts[2], 1)]
 
-    def _ends(self, box: Box) -> list[tuple[Any, Any, Any]]:
+    def _ends(self, box: CellBox) -> list[tuple[Any, Any, Any]]:
         """Return the first and the last cell of a box along each axis, and the first one held."""
         return [
             tuple(dr.opaque(self.backend.Int, n) for n in (low, high - 1, low))
             for low, high in zip(box.low, box.high, strict=True)
         ]
 
-    def _held(self, box: Box) -> list[int]:
+    def _held(self, box: CellBox) -> list[int]:
         """Return how many cells there are to number along each axis of a box."""
         return [high - low for low, high in zip(box.low, box.high, strict=True)]
 
     def _start(
         self, sides: list[Side], arrive: Float, begin: Float, inside: Mask, bound: Float
-    ) -> tuple[Track, Any]:
+    ) -> tuple[CartesianTrack, Any]:
         Float = self.backend.Float
         tracks, index = [], []
         cell_stride, vertex_stride = [], []
@@ -129,7 +129,7 @@ class CartesianWalk(BoxWalk):
         leave = least(self._crossings(tracks, lasts))
         if bound is not None:
             leave = dr.minimum(leave, bound)
-        whole = Track(tracks, cell_stride, vertex_stride, leave, bound is not None, arrive)
+        whole = CartesianTrack(tracks, cell_stride, vertex_stride, leave, bound is not None, arrive)
         t = Float(begin)
         if self.box is not None:
             index, t, there = self._into_box(self.box, whole, index, t)
@@ -137,7 +137,7 @@ class CartesianWalk(BoxWalk):
         return whole, replace(self.at(whole, index, t), inside=inside & (t < leave))
 
     def _into_box(
-        self, box: list[tuple[Any, Any, Any]], track: Track, index: list[Any], t: Float
+        self, box: list[tuple[Any, Any, Any]], track: CartesianTrack, index: list[Any], t: Float
     ) -> tuple[list[Any], Any, Any]:
         """Return where rays are first in a cell of the box, and which rays come to one.
 
@@ -217,7 +217,7 @@ class CartesianWalk(BoxWalk):
         if track.last is not None:
             for i, last in zip(index, track.last, strict=True):
                 inside &= i <= last
-        return segment, Cursor(index, onward, vertex, end, inside)
+        return segment, CartesianCursor(index, onward, vertex, end, inside)
 
     def at(self, track: Any, index: list[Any], t: Float) -> Any:
         """Return the cursor in the cell with mirrored indices, at a distance."""
@@ -231,7 +231,7 @@ class CartesianWalk(BoxWalk):
                 own = own - self.box[a][2]
             cell += own * self.cell_strides[a]
             vertex += dr.select(down, own + 1, own) * self.vertex_strides[a]
-        return Cursor(list(index), cell, vertex, t, t < track.leave)
+        return CartesianCursor(list(index), cell, vertex, t, t < track.leave)
 
     def precise(self, track: Any, cursor: Any) -> Any:
         """Return the cursor in the cell it is in: this walk never takes wider steps."""
@@ -241,13 +241,13 @@ class CartesianWalk(BoxWalk):
         """Return the cursor as it is: this walk never takes wider steps."""
         return cursor
 
-    def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
+    def entry_corners(self, track: CartesianTrack, cursor: CartesianCursor) -> Corners:
         """Return the eight vertices of the cell and trilinear weights at the cursor."""
         return trilinear(
             cursor.vertex, self.fractions(track, cursor.index, cursor.t), track.vertex_stride
         )
 
-    def exit_corners(self, track: Track, segment: Segment) -> Corners:
+    def exit_corners(self, track: CartesianTrack, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: four of the wall it leaves through."""
         leaving = segment.exit
         f = self.fractions(track, leaving.index, segment.end)
@@ -255,7 +255,7 @@ class CartesianWalk(BoxWalk):
             return trilinear(leaving.vertex, f, track.vertex_stride)
         return bilinear(leaving.next_vertex, leaving.through, f, track.vertex_stride)
 
-    def fractions(self, track: Track, index: list[Any], t: Float) -> list[Any]:
+    def fractions(self, track: CartesianTrack, index: list[Any], t: Float) -> list[Any]:
         """Return where in its mirrored cell a ray is along each axis, from 0 to 1."""
         return [
             axis.fraction(a, i, t) for axis, a, i in zip(self.axes, track.axes, index, strict=True)

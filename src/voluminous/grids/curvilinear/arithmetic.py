@@ -42,7 +42,7 @@ class Arithmetic(Protocol):
         """Return an angle from a wall, which the point is above: from 0 to 2π."""
 
 
-class Numbers:
+class PlainNumbers:
     """The arithmetic of plain numbers."""
 
     def length(self, x: Float, y: Float, z: Float = None) -> Any:
@@ -76,4 +76,4 @@ class Numbers:
         return dr.select(angle < -1e-3, angle + FULL_CIRCLE, angle)
 
 
-NUMBERS = Numbers()
+NUMBERS = PlainNumbers()

@@ -26,7 +26,7 @@ Form = Sequence[Any]
 
 
 @dataclass
-class Lines:
+class RayLines:
     """The coefficients for one family of walls.
 
     Attributes
@@ -52,7 +52,7 @@ class Lines:
     start: Any = None
 
 
-def meet(lines: Lines, wall: Sequence[Any], inward: Any) -> Any:
+def meet(lines: RayLines, wall: Sequence[Any], inward: Any) -> Any:
     """Return the distance at which rays meet a wall, before their turning point or after it."""
     c, v = wall
     s = v if lines.offset is None else _root(lines, v, inward)
@@ -63,7 +63,7 @@ def meet(lines: Lines, wall: Sequence[Any], inward: Any) -> Any:
     return dr.select(met, t, dr.select(inward, -NEVER, type(v)(NEVER)))
 
 
-def _root(lines: Lines, v: Float, inward: Any) -> Any:
+def _root(lines: RayLines, v: Float, inward: Any) -> Any:
     positive, other = lines.offset or ()
     square = v - (positive if other is positive else dr.select(v > 0.0, positive, other))
     root = dr.sqrt(dr.select(square > 0.0, square, 0.0))
@@ -80,7 +80,7 @@ def _linear(form: Form, c: Any, s: Float) -> Any:
     return total
 
 
-def choose(through: list[Any], families: list[Lines], zero: Any) -> Lines:
+def choose(through: list[Any], families: list[RayLines], zero: Any) -> RayLines:
     """Return the coefficients of the family that each lane is going through.
 
     Parameters
@@ -100,7 +100,7 @@ def choose(through: list[Any], families: list[Lines], zero: Any) -> Lines:
         straight = (
             None if all(bent) else _any([m for m, b in zip(through, bent, strict=True) if not b])
         )
-    return Lines(
+    return RayLines(
         [pick(through, [lines.top[k] for lines in families], zero) for k in range(3)],
         [pick(through, [lines.bottom[k] for lines in families], zero) for k in range(3)],
         offset,

@@ -83,12 +83,6 @@ class CylindricalGrid(CurvilinearGrid):
         check_extent(R=self.edges[0], z=heights)
         self._refine(refined)
 
-    @classmethod
-    def _refined_class(cls) -> type[CurvilinearGrid]:
-        from .refined import RefinedCylindricalGrid
-
-        return RefinedCylindricalGrid
-
     @property
     def bounds(self) -> np.ndarray:
         R, phi, z = ((e[0], e[-1]) for e in self.edges)

@@ -17,7 +17,7 @@ Jump = tuple[list[Any], Any]
 
 
 @dataclass
-class Landing:
+class GapLanding:
     """Where rays are once none of them is in a gap: see `grids.contract.Landing`."""
 
     cursor: Any
@@ -43,7 +43,7 @@ class GapCrossing(Walk):
     families: list[Any]
     has_gaps: bool
 
-    def cross(self, track: Any, cursor: Any) -> Landing:
+    def cross(self, track: Any, cursor: Any) -> GapLanding:
         """Return rays where they are in a cell, beyond the gap they were in, or out."""
         gap = cursor.inside & self.in_gap(track, cursor.count)
 
@@ -55,7 +55,7 @@ class GapCrossing(Walk):
             return (cursor,)
 
         (there,) = dr.if_stmt((cursor,), gap, beyond, stay, label="gap")
-        return Landing(there, gap, self, track)
+        return GapLanding(there, gap, self, track)
 
     def _standing(self, track: Any, count: list[Any], t: Float, inside: Mask) -> Any:
         raise NotImplementedError

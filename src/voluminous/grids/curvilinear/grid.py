@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...geometry import span
 from ...packages import room
 from ...units import unit_name
-from ..contract import Box, Grid
+from ..contract import CellBox, Grid
 from .corners import cells_around
 from .edges import FULL_CIRCLE, is_closed
 
@@ -41,14 +41,11 @@ class CurvilinearGrid(Grid):
     cells_are_boxes = has_vertices = True
     edges: tuple[np.ndarray, np.ndarray, np.ndarray]
     unit: Any
+    _refined: type[CurvilinearGrid] | None = None
 
     def __new__(cls, *arguments: Any, refined: Any = None, **options: Any) -> CurvilinearGrid:
         """Return a grid that is refined, if split flags are given."""
-        return super().__new__(cls if refined is None else cls._refined_class())
-
-    @classmethod
-    def _refined_class(cls) -> type[CurvilinearGrid]:
-        raise NotImplementedError
+        return super().__new__(cls if refined is None else cls._refined or cls)
 
     def _refine(self, refined: Any) -> None:
         """Take split flags; of grids that are refined."""
@@ -166,7 +163,7 @@ class CurvilinearGrid(Grid):
         lattices: list[Any] = make(self, arrays, backend)
         return lattices
 
-    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once: edges are fixed).
 
         Parameters
@@ -200,7 +197,7 @@ class CurvilinearGrid(Grid):
 
     @property
     def bounds(self) -> np.ndarray:
-        """Box around the domain, shape (3, 2), in the grid's unit."""
+        """CellBox around the domain, shape (3, 2), in the grid's unit."""
         raise NotImplementedError
 
     def __repr__(self) -> str:

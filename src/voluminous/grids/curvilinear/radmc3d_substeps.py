@@ -12,7 +12,7 @@ from typing import Any
 from ...backend import dr
 from ...backend.types import Float
 from .approach import dot
-from .walk import Cursor, CurvilinearWalk, Step, Track
+from .walk import CurvilinearWalk, Step, SurfaceCursor, SurfaceTrack
 
 # RADMC-3D's default of camera_maxdphi.
 _LARGEST_TURN = 0.1
@@ -38,7 +38,7 @@ class SteppedWalk(CurvilinearWalk):
 
     stops_inside = True
 
-    def _step(self, track: Track, cursor: Cursor) -> Step:
+    def _step(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Step:
         count, ahead, t, family = super()._step(track, cursor)
         part, short = self._cut(track, cursor, t)
         return (
@@ -48,11 +48,11 @@ class SteppedWalk(CurvilinearWalk):
             dr.select(short, -1, family),
         )
 
-    def _cut(self, track: Track, cursor: Cursor, t: Float) -> tuple[Any, Any]:
+    def _cut(self, track: SurfaceTrack, cursor: SurfaceCursor, t: Float) -> tuple[Any, Any]:
         """Return where steps to a wall at `t` that turn too far are to end, and which do."""
         closest, radius = self._radius(track, 0.0), self._radius(track, cursor.t)
         return cut(closest, radius, cursor.t, t - cursor.t)
 
-    def _radius(self, track: Track, t: Float) -> Any:
+    def _radius(self, track: SurfaceTrack, t: Float) -> Any:
         point = self.point(track, t)
         return dr.sqrt(dot(point, point))

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...backend.types import Int
 from ...errors import InputError
-from ..contract import Box
+from ..contract import CellBox
 from ..trees.octree_order import Places, checked_flags, levels_from_flags
 from ..trees.octree_tree import octree_tree
 from ..trees.octree_vertices import octree_vertices
@@ -47,10 +47,6 @@ class RefinedCells(CurvilinearGrid):
     walk_kinds: tuple[str, ...] = ("cells", "dual")
     has_neighbourhood = True
     fine_edges: tuple[np.ndarray, ...]
-
-    @classmethod
-    def _refined_class(cls) -> type[CurvilinearGrid]:
-        return cls
 
     def _refine(self, refined: Any) -> None:
         base = int(np.prod(self.base_shape, dtype=object))
@@ -161,7 +157,7 @@ class RefinedCells(CurvilinearGrid):
         """Return what finds neighbours of leaves in kernels, and how far they are."""
         return StraightSurroundings(self, backend.with_precision("double"))
 
-    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
         """Return the walk of rays through this grid, for a backend (made once).
 
         Parameters
@@ -202,6 +198,11 @@ class RefinedSphericalGrid(RefinedCells, SphericalGrid):
 
 class RefinedCylindricalGrid(RefinedCells, CylindricalGrid):
     """A cylindrical grid with cells that are split; ``CylindricalGrid(..., refined=...)``."""
+
+
+# What ``SphericalGrid(..., refined=...)`` makes: assigned here, since it derives from both.
+SphericalGrid._refined = RefinedSphericalGrid
+CylindricalGrid._refined = RefinedCylindricalGrid
 
 
 def _divided(edges: np.ndarray, parts: int) -> np.ndarray:

@@ -22,8 +22,8 @@ from .arithmetic import NUMBERS, Arithmetic
 from .crossing import either, later, lesser, nearest
 from .field_walk import CurvilinearChord, Smooth, Smoothed
 from .radmc3d_substeps import cut
-from .surfaces import Turning
-from .walk import Cursor, CurvilinearWalk, Exit, Track
+from .surfaces import TurningPoint
+from .walk import CurvilinearWalk, SurfaceCursor, SurfaceExit, SurfaceTrack
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -39,14 +39,14 @@ class Leaf:
 
 
 @dataclass
-class RefinedCursor(Cursor):
+class RefinedCursor(SurfaceCursor):
     """Also the leaf that the ray is in; `ahead` is empty."""
 
     leaf: Leaf
 
 
 @dataclass
-class RefinedExit(Exit):
+class RefinedExit(SurfaceExit):
     """Also the leaf that is left, and the one that is entered (`onward`: there is one)."""
 
     left: Leaf
@@ -82,10 +82,12 @@ class RefinedWalk(CurvilinearWalk):
         self.stepped, self.grid = stepped, grid
         self.axes, self.lookup = axes, TreeLookup(grid.tree, self.backend)
 
-    def _standing(self, track: Track, count: list[Any], t: Float, inside: Mask) -> RefinedCursor:
+    def _standing(
+        self, track: SurfaceTrack, count: list[Any], t: Float, inside: Mask
+    ) -> RefinedCursor:
         return RefinedCursor(count, [], t, inside, self._leaf(track, count, inside))
 
-    def _leaf(self, track: Track, count: list[Any], active: Mask) -> Leaf:
+    def _leaf(self, track: SurfaceTrack, count: list[Any], active: Mask) -> Leaf:
         Float, Int = self.backend.Float, self.backend.Int
         place = [Float(0.5)] * 3
         for axis, index in zip(self.axes, self.cells_near(track, count), strict=True):
@@ -96,7 +98,7 @@ class RefinedWalk(CurvilinearWalk):
         size = [Int(sizes[axis]) for axis in self.axes]
         return Leaf(cell.number, low, size)
 
-    def next(self, track: Track, cursor: Any) -> tuple[Segment, RefinedCursor]:
+    def next(self, track: SurfaceTrack, cursor: Any) -> tuple[Segment, RefinedCursor]:
         count, t, family = self._leave(track, cursor)
         inside = cursor.inside & (t < track.leave)
         onward = inside if not self.has_gaps else inside & ~self.in_gap(track, count)
@@ -106,7 +108,7 @@ class RefinedWalk(CurvilinearWalk):
         begin, end = cursor.t - track.arrive, t - track.arrive
         return Segment(cursor.leaf.number, t - cursor.t, begin, end, cursor.inside, leaving), there
 
-    def _leave(self, track: Track, cursor: RefinedCursor) -> tuple[list[Any], Any, Any]:
+    def _leave(self, track: SurfaceTrack, cursor: RefinedCursor) -> tuple[list[Any], Any, Any]:
         """Return counts and distance where rays leave their leaf, and through which family."""
         last = self._last_counts(track, cursor)
         ahead = self._times(track, last)
@@ -126,20 +128,20 @@ class RefinedWalk(CurvilinearWalk):
         ]
         return count, t, crossed
 
-    def _end_inside(self, track: Track, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
+    def _end_inside(self, track: SurfaceTrack, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
         """Return where segments end, and which do not come to the wall of their leaf."""
         short = self.backend.Bool(False)
         if self.stepped:
             t, short = self._cut(track, cursor, t)
         return t, short | (t >= track.leave) if track.bounded else short
 
-    def _cut(self, track: Track, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
+    def _cut(self, track: SurfaceTrack, cursor: RefinedCursor, t: Float) -> tuple[Any, Any]:
         """Return where segments end that may not turn far, and which end before their wall."""
         closest, radius = (dr.sqrt(dot(p, p)) for p in (track.point, self.point(track, cursor.t)))
         part, short = cut(closest, radius, cursor.t, t - cursor.t)
         return dr.select(short, part, t), short
 
-    def _last_counts(self, track: Track, cursor: RefinedCursor) -> list[Any]:
+    def _last_counts(self, track: SurfaceTrack, cursor: RefinedCursor) -> list[Any]:
         """Return for each family the count with which rays come to the wall of their leaf."""
         found = []
         index = self.cells_near(track, cursor.count)
@@ -150,7 +152,7 @@ class RefinedWalk(CurvilinearWalk):
             above = cursor.leaf.size[n] - 1 - below
             rises = family.rises(axis, k)
             onward, back = dr.select(rises, above, below), dr.select(rises, below, above)
-            if isinstance(family, Turning):
+            if isinstance(family, TurningPoint):
                 # Down to the leaf's lower wall, unless it turns round before.
                 far = dr.abs(k)
                 found.append(dr.select((k < 0) & (far > back), k + back, far + onward))
@@ -162,11 +164,11 @@ class RefinedWalk(CurvilinearWalk):
         count = later(family.enter(axis, t), first)
         return lesser(count, last)
 
-    def entry_corners(self, track: Track, cursor: Any) -> Corners:
-        standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
+    def entry_corners(self, track: SurfaceTrack, cursor: Any) -> Corners:
+        standing = SurfaceExit(self.backend.Int(-1), cursor.count, cursor.t)
         return leaf_corners(self, track, standing, cursor.leaf, cursor.inside)
 
-    def exit_corners(self, track: Track, segment: Segment) -> Corners:
+    def exit_corners(self, track: SurfaceTrack, segment: Segment) -> Corners:
         leaving = segment.exit
         finer = functools.reduce(
             either,
@@ -177,7 +179,7 @@ class RefinedWalk(CurvilinearWalk):
 
 
 def leaf_corners(
-    walk: RefinedWalk, track: Track, leaving: Exit, leaf: Leaf, active: Mask
+    walk: RefinedWalk, track: SurfaceTrack, leaving: SurfaceExit, leaf: Leaf, active: Mask
 ) -> Corners:
     """Return the eight vertices of a leaf, and multilinear weights where a ray is."""
     Float = walk.backend.Float

@@ -103,12 +103,6 @@ class SphericalGrid(CurvilinearGrid):
         check_extent(r=self.edges[0])
         self._refine(refined)
 
-    @classmethod
-    def _refined_class(cls) -> type[CurvilinearGrid]:
-        from .refined import RefinedSphericalGrid
-
-        return RefinedSphericalGrid
-
     @property
     def bounds(self) -> np.ndarray:
         r, theta, phi = ((e[0], e[-1]) for e in self.edges)

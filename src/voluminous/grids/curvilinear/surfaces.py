@@ -7,8 +7,9 @@ and its place among them is ONE integer: how many it has met, or how many it is 
 turning point. Which surface is next, and which of its two crossings, follows from that integer: the
 crossing a ray came in through is never found again by arithmetic, and no ray leaks.
 
-A family knows its walls and which of them is next (`Turning`, `Running`); its subclasses know where
-a ray is among them, and the coefficients with which it meets them (`grids.curvilinear.crossing`).
+A family knows its walls and which of them is next (`TurningPoint`, `Running`); its subclasses
+know where a ray is among them, and the coefficients with which it meets them
+(`grids.curvilinear.crossing`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from ...backend.types import Float, Int, Mask
 from ..box_walk import NEVER
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
-from .crossing import Lines, meet
+from .crossing import RayLines, meet
 from .edges import ANGLE_ROUNDING
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ class TurningTrack:
     ----------
     surface : dataclass of arrays
         How a ray runs through them.
-    lines : Lines
+    lines : RayLines
         When it meets them.
     slot : array of Int
         Place in the table of the first wall that is met at all.
@@ -50,7 +51,7 @@ class TurningTrack:
     """
 
     surface: Any
-    lines: Lines
+    lines: RayLines
     slot: Any
     turn: Any
     reach: Any
@@ -65,7 +66,7 @@ class RunningTrack:
     """
 
     surface: Any
-    lines: Lines
+    lines: RayLines
     start: Any
     slot: Any
     down: Mask
@@ -134,7 +135,7 @@ class Surfaces:
         raise NotImplementedError
 
 
-class Turning(Surfaces):
+class TurningPoint(Surfaces):
     """Surfaces that are met downwards, then upwards.
 
     ``count`` is negative before the turning point and counts the crossings that remain until there;
@@ -158,7 +159,7 @@ class Turning(Surfaces):
         """Return how rays run, which lanes see the family mirrored, and where its table starts."""
         raise NotImplementedError
 
-    def lines(self, surface: Any) -> Lines:
+    def lines(self, surface: Any) -> RayLines:
         """Return when rays meet the surfaces."""
         raise NotImplementedError
 
@@ -289,11 +290,11 @@ class Planes(Running):
     def is_ahead(self, surface: PlaneTrack, wall: list[Any], here: Float) -> Any:
         return wall[0] > here
 
-    def lines(self, surface: PlaneTrack) -> Lines:
+    def lines(self, surface: PlaneTrack) -> RayLines:
         """Return when rays meet the planes; parallel to them they never meet the one above."""
         pace = dr.select(surface.parallel, 0.0, surface.pace)
         lead = dr.select(surface.parallel, NEVER, -surface.height * surface.pace)
-        return Lines((lead, pace, None), (1.0, None, None))
+        return RayLines((lead, pace, None), (1.0, None, None))
 
     def enter(self, track: RunningTrack, t: Float) -> Any:
         return dr.clip(super().enter(track, t), 1, self.last_cell + 1)

@@ -12,7 +12,7 @@ from ...backend.functions import first_true
 from ...backend.types import Float, Int, Mask
 from .approach import PARALLEL, Approach
 from .arithmetic import NUMBERS, Arithmetic
-from .crossing import Lines
+from .crossing import RayLines
 from .edges import ANGLE_ROUNDING, FULL_CIRCLE, is_closed
 from .surfaces import Running, RunningTrack
 
@@ -131,11 +131,11 @@ class HalfPlanes(Running):
         met = dr.fma(c, surface.dy, -s * surface.dx) > surface.slowest
         return ~met | (dr.fma(c, y, -s * x) < 0.0)
 
-    def lines(self, surface: HalfPlaneTrack) -> Lines:
+    def lines(self, surface: HalfPlaneTrack) -> RayLines:
         """Return when rays meet the half planes."""
         top = (None, -surface.y, surface.x)
         bottom = (None, surface.dy, -surface.dx)
-        return Lines(top, bottom, least=surface.slowest, start=surface.turn)
+        return RayLines(top, bottom, least=surface.slowest, start=surface.turn)
 
     def cell(self, track: RunningTrack, count: Int) -> Any:
         """Return the number of the cell along this axis; the one after the last for the gap."""

@@ -11,8 +11,8 @@ from ...backend import dr, from_host
 from ...backend.types import Float, Int
 from .approach import CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
-from .crossing import Lines
-from .surfaces import Turning, TurningTrack
+from .crossing import RayLines
+from .surfaces import TurningPoint, TurningTrack
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
@@ -47,7 +47,7 @@ class ConeTrack:
     direction: list[Any]
 
 
-class Cones(Turning):
+class Cones(TurningPoint):
     """Cones θ = const of a spherical grid; θ = π/2 is a plane like any other cone.
 
     Let ψ be the angle in the plane of ray and centre, counted from the closest approach, so that
@@ -128,9 +128,9 @@ class Cones(Turning):
         steep = dr.select(c > 0.0, north & (across < wide), north | (across > wide))
         return dr.select(v > 0.0, steep, c * radius < height)
 
-    def lines(self, surface: ConeTrack) -> Lines:
+    def lines(self, surface: ConeTrack) -> RayLines:
         rise, height, radius = surface.rise, surface.height, surface.radius
-        return Lines(
+        return RayLines(
             (None, rise * radius, height * radius),
             (None, height, -rise),
             (surface.tilt, surface.steepest),

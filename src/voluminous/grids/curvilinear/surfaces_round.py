@@ -12,14 +12,14 @@ from ...backend.types import Float, Int
 from ..box_walk import NEVER
 from .approach import PARALLEL, AxisApproach, CentreApproach
 from .arithmetic import NUMBERS, Arithmetic
-from .crossing import Lines
-from .surfaces import Turning, TurningTrack
+from .crossing import RayLines
+from .surfaces import TurningPoint, TurningTrack
 
 if TYPE_CHECKING:
     from ...backend.device import Backend
 
 
-class Round(Turning):
+class Round(TurningPoint):
     """Surfaces of constant radius.
 
     Inside the innermost one, unless that has no radius at all, is a cavity: no cell.
@@ -99,9 +99,9 @@ class Shells(Round):
     def place(self, surface: ShellTrack, t: Float) -> tuple[Any, Any]:
         return dr.fma(t, t, surface.nearest), t < 0.0
 
-    def lines(self, surface: ShellTrack) -> Lines:
+    def lines(self, surface: ShellTrack) -> RayLines:
         """Return when rays meet the spheres: t = ∓ sqrt(r² - b²)."""
-        return Lines((None, None, 1.0), (None, 1.0, None), (surface.nearest, surface.nearest))
+        return RayLines((None, None, 1.0), (None, 1.0, None), (surface.nearest, surface.nearest))
 
     def first_number(self, square: np.ndarray) -> np.ndarray:
         return np.ones_like(square)
@@ -164,11 +164,13 @@ class Tubes(Round):
         across = dr.abs(t) / surface.pace
         return dr.fma(across, dr.fma(2.0, surface.bias, across), surface.nearest), t < 0.0
 
-    def lines(self, surface: TubeTrack) -> Lines:
+    def lines(self, surface: TubeTrack) -> RayLines:
         side, pace = surface.side, surface.pace
         passes = 1.0 - dr.abs(side)
         top = (-side * pace * surface.nearest, side * pace, passes * pace)
-        return Lines(top, (surface.bias + passes, None, side), (surface.passing, surface.passing))
+        return RayLines(
+            top, (surface.bias + passes, None, side), (surface.passing, surface.passing)
+        )
 
     def first_number(self, square: np.ndarray) -> np.ndarray:
         return square

@@ -31,7 +31,7 @@ Step = tuple[list[Any], list[Any], Any, Any]
 
 
 @dataclass
-class Track:
+class SurfaceTrack:
     """What is constant along a ray.
 
     Attributes
@@ -61,7 +61,7 @@ class Track:
 
 
 @dataclass
-class Cursor:
+class SurfaceCursor:
     """Where a ray is: for each family its count and the distance of its next wall; its own."""
 
     count: list[Any]
@@ -71,7 +71,7 @@ class Cursor:
 
 
 @dataclass
-class Exit:
+class SurfaceExit:
     """How a segment leaves its cell.
 
     Attributes
@@ -131,7 +131,7 @@ class CurvilinearWalk(GapCrossing):
             family.share(shared, first)
             first += len(table)
 
-    def enter(self, ray: Ray) -> tuple[Track, Cursor]:
+    def enter(self, ray: Ray) -> tuple[SurfaceTrack, SurfaceCursor]:
         """Return the track and the cursor at the point where each ray enters the first cell."""
         Float = self.backend.Float
         origin = [o * self.to_scale for o in ray.origin]
@@ -154,15 +154,17 @@ class CurvilinearWalk(GapCrossing):
         leave = lesser(leave, Float(end)) if bounded else leave
         entry = approach.way + approach.arrive
         arrive, passage = Float(approach.arrive), approach.passage.narrow(Float)
-        track = Track(tracks, point, direction, arrive, leave, bounded, entry, passage)
+        track = SurfaceTrack(tracks, point, direction, arrive, leave, bounded, entry, passage)
         t = Float(dr.select(inside, begin, 0.0))
         count = [f.enter(a, t) for f, a in zip(self.families, tracks, strict=True)]
         return track, self._standing(track, count, t, inside & (t < track.leave))
 
-    def _standing(self, track: Track, count: list[Any], t: Float, inside: Mask) -> Cursor:
-        return Cursor(count, self._times(track, count), t, inside)
+    def _standing(
+        self, track: SurfaceTrack, count: list[Any], t: Float, inside: Mask
+    ) -> SurfaceCursor:
+        return SurfaceCursor(count, self._times(track, count), t, inside)
 
-    def next(self, track: Track, cursor: Cursor) -> tuple[Segment, Cursor]:
+    def next(self, track: SurfaceTrack, cursor: SurfaceCursor) -> tuple[Segment, SurfaceCursor]:
         """Return the segment through the present cell, and the cursor in the next one."""
         count, ahead, t, family = self._step(track, cursor)
         segment = Segment(
@@ -171,11 +173,11 @@ class CurvilinearWalk(GapCrossing):
             cursor.t - track.arrive,
             t - track.arrive,
             cursor.inside,
-            Exit(family, cursor.count, t),
+            SurfaceExit(family, cursor.count, t),
         )
-        return segment, Cursor(count, ahead, t, cursor.inside & (t < track.leave))
+        return segment, SurfaceCursor(count, ahead, t, cursor.inside & (t < track.leave))
 
-    def _step(self, track: Track, cursor: Cursor) -> Step:
+    def _step(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Step:
         """Return where rays meet the next wall, and of which family, whatever space it bounds."""
         through = nearest(cursor.ahead)
         # Rounding may put a wall behind the ray: it has been crossed.
@@ -187,7 +189,7 @@ class CurvilinearWalk(GapCrossing):
         ]
         return count, times, end, self._number(through)
 
-    def _next_wall(self, track: Track, count: list[Any], through: list[Any]) -> Any:
+    def _next_wall(self, track: SurfaceTrack, count: list[Any], through: list[Any]) -> Any:
         zero = self.backend.Float(0)
         lines = choose(through, [axis.lines for axis in track.axes], zero)
         slot = pick(through, [axis.slot for axis in track.axes], self.backend.Int(0))
@@ -201,11 +203,11 @@ class CurvilinearWalk(GapCrossing):
             number = dr.select(crossed, k + 1, number)
         return number
 
-    def _cells(self, track: Track, count: list[Any]) -> list[Any]:
+    def _cells(self, track: SurfaceTrack, count: list[Any]) -> list[Any]:
         """Return the number of the cell along each axis; beyond its ends where there is none."""
         return [f.cell(a, k) for f, a, k in zip(self.families, track.axes, count, strict=True)]
 
-    def cells_near(self, track: Track, count: list[Any]) -> list[Any]:
+    def cells_near(self, track: SurfaceTrack, count: list[Any]) -> list[Any]:
         """Return the number of the cell along each axis, or of the nearest one."""
         found = self._cells(track, count)
         return [dr.clip(i, 0, f.last_cell) for i, f in zip(found, self.families, strict=True)]
@@ -216,20 +218,20 @@ class CurvilinearWalk(GapCrossing):
             total += i * stride
         return total
 
-    def entry_corners(self, track: Track, cursor: Cursor) -> Corners:
+    def entry_corners(self, track: SurfaceTrack, cursor: SurfaceCursor) -> Corners:
         """Return the vertices of the cell and multilinear weights at the cursor."""
-        standing = Exit(self.backend.Int(-1), cursor.count, cursor.t)
+        standing = SurfaceExit(self.backend.Int(-1), cursor.count, cursor.t)
         return cell_corners(self, track, standing)
 
-    def exit_corners(self, track: Track, segment: Segment) -> Corners:
+    def exit_corners(self, track: SurfaceTrack, segment: Segment) -> Corners:
         """Return the vertices around the end of a segment: those of the wall it leaves through."""
         leaving = segment.exit
         if track.bounded or self.stops_inside:
             family = self._family_with_vertices(track, leaving)
-            return cell_corners(self, track, Exit(family, leaving.count, leaving.t))
+            return cell_corners(self, track, SurfaceExit(family, leaving.count, leaving.t))
         return wall_corners(self, track, leaving)
 
-    def _family_with_vertices(self, track: Track, leaving: Exit) -> Any:
+    def _family_with_vertices(self, track: SurfaceTrack, leaving: SurfaceExit) -> Any:
         """Return the family whose wall, with its vertices, rays have come to; -1 inside cells."""
         number = leaving.family
         if track.bounded:  # where a ray ends it has not come to the wall ahead
@@ -240,7 +242,7 @@ class CurvilinearWalk(GapCrossing):
                 number = dr.select(inside, -1, number)
         return number
 
-    def point(self, track: Track, t: Float, away: Any = None) -> list[Any]:
+    def point(self, track: SurfaceTrack, t: Float, away: Any = None) -> list[Any]:
         """Return where rays are at a distance, from the centre, in units of the scale.
 
         How far that is from where they pass the axis may be known better (`Passage.beside`).

@@ -13,7 +13,7 @@ from ...geometry import is_uniform, span
 from ...packages import room
 from ...units import unit_name
 from ..arguments import plain_points
-from ..contract import Box, Grid
+from ..contract import CellBox, Grid
 from .tree import Tree
 from .vertices import VertexNumbers
 
@@ -227,7 +227,7 @@ class TreeCells(Grid):
         )
         return lattices
 
-    def walk(self, backend: Backend, kind: str = "cells", box: Box | None = None) -> Any:
+    def walk(self, backend: Backend, kind: str = "cells", box: CellBox | None = None) -> Any:
         self.check_no_box(box)
         return self.on_device(backend, kind, lambda: self.walk_through(self.tree, backend, kind))
 

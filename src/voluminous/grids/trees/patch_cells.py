@@ -15,7 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from .patch_numbering import TABLED, PatchNumbering
-from .patch_tree import Boxes, PatchEntries, patch_entries
+from .patch_tree import PatchBoxes, PatchEntries, patch_entries
 from .tree import ABSENT, NONE, NUMBER_BITS, NUMBER_MASK, PLAIN, Tree
 
 # Parts of cells that are rounding.
@@ -59,7 +59,7 @@ class Patches:
     def _named(self) -> PatchEntries:
         order = np.argsort(self.level, kind="stable")
         low, high = self.corners
-        boxes = Boxes(low[order], high[order], self.level[order], order)
+        boxes = PatchBoxes(low[order], high[order], self.level[order], order)
         return patch_entries(boxes, self.extent, int(self.volumes.sum()))
 
     @functools.cached_property

@@ -24,7 +24,7 @@ _BYTES_PER_ENTRY = 32
 
 
 @dataclass(frozen=True)
-class Boxes:
+class PatchBoxes:
     """Patches in the order in which they are painted, in finest units.
 
     Attributes
@@ -68,7 +68,7 @@ _NOTHING = np.zeros(0, np.int64)
 Pairs = tuple[np.ndarray, np.ndarray]
 
 
-def painted_root(boxes: Boxes, shape: np.ndarray, unit: np.ndarray) -> tuple[Painted, Pairs]:
+def painted_root(boxes: PatchBoxes, shape: np.ndarray, unit: np.ndarray) -> tuple[Painted, Pairs]:
     """Return the painted root, and the patches that its mixed entries need."""
     full = np.full(shape[::-1], -1, np.int32)
     low, high = boxes.low // unit, -(-boxes.high // unit)
@@ -85,7 +85,7 @@ def painted_root(boxes: Boxes, shape: np.ndarray, unit: np.ndarray) -> tuple[Pai
 
 
 def painted_blocks(
-    boxes: Boxes, above: Painted, pairs: Pairs, unit: np.ndarray, ratio: np.ndarray
+    boxes: PatchBoxes, above: Painted, pairs: Pairs, unit: np.ndarray, ratio: np.ndarray
 ) -> tuple[Painted, Pairs]:
     """Return the painted blocks of mixed entries, and what their own mixed entries need."""
     volume = int(ratio.prod())
@@ -223,12 +223,12 @@ class PatchEntries:
             yield some, self.corners[level - 1][block].T + unravelled(inner, ratio)
 
 
-def patch_entries(boxes: Boxes, extent: np.ndarray, cells: int) -> PatchEntries:
+def patch_entries(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> PatchEntries:
     """Return the tree of patches.
 
     Parameters
     ----------
-    boxes : Boxes
+    boxes : PatchBoxes
     extent : array of int64, shape (3,)
         Size of the domain in finest units.
     cells : int
@@ -269,13 +269,13 @@ def _brick_order(shape: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     return bricks, order.transpose(0, 2, 4, 1, 3, 5).reshape(-1)
 
 
-def _words(full: np.ndarray, boxes: Boxes) -> np.ndarray:
+def _words(full: np.ndarray, boxes: PatchBoxes) -> np.ndarray:
     """Return entries from the patches, by rank, that cover them; -1 where none does."""
     name = boxes.name[full]
     return np.where(full < 0, ABSENT, PLAIN << NUMBER_BITS | name).astype(np.uint32)
 
 
-def _units(boxes: Boxes, extent: np.ndarray, cells: int) -> np.ndarray:
+def _units(boxes: PatchBoxes, extent: np.ndarray, cells: int) -> np.ndarray:
     """Return sizes of entries, each dividing the one before, of which the last suffices."""
     chain = [extent.astype(np.int64)]
     for level in range(int(boxes.level[-1]) + 1):

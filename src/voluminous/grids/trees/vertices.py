@@ -33,7 +33,7 @@ _CHUNK = 1 << 18
 _DTYPES = (np.float64, np.uint32)
 
 
-class Boxes:
+class VertexBoxes:
     """Consecutive cells of a tree, for kernels: lower corners and sizes in finest units.
 
     Parameters

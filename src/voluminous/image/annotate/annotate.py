@@ -1,4 +1,4 @@
-"""From a picture to an annotated one: what is wanted, and in which order it is drawn."""
+"""`Image.annotate`: interprets the options and draws the annotations in order."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Draw = Callable[[Sheet], None]
 
 @dataclass
 class Wanted:
-    """What is drawn; the parameters of `Image.annotate`."""
+    """The parameters of `Image.annotate`."""
 
     scale_bar: Any = True
     triad: bool = True
@@ -66,7 +66,7 @@ OPTIONS = frozenset(inspect.signature(Wanted).parameters)
 
 
 def annotate(image: Image, **options: Any) -> Any:
-    """Return the picture with annotations, or the axes they are drawn into; `Image.annotate`."""
+    """Return the annotated picture, or the axes it was drawn into; see `Image.annotate`."""
     check_options("annotation", options, OPTIONS | DISPLAY)
     wanted = Wanted(**{k: v for k, v in options.items() if k in OPTIONS})
     _check_kinds(wanted)
@@ -85,7 +85,7 @@ def annotate(image: Image, **options: Any) -> Any:
             draw(sheet)
         return sheet
 
-    # The first drawing measures how far letters reach, the second has the margins for them.
+    # The first pass measures the extent of the annotations, the second one has the margins.
     return Annotated(image, drawn(drawn((0, 0, 0, 0)).overhang()))
 
 
@@ -132,7 +132,7 @@ def _letters(wanted: float | None, pixels: NDArray[np.uint8]) -> float:
 
 
 def _paper(wanted: Wanted, shown: dict[str, Any]) -> tuple[float, ...] | None:
-    """Return the colour of the margins: the background's, and black for space."""
+    """Return the colour of the margins; by default the background's, else black."""
     color = wanted.paper if wanted.paper is not None else shown.get("background")
     if color is None:
         color = "none" if wanted.transparent else "black"
@@ -142,8 +142,8 @@ def _paper(wanted: Wanted, shown: dict[str, Any]) -> tuple[float, ...] | None:
 
 
 def _parts(image: Image, wanted: Wanted, shown: dict[str, Any]) -> list[Draw]:
-    """Return what draws the annotations, from the picture outwards: the title has the last word."""
-    # One unit for the axes and the scale bar.
+    """Return the drawing functions, ordered from the picture outwards; the title comes last."""
+    # The axes and the scale bar share one unit.
     unit = (1.0, image.unit) if wanted.unit is not None else readable_axes(image)
     parts = _inside(image, wanted, unit if wanted.ticks or wanted.unit is not None else None)
     if wanted.ticks:

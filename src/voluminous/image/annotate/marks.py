@@ -1,4 +1,4 @@
-"""Directions as arrows: the axes of the volume as the camera sees them; north and east."""
+"""Annotations in the picture: axis triad, compass, scale bar, time, title and ticks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 _LENGTH = 2.6
-# Arrows shorter than this point along the line of sight.
+# Arrows shorter than this count as parallel to the line of sight.
 _SHORT = 0.12
 _XYZ = {"x": ("#ff6a5a", "#c02010"), "y": ("#5ce05c", "#107810"), "z": ("#86b4ff", "#1040c0")}
 _SKY = {"GLON": ("b", "l"), "ELON": ("β", "λ")}
@@ -33,7 +33,7 @@ _SKY = {"GLON": ("b", "l"), "ELON": ("β", "λ")}
 
 @dataclass
 class Arrow:
-    """A direction in the picture: its name, its part of the full length to the right and up."""
+    """A direction in the picture: its name, and its projection to the right and up (≤ 1)."""
 
     name: str
     across: float
@@ -43,7 +43,7 @@ class Arrow:
 
 
 def triad(image: Image) -> list[Arrow]:
-    """Return the directions of x, y and z in the picture; none if the camera does not tell them."""
+    """Return the projected x, y and z axes; an empty list if the camera does not define them."""
     axes = _camera_axes(image.camera or {})
     if axes is None:
         return []
@@ -55,7 +55,7 @@ def triad(image: Image) -> list[Arrow]:
 
 
 def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
-    """Return what is to the right, up and towards the observer, shape (3, 3)."""
+    """Return the directions right, up and towards the observer, shape (3, 3)."""
     try:
         if camera.get("type") == "orthographic":
             return image_axes(camera["incl"], camera["phi"], camera.get("posang", 0.0))
@@ -72,7 +72,7 @@ def _camera_axes(camera: dict[str, Any]) -> np.ndarray | None:
 
 
 def _points(*told: Any) -> np.ndarray:
-    """Return points in one unit: centimetres where they are texts with units, else as they are."""
+    """Return points in one unit: texts with units in centimetres, plain numbers unchanged."""
     coordinates = [c for point in told for c in point]
     if any(isinstance(c, str) for c in coordinates):
         coordinates = [_in_cm(c) for c in coordinates]
@@ -90,7 +90,7 @@ def _in_cm(told: Any) -> float:
 
 
 def compass(image: Image) -> list[Arrow]:
-    """Return north and east in the middle of the picture; none without celestial coordinates."""
+    """Return north and east at the centre of the picture; an empty list without a celestial WCS."""
     to_sky = sky_matrix(image)
     if to_sky is None or image.wcs is None:
         return []
@@ -105,7 +105,7 @@ def compass(image: Image) -> list[Arrow]:
 
 
 def draw_arrows(sheet: Sheet, arrows: list[Arrow], top: bool, gid: str) -> None:
-    """Draw arrows from one point, with their names in a corner on the right of the picture."""
+    """Draw arrows from one point and their names, in a corner on the right of the picture."""
     reach = _LENGTH * sheet.em
     tips = np.array([(a.across, a.up) for a in arrows]) * reach
     names = _name_places(arrows, reach, sheet.em)
@@ -114,7 +114,7 @@ def draw_arrows(sheet: Sheet, arrows: list[Arrow], top: bool, gid: str) -> None:
     x = sheet.width - sheet.pad - high[0]
     y = sheet.height - sheet.pad - high[1] if top else sheet.pad - low[1]
     ink, rim = sheet.inks(x + low[0], y + low[1], *(high - low))
-    # What comes towards the observer lies over the rest.
+    # Arrows towards the observer are drawn over the others.
     for arrow, place in sorted(zip(arrows, names, strict=True), key=lambda pair: pair[0].towards):
         color = ink if arrow.colors is None else arrow.colors[rim > ink]
         _draw(sheet, arrow, (x, y), reach, color, rim, gid)
@@ -123,7 +123,7 @@ def draw_arrows(sheet: Sheet, arrows: list[Arrow], top: bool, gid: str) -> None:
 
 
 def _name_places(arrows: list[Arrow], reach: float, em: float) -> np.ndarray:
-    """Return where names stand: beyond the tips, or beside those that lie on another arrow."""
+    """Return the positions of the names: beyond the tips, moved aside to avoid other arrows."""
     ends = np.array([_beyond(a, reach, em) for a in arrows])
     for k, arrow in enumerate(arrows):
         others = np.delete(ends, k, axis=0)
@@ -137,7 +137,7 @@ def _name_places(arrows: list[Arrow], reach: float, em: float) -> np.ndarray:
 
 
 def _beyond(arrow: Arrow, reach: float, em: float) -> np.ndarray:
-    """Return a place beyond the tip; beside a point, for what is seen end-on."""
+    """Return a position beyond the tip; beside the point, for an arrow seen end-on."""
     direction = np.array([arrow.across, arrow.up])
     length = float(np.linalg.norm(direction))
     if length < _SHORT:
@@ -146,7 +146,7 @@ def _beyond(arrow: Arrow, reach: float, em: float) -> np.ndarray:
 
 
 def _clearance(place: np.ndarray, ends: np.ndarray) -> float:
-    """Return how far a place is from the nearest of some lines from the origin to their ends."""
+    """Return the distance of a point to the nearest of the lines from the origin to `ends`."""
     along = np.clip(ends @ place / np.maximum((ends**2).sum(axis=1), 1e-9), 0.0, 1.0)
     return float(np.linalg.norm(place - along[:, None] * ends, axis=1).min())
 
@@ -166,7 +166,7 @@ def _draw(
     x, y = at
     tip = (x + reach * arrow.across, y + reach * arrow.up)
     if np.hypot(arrow.across, arrow.up) < _SHORT:
-        # A dot for the tip of an arrow, an open ring for its end.
+        # A dot for an arrow towards the observer, an open ring for one away from them.
         look = {"facecolor": color if arrow.towards else "none", "edgecolor": color}
         sheet.patch(
             Circle(at, 0.3 * sheet.em, linewidth=thick, path_effects=effects, gid=gid, **look)
@@ -192,22 +192,22 @@ def _draw(
     sheet.patch(drawn)
 
 
-# The longest that it is by itself, in widths of the picture.
+# Maximum automatic length of the scale bar, in widths of the picture.
 _PART = 0.25
-# Pictures of wider angles (radians) have no one scale: 0.3 % between middle and edge.
+# Wider angles (radians) have no uniform scale: it varies by 0.3 % between centre and edge.
 _WIDE = 0.2
 
 
 def scale_bar(
     image: Image, wanted: Any, shown: tuple[float, str] | None = None
 ) -> tuple[float, str] | None:
-    """Return length in the image's unit, and text; None where no bar says the truth.
+    """Return the bar's length in the image's unit, and its text; None if no bar would be correct.
 
     Parameters
     ----------
     image : Image
     wanted : bool, Quantity, str or float
-        True: a round length that fits. A length: this one, such as ``"100 au"``.
+        True: a round length that fits. Otherwise the length itself, such as ``"100 au"``.
     shown : (float, str), optional
         The unit of a round length; see `bar_length`.
     """
@@ -225,7 +225,7 @@ def scale_bar(
 
 
 def is_wide(image: Image) -> bool:
-    """Return True for a picture of angles so wide that it has no one scale."""
+    """Return True for a picture whose field of view is too wide for a uniform scale."""
     left, right, _, _ = image.extent
     unit = known_unit(image.unit)
     if unit is None or not unit.is_equivalent("rad"):
@@ -246,7 +246,7 @@ def _given(image: Image, wanted: Any) -> tuple[float, str]:
     wanted = as_quantity(wanted)
     if is_quantity(wanted):
         length = finite(plain(wanted, parse_unit(image.unit), "scale_bar"), "scale_bar")
-        # The unit the user chose is the one to read.
+        # Keep the unit that the user chose.
         _, name = readable(1.0, str(wanted.unit))
         return length, with_unit(float(wanted.value), name)
     length = finite(wanted, "scale_bar")
@@ -255,7 +255,7 @@ def _given(image: Image, wanted: Any) -> tuple[float, str]:
 
 
 def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None:
-    """Draw the bar at the lower left, as long as it is in the picture."""
+    """Draw the bar at the lower left."""
     from matplotlib.patches import Rectangle
 
     long = sheet.per_pixel * length / abs(image.pixel_size[0])
@@ -274,7 +274,7 @@ def draw_scale_bar(sheet: Sheet, image: Image, length: float, text: str) -> None
     draft = sheet.text(0.0, up, text, **place)
     wide = sheet.wide(draft)
     draft.remove()
-    # In the middle of its bar, unless it is longer than that.
+    # Centre the text on its bar, unless it is longer than the bar.
     sheet.rimmed(x + 0.5 * max(long, wide), up, text, (ink, rim), **place)
 
 
@@ -282,7 +282,7 @@ _TITLE = 1.25
 
 
 def time_text(time: Any, volume: Volume | None) -> str:
-    """Return the time stamp; the empty string if there is none.
+    """Return the time stamp; the empty string if there is no time.
 
     Parameters
     ----------
@@ -338,7 +338,7 @@ def draw_time(sheet: Sheet, words: str) -> None:
 
 
 def draw_title(sheet: Sheet, words: str, above: float) -> None:
-    """Write the title above the picture, in letters small enough that it is no wider."""
+    """Write the title above the picture, shrunk to the width of the picture if necessary."""
     text = sheet.text(
         0.5 * sheet.width,
         sheet.height + above + 0.5 * sheet.em,
@@ -351,19 +351,19 @@ def draw_title(sheet: Sheet, words: str, above: float) -> None:
     renderer = sheet.canvas.get_renderer()
     try:
         wide = text.get_window_extent(renderer).width
-    except ValueError:  # dollars that are no formula of matplotlib's
+    except ValueError:  # dollar signs that are not a valid formula
         text.set_parse_math(False)
         wide = text.get_window_extent(renderer).width
     if wide > sheet.width:
         text.set_fontsize(_TITLE * sheet.em * sheet.width / wide)
 
 
-# Room for one tick with its number, in heights of letters.
+# Space for one tick with its number, in letter heights.
 _ROOM = 6.0
 
 
 def draw_ticks(sheet: Sheet, image: Image, shown: tuple[float, str]) -> None:
-    """Draw a frame with ticks around the picture, outwards, and what they count."""
+    """Draw a frame with outward ticks and axis labels around the picture."""
     beside = max(1.0, LINE * sheet.em)  # so that the frame covers none of its pixels
     place = (-beside, -beside, sheet.width + 2 * beside, sheet.height + 2 * beside)
     if image.wcs is None or is_linear(image.wcs):
@@ -406,7 +406,7 @@ def _plane(sheet: Sheet, image: Image, axes: Any, beside: float, shown: tuple[fl
 
 
 def readable_axes(image: Image) -> tuple[float, str]:
-    """Return a factor to, and the name of, a unit that suits the size of the picture."""
+    """Return the factor to, and the name of, a unit that suits the size of the picture."""
     left, right, bottom, top = image.extent
     size = 0.5 * max(abs(right - left), abs(top - bottom))
     return (1.0, image.unit) if _is_screen(image) else readable(size, image.unit)

@@ -1,4 +1,4 @@
-"""What a colour bar shows: colours over a range of values, of a medium or of the intensities."""
+"""Colour bars: the colours of a medium, or of the intensities, over a range of values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .sheet import Sheet
 
 
-# Display options that decide which colour a channel has.
+# Display options that set the colour of each channel.
 _COLORS = ("channels", "mix")
 # Far beyond white: full brightness with the hue unchanged.
 _BRIGHT = 1e6
@@ -38,13 +38,13 @@ class Scale:
     Attributes
     ----------
     label : str
-        What is counted, with its unit.
+        Name of the quantity, with its unit.
     norm : matplotlib.colors.Normalize
-        From values to places along the bar, 0 to 1.
+        Maps values to positions along the bar, 0 to 1.
     colormap : matplotlib.colors.Colormap
-        From places to colours.
+        Maps positions to colours.
     expr : str or None
-        Expression whose values are counted beside the bar; None for the picture's own.
+        Expression whose histogram is drawn beside the bar; None for the picture's intensities.
     unit : str
         Unit of the values.
     """
@@ -57,21 +57,21 @@ class Scale:
 
     @property
     def mappable(self) -> Any:
-        """What matplotlib's ``figure.colorbar`` takes."""
+        """Return the mappable for matplotlib's ``figure.colorbar``."""
         from matplotlib.cm import ScalarMappable
 
         return ScalarMappable(norm=self.norm, cmap=self.colormap)
 
 
 def of_intensity(image: Image, options: dict[str, Any]) -> Scale:
-    """Return the scale of a picture that shows one channel."""
+    """Return the colour bar of a picture that shows one channel."""
     shown = one_channel(image, **options)
     label = labelled(quantity_name(image), pretty_unit(image.intensity_unit))
     return Scale(label, shown["norm"], shown["cmap"], unit=image.intensity_unit)
 
 
 def quantity_name(image: Image) -> str:
-    """Return what the intensities are: what a map was made of, or just that."""
+    """Return the label of the values: kind and quantity of a map, else "intensity"."""
     how = image.provenance or {}
     quantity = how.get("quantity")
     if not isinstance(quantity, str):
@@ -84,13 +84,13 @@ def quantity_name(image: Image) -> str:
 
 
 def field_units(image: Image) -> dict[str, str]:
-    """Return the units of the fields that a picture was made of, as far as it knows them."""
+    """Return the units of the fields in the picture's provenance; some may be missing."""
     told = ((image.provenance or {}).get("volume") or {}).get("fields", {})
     return {name: str(field.get("unit", "")) for name, field in told.items()}
 
 
 def with_units(scale: Scale, units: Mapping[str, str]) -> str:
-    """Return the label of an expression whose numbers are in the units of its fields.
+    """Return the label of an expression whose values are in the units of its fields.
 
     Examples
     --------
@@ -113,26 +113,26 @@ def limits(low: float, high: float, logarithmic: bool) -> Normalize:
 
 
 def table_colors(rows: NDArray[Any], options: dict[str, Any]) -> NDArray[Any]:
-    """Return display colours of a table, its brightest as bright as can be."""
+    """Return display colours of a colour table, exposed so that its brightest entry is white."""
     most = float(np.abs(rows).max()) or 1.0
     return displayed(rows / most, options, 1.0)
 
 
 def full_colors(rows: NDArray[Any], options: dict[str, Any]) -> NDArray[Any]:
-    """Return display colours, each as bright as can be: which is which, not how bright."""
+    """Return display colours, each at full brightness: only the hue distinguishes them."""
     most = np.abs(rows).max(axis=1, keepdims=True)
     return displayed(rows / np.where(most > 0, most, 1.0), options, _BRIGHT)
 
 
 def displayed(rows: NDArray[Any], options: dict[str, Any], exposure: float) -> NDArray[Any]:
-    """Return channels of some colours as they are seen in the picture, shape (n, 3)."""
+    """Return the display colours of n rows of channel intensities, shape (n, 3)."""
     chosen = {name: options[name] for name in _COLORS if options.get(name) is not None}
     seen: NDArray[Any] = display(np.asarray(rows, float)[None], exposure=exposure, **chosen)[0]
     return seen
 
 
 def colormap_of(name: Any) -> Any:
-    """Return a colormap by its name; None if this matplotlib does not know it."""
+    """Return a colormap by its name; None if this version of matplotlib lacks it."""
     from ...colormaps import get_colormap
 
     try:
@@ -141,18 +141,18 @@ def colormap_of(name: Any) -> Any:
         return None
 
 
-# Where a kind of shell has its centre, its width, and how wide one is either side in these.
+# Kind of shell → key of its centre, key of its width, half width in units of that width.
 _SHELLS = {
     "gaussian": ("center", "sigma", 1.0),
     "rectangle": ("center", "half_width", 1.0),
     "isosurface": ("level", "width", 0.5),
 }
 _ENTRIES = 512
-# A shell is at least this wide on either side, as a part of the bar.
+# Minimum half width of a shell, as a fraction of the bar.
 _THIN = 0.006
 # Values that span more than this factor get a logarithmic scale.
 _DECADES = 30.0
-# A bar shows so many widths beside a shell, and this part of itself beside all.
+# Margins of a bar: widths beside each shell, and a fraction of the bar beside all shells.
 _BESIDE, _AROUND = 3.0, 0.08
 _LOGARITHMIC = ("log", "LogNorm")
 _LINEAR = (None, "linear", "Normalize")
@@ -166,7 +166,7 @@ def scales_of(
     told: dict[str, Any] | None = None,
     fields: FieldValues | None = None,
 ) -> list[Scale]:
-    """Return the scale of the one channel that is shown, or else those of the medium.
+    """Return the colour bar of the single channel shown, or else those of the medium.
 
     Parameters
     ----------
@@ -191,14 +191,14 @@ def scales_of(
 
 
 def of_medium(told: dict[str, Any], options: dict[str, Any], spans: Any = None) -> list[Scale]:
-    """Return the colour bars of a medium; none for one that is no function of a scalar.
+    """Return the colour bars of a medium; none unless it is a function of a scalar.
 
     Parameters
     ----------
     told : dict
         ``medium.describe()``.
     options : dict
-        How the picture is shown: which channel has which colour.
+        Display options of `Image.to_rgb`; they set the colour of each channel.
     spans : callable, optional
         ``spans(expr, unit)`` gives the range of an expression's values, or None.
     """
@@ -219,9 +219,9 @@ def of_medium(told: dict[str, Any], options: dict[str, Any], spans: Any = None) 
 
 
 def number(told: Any, expr: str = "") -> tuple[float, str]:
-    """Return a number and its unit from what a medium says: 3.5, or ``"3.5 g / cm3"``.
+    """Return a number and its unit from a medium's description: 3.5, or ``"3.5 g / cm3"``.
 
-    A value of what `expr` is the logarithm of becomes one of it.
+    If `expr` is a logarithm, a value of its argument is converted to its logarithm.
     """
     if not isinstance(told, str):
         return float(told), ""
@@ -236,7 +236,7 @@ def _is_logarithm(expr: str) -> bool:
 
 
 def _of_shells(expr: str, parts: Any, options: dict[str, Any], spans: Any) -> Scale:
-    """Return a bar with the shells of one expression at their places, in their colours."""
+    """Return a bar with the shells of one expression at their centres, in their colours."""
     from matplotlib.colors import ListedColormap
 
     shells = [shell for part in parts for shell in _shells(part)]
@@ -256,7 +256,7 @@ def _of_shells(expr: str, parts: Any, options: dict[str, Any], spans: Any) -> Sc
 
 
 def _shells(part: dict[str, Any]) -> Iterator[tuple[float, float, Any, str, str]]:
-    """Give centre, half width, colour, and the units of both, of a shell or several surfaces."""
+    """Yield centre, half width, colour, and units of centre and width, for each shell."""
     place, extent, half = _SHELLS[part["type"]]
     width, width_unit = number(part[extent])
     width_unit = "" if "dex" in width_unit else width_unit  # a difference of logarithms
@@ -281,7 +281,7 @@ def _shown_colors(colors: list[Any], options: dict[str, Any]) -> NDArray[Any]:
 
 
 def _norm(centers: NDArray[Any], widths: NDArray[Any], span: Span | None) -> Normalize:
-    """Return a norm that shows all shells, and of the field's range what is not too far off."""
+    """Return a norm that covers all shells and the nearby part of the field's range."""
     spread = [centers.min(), centers.max()] if span is None else [*span, *centers]
     logarithmic = bool(min(spread) > 0 and max(spread) > _DECADES * min(spread))
     if logarithmic:
@@ -297,7 +297,7 @@ def _norm(centers: NDArray[Any], widths: NDArray[Any], span: Span | None) -> Nor
 
 
 def _wider(low: float, high: float, span: Span, logarithmic: bool) -> Span:
-    """Return a range with as much of the field's as leaves the shells a third of it at least."""
+    """Extend the shells' range by the field's, so that the shells fill at least a third of it."""
     if logarithmic:
         room = high / low
         return max(min(low, span[0]), low / room), min(max(high, span[1]), high * room)
@@ -308,7 +308,7 @@ def _wider(low: float, high: float, span: Span, logarithmic: bool) -> Span:
 def _bands(
     norm: Normalize, centers: NDArray[Any], widths: NDArray[Any], colors: NDArray[Any]
 ) -> NDArray[Any]:
-    """Return colours and alpha along a bar: bands around the centres, the paper between them."""
+    """Return RGBA along a bar: bands around the centres, transparent between them."""
     place = (np.arange(_ENTRIES) + 0.5) / _ENTRIES
     middle = np.asarray(norm(centers), dtype=float)
     half = np.maximum(np.abs(np.asarray(norm(centers + widths), dtype=float) - middle), _THIN)
@@ -350,16 +350,16 @@ _GAP, _BAR, _COUNTS = 1.0, 1.1, 2.8
 
 
 def draw_color_bar(sheet: Sheet, scale: Scale, counts: Any, start: float) -> float:
-    """Draw a bar as high as the picture; return how far to the right it reaches, in its pixels.
+    """Draw a bar of the picture's height; return the position of its right end in pixels.
 
     Parameters
     ----------
     sheet : Sheet
     scale : Scale
     counts : array or None
-        What `histogram.counts` gives.
+        Histogram; see `counts`.
     start : float
-        Where what is to the left of it ends.
+        Right end of the annotations to its left, in pixels.
     """
     x = start + _GAP * sheet.em
     if counts is not None:
@@ -395,22 +395,22 @@ def _draw_colors(sheet: Sheet, axes: Axes, scale: Scale) -> None:
         label.set_fontsize(sheet.em * sheet.height / long)
 
 
-# A histogram counts at most so many cells, in so many evenly spread pieces.
+# A histogram samples at most _CELLS cells, in _PIECES evenly spaced pieces.
 _CELLS, _PIECES = 1 << 20, 128
 _BINS = 60
-# All but a few values: one odd cell is no range.
+# Percentiles that limit the range: single outliers must not set it.
 _LEAST, _GREATEST = 0.1, 99.9
 
 
 class FieldValues:
-    """Values of expressions in a volume, or in a part of it that stands for the whole."""
+    """Values of expressions in a volume, or in a representative sample of its cells."""
 
     def __init__(self, volume: Volume) -> None:
         self.volume = volume
         self._found: dict[str, NDArray[Any]] = {}
 
     def values(self, text: str, unit: str) -> NDArray[Any]:
-        """Return finite values in a unit; in the fields' own, if none is given."""
+        """Return finite values in a unit; in the fields' units if `unit` is empty."""
         if text not in self._found:
             self._found[text] = self._sampled(Expression(text))
         own, wanted = self.volume.expression_unit(Expression(text)), parse_unit(unit)
@@ -419,7 +419,7 @@ class FieldValues:
         return found if same else np.asarray(own.to(wanted, found))  # dex are shifted, not scaled
 
     def span(self, text: str, unit: str) -> tuple[float, float] | None:
-        """Return the range of nearly all values; None if there are none."""
+        """Return the 0.1 % and 99.9 % percentiles of the values; None if there are no values."""
         values = self.values(text, unit)
         if values.size == 0:
             return None
@@ -440,7 +440,7 @@ class FieldValues:
 def counts(scale: Scale, image: Image, fields: FieldValues | None, channel: int) -> Any:
     """Return counts in bins along a colour bar, from 0 to 1 on a logarithmic scale.
 
-    None without a volume.
+    Returns None without a volume.
     """
     if scale.expr is None:
         values = image.intensity[..., channel].ravel()
@@ -453,5 +453,5 @@ def counts(scale: Scale, image: Image, fields: FieldValues | None, channel: int)
     found, _ = np.histogram(places, _BINS, (0.0, 1.0))
     if not found.any():
         return None
-    # A field has most of its cells in few bins, and what is shown in others.
+    # Most cells fall into few bins, while the shells often lie in other bins.
     return np.log1p(found) / np.log1p(found.max())

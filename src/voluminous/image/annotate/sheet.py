@@ -1,7 +1,7 @@
-"""What annotations are drawn on: a transparent figure around a picture, in its pixels.
+"""Canvas for annotations: a transparent figure around a picture, in its pixel coordinates.
 
-Pixels of the picture are not drawn by matplotlib. The annotations are, alone; then they are put
-over the picture, so that where they are not, its pixels are what they were.
+matplotlib draws only the annotations; these are then composited over the picture, so that pixels
+without annotations stay exactly unchanged.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 
 Margins = tuple[int, int, int, int]
-# A point of matplotlib's is a pixel: sizes of letters and lines are in pixels.
+# One matplotlib point is one pixel, so font sizes and line widths are in pixels.
 _DPI = 72
-# Width of the lines of axes, in heights of letters.
+# Line width of axes, in letter heights.
 LINE = 0.06
-# Width and alpha of the rims around what stands in the picture.
+# Width and alpha of the outlines around annotations inside the picture.
 _RIM, _RIM_ALPHA = 0.22, 0.55
-# Keeps a number of pixels from being rounded to the one below.
+# Added so that rounding cannot lose a pixel.
 _WHOLE = 1e-3
-# Letters of this height (in roots of the picture's area), and at least so many pixels.
+# Letter height in square roots of the picture's area, and its minimum in pixels.
 _LETTERS, _LEAST = 0.026, 8.0
 _LUMINANCE = (0.2126, 0.7152, 0.0722)
 _LIGHT, _DARK = "#f4f4f4", "#101010"
@@ -75,17 +75,17 @@ class Sheet:
         self.figure.patch.set_alpha(0.0)
         self.home: Any = self.figure
         self.canvas = FigureCanvasAgg(self.figure)
-        # What stands on the margins; on transparent ones the paper is likely to be white.
+        # Colour of annotations on the margins; transparent margins are assumed to be on white.
         self.ink = _DARK if paper is None or luminance(np.array(paper)) > 0.5 else _LIGHT
 
     @property
     def per_pixel(self) -> float:
-        """Units of places on the sheet in a pixel of the picture."""
+        """Sheet units per pixel of the picture."""
         return self.width / self.pixels.shape[1]
 
     @property
     def transform(self) -> Any:
-        """From places in the picture to the screen."""
+        """Transform from picture coordinates to the screen."""
         from matplotlib.transforms import Affine2D
 
         left, _, bottom, _ = self.box
@@ -103,7 +103,7 @@ class Sheet:
         return left, left + self.width, bottom, bottom + self.height
 
     def inks(self, x: float, y: float, width: float, height: float) -> tuple[str, str]:
-        """Return colours that can be read on a part of the picture: for lines, and their rims."""
+        """Return the line and outline colours that are legible on a part of the picture."""
         x, y, width, height = (v / self.per_pixel for v in (x, y, width, height))
         rows = slice(max(0, int(y)), max(1, math.ceil(y + height)))
         columns = slice(max(0, int(x)), max(1, math.ceil(x + width)))
@@ -114,13 +114,13 @@ class Sheet:
         return (_DARK, _LIGHT) if light else (_LIGHT, _DARK)
 
     def rim(self, color: str) -> list[Any]:
-        """Return path effects that set lines off from what is behind them."""
+        """Return path effects that outline lines against the background."""
         from matplotlib.patheffects import withStroke
 
         return [withStroke(linewidth=_RIM * self.em, foreground=color, alpha=_RIM_ALPHA)]
 
     def text(self, x: float, y: float, words: str, **look: Any) -> Text:
-        """Write at a place in the picture, in its pixels."""
+        """Write at a position in picture pixels."""
         given = {"fontsize": self.em, "color": self.ink, "transform": self.transform}
         text: Text = self.home.text(x, y, words, **given | look)
         return text
@@ -131,10 +131,10 @@ class Sheet:
         return float(box.width) * _DPI / self.figure.dpi
 
     def rimmed(self, x: float, y: float, words: str, inks: tuple[str, str], **look: Any) -> Text:
-        """Write in the picture, in letters with a rim: two texts, the upper one is returned.
+        """Write outlined letters in the picture as two texts; return the upper one.
 
-        As effects of one text, matplotlib would draw letters as outlines, whose thin strokes it
-        moves to whole pixels: an E becomes an L.
+        With path effects on one text, matplotlib draws letters as paths and snaps their thin
+        strokes to whole pixels: an E becomes an L.
         """
         from matplotlib.patheffects import Stroke
 
@@ -156,7 +156,7 @@ class Sheet:
         return self.home.add_artist(patch)
 
     def axes(self, x: float, y: float, width: float, height: float, **kind: Any) -> Axes:
-        """Return axes at a place in pixels of the picture, with letters and lines that fit."""
+        """Return axes at a position in picture pixels, with matching letters and lines."""
         left, _, bottom, _ = self.box
         place = np.array([x + left, y + bottom, width, height]) / (self.size * 2)
         axes: Axes = self.figure.add_axes(tuple(place), **kind)
@@ -176,12 +176,12 @@ class Sheet:
         return axes
 
     def end(self, artist: Any) -> float:
-        """Return how far to the right something reaches, in pixels of the picture."""
+        """Return the right edge of an artist, in picture pixels."""
         bounds = artist.get_tightbbox(self.canvas.get_renderer())
         return float(bounds.x1) - self.box[0]
 
     def overhang(self) -> Margins:
-        """Return the margins that are needed for all that was drawn."""
+        """Return the margins that all drawn annotations need."""
         drawn = self.figure.get_tightbbox(self.canvas.get_renderer())
         left, right, bottom, top = self.box
         x0, y0, x1, y1 = (v * _DPI for v in (drawn.x0, drawn.y0, drawn.x1, drawn.y1))
@@ -220,7 +220,7 @@ class AxesSheet(Sheet):
         import matplotlib
 
         figure: Any = axes.get_figure()
-        # Where the layout puts the axes; later changes of it move and stretch places, not letters.
+        # Fix the layout now; later layout changes move positions but do not resize letters.
         figure.draw_without_rendering()
         size = axes.get_window_extent()
         self.pixels, self.paper, self.ink = pixels, None, _LIGHT
@@ -237,17 +237,17 @@ class AxesSheet(Sheet):
 
 
 def letter_height(pixels: NDArray[np.uint8]) -> float:
-    """Return the height of letters for a picture: the same part of it at every size."""
+    """Return the letter height for a picture, proportional to its size."""
     return max(_LEAST, _LETTERS * math.sqrt(pixels.shape[0] * pixels.shape[1]))
 
 
 def luminance(colors: NDArray[Any]) -> Any:
-    """Return how bright colours look, from 0 to 1, without regard to their gamma."""
+    """Return the luminance of colours, from 0 to 1, ignoring gamma."""
     return colors @ np.array(_LUMINANCE)
 
 
 def over(front: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return one picture over another (straight alpha), exactly the same where it is transparent.
+    """Return one picture over another (straight alpha), bit-identical where `front` is transparent.
 
     Porter & Duff (1984), "Compositing digital images", for straight alpha.
     """
@@ -261,24 +261,24 @@ def over(front: NDArray[np.uint8], behind: NDArray[np.uint8]) -> NDArray[np.uint
     return result
 
 
-# Where lines and letters stay lines and letters.
+# Vector formats.
 _VECTOR = (".pdf", ".svg")
 SUFFIXES = (".png", *_VECTOR)
 
 
 class Annotated:
-    """What `Image.annotate` returns.
+    """An annotated picture, the result of `Image.annotate`.
 
     Attributes
     ----------
     rgba : uint8 array (ny, nx, 4)
         Red, green, blue and alpha (straight) of the whole sheet; row 0 is at the bottom.
     box : (int, int, int, int)
-        Where the picture is in it: left, right, bottom, top, in pixels.
+        Position of the picture in it: left, right, bottom, top, in pixels.
     figure : matplotlib Figure
         The annotations alone, 72 dots per inch; one pixel is one point.
     image : Image
-        What was annotated.
+        The annotated image.
     """
 
     def __init__(self, image: Image, sheet: Sheet) -> None:
@@ -288,12 +288,12 @@ class Annotated:
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """The part of `rgba` where the picture is, with what is drawn over it."""
+        """The part of `rgba` with the picture, including annotations inside it."""
         left, right, bottom, top = self.box
         return self.rgba[bottom:top, left:right]
 
     def png(self) -> bytes:
-        """Return a PNG file, which carries what the image knows of itself."""
+        """Return a PNG file that contains the image's metadata."""
         opaque = (self.rgba[..., 3] == 255).all()
         pixels = np.ascontiguousarray(self.rgba[::-1, :, : 3 if opaque else 4])
         texts = {"Software": metadata.KEY, metadata.KEY: metadata.dumps(self.image)}

@@ -1,4 +1,4 @@
-"""Image files: one format per module; `FORMATS` lists them, suffixes choose among them."""
+"""Image files: one format per module; `FORMATS` lists them, and the suffix selects one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FORMATS: tuple[Format, ...] = (
 
 
 def format_of(path: Path) -> Format:
-    """Return the format that the suffix of `path` stands for."""
+    """Return the format that belongs to the suffix of `path`."""
     known = {suffix: f for f in FORMATS for suffix in f.suffixes}
     suffix = path.suffix.lower()
     if suffix not in known:
@@ -39,7 +39,7 @@ def format_of(path: Path) -> Format:
 
 
 def save(image: Image, path: Path, **options: Any) -> None:
-    """Write `image` to `path`, whole or not at all; see `Image.save`."""
+    """Write `image` to `path` atomically; see `Image.save`."""
     form = format_of(path)
     check_options(f"{path.suffix} option", options, form.options)
     with replacing(path) as temporary:
@@ -47,7 +47,7 @@ def save(image: Image, path: Path, **options: Any) -> None:
 
 
 def load(path: Path, make: Callable[..., Image]) -> Image:
-    """Return what `make` (the class `Image`) makes of the file; see `Image.load`."""
+    """Read a file and pass its content to `make` (the class `Image`); see `Image.load`."""
     form = format_of(path)
     check_start(path, form.magic, form.name)
     with expecting(path, form.name):

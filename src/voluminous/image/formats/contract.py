@@ -1,4 +1,4 @@
-"""What a file format has to offer. A new one is one file beside this and one entry in the list."""
+"""Interface of a file format. To add one, add a module here and an entry in `FORMATS`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Format:
     suffixes : tuple of str
         Lower case, with the dot.
     magic : tuple of bytes
-        What a file of this format can start with.
+        Possible first bytes of a file of this format.
     write : callable
         ``write(image, path, **options)``; `path` is a new file, removed again after an error.
     read : callable
-        ``read(path)`` gives the keyword arguments of `Image`. It need not guard itself: whatever
-        it raises becomes a `FileFormatError` that names the file.
+        ``read(path)`` returns the keyword arguments of `Image`. It need not catch exceptions: the
+        caller converts any of them to a `FileFormatError` that names the file.
     options : frozenset of str
         Names of the options that `write` takes.
     """

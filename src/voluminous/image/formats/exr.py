@@ -32,8 +32,8 @@ def _names(channels: int) -> list[str]:
 def write(image: Image, path: Path, *, half: bool = False) -> None:
     """Write intensities, alpha, transparency and optical depth as channels of one part.
 
-    Intensity and alpha = 1 − transparency are just what compositing calls a premultiplied colour:
-    placed over another picture B it gives intensity + transparency · B.
+    Intensity with alpha = 1 − transparency is a premultiplied colour in the sense of compositing:
+    over another picture B it gives intensity + transparency · B.
     """
     import OpenEXR
 
@@ -51,7 +51,7 @@ def write(image: Image, path: Path, *, half: bool = False) -> None:
         "pixelAspectRatio": abs(image.pixel_size[0] / image.pixel_size[1]),
         metadata.KEY: metadata.dumps(image),
     }
-    # OpenEXR takes any memory for C order without looking at the strides.
+    # OpenEXR assumes C order and ignores the strides.
     pixels = {key: np.ascontiguousarray(plane[::-1]) for key, plane in layers.items()}
     OpenEXR.File(header, pixels).write(str(path))
 
@@ -61,10 +61,10 @@ def _layers(planes: NDArray[Any], prefix: str) -> Layers:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read the first part of an EXR file: RGB, grey, ours, or else all its channels by name."""
+    """Read the first part of an EXR file: RGB, grey, our channels, or else all channels by name."""
     import OpenEXR
 
-    # It prints what is wrong with a damaged file, and then gives a file without parts.
+    # For a damaged file OpenEXR prints the reason and returns a file without parts.
     with redirect_stdout(io.StringIO()), OpenEXR.File(str(path), separate_channels=True) as file:
         layers = {name: channel.pixels[::-1] for name, channel in file.channels().items()}
         text = file.header().get(metadata.KEY)

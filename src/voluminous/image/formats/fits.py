@@ -46,7 +46,7 @@ def write(image: Image, path: Path, **sky: Any) -> None:
         found = image.plane(name)
         if found is not None:
             hdus.append(fits.ImageHDU(channels_first(found), name=name.upper()))
-    # A header has room for an even spacing only; these hold the coordinates bit for bit.
+    # A header can only express uniform spacing; these extensions hold the exact coordinates.
     hdus += [fits.ImageHDU(image.x, name="X"), fits.ImageHDU(image.y, name="Y")]
     hdus[0].header[_COUNT] = (len(hdus) - 1, "number of extensions")
     fits.HDUList(hdus).writeto(path)
@@ -56,7 +56,7 @@ def read(path: Path) -> dict[str, Any]:
     """Read the first image of a FITS file, with two axes or channels as the third."""
     from astropy.io import fits
 
-    # astropy leaves a file open that it has opened itself and that is cut short.
+    # astropy does not close a truncated file that it has opened itself.
     with _strict(), open(path, "rb") as file, fits.open(file, **_WHOLE) as hdus:
         first = next((h for h in hdus if h.is_image and h.header.get("NAXIS", 0) >= 2), None)
         if first is None:
@@ -74,7 +74,7 @@ def read(path: Path) -> dict[str, Any]:
 def _strict() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        # astropy only warns of this, and may then give a part of the file.
+        # astropy only warns about this, and may then return a part of the file.
         warnings.filterwarnings("error", message=".*truncated.*")
         yield
 
@@ -107,7 +107,7 @@ def _planes(extras: dict[str, NDArray[Any]], shape: tuple[int, ...]) -> dict[str
 def _known(
     header: Header, extras: dict[str, NDArray[Any]], shape: tuple[int, ...]
 ) -> dict[str, Any]:
-    """Return units, coordinates and the rest; cards that were edited count more than our text."""
+    """Return units, coordinates and metadata; edited cards override the JSON text."""
     ours = metadata.loads(header.get(_TEXT), shape)
     unit = ours.pop("unit", "")
     bright = ours.pop("intensity_unit", "")

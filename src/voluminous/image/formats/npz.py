@@ -19,7 +19,7 @@ _AXES = ("x", "y")
 
 
 def write(image: Image, path: Path) -> None:
-    """Write all arrays uncompressed: intensities hardly get smaller, only slower."""
+    """Write all arrays uncompressed: compression takes time and hardly shrinks intensities."""
     arrays: dict[str, Any] = {"intensity": image.intensity, "x": image.x, "y": image.y}
     for name in PLANES:
         plane = getattr(image, name)
@@ -31,8 +31,8 @@ def write(image: Image, path: Path) -> None:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read an archive with an array named `intensity`, and what else there is of ours."""
-    # NumPy leaves a file open that it has opened itself and that turns out to be no archive.
+    """Read an archive with an array named `intensity` and, if present, our other arrays."""
+    # NumPy does not close a file that it has opened itself and that is not an archive.
     with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
         if "intensity" not in archive:
             found = ", ".join(archive.files) or "nothing"

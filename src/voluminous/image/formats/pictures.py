@@ -1,4 +1,4 @@
-"""JPEG, PDF and SVG: display values for papers and pages; coordinates and units are left out."""
+"""JPEG, PDF and SVG: display values for papers and web pages, without coordinates and units."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def write_jpeg(
         )
     else:
         pixels = annotated(image, annotate, display).rgba[::-1, :, :3]
-    # Without subsampling, since thin coloured lines on black would fade.
+    # No chroma subsampling: thin coloured lines on black would fade.
     picture = Pillow.fromarray(np.ascontiguousarray(pixels))
     picture.save(path, "JPEG", quality=quality, subsampling=0)
 
@@ -47,7 +47,7 @@ def read_jpeg(path: Path) -> dict[str, Any]:
 
 
 def _vector(suffix: str, name: str, magic: tuple[bytes, ...]) -> Format:
-    """Return a format in which pixels stay pixels, and lines and letters stay what they are."""
+    """Return a vector format: the picture as pixels, lines and letters as vectors."""
 
     def write(image: Image, path: Path, *, annotate: Any = False, **display: Any) -> None:
         options = _BARE if annotate is False else annotate

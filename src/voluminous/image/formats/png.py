@@ -1,4 +1,4 @@
-"""The part of PNG that Pillow lacks: 16 bits per colour. Also writes 8 bits, faster and smaller.
+"""PNG with 16 bits per colour, which Pillow lacks; also 8 bits, faster and smaller than Pillow's.
 
 Follows the PNG specification (W3C, third edition): chunks (section 5), filters (section 9).
 """
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _TYPES: dict[int, type[np.uint8] | type[np.uint16]] = {8: np.uint8, 16: np.uint16}
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_BIT_DEPTH_AT = 24  # its place in the file: signature, chunk head, width, height
+_BIT_DEPTH_AT = 24  # offset in the file: after signature, chunk header, width, height
 
 
 def encode(
@@ -44,10 +44,10 @@ def encode(
     bits : {8, 16}
         Bits per colour.
     transparent : bool
-        Add alpha = 1 − mean transparency, or as much more as the colours need: light that comes
-        from a fully transparent place cannot be told by alpha 0.
+        Add alpha = 1 − mean transparency, raised where the colours need it: alpha 0 cannot
+        represent emission from a fully transparent region.
     annotate : bool or dict
-        Add what `Image.annotate` does; a dict has its options.
+        Add the annotations of `Image.annotate`; a dict holds its options.
     **display
         Options of `Image.to_rgb`.
     """
@@ -64,7 +64,7 @@ def encode(
 
 
 def annotated(image: Image, annotate: Any, options: dict[str, Any]) -> Any:
-    """Return what ``annotate=`` of `Image.save` asks for, with other options of the format."""
+    """Return the annotated picture for ``annotate=`` of `Image.save`."""
     if annotate is not True and not isinstance(annotate, dict):
         raise InputError(f"annotate must be True or a dict of options, got {annotate!r}")
     return image.annotate(**options, **({} if annotate is True else annotate))
@@ -78,7 +78,7 @@ def write(image: Image, path: Path, **options: Any) -> None:
 def read(path: Path) -> dict[str, Any]:
     """Read display values from 0 to 1, from any kind of PNG.
 
-    Alpha becomes transparency, and the colours what they are in front of black.
+    Alpha becomes transparency, and the colours are composited over black.
     """
     from PIL import Image as Pillow
 
@@ -124,7 +124,7 @@ FORMAT = Format(
 _COLOR_TYPE = {1: 0, 2: 4, 3: 2, 4: 6}  # samples per pixel: grey, grey + alpha, RGB, RGBA
 _SAMPLES = {kind: samples for samples, kind in _COLOR_TYPE.items()}
 _UP = 2
-# Readers refuse compressed texts that unpack to more than this, and take plain ones.
+# Readers refuse compressed texts that unpack to more than this, but accept uncompressed ones.
 _LONGEST_PACKED_TEXT = 1_000_000
 
 
@@ -145,7 +145,7 @@ def encode_pixels(pixels: NDArray[np.uint8] | NDArray[np.uint16], texts: dict[st
         [
             SIGNATURE,
             _chunk(b"IHDR", header),
-            _chunk(b"sRGB", b"\x00"),  # the values are meant for a display as they are
+            _chunk(b"sRGB", b"\x00"),  # the values are display values already
             *(_text(key, text) for key, text in texts.items()),
             _chunk(b"IDAT", zlib.compress(_filtered(pixels))),
             _chunk(b"IEND", b""),
@@ -154,7 +154,7 @@ def encode_pixels(pixels: NDArray[np.uint8] | NDArray[np.uint16], texts: dict[st
 
 
 def _filtered(pixels: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
-    """Return the bytes of all rows, each less the row above: smooth pictures pack better so."""
+    """Return all rows minus the row above ("up" filter): smooth pictures compress better."""
     rows = pixels.shape[0]
     raw = pixels.astype(pixels.dtype.newbyteorder(">")).reshape(rows, -1).view(np.uint8)
     packed = np.empty((rows, 1 + raw.shape[1]), dtype=np.uint8)
@@ -191,7 +191,7 @@ def decode16(content: bytes) -> NDArray[np.uint16]:
 
 
 def _chunks(content: bytes) -> dict[bytes, bytes]:
-    """Return the content of the chunks by kind; those of the same kind are joined."""
+    """Return the content of the chunks by type; chunks of the same type are concatenated."""
     found: dict[bytes, list[bytes]] = {}
     at = len(SIGNATURE)
     while b"IEND" not in found:
@@ -235,7 +235,7 @@ def _from_neighbours(kind: int, row: list[int], above: list[int], width: int) ->
 
 
 def _paeth(left: int, up: int, corner: int) -> int:
-    """Return the neighbour nearest to left + up − corner; ties in this order."""
+    """Return the neighbour closest to left + up − corner; ties resolve in this order."""
     to_left, to_up = abs(up - corner), abs(left - corner)
     to_corner = abs(left + up - 2 * corner)
     if to_left <= to_up and to_left <= to_corner:

@@ -1,7 +1,7 @@
 """RADMC-3D's images: ``image.out`` (text) and ``image.bout`` (binary).
 
 They hold intensities at several wavelengths; with polarization the Stokes parameters I, Q, U and V
-of each. Here these are channels: I at all wavelengths, then Q at all, U and V.
+of each. The channels are I at all wavelengths, then Q, U and V at all wavelengths.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ if TYPE_CHECKING:
 
 _BINARY = ".bout"
 _STOKES = "IQUV"
-# Format number → unit of pixels, and how many Stokes parameters.
+# Format number → unit of pixels, number of Stokes parameters.
 _KINDS = {1: ("cm", 1), 2: ("rad", 1), 3: ("cm", 4), 4: ("rad", 4)}
 _INTENSITY = "erg / (s cm2 Hz sr)"
 _WAVELENGTHS = "wavelengths_micron"
-# Whole numbers at the beginning: format, columns, rows, wavelengths.
+# Number of integers in the header: format, columns, rows, wavelengths.
 _HEAD = 4
-# Fortran leaves out the letter of exponents with three digits.
+# Fortran omits the "E" of exponents with three digits.
 _LETTERLESS = re.compile(rb"(?<=[\d.])([+-]\d{3})(?!\d)")
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read the image, centred on 0: the file has the size of pixels, but no position.
+    """Read the image, centred on 0: the file contains the pixel size, but no position.
 
-    Wavelengths and what the channels are is in the provenance.
+    The provenance holds the wavelengths and the meaning of the channels.
     """
     binary = path.suffix.lower() == _BINARY
     head, numbers = _binary(path) if binary else _text(path)
     shape, waves, (unit, parameters) = _checked(head, len(numbers))
     ny, nx = shape
     size, wavelengths, values = numbers[:2], numbers[2 : 2 + waves], numbers[2 + waves :]
-    if binary:  # the parameters are one after the other; in a text side by side
+    if binary:  # Stokes planes are consecutive here; in a text they are interleaved
         planes = values.reshape(waves, parameters, ny, nx).transpose(2, 3, 1, 0)
     else:
         planes = values.reshape(waves, ny, nx, parameters).transpose(1, 2, 3, 0)
@@ -88,7 +88,7 @@ def _binary(path: Path) -> tuple[list[int], NDArray[np.float64]]:
 
 
 def _checked(head: list[int], found: int) -> tuple[tuple[int, int], int, tuple[str, int]]:
-    """Return rows and columns, number of wavelengths, and what the format number means."""
+    """Return (rows, columns), the number of wavelengths, and the entry of `_KINDS`."""
     number, nx, ny, waves = head
     if number not in _KINDS:
         raise FileFormatError(f"the format number must be 1, 2, 3 or 4, got {number}")
@@ -104,15 +104,15 @@ def _checked(head: list[int], found: int) -> tuple[tuple[int, int], int, tuple[s
 
 
 def write(image: Image, path: Path, *, wavelengths: Any = None) -> None:
-    """Write the intensities as they are; whatever else the image knows has no place in the file.
+    """Write the intensities unchanged; the format has no place for other metadata.
 
     Parameters
     ----------
     image : Image
-        Its plane in a length or an angle; of an image without unit it is taken to be in cm.
+        Its plane has a unit of length or angle; without a unit cm is assumed.
     path : Path
     wavelengths : float, array_like or Quantity, optional
-        Of the channels, in micron. An image that was read from such a file knows them.
+        Of the channels, in micron. Default: from the provenance of an image read from such a file.
     """
     waves = _wavelengths(image, wavelengths)
     parameters = len((image.provenance or {}).get("stokes", "I"))
@@ -153,7 +153,7 @@ def _wavelengths(image: Image, given: Any) -> list[float]:
 
 
 def _pixel_size(image: Image) -> tuple[bool, tuple[float, float]]:
-    """Return whether pixels are angles, and their width and height in cm or radian."""
+    """Return True if pixels are angles, and their width and height in cm or radian."""
     unit = parse_unit(image.unit or "cm")
     for angle, name in enumerate(("cm", "rad")):
         if unit.is_equivalent(name):

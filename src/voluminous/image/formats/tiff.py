@@ -20,7 +20,7 @@ from .contract import Format
 if TYPE_CHECKING:
     from ..image import Image
 
-# Deflate, the best packer among the usual ones, makes data at most 1032 times smaller.
+# Maximum compression ratio of Deflate, the highest among the usual methods.
 _MOST_PACKED = 1032
 _LARGE_SAMPLES = 10_000_000
 _BOTTOM_LEFT = 4  # the Orientation tag: the first row is the lowest
@@ -36,11 +36,11 @@ def write(image: Image, path: Path) -> None:
     pixels = narrowed(image.intensity[::-1], np.float32, "intensity")
     tifffile.imwrite(
         path,
-        # A last axis of length one would be taken for columns.
+        # tifffile would interpret a last axis of length one as columns.
         pixels[..., 0] if channels == 1 else pixels,
         photometric="rgb" if rgb else "minisblack",
         planarconfig="contig",
-        # Said explicitly, or a fourth channel would be taken for alpha.
+        # Explicit, because a fourth channel would be interpreted as alpha otherwise.
         extrasamples=["unspecified"] * (channels - (3 if rgb else 1)),
         description=metadata.dumps(image),
         software=metadata.KEY,
@@ -97,7 +97,7 @@ def _without_alpha(pixels: NDArray[Any], extra: tuple[int, ...]) -> dict[str, An
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep tifffile from logging about damaged tags: an error will say it once."""
+    """Suppress tifffile's log messages about damaged tags; the error reports them once."""
     logger = logging.getLogger("tifffile")
     before, logger.disabled = logger.disabled, True
     try:

@@ -28,17 +28,18 @@ _CHUNK = 1 << 20
 
 
 class CellCenters:
-    """The coordinates of a volume that a medium names.
+    """The coordinates of a volume that a medium uses.
 
-    A grid with `traced_centers` computes x, y and z in the kernel. Of others they are computed on
-    the host: of consecutive cells when these are classified, of all cells for rays.
+    A grid with `traced_centers` computes x, y and z in the kernel. Those of other grids are
+    computed on the host: for consecutive cells during classification, for all cells during ray
+    tracing.
 
     Parameters
     ----------
     volume : Volume
-        Its fields are no coordinates.
+        Names of its fields are not coordinates.
     names : iterable of str
-        What the medium looks at; may hold fields.
+        Names that the medium uses; may include fields.
     """
 
     def __init__(self, volume: Volume, names: Any, backend: Backend) -> None:
@@ -65,7 +66,7 @@ class CellCenters:
         return {name: dr.gather(Wide, data, cell, active) for name, data in self.whole().items()}
 
     def whole(self) -> dict[str, Any]:
-        """Return the coordinates of all cells; kept. Rays need them where nothing is traced."""
+        """Return the coordinates of all cells; cached. Rays need them where nothing is traced."""
         if not self._whole and not self.traced and self.names:
             size = self.grid.size
             advice = "leave coordinates out of the medium, or coarsen the volume"
@@ -88,14 +89,14 @@ class CellCenters:
 
 
 class CellEvaluator:
-    """A medium put before a volume.
+    """Evaluates a medium on the cells of a volume.
 
     Attributes
     ----------
     numbers : PerChannel or SharedProfiles
-        What is computed per cell.
+        The numbers computed per cell.
     centers : CellCenters
-        The coordinates that the medium looks at.
+        The coordinates that the medium uses.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class CellEvaluator:
         self.centers = CellCenters(volume, medium.names, backend)
 
     def context(self, real: Any) -> Context:
-        """Return how the medium is evaluated with numbers of a type."""
+        """Return the context that evaluates the medium with a given number type."""
         return Context(
             real=real,
             number=lambda value: dr.opaque(real, value),
@@ -143,7 +144,7 @@ class CellEvaluator:
         return list(self._largest)
 
     def expect(self, largest: list[float]) -> None:
-        """Say what `largest` found for the same medium and fields before."""
+        """Restore an earlier result of `largest` for the same medium and fields."""
         self._largest = list(largest)
 
     def _find_largest(self) -> list[float]:
@@ -195,16 +196,16 @@ class CellEvaluator:
 
 
 def check_fields(volume: Volume, medium: Medium) -> None:
-    """Raise the error that names the nearest field if a medium looks at an unknown one."""
+    """Raise the error that names the nearest field if a medium uses an unknown one."""
     for name in medium.names:
         if name not in volume.coordinates and name not in volume:
             volume.array(name)
 
 
 def device_array(flat: np.ndarray, backend: Backend) -> Any:
-    """Return numbers on the device, integers as floating point that holds them.
+    """Return numbers on the device; integers become floating point that holds them.
 
-    Float arrays in the CPU's memory are used where they are: to gather from, unless they are
+    Float arrays in the CPU's memory are used in place for gathers, unless they are
     `backend.aligned`.
     """
     flat = _floating(flat)
@@ -213,7 +214,7 @@ def device_array(flat: np.ndarray, backend: Backend) -> Any:
 
 
 def _floating(flat: np.ndarray) -> np.ndarray:
-    """Return integers as floating point that holds them, and other numbers as they are."""
+    """Return integers as floating point that holds them; other numbers are unchanged."""
     if flat.dtype.kind == "f":
         return flat
     return flat.astype(np.float32 if flat.dtype.itemsize <= 2 else np.float64)
@@ -223,7 +224,7 @@ _ACROSS = "sqrt(x*x + y*y)"
 
 
 def ray_coordinates(volume: Volume, names: Iterable[str]) -> dict[str, Expression]:
-    """Return the grid's own coordinates among some names, computed from x, y and z."""
+    """Return the named curvilinear coordinates of the grid, as expressions of x, y and z."""
     grid = volume.grid
     own = [n for n in names if n in grid.coordinates and n not in (*COORDINATES, *volume)]
     return {name: _formula(name, grid) for name in own}
@@ -235,7 +236,7 @@ def _formula(name: str, grid: Grid) -> Expression:
     if name == "theta":
         height = "abs(z)" if grid.mirror else "z"
         return Expression(f"atan2({_ACROSS}, {height})")
-    # Azimuths above the first one by less than a full circle.
+    # Azimuths that exceed the first one by less than a full circle.
     first = float(grid.edges[grid.coordinates.index("phi")][0])
     return Expression(f"atan2(y, x) - 2*pi*((atan2(y, x) - {first!r}) // (2*pi))")
 
@@ -244,5 +245,5 @@ def _formula(name: str, grid: Grid) -> Expression:
 LARGEST = 2**32 - 1
 
 
-# Cells classified at once: bounds the memory of temporaries, and the time between interruptions.
+# Cells classified at once: limits the memory of temporaries, and the delay of an interrupt.
 SLAB = 1 << 19

@@ -47,21 +47,21 @@ class FieldsAlong:
 
 
 class Interpolated:
-    """What a scheme on interpolated fields gets its coefficients from.
+    """Coefficients for schemes that interpolate fields along the ray.
 
     Attributes
     ----------
     numbers : PerChannel or SharedProfiles
-        What is integrated.
+        The integrated numbers.
     scalars : tuple of Expression
-        What is carried from one stretch to the next.
+        Expressions whose values are carried from one stretch to the next.
     tolerance : tuple of arrays
-        The errors of emission and transparency allowed in the first stretch of a ray, and what part
-        of a pixel's those are (`schemes.in_front`).
+        The errors of emission and transparency allowed in the first stretch of a ray, and their
+        share of a pixel's error (`schemes.in_front`).
     neglected, neglected_depth : float
-        What faint places that are left out may emit and absorb along a ray, in all.
+        Upper bounds of the emission and optical depth along a ray of faint places that are skipped.
     lost : float
-        The part of a pixel that the interpolation itself may be off by.
+        Relative error of a pixel due to the interpolation itself.
     """
 
     def __init__(
@@ -79,8 +79,7 @@ class Interpolated:
         self.walk_kind = "coarse" if blocks is not None and blocks.coarse else "dual"
         self.tolerance: tuple[Any, ...] = ()
         self.lost = 0.0
-        # A ray that never comes nearer to a shell than where it is neglected may pass along it
-        # all the way.
+        # A ray may follow a shell over its whole length at a distance where the shell is neglected.
         most = 1e-3 * float(np.finfo(self.backend.dtype).max)
         self.neglected = min(paths * context.faint * self.numbers.one_path(), most)
         self.neglected_depth = min(paths * context.faint * self.numbers.one_depth(), 1.0)
@@ -97,7 +96,9 @@ class Interpolated:
         self.coordinates = [a for a, axis in enumerate("xyz") if axis in names or every]
 
     def allow(self, emission: float, transparency: float, share: float) -> None:
-        """Set the errors allowed in a pixel, and a segment's share; infinite ones never are."""
+        """Set the errors allowed in a pixel, and a segment's share; infinite ones are never
+        exceeded.
+        """
         o = self.backend.opaque
         most = 0.5 * float(np.finfo(self.backend.dtype).max)
         allowed = (min(share * error, most) for error in (emission, transparency))
@@ -129,7 +130,8 @@ class Interpolated:
     ) -> dict[str, list[Float]]:
         """Return every field along a segment, as a polynomial of s from 0 to 1.
 
-        Where it is none, it is one to fourth order, or to third if that is enough (`rough`).
+        Where the field is not a polynomial, it is approximated to fourth order, or to third
+        (`rough`).
         """
         found = {
             name: self.lattices[name].along(chord, c, rough=rough) for name, c in corners.items()
@@ -141,11 +143,11 @@ class Interpolated:
     def stretch(
         self, cubics: dict[str, list[Float]], length: Float, *, rough: bool = False
     ) -> Stretch:
-        """Return a stretch of ray, for fields in the type that expressions are evaluated in."""
+        """Return a stretch of ray, with fields in the type that expressions are evaluated in."""
         return Stretch(self._own(cubics), self.context, length, rough=rough)
 
     def straight(self, cubics: dict[str, list[Float]], length: Float) -> Straight:
-        """Return the same with scalars taken as linear."""
+        """Return the same stretch with scalars taken as linear."""
         return Straight(self._own(cubics), self.context, length)
 
     def _own(self, cubics: dict[str, list[Float]]) -> dict[str, list[Float]]:
@@ -158,20 +160,20 @@ class Interpolated:
     def means(self, panel: Panel) -> tuple[list[Any], list[Any]]:
         """Return mean j and α over a panel, per length of the grid's scale."""
         j, alpha = self.numbers.split(self.numbers.means(panel, self.context))
-        # What no physics can use becomes NaN, which the picture shows: it is looked at afterwards.
+        # Unphysical values become NaN and reach the picture, which is checked afterwards.
         return j, [dr.select(a >= 0.0, a, math.nan) for a in alpha]
 
     @property
     def smooth(self) -> bool:
-        """Whether means of samples will do for some stretches, and it is known for which.
+        """Whether sample means are accurate enough for some stretches, with an error estimate.
 
-        Double precision is for those who want digits: panels have all of them in linear fields.
+        Single precision only: for linear fields panels reach double precision, samples do not.
         """
         return self.backend.precision == "single" and self.evaluator.medium.sampling.smooth
 
     @property
     def edges(self) -> list[Level]:
-        """Where the medium jumps."""
+        """Where the medium is discontinuous."""
         return self.evaluator.medium.discontinuities(self.context)
 
     @property
@@ -181,37 +183,37 @@ class Interpolated:
 
     @property
     def hollow(self) -> bool:
-        """Whether there is nothing between edges."""
+        """Whether the medium is empty between its edges."""
         return self.evaluator.medium.surface_only
 
     @property
     def layered(self) -> bool:
-        """Whether something is without width."""
+        """Whether some part of the medium has zero width."""
         return any(part.surface_only for part in self.evaluator.medium.components())
 
     def layer(self, stretch: Stretch, place: Float) -> Path:
-        """Return what has no width and is passed on a stretch, as it is at a place."""
+        """Return the parts of zero width that a stretch crosses, evaluated at a place."""
         found = self.evaluator.medium.layer(stretch, self.context, place)
         assert found is not None  # `layered`
         return layer(*self.numbers.split(found.listed()))
 
     @property
     def quick(self) -> bool:
-        """Whether there is a rule of fewer samples."""
+        """Whether a rule with fewer samples exists."""
         return self.evaluator.medium.sampling.quick
 
     @property
     def finer(self) -> bool:
-        """Whether samples will do for parts of the others."""
+        """Whether samples are accurate enough for parts of the other stretches."""
         return self.evaluator.medium.sampling.finer
 
     def sampled(self, stretch: Stretch, *, fine: bool) -> list[tuple[list[Any], list[Any]]]:
-        """Return mean, first and last j and α of a stretch, and how far the means may be off."""
+        """Return mean, first and last j and α of a stretch, and the errors of the means."""
         found = self.numbers.sampled(stretch, self.context, fine=fine)
         return [self.numbers.split(own) for own in found]
 
     def cores(self, stretch: Stretch) -> list[list[Any]]:
-        """Return how many structures are in each half of a stretch, for each part of a sum."""
+        """Return the number of structures in each half of a stretch, for each part of a sum."""
         return [part.cores(stretch, self.context) for part in self.evaluator.medium.components()]
 
     def shares(self, path: Path, panel: Panel) -> list[tuple[Any, Any]]:
@@ -220,27 +222,29 @@ class Interpolated:
 
     @property
     def steady(self) -> bool:
-        """Whether what an opaque medium shows is the same everywhere."""
+        """Whether the source function is the same everywhere."""
         parts = self.evaluator.medium.components()
         return len(parts) == 1 and parts[0].constant_source_function
 
     def sharpness(self, stretch: Stretch) -> tuple[Any, Any]:
-        """Return how thin the medium's structures are, and how far bends may put means off."""
+        """Return how thin the medium's structures are, and the error of means due to curvature."""
         return self.evaluator.medium.sharpness(stretch, self.context)
 
     def visible(self, stretch: Stretch) -> tuple[Any, Any]:
-        """Return where the medium may be noticeable, and where panels may not show that."""
+        """Return where the medium may be noticeable, and where panels may miss that."""
         return self.evaluator.medium.visible(stretch, self.context)
 
 
-# The least that a precision can tell of a peak.
+# The smallest fraction of a peak that each precision represents.
 _FAINTEST = {"single": 1e-37, "double": 1e-300}
-# Rays that pass along a shell where it is faint do so for some path lengths at least. For more than
-# the second number nothing need be known: the faintest part of a peak is of a width as before.
+# Path lengths for which a ray may follow a shell where it is faint: at least, and at most. Beyond
+# the maximum the width of the faintest part of a peak no longer changes.
 _SOME_PATHS, _MOST_PATHS = 10.0, 1e12
-# What pictures on curvilinear grids are off by, of the tolerance: nearly all of them by less.
+# Error due to the cubic fit on curvilinear grids, as a fraction of the tolerance; nearly all errors
+# are smaller.
 _LOST_BY_CUBICS = 0.1
-# What places lose, in ε: seen of a shell with σ = 1e-4 dex in a field of 3 dex, and at most.
+# Error due to rounded positions, in ε: seen for a shell with σ = 1e-4 dex in a field of 3 dex, and
+# its maximum.
 _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 
 
@@ -252,14 +256,15 @@ def interpolated_fields(
     faintest: bool,
     whole: bool,
 ) -> Interpolated:
-    """Return the medium on interpolated fields; their lattices are kept with the volume."""
+    """Return the medium on interpolated fields; their lattices are cached with the volume."""
     volume, backend = evaluator.volume, evaluator.backend
     needed = _remember(evaluator, cache)
     evaluator.numbers.normalise(evaluator.largest())
-    # Of thick shells even the tails are dense: what is neglected counts in optical depth per cell.
+    # In thick shells even the tails are dense: the neglected part is measured in optical depth per
+    # cell.
     dense = float(evaluator.numbers.densest(evaluator.largest()))
     faint = min(0.01 * tolerance, 1e-3) / max(1.0, 10.0 * dense)
-    # Without error control nobody asks what is left out.
+    # Without error control the neglected part is not reported.
     paths = _path_lengths(evaluator) if scheme.controlled else _SOME_PATHS
     faint *= _SOME_PATHS / paths
     least = _FAINTEST[backend.precision]
@@ -287,15 +292,15 @@ def interpolated_fields(
 
 
 def _lost_by_places(backend: Backend, contrast: float) -> float:
-    """Return the part of a pixel that is lost because places are rounded.
+    """Return the relative error of a pixel due to rounded positions.
 
-    By as much, in parts of their range, scalars are off: a shell that is grazed shows more or less.
+    Scalars have this error relative to their range, which matters where a ray grazes a shell.
     """
     return min(_LOST_PER_EPS * float(np.finfo(backend.dtype).eps) * contrast, _MOST_LOST)
 
 
 def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
-    """Where fields along a segment are no polynomials, have them near enough to one."""
+    """Approximate fields along a segment by polynomials, where they are not polynomials already."""
     walk = source.walk or source.evaluator.grid.walk(source.backend, source.walk_kind)
     if walk.approximate:
         source.walk = walk.kept_to(tolerance / contrast)
@@ -303,14 +308,14 @@ def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
 
 
 def _path_lengths(evaluator: CellEvaluator) -> float:
-    """Return how many path lengths a ray may follow a shell for: some, or all the way across."""
+    """Return the number of path lengths a ray may follow a shell: some, or all the way across."""
     grid, largest = evaluator.grid, evaluator.largest()
     diagonal = float(np.linalg.norm(np.ptp(grid.bounds, axis=1))) / grid.scale
     return float(np.clip(evaluator.numbers.paths(largest) * diagonal, _SOME_PATHS, _MOST_PATHS))
 
 
 def _pruned(evaluator: CellEvaluator, cache: Cache, lattices: dict[str, Any], faint: float) -> Any:
-    """Return the walk through the leaves that may show something, or None; kept."""
+    """Return the walk through the leaves that may be visible, or None; cached."""
     medium, backend = evaluator.medium, evaluator.backend
     if not can_be_pruned(evaluator):
         return None
@@ -328,7 +333,7 @@ def _pruned(evaluator: CellEvaluator, cache: Cache, lattices: dict[str, Any], fa
 
 
 def _remember(evaluator: CellEvaluator, cache: Cache) -> Exactness:
-    """Have what was found for the same medium before, and return how exact expressions must be."""
+    """Restore the cached results for the same medium, and return the precision it needs."""
     own = evaluator.medium.key()
 
     def make() -> tuple[list[float], Exactness]:
@@ -336,7 +341,7 @@ def _remember(evaluator: CellEvaluator, cache: Cache) -> Exactness:
 
     if own is None:
         return make()[1]
-    # Shapes have other numbers than what is made of all their colours.
+    # The numbers of shapes differ from those of all their colours.
     kind = type(evaluator.numbers).__name__
     key = ("numbers", kind, own, cache.statistics.digests(evaluator.medium.names))
     found: tuple[list[float], Exactness] = cache.get_or_make(key, make)
@@ -345,7 +350,7 @@ def _remember(evaluator: CellEvaluator, cache: Cache) -> Exactness:
 
 
 def _limits(evaluator: CellEvaluator, real: Any) -> dict[str, tuple[Any, Any]]:
-    """Return the least and largest values of all fields, as numbers of a kernel."""
+    """Return the least and largest values of all fields, as kernel numbers."""
     volume = evaluator.volume
     extremes = {n: evaluator.statistics.extremes(n) for n in evaluator.medium.names if n in volume}
     return {

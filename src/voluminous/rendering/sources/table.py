@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def packet_widths(count: int) -> list[int]:
-    """Return how `count` numbers are split into packets of 4, 2 and 1."""
+    """Return the widths (4, 2 or 1) of the packets that hold `count` numbers."""
     widths = [4] * (count // 4)
     for width in (2, 1):
         if count & width:
@@ -35,20 +35,20 @@ def packet_widths(count: int) -> list[int]:
 
 @dataclass
 class CoefficientTable:
-    """Tabulated coefficients: what a scheme looks up.
+    """Tabulated coefficients, for look-up by schemes.
 
     Attributes
     ----------
     packets : list of arrays
         Interleaved numbers, one flat array per packet.
     numbers : PerChannel or SharedProfiles
-        What the numbers are.
+        Layout of the numbers.
     largest : list of float
         Largest magnitude of each number, times the grid's scale.
     bounds : list of float
-        Bounds of them, from the ranges of the fields: as they were before they were rounded.
+        Their bounds from the ranges of the fields, before rounding.
     blocks, walk : optional
-        Blocks for rays to leap over; or a walk through less than the whole grid.
+        Blocks that rays may skip; or a walk through part of the grid.
     """
 
     packets: list[Any]
@@ -104,7 +104,7 @@ def _cells(evaluator: Any, backend: Backend, low: int, high: int, report: Any) -
 def vertex_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTable:
     """Return the coefficients at all vertices: plain means over the cells that touch them.
 
-    RADMC-3D's rule: cells outside the domain are left out, not counted as zero. Each cell is
+    RADMC-3D's rule: cells outside the domain are excluded, not counted as zero. Each cell is
     classified once or twice.
     """
     grid = evaluator.grid
@@ -121,7 +121,7 @@ def vertex_table(evaluator: Any, backend: Backend, report: Any) -> CoefficientTa
 def _vertex_pieces(grid: Grid) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
     """Yield ranges of vertices, and of the cells around them.
 
-    Layers of the first axis touch two layers of cells; the leaves of a tree are anywhere.
+    Layers of the first axis touch two layers of cells; for trees all leaves are needed.
     """
     if not grid.is_structured:
         for first in range(0, grid.vertex_count, SLAB):
@@ -201,7 +201,7 @@ def _store(table: CoefficientTable, values: list[Float], first: int, *also: Any)
 class OnRay:
     """The medium evaluated in every cell that a ray visits; the same bits as from a table.
 
-    Unusable coefficients become NaN, which the picture shows: it is looked at afterwards.
+    Unusable coefficients become NaN, which reaches the picture and is checked there.
     """
 
     blocks = walk = walk_kind = None
@@ -249,7 +249,7 @@ _ADVICE = (
     "use precision='single', scheme='first-order' (which can do without a table), "
     "or a coarser or smaller volume"
 )
-# What may be neglected of tabulated coefficients, as a fraction of their peak: below rounding.
+# Tabulated coefficients below this fraction of their peak are neglected: below rounding.
 _FAINT = {"single": 1e-9, "double": 1e-18}
 
 
@@ -261,7 +261,7 @@ def tabulated(
     report: Callable[..., None],
     whole: bool,
 ) -> Any:
-    """Return a table, made or kept; or the medium on the ray, where a table is not worth it."""
+    """Return a new or cached table, or the medium on the ray where a table does not pay."""
     volume, backend, numbers = evaluator.volume, evaluator.backend, evaluator.numbers
     needed = table_bytes(evaluator, scheme, backend)
     crowded = scheme.coefficients_at == "cell" and _crowded(
@@ -296,9 +296,9 @@ def _pruned(table: CoefficientTable, grid: Grid, scheme: Scheme, faint: float) -
 def _crowded(numbers: Int, needed: int, cells_per_step: float) -> bool:
     """Return True if the medium is better evaluated on the ray than for all cells beforehand.
 
-    That is so where the rays visit few of the cells. But a table, if it can be recognised and
-    leaves memory for other things, serves the next pictures too: of 512³ cells by 400² rays the
-    first takes 3.1 s and the next 0.45 s, on the ray each takes 1.6 s.
+    That is so where the rays visit few of the cells. But a table that can be cached and leaves
+    enough memory also serves the next pictures: with 512³ cells and 400² rays the first takes 3.1 s
+    and the next 0.45 s; on the ray each takes 1.6 s.
     """
     if not fits(needed + SLABS):
         return True

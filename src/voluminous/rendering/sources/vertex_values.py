@@ -1,18 +1,20 @@
-"""Fields at the corners of the cells of a tree, so that they are continuous between them.
+"""Continuous fields on trees: vertex values computed from the surrounding cells.
 
-The value at a vertex is the mean of what the cells in the eight octants around it say: each its own
-value, moved along its gradient (`tree_slopes`). That is exact for linear fields, whatever the sizes
-of the cells, and of second order at jumps of level, where plain means are of first. Where all eight
-are alike they are moved half the way only: then the mean is off by the fourth order in the cells'
-size, and plain means by the second. It is kept between the values of the cells around; at the
-surface of the domain, where there are cells on one side only, that is all there is.
+The value at a vertex is the mean over the cells in the eight octants around it. Each cell
+contributes its value, extrapolated to the vertex along its gradient (`tree_slopes`). This is exact
+for linear fields and any cell sizes, and second-order accurate at level jumps, where plain means
+are first order. Where all eight cells have equal size, only half of the extrapolation is applied:
+the mean then has a fourth-order error in the cell size, plain means a second-order one. The result
+is limited to the range of the surrounding cell values. At the surface of the domain only the cells
+inside contribute.
 
-A vertex of one cell may lie inside a face or an edge of a larger one ("hanging"). There it gets the
-value that is interpolated in the largest such cell, from coarse to fine: so neighbours of any sizes
-agree on all of the wall they share (the constraints of hanging nodes of finite elements).
+A vertex of one cell may lie inside a face or an edge of a larger one ("hanging"). It then takes the
+value interpolated in the largest such cell, from coarse to fine, so that neighbours of any sizes
+agree on their shared wall (the hanging-node constraints of finite elements).
 
-Of a smooth field on a tree refined twice around a shell, corners are off by 1.4e-3 at most and by
-8.8e-5 on average (root mean square) with base cells of 1/16; by 1.5e-2 and 1.3e-3 with plain means.
+For a smooth field on a tree refined twice around a shell, with base cells of 1/16, the error of the
+corner values is at most 1.4e-3 and 8.8e-5 on average (root mean square); with plain means it is
+1.5e-2 and 1.3e-3.
 """
 
 from __future__ import annotations
@@ -27,21 +29,21 @@ from ...backend import Backend, dr, from_host
 from ...backend.types import Float, Int, Mask
 from ...derivatives import CellSlopes
 from ...grids.trees.lookup import Cell
-from ...grids.trees.vertices import OCTANTS, Boxes, Surroundings
+from ...grids.trees.vertices import OCTANTS, Surroundings, VertexBoxes
 from ...memory import check_memory
 
-# Cells whose widths differ by less, relatively, are alike.
+# Relative difference of widths below which two cells count as equally large.
 _ALIKE = 1e-6
 
 
 @dataclass
 class CellSamples:
-    """What cells say of one field at a vertex.
+    """Sums over the cells around a vertex, for one field.
 
     Attributes
     ----------
     values, rises : array
-        Sums of their values, and of what these change by on the way to the vertex.
+        Sum of the cell values, and sum of their extrapolations to the vertex.
     least, most : array
         Range of the values.
     """
@@ -52,7 +54,7 @@ class CellSamples:
     most: Any
 
     def with_one(self, value: Float, rise: Any, there: Mask) -> CellSamples:
-        """Return it with one cell more, where there is one."""
+        """Return the sums with one more cell, on the lanes where it exists."""
         return CellSamples(
             self.values + dr.select(there, value, 0.0),
             self.rises + dr.select(there, rise, 0.0),
@@ -61,7 +63,7 @@ class CellSamples:
         )
 
     def mean(self, count: Int, share: Any) -> Any:
-        """Return the mean, with a share of the rises, no less and no more than the values."""
+        """Return the mean with a fraction `share` of the rises, within the range of the values."""
         mean = dr.fma(share, self.rises, self.values) / count
         mean = dr.select(mean < self.least, self.least, mean)
         return dr.select(mean > self.most, self.most, mean)
@@ -74,17 +76,17 @@ class VertexStencil:
     Attributes
     ----------
     count : array
-        How many octants have a cell.
+        Number of octants that contain a cell.
     said : list of CellSamples
-        What these say of each field.
+        Sums over these cells, one per field.
     alike : array of Bool
-        All octants have cells, as wide as each other.
+        All octants contain cells, and these have equal widths.
     width : list of three arrays
         Widths of the last cell.
     hanging : array of Bool
-        There are cells that have no corner there.
+        The vertex is not a corner of every cell that touches it.
     number, low, extent, size : arrays, lists of three, array
-        The largest of those: its number, where it is, and how large.
+        The largest cell of which it is not a corner: its number, position and size.
     """
 
     count: Any
@@ -99,7 +101,7 @@ class VertexStencil:
 
     @classmethod
     def start(cls, backend: Backend, count: int, fields: int) -> VertexStencil:
-        """Return what is known of so many fields before any cell is asked."""
+        """Return the empty sums for a number of fields."""
 
         def full(value: float) -> Any:
             return dr.full(backend.Float, value, count)
@@ -120,7 +122,7 @@ class VertexStencil:
         )
 
     def is_alike(self, width: list[Any]) -> Any:
-        """Return where a cell is as wide as the one before, if there was any."""
+        """Return where a cell is as wide as the previous one, or is the first."""
         same = self.width[0] == 0.0
         both = True
         for a, b in zip(width, self.width, strict=True):
@@ -128,9 +130,9 @@ class VertexStencil:
         return same | both
 
     def means(self) -> list[Any]:
-        """Return the means of what the cells say of each field.
+        """Return the mean of each field.
 
-        Each value is moved along its gradient: all the way, or half where cells are alike.
+        Cell values are extrapolated to the vertex, or half-way where all cells are equally large.
         """
         share = dr.select(self.alike, 0.5, 1.0)
         return [said.mean(self.count, share) for said in self.said]
@@ -144,15 +146,15 @@ def is_corner(vertex: list[Float], low: list[Float], extent: list[Float]) -> Any
     return found
 
 
-# Cells whose corners are computed at once, and the bytes that takes.
+# Cells whose corners are computed at once, and the memory this takes in bytes.
 _CHUNK = 1 << 18
 _CHUNK_BYTES = 400 * _CHUNK
 
 
 class CornerValues:
-    """Computes the values at the corners of all cells.
+    """Computes the values at the corners of all cells, for several fields at once.
 
-    Of several fields at once: which cells meet at a corner is the same for all.
+    The cells that meet at a corner are the same for all fields.
 
     Parameters
     ----------
@@ -173,7 +175,7 @@ class CornerValues:
         self.grid, self.backend = grid, backend.with_precision("double")
         self.real = backend.Float
         self.fields = [self.real(np.ascontiguousarray(f, dtype=backend.dtype)) for f in fields]
-        self.boxes = Boxes(grid, 0, grid.size, self.backend)
+        self.boxes = VertexBoxes(grid, 0, grid.size, self.backend)
         self.derivatives = CellSlopes(grid, self.fields, backend, self.boxes)
         self.around: Surroundings = self.derivatives.around
         self.spacing = self.derivatives.spacing
@@ -181,7 +183,7 @@ class CornerValues:
         self.data = [dr.full(self.real, np.nan, 8 * grid.size) for _ in fields]
 
     def compute(self) -> list[Any]:
-        """Return those of each field: eight numbers per cell, z fastest."""
+        """Return the corner values of each field: eight numbers per cell, z fastest."""
         self._set_slopes()
         for first in range(0, self.grid.size, _CHUNK):
             self._share(first, min(first + _CHUNK, self.grid.size))
@@ -201,7 +203,7 @@ class CornerValues:
     def _share(self, first: int, last: int) -> None:
         """Compute the values at lower corners of cells, for all cells that meet there.
 
-        Where one of these has no corner there, it is left to `_complete`.
+        Hanging vertices are left to `_complete`.
         """
         UInt = self.backend.UInt
         vertex = self.boxes.low(dr.arange(UInt, last - first) + dr.opaque(UInt, first))
@@ -217,12 +219,12 @@ class CornerValues:
                 dr.scatter(data, value, 8 * cell.number + (7 - octant), there)
             return (octant + 1,)
 
-        # In a loop, all is one kernel: scatters after one another would be one each.
+        # One loop gives one kernel; consecutive scatters would give one kernel each.
         dr.while_loop((dr.zeros(UInt, dr.width(vertex)),), more, write, label="share")
         dr.eval(self.data)
 
     def _complete(self, level: int) -> None:
-        """Compute what lacks at the corners of cells of a level; larger cells have theirs."""
+        """Compute the missing corner values of one level; those of larger cells are complete."""
         UInt, grid = self.backend.UInt, self.grid
         for first in range(0, grid.size, _CHUNK):
             own = np.flatnonzero(grid.levels[first : first + _CHUNK] == level)
@@ -312,7 +314,7 @@ class CornerValues:
         return self.backend.Float(dr.gather(self.real, table, number, active))
 
     def _inside(self, vertex: list[Float], found: VertexStencil) -> list[Any]:
-        """Return what is interpolated in the largest cells, whose corners are known."""
+        """Return the fields interpolated in the largest cells, whose corner values are complete."""
         totals = [self.backend.Float(0) for _ in self.data]
         box = zip(vertex, found.low, found.extent, strict=True)
         f = [(v - a) / s for v, a, s in box]

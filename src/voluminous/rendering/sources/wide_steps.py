@@ -1,10 +1,10 @@
-"""Where rays may take wider steps: a coarser interpolant of the fields is as good there.
+"""Finds blocks where rays can take wider steps, because a coarser interpolant is accurate there.
 
-Over a cube of 2, 4 or 8 dual cells the fields between its eight corners alone are compared with the
-fields themselves, at every centre of a cell in it. Where no expression that the medium looks at is
-off by more than a part of the width of its structures, the cube is one step of a ray. In the wings
-of a shell, where little of it shows, more is allowed: up to its width. That divides the steps where
-fields are smooth, and leaves them where they are not.
+In a cube of 2, 4 or 8 dual cells, the fields interpolated between its eight corners are compared
+with the fields themselves at every cell centre inside. Where the error of each of the medium's
+expressions is below a fraction of the width of its structures, the cube is one step of a ray. In
+the wings of a shell, where it is faint, a larger error is allowed: up to its width. Steps become
+fewer where fields are smooth, and stay the same elsewhere.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from .cells import CellEvaluator, device_array
 
 @dataclass(frozen=True)
 class Limit:
-    """How far a scalar of a part of a medium may be off.
+    """Error allowed in a scalar of a part of a medium.
 
     Attributes
     ----------
     part : Medium
     expr : Expression
     width : float
-        That of the part's structures: the most, where next to nothing of them shows.
+        Width of the part's structures: the limit where they are nearly invisible.
     fraction : float
-        The part of it that is the most where all of them shows.
+        The limit where they are fully visible, as a fraction of the width.
     """
 
     part: Any
@@ -46,15 +46,15 @@ class Limit:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What blocks depend on, besides what the medium shows."""
+        """Return everything that blocks depend on, besides the part of the medium."""
         return (self.expr.text, self.width, self.fraction)
 
     def kept(self, exact: Any, taken: list[Any], context: Any) -> Any:
-        """Return where it is kept by what rays take for the exact values (traced).
+        """Return where approximate values are within the limit of the exact ones (traced).
 
-        By the root of the most that any of the values shows: a fifth fewer steps than with one
-        limit everywhere, at the same errors (without the root they grow by a tenth). Never where
-        there is NaN.
+        The limit scales with the root of the largest visibility of any of the values: this takes a
+        fifth fewer steps than one limit everywhere, at the same errors (without the root they grow
+        by a tenth). NaN is never within the limit.
         """
         width = context.kept_number(self.width)
         most = context.kept_number(self.width * self.fraction)
@@ -69,10 +69,9 @@ class Limit:
 
 
 def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit, ...] | None:
-    """Return how far every expression may be off, or None if wider steps are not for this medium.
+    """Return the error allowed in every expression, or None if the medium excludes wider steps.
 
-    They are for media that are functions of scalars with structures of known widths, and of nothing
-    else.
+    Wider steps are for media that depend only on scalars with structures of known widths.
     """
     medium, grid = evaluator.medium, evaluator.grid
     if medium.looks_inside or fraction <= 0 or not grid.is_uniform:
@@ -92,15 +91,15 @@ def difference_limits(evaluator: CellEvaluator, fraction: float) -> tuple[Limit,
 
 # The corners of a cube.
 _UP = tuple(itertools.product((0, 1), repeat=3))
-# Optical depth of a step: a panel does not know which of several shells in it is in front.
+# Maximum optical depth of a step: within a panel the order of several shells is unknown.
 _DEEPEST = 0.4
-# The part of steps that must become wider for that to pay: the walk itself is slower.
+# Fraction of steps that must become wider for this to pay, since the walk itself is slower.
 _WORTHWHILE = 0.1
 
 
 @dataclass
 class FieldSamples:
-    """The fields that a medium needs, as they are, and what may be lost of its expressions.
+    """The fields that a medium needs, unmodified, and the errors allowed in its expressions.
 
     Attributes
     ----------
@@ -109,7 +108,7 @@ class FieldSamples:
     shape : tuple of int
         Cells along each axis.
     limits : tuple of Limit
-        How far each expression may be off.
+        Error allowed in each expression.
     """
 
     data: dict[str, Any]
@@ -118,7 +117,7 @@ class FieldSamples:
     evaluator: CellEvaluator
 
     def at(self, node: list[Any]) -> dict[str, Any]:
-        """Return all fields at a centre; number 0 is beyond the first, where it is the same."""
+        """Return all fields at a centre; number 0 lies outside and repeats the first."""
         Int, backend = self.evaluator.backend.Int, self.evaluator.backend
         flat = Int(0)
         for i, n in zip(node, self.shape, strict=True):
@@ -135,7 +134,7 @@ def wide_steps(
     ranges: dict[str, Interval],
     limits: tuple[Limit, ...],
 ) -> np.ndarray | None:
-    """Return log2 of how wide steps may be in each block, or None if few may be wide."""
+    """Return log2 of the step width allowed in each block, or None if few may be wide."""
     backend, volume = evaluator.backend, evaluator.volume
     names = evaluator.medium.names
     data = {n: device_array(volume.array(n).reshape(-1), backend) for n in names}
@@ -153,9 +152,9 @@ def wide_steps(
 def _widest(
     evaluator: CellEvaluator, visible: np.ndarray, ranges: dict[str, Interval]
 ) -> np.ndarray:
-    """Return log2 of how wide steps may be in each block lest they are too deep.
+    """Return log2 of the step width in each block that keeps the optical depth low enough.
 
-    In front of a single shell, j and α of which are proportional, no depth is too much.
+    For a single shell with proportional j and α any depth is allowed.
     """
     found = np.full(visible.shape, WIDEST, np.uint8)
     parts = evaluator.medium.components()
@@ -169,7 +168,7 @@ def _widest(
 
 
 def _resized(cubes: np.ndarray, bits: int, all_or_any: Any) -> np.ndarray:
-    """Return a mask of cubes 2^bits times smaller; or of larger ones, of all or any in them."""
+    """Return a mask of cubes 2^bits times smaller, or of larger ones by `all_or_any`."""
     if bits >= 0:
         for axis in range(3):
             cubes = np.repeat(cubes, 1 << bits, axis=axis)
@@ -182,7 +181,7 @@ def _resized(cubes: np.ndarray, bits: int, all_or_any: Any) -> np.ndarray:
 
 
 def _good(fields: FieldSamples, cubes: np.ndarray, step: int) -> np.ndarray:
-    """Return which of some cubes of 2^step dual cells may be crossed in one step."""
+    """Return which cubes of 2^step dual cells may be crossed in one step."""
     place = np.nonzero(cubes)
     found = np.zeros(cubes.shape, bool)
     if len(place[0]):
@@ -195,8 +194,8 @@ def _good(fields: FieldSamples, cubes: np.ndarray, step: int) -> np.ndarray:
 class _Cubes:
     """Cubes of dual cells, one per lane: the fields at their corners, and at all centres inside.
 
-    Rays take expressions as linear between where they enter a cube and where they leave it, with
-    fields that are trilinear between the corners: so both are compared with what is there.
+    Rays take expressions as linear between entry into a cube and exit from it, with fields that are
+    trilinear between the corners. Both approximations are compared with the exact values.
     """
 
     def __init__(self, fields: FieldSamples, first: list[Float], side: int) -> None:
@@ -229,7 +228,7 @@ class _Cubes:
         return good
 
     def _affine(self, expr: Any) -> list[Any]:
-        """Return the plane through an expression's values at the corners, by least squares.
+        """Return the least-squares plane through an expression's values at the corners.
 
         Its mean, and half its rise along each axis.
         """
