@@ -1,4 +1,4 @@
-"""More than one ray per pixel: where the picture is not smooth, or RADMC-3D's recursion."""
+"""Antialiasing: more rays where the picture is not smooth, or RADMC-3D's recursion."""
 
 from __future__ import annotations
 
@@ -219,14 +219,14 @@ def _count(
 
 @dataclass
 class WidthState:
-    """What goes round the loop: where a ray is, and the least width so far."""
+    """Loop state: a ray's position, and the smallest width so far."""
 
     cursor: Any
     least: Any
 
 
 class MinCellWidth:
-    """Follows rays through a grid's cells."""
+    """Computes the width of the narrowest cell along rays."""
 
     def __init__(self, grid: Any, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
@@ -260,7 +260,7 @@ class MinCellWidth:
         return None
 
     def before(self, sight: Any, count: int) -> Any:
-        """Return the widths that rays begin with."""
+        """Return the initial widths of rays."""
         raise NotImplementedError
 
     def width(self, cursor: Any, segment: Segment, sight: Any) -> Any:
@@ -457,7 +457,7 @@ class PixelParts:
 
 
 class FluxConserving(RayTracer):
-    """A job's rays, in parts of pixels as small as the cells that they meet."""
+    """Traces a job's rays in parts of pixels no wider than the cells on their way."""
 
     def __init__(self, job: RenderJob, source: Source, brightest_background: float) -> None:
         super().__init__(job, source, brightest_background)

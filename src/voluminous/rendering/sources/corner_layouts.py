@@ -1,4 +1,4 @@
-"""Fields at cell centres as rays gather them: the eight values around a dual cell."""
+"""Memory layouts of fields from which rays gather the eight values around a dual cell."""
 
 from __future__ import annotations
 
