@@ -1,4 +1,4 @@
-"""The data that goes in: a grid and the fields on its cells."""
+"""`Volume`, the input of all rendering and measuring: a grid and the fields on its cells."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Volume(Evaluation):
     grid : grid
         For example a `CartesianGrid`.
     fields : mapping, optional
-        Names and arrays, as an alternative to keywords (for names that are no identifiers).
+        Names and arrays, as an alternative to keywords (for names that are not Python identifiers).
     **named : array_like or Quantity
         Cell-centred arrays of the grid's shape (index ``[ix, iy, iz]`` of a Cartesian grid, one
         value per leaf of a tree, one array per patch of patches): float32, float64, integer or
@@ -74,16 +74,16 @@ class Volume(Evaluation):
 
     def __init__(self, grid: Grid, fields: Mapping[str, Any] | None = None, **named: Any) -> None:
         self.grid = checked_grid(grid)
-        # What a file tells besides: "time", "redshift", "object" …, as plain values or texts.
+        # Metadata of the file ("time", "redshift", "object" …), as plain values or strings.
         self.meta: dict[str, Any] = {}
-        # The sky and the spectrum behind the grid's x, y, z: an astropy WCS, or None.
+        # World coordinates (sky, spectrum) of the grid's x, y, z: an astropy WCS, or None.
         self.wcs: Any = None
         self._fields = Fields()
         self._units: dict[str, Any] = {}
         self._derivatives = Derivatives()
-        # From where it is seen; see `seen_by`.
+        # Lines of sight of the current camera; see `seen_by`.
         self.sight = LinesOfSight(grid)
-        # Cached for pictures (see `rendering.cache`), newest last, with the bytes that it takes.
+        # Cache for rendering (see `rendering.cache`), newest last, with sizes in bytes.
         self.tables: OrderedDict[Any, Any] = OrderedDict()
         if isinstance(named.get("unit"), str):
             raise InputError(
@@ -101,14 +101,14 @@ class Volume(Evaluation):
 
     @classmethod
     def from_particles(cls, positions: Any, masses: Any, **options: Any) -> Volume:
-        """Return a volume of particles, on an octree that is fine where they are.
+        """Return a volume from particles, on an octree refined where the particles are.
 
         Parameters
         ----------
         positions : array_like or Quantity, shape (n, 3)
             In any order.
         masses : float, array_like or Quantity, shape (n,)
-            One number is the mass of all. Ones make ``density`` a number density.
+            One number is the mass of each particle. With ones, ``density`` is a number density.
         **options
             ``smoothing_length, volume, density, fields, kernel, bounds, periodic, max_particles,
             cell_width, min_level, max_level, empty, unit, progress``: see
@@ -127,9 +127,9 @@ class Volume(Evaluation):
 
     @classmethod
     def from_pyvista(cls, dataset: Any, fields: Any = None, **options: Any) -> Volume:
-        """Return a volume of an object of PyVista or VTK.
+        """Return a volume from a PyVista or VTK object.
 
-        Arguments, with ``unit`` and ``resolution`` as options, and errors are those of
+        For the arguments (options: ``unit``, ``resolution``) and errors see
         `voluminous.io.vtk.objects.from_pyvista`.
         """
         volume: Volume = packages.room("io.vtk.objects").from_pyvista(dataset, fields, **options)
@@ -137,19 +137,19 @@ class Volume(Evaluation):
 
     @classmethod
     def from_xarray(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume in an array of xarray with three dimensions, or in a set of them.
+        """Return a volume from a three-dimensional xarray DataArray, or from a Dataset.
 
-        Arguments, with ``dims, isel, sel, bounds, spacing, aspect, unit`` as options, and errors
-        are those of `voluminous.io.from_xarray`.
+        For the arguments (options: ``dims, isel, sel, bounds, spacing, aspect, unit``) and errors
+        see `voluminous.io.from_xarray`.
         """
         volume: Volume = packages.room("io").from_xarray(data, fields, **options)
         return volume
 
     @classmethod
     def from_yt(cls, data: Any, fields: Any = None, **options: Any) -> Volume:
-        """Return the volume of a data set of yt, or of a region of one, on its own cells.
+        """Return a volume from a yt data set, or from a region of one, on the original cells.
 
-        Arguments, with ``unit`` and ``units`` as options, and errors are those of
+        For the arguments (options: ``unit``, ``units``) and errors see
         `voluminous.io.yt.from_yt`.
         """
         volume: Volume = packages.room("io.yt").from_yt(data, fields, **options)
@@ -172,7 +172,7 @@ class Volume(Evaluation):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the coordinates that expressions know (x, y, z, r and the grid's own)."""
+        """Coordinate names allowed in expressions (x, y, z, r and those of the grid)."""
         return coordinate_names(self.grid)
 
     @property
@@ -182,7 +182,7 @@ class Volume(Evaluation):
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each field, empty where it has none."""
+        """Unit of each field; an empty string for a field without unit."""
         return {name: unit_name(unit) for name, unit in self._units.items()}
 
     def field_unit(self, name: str) -> Any:
@@ -202,17 +202,17 @@ class Volume(Evaluation):
         Parameters
         ----------
         name : str
-            A field; a derivative of fields such as ``gradmag(density)``; or a component of a vector
-            that is given by others, such as ``velocity_x`` where there are ``velocity_r``,
-            ``velocity_theta`` and ``velocity_phi``. What is computed is kept until a field it is
-            made of is set, or `refresh` finds it changed.
+            A field; a derivative of fields such as ``gradmag(density)``; or a vector component that
+            follows from others, such as ``velocity_x`` from ``velocity_r``, ``velocity_theta`` and
+            ``velocity_phi``. Computed arrays are cached until one of their fields is set, or
+            `refresh` detects a change.
 
         Raises
         ------
         UnknownNameError
             If there is no such field.
         InputError
-            If it is a component along the line of sight, and no camera is known; see `seen_by`.
+            If it is a component along the line of sight and no camera is set; see `seen_by`.
         """
         derived = self._derived(name)
         if derived is None:
@@ -226,13 +226,13 @@ class Volume(Evaluation):
         return view
 
     def _derived(self, name: str) -> DerivedField | None:
-        """Return what a name stands for that is no field but made of fields; None if nothing is."""
+        """Return the derivative or vector component of this name; None for fields and others."""
         if name in self._fields:
             return None
         return derived_field(name) or component(name, self._fields, self.grid)
 
     def given(self, names: Iterable[str]) -> set[str]:
-        """Return the fields among some names, and those that the others are made of."""
+        """Return the fields that these names refer to, directly or through derived fields."""
         found: set[str] = set()
         for name in names:
             derived = self._derived(name)
@@ -247,10 +247,10 @@ class Volume(Evaluation):
             raise unknown_name("field", name, self._fields)
 
     def refresh(self) -> None:
-        """Look for arrays that were changed in place, and forget the derivatives made of them.
+        """Drop cached derivatives of arrays that were changed in place.
 
-        `evaluate` and indexing do it; it takes the time to read all fields that derivatives are
-        kept of.
+        `evaluate` and indexing call this method. It reads all fields that have cached
+        derivatives.
         """
         self._derivatives.refresh(self)
 
@@ -287,15 +287,15 @@ class Volume(Evaluation):
         self._forget(name)
 
     def own(self) -> None:
-        """Say that nobody else has the arrays of fields: they cannot change but by setting them.
+        """Declare that no other code holds the arrays: fields change only by assignment.
 
-        Of a volume that was read from a file. Pictures then need not look whether they have
+        Used for volumes read from files. Rendering then skips the search for changes in place
         (512³ numbers: 20 ms of 60).
         """
         self._fields.own(*self._fields)
 
     def digest(self, name: str) -> bytes:
-        """Return what tells whether a field has changed: a hash of its contents, if it can."""
+        """Return a hash of a field's contents, or of its version number if the array is owned."""
         array = self.array(name)
         number = None if self._derived(name) else self._fields.sealed(name)
         return digest(array) if number is None else b"sealed %d" % number
@@ -310,13 +310,13 @@ class Volume(Evaluation):
             check()
             return checked_array(name, self.grid.pack(value.load()), self.grid)
 
-        check()  # what can never be read is refused at once
+        check()  # refuse fields that do not fit in memory at once
         self._fields.defer(name, load, value)
         self._units[name] = parse_unit(value.unit)
         self._forget(name)
 
     def load(self, *names: str) -> Volume:
-        """Read fields now that would be read when they are first used; by default all.
+        """Read deferred fields now rather than at first use; by default all.
 
         Returns
         -------
@@ -326,7 +326,7 @@ class Volume(Evaluation):
         Raises
         ------
         MemoryNeededError
-            If they do not fit into the memory that there is.
+            If they do not fit into the available memory.
         """
         for name in names or self.fields:
             self.array(name)
@@ -334,20 +334,20 @@ class Volume(Evaluation):
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """Names of the fields that are in a file, and read when they are first used."""
+        """Names of the deferred fields, which are read from their file at first use."""
         return self._fields.waiting
 
     @property
     def bytes_waiting(self) -> int:
-        """Memory that `load` would take."""
+        """Memory that `load` would take, in bytes."""
         return self._fields.bytes_waiting(self.grid.size)
 
     def explain_reading(self, reading: Callable[[], AbstractContextManager[None]]) -> None:
-        """Read what is waiting within a context, which makes errors name the file."""
+        """Read deferred fields within a context that adds the file name to errors."""
         self._fields.guard(reading)
 
     def set_unit(self, name: str, unit: Any) -> None:
-        """Say which unit a field's plain values are in (values stay as they are)."""
+        """Set the unit of a field; its values do not change."""
         self._check_field(name)
         self._units[name] = parse_unit(unit)
         self._forget(name)
@@ -362,17 +362,17 @@ class Volume(Evaluation):
         self.tables.clear()
 
     def __copy__(self) -> Volume:
-        """Return another that shares all, what is kept for pictures too."""
+        """Return a shallow copy, which shares the caches too."""
         other = object.__new__(type(self))
         vars(other).update(vars(self))
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what deep copies and pickles hold: not what was made for pictures, on a device."""
+        """Return the state for deep copies and pickles, without the rendering cache."""
         return {**vars(self), "tables": OrderedDict()}
 
     def __contains__(self, name: object) -> bool:
-        """Return True for fields, and for what can be made of fields and coordinates."""
+        """Return True for fields, and for fields derived from fields and coordinates."""
         derived = self._derived(name) if isinstance(name, str) else None
         if derived is None:
             return name in self._fields
@@ -386,16 +386,16 @@ class Volume(Evaluation):
         return len(self._fields)
 
     def seen_by(self, camera: Any) -> Volume:
-        """Return the volume as a camera sees it: expressions know the line of sight, ``los(v)``.
+        """Return the volume with a camera's lines of sight, for expressions with ``los(v)``.
 
-        Fields, and all that is kept of them, are this volume's own. `render` does it.
+        The result shares the fields and caches of this volume. `render` calls this method.
         """
         seen = copy.copy(self)
         seen.sight = LinesOfSight(self.grid, camera)
         return seen
 
     def with_arrays(self, arrays: Mapping[str, np.ndarray]) -> Volume:
-        """Return a volume of the same fields, some of them with other values; nothing is kept."""
+        """Return a volume with some fields replaced, and with empty caches."""
         other = copy.copy(self)
         other._fields, other._derivatives = copy.copy(self._fields), Derivatives()
         other._units, other.tables = dict(self._units), OrderedDict()
@@ -405,20 +405,20 @@ class Volume(Evaluation):
         return other
 
     def save(self, path: str | Path, *, format: str | None = None, **options: Any) -> None:
-        """Write the volume to a file, whose suffix tells the format, such as ``.h5`` or ``.npz``.
+        """Write the volume to a file; its suffix sets the format, such as ``.h5`` or ``.npz``.
 
-        ``.h5`` holds every grid and all that belongs to a volume: `voluminous.open` returns it bit
-        for bit. ``voluminous formats`` lists what else can be written. A file appears whole or not
-        at all, and replaces one of the same name. A directory must be new, or empty.
+        ``.h5`` stores any grid and the complete volume: `voluminous.open` returns it bit for bit.
+        ``voluminous formats`` lists the other formats. A file is written completely or not at all,
+        and replaces one of the same name. A directory must be new, or empty.
 
         Parameters
         ----------
         path : str or Path
             Of the file; a directory for formats that consist of several files.
         format : str, optional
-            Name of the format, if the suffix does not tell.
+            Name of the format, if it does not follow from the suffix.
         **options
-            Those of the format; ``.h5``: ``compress=True`` packs the fields.
+            Options of the format; ``.h5``: ``compress=True`` compresses the fields.
 
         Raises
         ------
@@ -454,19 +454,20 @@ class Volume(Evaluation):
         fields : iterable of str, optional
             Which fields; all by default.
         fill : float
-            The value outside this volume. With 0 the integral of a field over the volume is kept
-            (as far as it is inside the new grid), so densities keep their mass. With NaN cells
-            that are not entirely inside have no value.
+            The value outside this volume. With 0 the integral of a field over the volume is
+            conserved (as far as it is inside the new grid), so densities conserve mass. With NaN,
+            cells that are not entirely inside are NaN.
         samples : int
-            Points per axis and cell where cells are no boxes.
+            Points per axis and cell where cells are not boxes.
         progress
             As for `render`.
 
         Returns
         -------
         Volume
-            Fields are float32 where they were, else float64. `meta` is kept; how scans are turned
-            (``meta["direction"]``) only if the new grid has the same centre, about which they are.
+            Fields that were float32 remain so, others become float64. `meta` is copied; the
+            orientation of scans (``meta["direction"]``) only if the new grid has the same centre,
+            about which scans are rotated.
 
         Raises
         ------
@@ -479,36 +480,36 @@ class Volume(Evaluation):
 
         Notes
         -----
-        Between grids whose cells are boxes (Cartesian, octrees, patches) the volumes that cells
-        share are computed exactly: Σ f V is kept to rounding. To and from spherical and cylindrical
+        Between grids whose cells are boxes (Cartesian, octrees, patches) the overlap volumes are
+        computed exactly: Σ f V is conserved to rounding. To and from spherical and cylindrical
         grids they are estimated with ``samples**3`` points in each of the smaller cells; a constant
-        stays constant, and Σ f V is kept to the error of that estimate.
+        stays constant, and Σ f V is conserved to the error of that estimate.
         """
         return resampled_volume(self, grid, fields, fill, samples)
 
     def unfolded(self, phi: int | None = None, theta: int | None = None) -> Volume:
-        """Return a volume in which every cell is in one place, and not mirrored or all around.
+        """Return a volume without mirror images and, with `phi`, without axisymmetric cells.
 
-        Both halves of a spherical grid that was made with ``mirror=True``; and many cells in place
-        of each one that goes all around the axis, if `phi` says how many. So lines of sight,
-        ``los("velocity")``, are known everywhere.
+        A spherical grid made with ``mirror=True`` gets both halves. Each cell that goes all around
+        the axis becomes `phi` cells. Lines of sight, ``los("velocity")``, are then defined
+        everywhere.
 
-        What is below the midplane moves as its image above does, upside down: components along θ,
-        or z, of vectors change sign.
+        Vectors below the midplane are the mirror images of those above: their components along θ,
+        or z, change sign.
 
         Parameters
         ----------
         phi : int, optional
-            Cells in azimuth, of a grid of which one goes all around. A line of sight is that to a
-            cell's middle: with 64 cells it is off by 0.05 radian at most, and by 0.001 where it
-            is interpolated between them (``scheme="post-classified"``).
+            Cells in azimuth, for a grid whose cells go all around. The line of sight of a cell is
+            that to its centre: with 64 cells its error is at most 0.05 radian, or 0.001 if it is
+            interpolated between cells (``scheme="post-classified"``).
         theta : int, optional
-            Cells from pole to pole, of a grid that has one; half of `phi` by default.
+            Cells from pole to pole, for a grid with one; half of `phi` by default.
 
         Returns
         -------
         Volume
-            With more cells; this volume itself where nothing is mirrored and nothing asked for.
+            With more cells; this volume itself if nothing is mirrored and no numbers are given.
 
         Raises
         ------
@@ -520,8 +521,9 @@ class Volume(Evaluation):
 
         Notes
         -----
-        All vectors are taken as velocities are. A magnetic field is mirrored with the opposite sign
-        (it is an axial vector): change that of its three components below the midplane afterwards.
+        All vectors are mirrored like velocities. A magnetic field (an axial vector) is mirrored
+        with the opposite sign: change the sign of its three components below the midplane
+        afterwards.
 
         Examples
         --------
@@ -551,18 +553,19 @@ class Volume(Evaluation):
         Parameters
         ----------
         expression : str or Expression
-            A field or what is computed of fields; a vector gives three pictures.
+            A field or an expression of fields; a vector gives three pictures.
         normal : {"x", "y", "z"} or three floats
-            The axis that the plane is across, or its normal; it need not be of length one.
+            The normal of the plane: an axis, or a vector of any length.
         position : float or Quantity, optional
-            Where the plane meets the normal through the origin. By default through `center`.
+            Distance of the plane from the origin along its normal. By default the plane passes
+            through `center`.
         width : float, Quantity or pair of them, optional
             Width and height; all of the volume by default.
         center : three floats or Quantity, optional
-            What is in the middle, moved onto the plane; by default the volume's centre.
+            Centre of the picture, projected onto the plane; by default the volume's centre.
         up : three floats, optional
-            What points upwards. By default z; across an axis, the axes follow in turn: y to the
-            right and z up across x, z and x across y, x and y across z.
+            Upward direction. By default z; for a normal along an axis the axes are cyclic: y to the
+            right and z up for x, z and x for y, x and y for z.
         resolution : int or (int, int)
             Pixels along the longer side, or (nx, ny).
         camera : camera, optional
@@ -595,30 +598,30 @@ class Volume(Evaluation):
     def cells(
         self, fields: Iterable[str] | None = None, *, where: Any = None, kind: str = "dict"
     ) -> Any:
-        """Return a table of cells: where they are, how large, and the values of fields.
+        """Return a table of cells: positions, sizes and values of fields.
 
         Parameters
         ----------
         fields : iterable of str, optional
             Fields or expressions; all fields by default.
         where : str or Expression, optional
-            Only cells where this is true. Numbers that are compared may have units:
+            Only cells where this is true. Numbers in comparisons may have units:
             ``"velocity_z > 5 km/s"``.
         kind : {"dict", "numpy", "astropy", "pandas"}
             A dict of arrays and Quantities, a structured array, a `QTable` or a `DataFrame`; the
-            second and the last know no units.
+            second and the last have no units.
 
         Returns
         -------
         table
-            Columns ``cell`` (flat number), ``x, y, z`` and the grid's own coordinates of the
-            centre, ``size_x`` … (widths along the own coordinates, as lengths), ``volume``,
-            ``level``, and the fields; a field with one of these names gets a ``_`` behind it.
+            Columns ``cell`` (flat number), the centre in ``x, y, z`` and in the grid's coordinates,
+            ``size_x`` … (widths along the grid's coordinates, as lengths), ``volume``, ``level``,
+            and the fields; a field with one of these names gets a ``_`` appended.
         """
         return table_of_cells(self, fields, where, kind)
 
     def describe(self) -> dict[str, Any]:
-        """Return grid and fields as plain values."""
+        """Return a description of grid and fields as plain values."""
         return {
             "grid": self.grid.describe(),
             "fields": {

@@ -1,4 +1,4 @@
-"""Arrays in memory that kernels read: from NumPy, and copies whose numbers can be changed."""
+"""Kernel input arrays: from NumPy, and copies that can be overwritten."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from .jit import dr
 if TYPE_CHECKING:
     from .types import Float
 
-# Vectors are loaded from addresses that are multiples of so many bytes.
+# Vectors are loaded from addresses that are multiples of this many bytes.
 _ALIGNMENT = 128
 
 
 def from_host(kind: Any, values: Float) -> Any:
     """Return numbers as a device array.
 
-    Dr.Jit uses NumPy's memory where it is, and compiles into a kernel whether vectors in it are
-    aligned: with most arrays that is chance. Each chance was a kernel of its own, 100 to 2000 ms
-    (of the 4 kernels of a first picture, a second run found 2 in the cache on disk, now all), and
-    numbers that lie side by side were gathered together only if they happened to be aligned.
+    Dr.Jit uses NumPy's memory in place, and compiles into a kernel whether vectors in it are
+    aligned. For most arrays alignment is random: each case then compiled a separate kernel, 100 to
+    2000 ms (of the 4 kernels of a first picture, a second run reused 2 from the cache on disk, now
+    all), and adjacent numbers were gathered together only if they happened to be aligned.
     """
     return kind(aligned(np.ascontiguousarray(values, dtype=_DTYPES[dr.type_v(kind)])))
 
 
 def aligned(values: np.ndarray) -> np.ndarray:
-    """Return contiguous numbers where vectors may begin: a copy, unless they are there.
+    """Return contiguous numbers at an aligned address: a copy, unless they are aligned already.
 
-    Dr.Jit loads whole vectors, the last one too: of other memory it reads up to 120 bytes beyond
-    the end, and where that is the end of a page that nothing follows, the process is killed. What
-    begins at a multiple of a vector's size does not reach into another page.
+    Dr.Jit always loads whole vectors: from unaligned memory it reads up to 120 bytes beyond the
+    end, and if no page follows there, the process is killed. A vector at an aligned address does
+    not extend into another page.
     """
     if values.__array_interface__["data"][0] % _ALIGNMENT == 0:
         return values
@@ -55,9 +55,9 @@ _DTYPES: dict[Any, Any] = {
 
 
 def clone_inputs(tree: Any) -> Any:
-    """Return a copy of arrays, in lists, tuples and dataclasses, in memory of its own.
+    """Return a copy of arrays, in lists, tuples and dataclasses, in separate memory.
 
-    On the CPU alone: there NumPy sees the memory that kernels read.
+    CPU only: there NumPy can access the memory that kernels read.
     """
     if isinstance(tree, dr.ArrayBase):
         copy = dr.empty(type(tree), len(tree))
@@ -71,9 +71,9 @@ def clone_inputs(tree: Any) -> Any:
 
 
 def copy_into(copy: Any, tree: Any) -> None:
-    """Put the numbers of arrays into a `clone_inputs` of some like them.
+    """Copy the numbers of arrays into the result of `clone_inputs` for similar arrays.
 
-    No kernel may be running that reads it.
+    No kernel that reads it may be running.
     """
     if isinstance(tree, dr.ArrayBase):
         # Views, in a fifth of the time that `numpy.asarray` takes.

@@ -1,4 +1,4 @@
-"""Devices and precisions: the array types a kernel is traced with, and the LLVM behind them."""
+"""Devices and precisions: the array types of kernels, and the LLVM version they need."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ DEVICES = {"cpu": "llvm", "cuda": "cuda", "metal": "metal"}
 class Backend:
     """The array types of one device in one precision.
 
-    It is the key of everything that is cached for a device.
+    It is part of the key of everything that is cached for a device.
 
     Attributes
     ----------
@@ -57,12 +57,12 @@ class Backend:
     precision : str
         ``"single"`` or ``"double"``.
     Float, Int, UInt, Bool : type
-        Dr.Jit arrays kernels compute with.
+        Dr.Jit arrays that kernels compute with.
     Wide : type
-        Double precision where the device has it. Work done once per ray or once per cell is done
-        in it, so that single precision costs digits only where it saves time.
+        Double precision where the device has it. It is used for work done once per ray or once per
+        cell, so that single precision costs digits only where it saves time.
     derivatives : bool
-        The arrays record what is computed with them, so that it can be differentiated.
+        The arrays record operations, so that results can be differentiated.
     """
 
     device: str
@@ -86,7 +86,7 @@ class Backend:
 
     @property
     def tiny(self) -> float:
-        """Smallest normal number of `Float`: what is below is clamped to zero."""
+        """Smallest normal number of `Float`: smaller ones are clamped to zero."""
         return float(np.finfo(self.dtype).tiny)
 
     def packet(self, width: int) -> Any:

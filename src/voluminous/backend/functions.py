@@ -1,4 +1,4 @@
-"""Functions of optical depth that keep all their digits, for arrays of any device and precision."""
+"""Accurate functions of optical depth, for arrays of any device and precision."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _LN2_HIGH = {"single": 0.693359375, "double": 0.693147180369123816490}
 _LN2_LOW = {"single": -2.12194440e-4, "double": 1.90821492927058770002e-10}
 # Terms of (1 - exp(-r))/r = Σ (-r)^k/(k+1)! needed for |r| <= ln(2)/2 and full precision.
 _TERMS = {"single": 7, "double": 14}
-# Up to this depth one polynomial is all there is to attenuation.
+# Up to this depth one polynomial suffices for attenuation.
 THIN = 0.3466
 
 
 def attenuation(tau: Any) -> tuple[Any, Any]:
     """Return ``exp(-tau)`` and ``(1 - exp(-tau))/tau`` without cancellation.
 
-    The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both come from
-    one polynomial. Where all lanes are thin that is all there is: a branch, since the division
-    alone takes as long as the polynomial (first order: 29 instead of 34 ms).
+    The second is the mean transparency of a homogeneous segment: one at ``tau = 0``. Both are
+    computed from one polynomial. Where all lanes are thin a branch skips the rest, since the
+    division alone takes as long as the polynomial (first order: 29 instead of 34 ms).
     """
     return dr.if_stmt(
         args=(tau,), cond=dr.abs(tau) <= THIN, true_fn=thin_attenuation, false_fn=any_attenuation
@@ -71,11 +71,11 @@ def horner(x: Any, coefficients: Sequence[Any]) -> Any:
 
 
 def polynomial(x: Any, coefficients: Sequence[Any]) -> Any:
-    """Return a polynomial in x of many terms, lowest power first, with a short chain of operations.
+    """Return a polynomial in x of many terms, lowest power first, with a short dependency chain.
 
-    Estrin's scheme (1960) for all but the first coefficient, and Horner's rule for that: the last
-    rounding is that of Horner's rule, and eight terms take four operations after one another, not
-    seven. Rays wait for such chains, not for how much is computed.
+    Estrin's scheme (1960) is used for all but the first coefficient, and Horner's rule for that.
+    The last rounding is that of Horner's rule, and eight terms take four dependent operations, not
+    seven. The latency of such chains limits rays, not the number of operations.
     """
     first, *terms = coefficients
     power = x
@@ -89,16 +89,16 @@ def polynomial(x: Any, coefficients: Sequence[Any]) -> Any:
 
 
 def unit_interval(f: Any) -> Any:
-    """Return the number between 0 and 1 that is nearest."""
+    """Return the nearest number between 0 and 1."""
     f = dr.select(f > 0.0, f, 0.0)
     return dr.select(f < 1.0, f, 1.0)
 
 
 def first_true(count: int, UInt: Any, holds: Any) -> Any:
-    """Return the first of `count` indices for which an ascending condition holds; `count` if none.
+    """Return the first of `count` indices at which a monotonic condition holds; `count` if none.
 
-    A loop, and its count run-time data: grids of all sizes share a kernel. Unrolled, one on a
-    spherical grid took 2.5 times as long to compile (1.2 s), and no less to run.
+    It is a loop, with a run-time count, so that grids of all sizes share a kernel. An unrolled loop
+    on a spherical grid took 2.5 times as long to compile (1.2 s), and no less to run.
     """
     lanes = dr.width(holds(UInt(0)))
 
@@ -119,9 +119,9 @@ _EXP2 = (1.0000001, 0.69314694, 0.2402212, 0.055507131, 0.009675541, 0.001327647
 
 
 def decay(x: Any) -> Any:
-    """Return exp(-x) for x >= 0; where that is below 1e-37, about that.
+    """Return exp(-x) for x >= 0, but about 1e-37 where it is smaller.
 
-    In single precision to 1e-7 (1 + x), by half of the instructions of Dr.Jit's.
+    The single-precision error is 1e-7 (1 + x), with half of the instructions of Dr.Jit's.
     """
     real = type(x)
     if precision_of(real) == "double":
@@ -133,7 +133,7 @@ def decay(x: Any) -> Any:
 
 
 def power_of_two(n: Any) -> Any:
-    """Return 2 to a whole number within the exponent range, by building its bits."""
+    """Return 2 to an integer power within the exponent range, by setting its bits."""
     real = type(n)
     single = precision_of(real) == "single"
     integer: Any = dr.int32_array_t(real) if single else dr.int64_array_t(real)
@@ -142,7 +142,7 @@ def power_of_two(n: Any) -> Any:
 
 
 def inverse_power_of_two(x: Any) -> Any:
-    """Return 1/x for a power of two, by its bits: a division takes as long as 20 operations."""
+    """Return 1/x for a power of two, from its bits: a division takes as long as 20 operations."""
     real = type(x)
     single = precision_of(real) == "single"
     integer: Any = dr.int32_array_t(real) if single else dr.int64_array_t(real)
@@ -167,8 +167,8 @@ _LOG_TAIL = (
 def split_log(x: Any) -> tuple[Any, Any]:
     """Return n and log(m) of positive normal numbers x = m 2^n with √½ <= m < √2, single precision.
 
-    One rounding better than the half of an ulp, and a quarter of the time that logarithms to base
-    two, ten and e take one after the other (72 cycles per vector).
+    The error is one rounding besides the half of an ulp. It takes a quarter of the time of
+    logarithms to base two, ten and e one after the other (72 cycles per vector).
     """
     real = type(x)
     integer: Any = dr.int32_array_t(real)
@@ -211,15 +211,15 @@ _ATAN = {
 
 
 def sharp_angle(y: Any, x: Any, length: Any) -> Any:
-    """Return the angle of a vector of known length from the x axis, at most π/4 in size.
+    """Return the angle of a vector of given length from the x axis, for angles up to π/4.
 
-    Twice that whose tangent is ``y/(x + length)``, for which six terms will do in single precision.
-    Wider ones come out wrong, but wider than π/4. A segment on a spherical grid takes eight angles:
-    with `atan2` second order took 1.1 times as long.
+    It is twice the angle whose tangent is ``y/(x + length)``, for which six terms suffice in single
+    precision. Results for wider angles are wrong, but also wider than π/4. A segment on a spherical
+    grid takes eight angles: with `atan2` second order took 1.1 times as long.
     """
     both = x + length
     q = y / dr.select(both > 0.0, both, 1.0)
-    q = dr.clip(q, -1.0, 1.0)  # what rounding puts far off its cell
+    q = dr.clip(q, -1.0, 1.0)  # rounding may place a point far outside its cell
     return 2.0 * q * horner(q * q, _ATAN[precision_of(type(q))])
 
 
@@ -229,7 +229,7 @@ def precision_of(real: Any) -> str:
 
 
 def flush_subnormal(value: Any, margin: float = 2.0**30) -> Any:
-    """Clamp to zero what is subnormal, or nearly, so that products with it would be.
+    """Clamp numbers to zero that are subnormal, or so small that products with them would be.
 
     Dr.Jit's worker threads flush subnormal numbers, the calling thread does not, and arithmetic on
     them is slow: without this a picture would depend on the number of threads, and one thread took

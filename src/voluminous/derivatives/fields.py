@@ -1,4 +1,4 @@
-"""The derived fields of one volume: computed when first asked for, and kept."""
+"""Derived fields of a volume, computed at first use and cached."""
 
 from __future__ import annotations
 
@@ -27,17 +27,18 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
     Parameters
     ----------
     volume : Volume
-        On any grid: parabolas along its axes where it has three, else differences of neighbours.
+        On any grid. Structured grids use parabolas along the axes, others differences of
+        neighbours.
     operation : str
         ``gradmag``, ``laplacian``, ``grad.x``, ``grad.y`` or ``grad.z``: Cartesian components on
         all grids.
     argument : Expression
-        What is differentiated.
+        The expression to differentiate.
 
     Returns
     -------
     array
-        Of the grid's shape; float32 if the argument is, and its range allows.
+        Of the grid's shape; float32 if the argument is and the range of the result allows it.
     """
     if not volume.grid.cells_are_boxes:
         raise InputError(
@@ -58,14 +59,14 @@ def differentiated(volume: Any, operation: str, argument: Expression) -> np.ndar
 def differences(
     grid: Grid, evaluate: Callable[[int, int], np.ndarray]
 ) -> NeighbourDifferences | BoxesOfTree:
-    """Return what compares the neighbours of any grid: in kernels, where these find them.
+    """Return the object that differentiates on unstructured grids; trees use kernels.
 
     Parameters
     ----------
     grid : grid
         See `grids.contract.Grid`.
     evaluate : callable
-        Returns what is differentiated, for the cells between two numbers.
+        Returns the values to differentiate, for the cells between two numbers.
     """
     return (BoxesOfTree if is_tree(grid) else NeighbourDifferences)(grid, evaluate)
 
@@ -85,23 +86,23 @@ def _along_axes(volume: Any, operation: str, argument: Expression) -> np.ndarray
     return whole(operation, layers, centers, Curvilinear(system, grid.edges, grid.mirror))
 
 
-# Bytes per cell that keeping derivatives must leave to other things.
+# Bytes per cell of memory that cached derivatives must leave free.
 _SPARE = 16
 
 
 class _Kept(NamedTuple):
     array: np.ndarray
-    # The fields it was made of, and a hash of each.
+    # The fields it was computed from, and a hash of each.
     source: dict[str, bytes]
-    # From where it was seen, if that matters.
+    # Key of the camera, if the array depends on it.
     view: bytes | None
 
 
 class Derivatives:
-    """What was computed of a volume's derivatives, and of components of its vectors.
+    """Cache of a volume's derivatives and vector components.
 
-    Each method is given the volume: one that it referred to itself would stay in memory until
-    Python's garbage collector comes by.
+    Each method takes the volume as an argument: a reference to it would be a cycle, and the volume
+    would stay in memory until Python's garbage collector runs.
     """
 
     def __init__(self) -> None:
@@ -133,14 +134,14 @@ class Derivatives:
         return parse_unit((u.dimensionless_unscaled if unit is None else unit) / length**power)
 
     def forget(self, field: str) -> None:
-        """Forget the derivatives made of a field."""
+        """Drop the cached derivatives of a field."""
         self._kept = {n: kept for n, kept in self._kept.items() if field not in kept.source}
 
     def refresh(self, volume: Any) -> None:
-        """Forget the derivatives made of arrays that have been changed in place since.
+        """Drop cached derivatives of arrays that were changed in place.
 
-        Where memory gets short, all. That is for now and not for when the next one is computed:
-        the others may be needed for the same expression.
+        If memory is short, drop all. This is done here and not when the next one is computed,
+        because the same expression may need several.
         """
         if self._kept and not fits(_SPARE * volume.grid.size):
             self._kept.clear()
@@ -151,12 +152,12 @@ class Derivatives:
 
 
 def depends_on_view(derived: DerivedField) -> bool:
-    """Return True if there is a component along the line of sight in it."""
+    """Return True if it contains a component along the line of sight."""
     return "los(" in derived.name
 
 
 def _computed(volume: Any, derived: DerivedField) -> np.ndarray:
-    with np.errstate(all="ignore"):  # NaN and infinity say enough
+    with np.errstate(all="ignore"):  # NaN and infinity show in the result
         if is_component(derived):
             return component_everywhere(volume, derived)
         return differentiated(volume, derived.operation, derived.arguments[0])

@@ -1,6 +1,6 @@
-"""Volumes from files and to files: one format per file, found through one registry.
+"""Reading and writing of volumes: one module per file format, selected through one registry.
 
-`open` and `Volume.save` are all that most people need; `io.contract` is what a new format has to
+`open` and `Volume.save` suffice for most uses; `io.contract` defines what a new format must
 provide.
 """
 

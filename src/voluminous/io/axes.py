@@ -1,4 +1,4 @@
-"""Axes of grids: their names in files, edges from centres, and units of length."""
+"""Grid axes: their names in files, edges from centres, and units of length."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 AXES = "xyz"
-# Whole names of dimensions, as models and instruments write them.
+# Full dimension names used by models and instruments.
 _NAMES = {
     "x": r"n?x[a-z]{0,2}([_\d].*)?|n?[rg]?lon(g|s|gitudes?)?([_\d].*)?|n?i|east.*|west_east.*|"
     r"xi_.*",
@@ -25,7 +25,7 @@ _NAMES = {
     r"depths?.*|pres(sure)?s?.*|isobaric.*|bottom_top.*|sigma.*|hybrid.*|s_(rho|w)|layers?",
     "t": r"n?t|times?([_\d].*)?|dates?|steps?|forecast.*|realization|ensembles?|members?|numbers?",
 }
-# CF standard names (https://cfconventions.org), by what they end or begin with.
+# CF standard names (https://cfconventions.org), by suffix or prefix.
 _STANDARD = {
     "x": r".*longitude|projection_x.*|.*_x_coordinate",
     "y": r".*latitude|projection_y.*|.*_y_coordinate",
@@ -39,17 +39,17 @@ _UNITS = {
     "z": r"[hk]?pa|mb(ar)?|millibars?|dbar",
     "t": r".* since .*",
 }
-# Centres that are so equally spaced as single precision can tell belong to equal cells.
+# Centres that are equally spaced within single precision belong to equal cells.
 _EVEN = 1e-4
-# From small to large; a domain is less than some hundred thousand of one wide, and 1 at least.
+# From small to large; a domain is between 1 and some hundred thousand units wide.
 _ROUND = ("nm", "um", "mm", "cm", "m", "km", "solRad", "au", "pc", "kpc", "Mpc", "Gpc")
 
 
 def axis_of(dim: str, attributes: Mapping[str, Any]) -> str:
-    """Return what a dimension is: ``"x"``, ``"y"``, ``"z"``, ``"t"``, or nothing if unknown.
+    """Return the axis of a dimension: ``"x"``, ``"y"``, ``"z"``, ``"t"``, or "" if undetermined.
 
-    The CF attributes of its coordinate (`axis`, `standard_name`, `positive`, `units`) go before its
-    name.
+    The CF attributes of its coordinate (`axis`, `standard_name`, `positive`, `units`) take
+    precedence over its name.
     """
     given = str(attributes.get("axis", "")).strip().lower()
     if given in (*AXES, "t"):
@@ -68,7 +68,7 @@ def _matching(patterns: Mapping[str, str], text: Any) -> str:
 
 
 def edges_of_centers(centers: np.ndarray) -> np.ndarray:
-    """Return the midpoints between ascending centres, and one beyond each end."""
+    """Return the midpoints between ascending centres, and an extrapolated edge at each end."""
     values = np.asarray(centers, np.float64)
     if len(values) == 1:
         return values[0] + np.array([-0.5, 0.5])
@@ -81,14 +81,14 @@ def edges_of_centers(centers: np.ndarray) -> np.ndarray:
 
 
 def is_even(centers: np.ndarray) -> bool:
-    """Return True for coordinates that are equally spaced but for rounding."""
+    """Return True if coordinates are equally spaced up to rounding."""
     even = np.linspace(centers[0], centers[-1], len(centers))
     step = abs(centers[-1] - centers[0]) / max(len(centers) - 1, 1)
     return bool(np.max(np.abs(centers - even)) <= _EVEN * step)
 
 
 def round_unit(width: Any) -> Any:
-    """Return the largest unit of length of which a domain is at least one wide.
+    """Return the largest unit of length in which a domain is at least 1 wide.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def round_unit(width: Any) -> Any:
 
 
 def cartesian(volume: Volume) -> CartesianGrid:
-    """Return the grid of a volume, which must be Cartesian to be written."""
+    """Return the grid of a volume; raise an error if it is not Cartesian."""
     if not volume.grid.is_rectilinear:
         raise InputError(
             f"this format holds Cartesian grids only, got {type(volume.grid).__name__}; save it as "

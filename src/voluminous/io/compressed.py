@@ -1,4 +1,4 @@
-"""Files of any format that gzip, bzip2 or xz packed: unpacked to where they are read as usual."""
+"""Reader for compressed files (gzip, bzip2, xz): decompresses, then applies another reader."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from .payload import is_packed, unpacked
 if TYPE_CHECKING:
     from ..volume import Volume
 
-# More than this is unpacked only of what is not much smaller packed: data is, at most, so many
-# times smaller, and mischief is much more.
+# Above this size a file is unpacked only up to this compression ratio: data do not exceed it,
+# malicious files do by far.
 _SMALL, _RATIO = 256 << 20, 1000
 _PIECE = 1 << 20
 
 
 class _Any(dict[str, str]):
-    """Takes any name: what is inside knows its options."""
+    """Accepts any option name: the reader of the content checks them."""
 
     def __contains__(self, name: object) -> bool:
         return True
 
 
 class PackedReader(Reader):
-    """What another reader makes of the file inside: `find` returns it, `check` its options."""
+    """Applies another reader to the content: `find` returns it, `check` checks its options."""
 
     name = "packed"
     description = "a packed file (gzip, bzip2 or xz)"
@@ -61,13 +61,13 @@ class PackedReader(Reader):
 
     @contextmanager
     def _inside(self, path: Path, options: dict[str, Any]) -> Iterator[tuple[Reader, Path]]:
-        """Give the reader for the file inside, and the file, which disappears afterwards."""
+        """Yield the reader for the content, and a temporary file that holds it."""
         with tempfile.TemporaryDirectory(prefix="voluminous-") as directory:
             inner = Path(directory, path.stem)
             _unpack(path, inner)
             try:
                 reader = self._find(inner)
-            except FileFormatError as error:  # the user knows nothing of our directory
+            except FileFormatError as error:  # do not show our temporary directory to the user
                 raise FileFormatError(str(error).replace(f"{inner.parent}/", "")) from error
             if reader is self:
                 raise FileFormatError(
@@ -85,7 +85,7 @@ def _is_mapped(array: Any) -> bool:
 
 
 def _unpack(path: Path, target: Path) -> None:
-    """Write what is in a packed file, unless it is suspiciously much or does not fit."""
+    """Decompress a file, unless the result is suspiciously large or does not fit on the disk."""
     most = max(_SMALL, _RATIO * path.stat().st_size)
     room = min(available_memory(), shutil.disk_usage(target.parent).free)
     written = 0

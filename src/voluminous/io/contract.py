@@ -1,6 +1,6 @@
-"""What a reader promises: one format, one file beside this one, and one entry in a list.
+"""The reader interface: a new format needs one file beside this one, and one entry in a list.
 
-The readers of this package are listed in `io.registry`. Those of other packages are found through
+The readers of this package are listed in `io.registry`. Other packages register readers through
 the entry point group ``voluminous.readers``::
 
     [project.entry-points."voluminous.readers"]
@@ -26,20 +26,20 @@ FieldChoice: TypeAlias = str | Sequence[str] | Mapping[str, str] | None
 
 @dataclass(frozen=True)
 class FieldInfo:
-    """A field as the file tells of it, without reading its values.
+    """Description of a field in a file, without its values.
 
     Attributes
     ----------
     name : str
-        The name `Reader.read` gives it.
+        Field name in `Reader.read`.
     place : str
-        Where it is in the file.
+        Location in the file.
     shape : tuple of int
-        As it is in the file.
+        Shape in the file.
     dtype : str
-        NumPy's name of the type.
+        NumPy name of the type.
     unit : str
-        Empty where there is none.
+        Empty if there is none.
     """
 
     name: str
@@ -50,38 +50,38 @@ class FieldInfo:
 
 
 class Reader:
-    """One file format. Derive from this, or provide the same names.
+    """One file format. Derive from this class, or provide the same attributes and methods.
 
     Attributes
     ----------
     name : str
-        Short, for ``open(path, format=name)``.
+        Short name, for ``open(path, format=name)``.
     description : str
-        What such a file is, with an article: "an HDF5 file".
+        Description of such a file, with an article: "an HDF5 file".
     suffixes : tuple of str
-        Usual endings of the file's name, lower case with the dot.
+        Usual suffixes of the file name, lower case with the dot.
     options : dict of str
-        Names of the options that `read` takes, each with a line that says what it is for.
+        Option names of `read`, each with a line that explains it.
     writes : bool
-        True if `write` is there.
+        True if `write` is implemented.
     write_suffixes : tuple of str
-        Endings that `write` knows, if these are not all.
+        Suffixes that `write` supports, if not all.
     write_options : dict of str
-        Names of the options that `write` takes, each with a line that says what it is for.
+        Option names of `write`, each with a line that explains it.
     writes_directory : bool
-        True if what `write` makes is a directory.
+        True if `write` makes a directory.
     packages : tuple of str
-        Modules that are needed and not always there.
+        Required modules that may not be installed.
     extra : str
-        The extra of voluminous that brings them: ``pip install "voluminous[extra]"``.
+        The extra of voluminous that installs them: ``pip install "voluminous[extra]"``.
     remote : bool
-        True if it also reads URLs (http, https, s3 …), which come as paths: `files.url_of`.
+        True if it also reads URLs (http, https, s3 …), passed as paths: `files.url_of`.
     """
 
     name: str = ""
     description: str = ""
     suffixes: tuple[str, ...] = ()
-    options: dict[str, str] = {}  # noqa: RUF012 - a subclass replaces it, nothing changes it
+    options: dict[str, str] = {}  # noqa: RUF012 - subclasses replace it, nothing modifies it
     writes: bool = False
     write_suffixes: tuple[str, ...] = ()
     write_options: dict[str, str] = {}  # noqa: RUF012 - as above
@@ -91,21 +91,21 @@ class Reader:
     remote: bool = False
 
     def matches(self, path: Path, head: bytes) -> bool:
-        """Return True if this is the reader for a file.
+        """Return True if this reader is for the file.
 
         Parameters
         ----------
         path : Path
             The file, or directory.
         head : bytes
-            Its first bytes (at most `registry.HEAD_LENGTH`); none of a directory. A format inside
-            a general one, such as a code's own HDF5 layout, has to look into the file: it is asked
-            before the general one.
+            The first bytes of the file (at most `registry.HEAD_LENGTH`); empty for a directory. A
+            format within a general one, such as a code's HDF5 layout, must open the file; it is
+            tried before the general one.
         """
         raise NotImplementedError
 
     def holds_image(self, path: Path) -> bool:
-        """Return True for a file of this format that is a picture: `Image.load` reads it."""
+        """Return True if a file of this format is a picture, to be read by `Image.load`."""
         return False
 
     def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
@@ -114,32 +114,32 @@ class Reader:
         Parameters
         ----------
         path : Path
-            The file, which exists.
+            An existing file.
         fields : None, str, sequence of str or dict
-            Which fields to read: all, one, several, or ``{name: place in the file}``. Nothing else
-            need be read.
+            Fields to read: all, one, several, or ``{name: place in the file}``. Others need not be
+            read.
         **options
-            Those in `options`; names are checked before.
+            Options listed in `options`; the caller has checked the names.
 
         Notes
         -----
-        Give fields as `voluminous.deferred.Deferred`: `open` reads small files at once, and of
-        large ones each field when it is first used. Errors are explained in both cases.
+        Return fields as `voluminous.deferred.Deferred`: `open` reads small files at once, and each
+        field of large files on first use. Errors are explained in both cases.
 
         Raises
         ------
         VoluminousError
-            For what the user can mend. Anything else that is raised becomes a `FileFormatError`.
+            For errors that the user can correct. Any other exception becomes a `FileFormatError`.
         """
         raise NotImplementedError
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
-        """Return what there is to read, without reading it."""
+        """Return the descriptions of the fields in a file, without reading values."""
         raise NotImplementedError
 
     def write(self, volume: Volume, path: Path) -> None:
-        """Write a volume to a new file, or into an empty directory, so that `read` gives it back.
+        """Write a volume to a new file, or into an empty directory, such that `read` restores it.
 
-        What is in `write_options` comes as keywords.
+        The options in `write_options` are passed as keywords.
         """
         raise InputError(f"voluminous cannot write {self.description}")

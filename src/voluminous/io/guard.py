@@ -1,4 +1,4 @@
-"""Errors that name the file, or the place in it."""
+"""Errors that name the file, or a place in it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any
 
 from ..errors import FileFormatError, UnitsError, VoluminousError
 
-# Errors of Python that mean damage, besides those of classes that libraries have for it.
+# Python errors that mean a damaged file, besides the libraries' exception classes.
 _DAMAGE = (OSError, EOFError, UnicodeDecodeError)
 _OWN = ("builtins", "voluminous", "numpy", "yt.", "unyt.")
-# Characters of a library's own message that are shown.
+# Number of characters shown of a library's message.
 _LONGEST = 400
 
 
 @contextmanager
 def placed(place: Any) -> Iterator[None]:
-    """Put a place before the message of any error of voluminous; its class stays.
+    """Prefix the message of any voluminous error with a place; its class is unchanged.
 
     Examples
     --------
@@ -32,19 +32,19 @@ def placed(place: Any) -> Iterator[None]:
     try:
         yield
     except VoluminousError as error:
-        # The message says all but what a library has raised: one traceback, not the same twice.
+        # The message is complete except for a library's exception: show one traceback, not two.
         text = str(error) if str(error).startswith(f"{place}: ") else f"{place}: {error}"
         raise type(error)(text) from error.__cause__
 
 
 @contextmanager
 def reading(path: Path | str, expectation: str) -> Iterator[None]:
-    """Make every error that happens while `path` is read name the file."""
+    """Add the file name to every error raised while `path` is read."""
     try:
         with placed(path):
             yield
     except (VoluminousError, MemoryError, ImportError):
-        raise  # the file is not to blame
+        raise  # not the file's fault
     except Exception as error:
         if type(error).__module__.startswith("astropy.units"):
             raise UnitsError(f"{path}: {error}; give other units") from error
@@ -53,12 +53,12 @@ def reading(path: Path | str, expectation: str) -> Iterator[None]:
 
 @contextmanager
 def by_library(name: str) -> Iterator[None]:
-    """Blame the file for whatever a library raises while it reads: sound ones it can read."""
+    """Attribute any exception from a library to the file: libraries can read valid files."""
     try:
         yield
     except (VoluminousError, MemoryError, ImportError):
         raise
-    except NameError:  # a fault of a program, whatever is in the file
+    except NameError:  # a program error, regardless of the file
         raise
     except (FileNotFoundError, PermissionError) as error:
         raise FileFormatError(f"a file cannot be opened ({error})") from error
@@ -86,10 +86,10 @@ def _culprit(error: Exception) -> str:
 
 
 def _frames(error: Exception) -> list[str]:
-    """Return the modules that an error went through, the one that raised it last."""
+    """Return the modules that an exception passed through, the raising one last."""
     return [frame.f_globals.get("__name__", "") for frame, _ in walk_tb(error.__traceback__)]
 
 
 def _shortened(text: str) -> str:
-    """Return a message of bounded length: some quote what a damaged file says is there."""
+    """Truncate a message: some quote the contents of a damaged file."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} …"

@@ -1,7 +1,7 @@
-"""HDF5 files: known by their first bytes, opened, their data sets checked, and written.
+"""HDF5 files: detection by the first bytes, opening, checks of data sets, and writing.
 
-A data set is read only if the file can hold what it promises, and never from another file outside
-of the directory.
+A data set is read only if the file is large enough for its declared size, and never from another
+file outside of the directory.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from .payload import inside
 if TYPE_CHECKING:
     import h5py
 
-# What libhdf5 says of such values.
+# libhdf5's error for such values.
 _NO_FILTER = re.compile(
     r"can't open directory|required filter|filter .*(not|n't) (registered|avail)"
 )
 MAGIC = b"\x89HDF\r\n\x1a\n"
-# A user block of 512 bytes or more may come first.
+# A user block of 512 bytes or more may precede the signature.
 _STARTS = (0, 512, 1024, 2048)
 
 
 def is_hdf5(head: bytes) -> bool:
-    """Return whether a file with these first bytes is HDF5."""
+    """Return True if a file with these first bytes is HDF5."""
     return any(head[start:].startswith(MAGIC) for start in _STARTS)
 
 
@@ -46,19 +46,19 @@ def opened(path: Path) -> Iterator[h5py.File]:
 
 
 def holds(path: Path, head: bytes, mark: Callable[[h5py.File], Any]) -> bool:
-    """Return whether a file is HDF5 that has a mark; False if it is damaged."""
+    """Return True if a file is HDF5 and `mark` accepts it; False if it is damaged."""
     if not is_hdf5(head):
         return False
     try:
         with opened(path) as file:
             return bool(mark(file))
-    except Exception:  # whoever reads it says what is wrong
+    except Exception:  # reading it reports the error
         return False
 
 
 @contextmanager
 def filters() -> Iterator[None]:
-    """Let hdf5plugin unpack values, if it is there: Blosc, LZ4, Zstandard, SZ …"""
+    """Enable hdf5plugin's filters if it is installed: Blosc, LZ4, Zstandard, SZ …"""
     with suppress(ImportError):
         import hdf5plugin  # noqa: F401 - registers itself
     try:
@@ -72,19 +72,19 @@ def filters() -> Iterator[None]:
         ) from error
 
 
-# What deflate can pack at most, and a little more: 1 to 1032.
+# Slightly above the maximum compression ratio of deflate, 1032.
 _MOST_PACKED = 2000
 
 
 def is_own(group: h5py.Group, name: str) -> bool:
-    """Return whether something is in the group itself, and no link to another place or file."""
+    """Return True if an item is stored in the group itself, not linked from elsewhere."""
     import h5py
 
     return isinstance(group.get(name, getlink=True), h5py.HardLink)
 
 
 def data_set(path: Path, group: h5py.Group, name: str) -> Any:
-    """Return a data set of numbers."""
+    """Return a numeric data set."""
     import h5py
 
     item = group[name] if is_own(group, name) else None
@@ -103,7 +103,7 @@ def data_set(path: Path, group: h5py.Group, name: str) -> Any:
 
 
 def check_place(path: Path, item: h5py.Dataset) -> None:
-    """Refuse values that are elsewhere: a file must not make us read any other."""
+    """Refuse external values, and virtual ones from outside of the file's directory."""
     if item.external:
         raise FileFormatError(
             f"the values of {item.name} are in {item.external[0][0]!r}, not in the file itself; "
@@ -116,7 +116,7 @@ def check_place(path: Path, item: h5py.Dataset) -> None:
 
 
 def data_sets(path: Path, group: h5py.Group) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the data sets of numbers in a group, and why each other thing in it is none."""
+    """Return the numeric data sets in a group, and the reason for rejecting each other item."""
     import h5py
 
     found: dict[str, Any] = {}
@@ -143,7 +143,7 @@ def read(item: h5py.Dataset, column: int | None = None) -> np.ndarray:
 
 
 def text(attribute: Any) -> str:
-    """Return an attribute that is one text, however it is kept; empty for any other."""
+    """Return an attribute that is a single string, in any storage; "" for any other."""
     values = np.ravel(attribute)
     first = values[0] if values.size == 1 else ""
     first = first.decode("utf-8", "replace") if isinstance(first, bytes) else first
@@ -151,10 +151,10 @@ def text(attribute: Any) -> str:
 
 
 class Sink(io.FileIO):
-    """A file that takes all that is written, and remembers that it could not.
+    """A file object that accepts all writes and records the first error.
 
-    Where a file cannot be closed, since what is left in its buffers cannot be written, libhdf5 1.14
-    ends the process: of small files that is all there is. So it never hears of it.
+    If a file cannot be closed because its buffers cannot be written, libhdf5 1.14 ends the process;
+    small files are written entirely from these buffers. So errors are hidden from libhdf5.
     """
 
     def __init__(self, path: Path) -> None:
@@ -162,7 +162,7 @@ class Sink(io.FileIO):
         self.failed: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Write all bytes, unless some could not be written before; return how many were given."""
+        """Write all bytes, unless an earlier write failed; return the number of bytes given."""
         left = memoryview(data).cast("B")
         count = len(left)
         try:
@@ -173,7 +173,7 @@ class Sink(io.FileIO):
         return count
 
     def truncate(self, size: int | None = None) -> int:
-        """Set the length of the file, if that is possible."""
+        """Set the length of the file, if possible."""
         try:
             return super().truncate(size)
         except OSError as error:
@@ -181,14 +181,14 @@ class Sink(io.FileIO):
             return size or 0
 
     def check(self) -> None:
-        """Raise what has happened."""
+        """Raise the recorded error."""
         if self.failed is not None:
             raise self.failed
 
 
 @contextmanager
 def created(path: Path, **options: Any) -> Iterator[tuple[h5py.File, Sink]]:
-    """Give a new HDF5 file, closed in the end, and what it is written to."""
+    """Yield a new HDF5 file, closed at the end, and the sink that it is written to."""
     import h5py
 
     with Sink(path) as sink:

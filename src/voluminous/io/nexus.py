@@ -1,4 +1,4 @@
-"""NeXus files: the data that an NXdata group shows, on its axes.
+"""Reader for NeXus files: the signal of an NXdata group, on its axes.
 
 https://manual.nexusformat.org/classes/base_classes/NXdata.html
 """
@@ -21,12 +21,12 @@ from .labelled.convert import LabelledReader
 if TYPE_CHECKING:
     import xarray
 
-# Names of arrays by which the numbers of the signal would have to be scaled.
+# Names of arrays that would scale the signal.
 _SCALED = ("scaling_factor", "offset")
 
 
 class NeXusReader(LabelledReader):
-    """Signals of three dimensions or more in one NXdata group; axes are cell centres, or edges."""
+    """Signals of three or more dimensions in one NXdata group; axes are cell centres, or edges."""
 
     name = "nexus"
     description = "a NeXus file with NXdata of three dimensions (HDF5)"
@@ -65,13 +65,13 @@ def _members(group: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _groups(file: Any) -> dict[str, str]:
-    """Return place → name of the signal, of three dimensions or more, of all NXdata groups."""
+    """Return {place: signal name} of all NXdata groups; signals have three or more dimensions."""
     found: dict[str, str] = {}
 
     def visit(place: str, item: Any) -> None:
         if text(item.attrs.get("NX_class")) == "NXdata":
             inside = dict(_members(item))
-            # Older files mark the signal itself.
+            # Older files mark the signal data set itself.
             marked = (n for n, i in inside.items() if str(i.attrs.get("signal")) in ("1", "b'1'"))
             signal = text(item.attrs.get("signal")) or next(marked, "")
             if getattr(inside.get(signal), "ndim", 0) >= 3:
@@ -82,7 +82,7 @@ def _groups(file: Any) -> dict[str, str]:
 
 
 def _shown(file: Any, known: dict[str, str]) -> str:
-    """Return the group that the chain of attributes `default` leads to, else the first."""
+    """Return the group at the end of the chain of `default` attributes, else the first group."""
     item = file
     while text(item.attrs.get("default")) in item:
         item = item[text(item.attrs.get("default"))]
@@ -90,7 +90,7 @@ def _shown(file: Any, known: dict[str, str]) -> str:
 
 
 def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
-    """Return the signal, all of its shape beside it, and axes as coordinates."""
+    """Return the signal, all arrays of its shape in the group, and the axes as coordinates."""
     inside = dict(_members(group))
     shape = inside[signal].shape
     names = _axes(group, signal)
@@ -121,10 +121,10 @@ def _dataset(xarray: Any, path: Path, group: Any, signal: str) -> Any:
 
 
 def _axes(group: Any, signal: str) -> list[str]:
-    """Return the names of the axes of the signal, made up where there is none."""
+    """Return the axis names of the signal; missing names are made up."""
     count = group[signal].ndim
     names = [text(name) for name in np.ravel(group.attrs.get("axes", ()))]
-    if not names:  # as older files have it: on the signal, or on the axes
+    if not names:  # older files: attributes of the signal, or of the axes
         names = [n for n in re.split(r"[\s,:\[\]]+", text(group[signal].attrs.get("axes"))) if n]
     names += ["."] * (count - len(names))
     for name, item in _members(group):

@@ -1,4 +1,4 @@
-"""Meshes in openPMD files (HDF5), 1.0 to 2.0: https://github.com/openPMD/openPMD-standard."""
+"""Reader for openPMD meshes (HDF5), 1.0 to 2.0: https://github.com/openPMD/openPMD-standard."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 _AXES = {"cartesian": "xyz", "thetaMode": "rz"}
-# Components of vectors in cylindrical coordinates, as our grids call them.
+# Our names of vector components in cylindrical coordinates.
 _AROUND = {"r": "R", "t": "phi"}
 _SI = ("m", "kg", "s", "A", "K", "mol", "cd")
 _NAMED = ("V / m", "T", "C / m3", "A / m2", "C", "V", "A", "N", "J", "J / m3", "W / m2")
@@ -31,7 +31,7 @@ _LENGTH = [1.0, *[0.0] * 6]
 
 
 class MeshPoints(NamedTuple):
-    """Where the values of a mesh are: `low` is half a spacing before the first, in metres."""
+    """Positions of mesh values; `low` is half a spacing before the first one, in metres."""
 
     geometry: str
     axes: str
@@ -42,7 +42,7 @@ class MeshPoints(NamedTuple):
 
 
 class MeshPart(NamedTuple):
-    """A component of a mesh; `factor` leads to its unit, `sign` is that of imaginary parts."""
+    """A component of a mesh; `factor` converts to its unit, `sign` is that of imaginary parts."""
 
     name: str
     place: str
@@ -55,7 +55,7 @@ class MeshPart(NamedTuple):
 
 
 class OpenPMDReader(Reader):
-    """Cartesian meshes of three axes, and meshes of modes around an axis (thetaMode)."""
+    """Cartesian meshes with three axes, and azimuthal-mode meshes (thetaMode)."""
 
     name = "openpmd"
     description = "an openPMD file with meshes (HDF5)"
@@ -132,7 +132,7 @@ def _iteration(file: Any, wanted: Any) -> tuple[Any, dict[str, Any]]:
     before, _, after = text(file.attrs["basePath"]).partition("%T")
     root = file[before.strip("/") or "/"]
     groups = {int(name): f"{name}/{after}".strip("/") for name in root if name.isdigit()}
-    if not groups:  # a variable-based series: the group itself is the iteration
+    if not groups:  # variable-based series: the group itself is the iteration
         groups = {int(np.ravel(root.attrs.get("snapshot", 0))[0]): "."}
     number = max(groups) if wanted is None else wanted
     if not isinstance(number, int):
@@ -154,7 +154,7 @@ def _iteration(file: Any, wanted: Any) -> tuple[Any, dict[str, Any]]:
 def _mesh(
     path: Path, group: Any, name: str, part: str, record: Any, item: Any, centred: bool
 ) -> MeshPart:
-    """Return a component; an error says why it cannot be a field."""
+    """Return a component; raise an error that explains why it cannot be a field."""
     place = f"{name}/{part}".rstrip("/")
     geometry = text(record.attrs.get("geometry", "cartesian"))
     if geometry not in _AXES:
@@ -170,8 +170,8 @@ def _mesh(
         np.ravel(item.attrs.get("shape", ())) if constant else data_set(path, group, place).shape
     )
     shape = tuple(int(n) for n in counts)
-    # Lists are in the order of the writer's indices; those of Fortran are backwards in HDF5. Some
-    # writers give the shape of constants as HDF5 has it: the components beside it show.
+    # Lists follow the writer's index order, which for Fortran is the reverse of HDF5's. Some
+    # writers give the shape of constants in HDF5's order: compare with the other components.
     if constant and fortran and shape not in {getattr(o, "shape", 0) for o in record.values()}:
         shape = shape[::-1]
     if len(shape) != 3 or min(shape) < 1 or (geometry == "thetaMode" and shape[0] % 2 == 0):
@@ -205,7 +205,7 @@ def _mesh(
 def _numbers(item: Any, name: str, count: int) -> np.ndarray:
     values = np.ravel(item.attrs.get(name, ()))
     if name == "position" and len(values) == 3:
-        values = values[-count:]  # some writers have one along modes, too
+        values = values[-count:]  # some writers add one for the modes
     sound = values.dtype.kind in "fiu" and len(values) in (1, count) and np.isfinite(values).all()
     if not sound or (len(values) < count and name != "gridUnitSI"):
         raise FileFormatError(f"{name} {values.tolist()}, expected {count} numbers")
@@ -213,7 +213,7 @@ def _numbers(item: Any, name: str, count: int) -> np.ndarray:
 
 
 def _unit(powers: Any) -> Any:
-    """Return the unit of SI with powers of the base units, by its usual name if it has one."""
+    """Return the SI unit with these powers of the base units, by its usual name if it has one."""
     from astropy import units as u
 
     base = u.dimensionless_unscaled
@@ -224,7 +224,7 @@ def _unit(powers: Any) -> Any:
 
 
 def _on_one_grid(meshes: list[MeshPart], fields: Any, left: dict[str, str]) -> dict[str, MeshPart]:
-    """Return name → component of those asked for, or of the most that have the same points."""
+    """Return {name: component} of the requested ones, or of the largest set on the same points."""
     by_place = {mesh.place: mesh for mesh in meshes}
     points = Counter(mesh.points for mesh in meshes).most_common(1)[0][0]
     known = {p: m.name for p, m in by_place.items() if fields is not None or m.points == points}
@@ -249,7 +249,7 @@ def _on_one_grid(meshes: list[MeshPart], fields: Any, left: dict[str, str]) -> d
 
 
 def _grid(points: MeshPoints, unit: Any, azimuths: Any) -> tuple[Any, np.ndarray]:
-    """Return the grid with a point in each cell, and the azimuths of its cells."""
+    """Return the grid with one point per cell, and the azimuths of its cells."""
     from astropy import units as u
 
     from ..grids import CartesianGrid, CylindricalGrid
@@ -286,7 +286,7 @@ def _load(path: Path, mesh: MeshPart, angles: np.ndarray) -> np.ndarray:
     if points.geometry == "cartesian":
         return values.transpose([points.axes.index(a) for a in "xyz"])
     values = values.transpose(0, *(1 + points.axes.index(a) for a in "rz")).astype(np.float64)
-    # F = Re₀ + Σ Reₘ cos(m θ) ± Imₘ sin(m θ), in the file Re₀, Re₁, Im₁, Re₂ …
+    # F = Re₀ + Σ Reₘ cos(m θ) ± Imₘ sin(m θ), stored as Re₀, Re₁, Im₁, Re₂ …
     waves = [np.ones_like(angles)]
     for m in range(1, points.shape[0] // 2 + 1):
         waves += [np.cos(m * angles), mesh.sign * np.sin(m * angles)]

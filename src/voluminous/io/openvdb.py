@@ -1,4 +1,4 @@
-"""OpenVDB: sparse voxels, read by its own library into the box of those that are set."""
+"""Reader for OpenVDB's sparse voxels: OpenVDB's library fills the bounding box of active voxels."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from ..volume import Volume
 
 _MAGIC = b" BDV\0\0\0\0"
-# Versions of the format in which the header is as `_check_whole` reads it (openvdb/version.h).
+# Format versions whose header `_check_whole` can read (openvdb/version.h).
 _KNOWN = range(216, 300)
-# OpenVDB's names of types, as types of arrays and components.
+# Array type and number of components for each OpenVDB type name.
 _TYPES = {
     "bool": ("?", 1),
     "float": ("f4", 1),
@@ -36,12 +36,12 @@ _TYPES = {
     "vec3i": ("i4", 3),
 }
 _LONGEST = 200
-# Bytes for the walls of a cell along one axis.
+# Bytes per cell for the walls along one axis.
 _PER_LAYER = 64
 
 
 class OpenVDBReader(Reader):
-    """Grids of numbers and vectors; voxels that are not set have the grid's background."""
+    """Scalar and vector grids; inactive voxels have the background value of the grid."""
 
     name = "vdb"
     description = "an OpenVDB file"
@@ -67,7 +67,7 @@ class OpenVDBReader(Reader):
 
 
 def _module() -> Any:
-    """Return OpenVDB's module for Python, which had another name before version 11."""
+    """Return OpenVDB's Python module, which had another name before version 11."""
     for name in ("openvdb", "pyopenvdb"):
         try:
             return importlib.import_module(name)
@@ -117,7 +117,7 @@ def _dataset(path: Path, grids: dict[str, Any]) -> Dataset:
 
 
 def _steps(grid: Any) -> np.ndarray:
-    """Return where voxel (0, 0, 0) is, and the steps along the three indices: shape (4, 3)."""
+    """Return the position of voxel (0, 0, 0) and the steps along the indices, shape (4, 3)."""
     transform = grid.transform
     if not transform.isLinear:
         raise InputError(
@@ -130,7 +130,7 @@ def _steps(grid: Any) -> np.ndarray:
 
 
 def _box(path: Path, name: str, grid: Any) -> tuple[Any, Any]:
-    """Return the first and the last index of the voxels that are set."""
+    """Return the first and last index of the active voxels."""
     meta = grid.metadata
     if "file_bbox_min" in meta and "file_bbox_max" in meta:
         low, high = meta["file_bbox_min"], meta["file_bbox_max"]
@@ -162,7 +162,7 @@ def _voxels(path: Path, name: str) -> Any:
 
 @contextmanager
 def _library(path: Path) -> Iterator[Any]:
-    """Give the library; shortens what it says of a damaged file: it may quote gigabytes of it."""
+    """Yield the library; shorten its errors, which may quote gigabytes of a damaged file."""
     module = _module()
     try:
         _check_whole(path)
@@ -182,7 +182,7 @@ def _nowhere(at: str, unit: Any) -> Arrangement:
 
 
 def _check_whole(path: Path) -> None:
-    """Follow the places of the grids: a file that is cut short leads the library astray."""
+    """Follow the grid offsets to detect a truncated file, which misleads the library."""
 
     def take(format: str) -> int:
         (number,) = struct.unpack(format, file.read(struct.calcsize(format)))
@@ -201,11 +201,11 @@ def _check_whole(path: Path) -> None:
             return
         file.seek(36, 1)  # an identifier
         for _ in range(take("<I")):
-            skip_texts(file, 3)  # name, type, value of a remark
+            skip_texts(file, 3)  # name, type and value of a metadata entry
             if file.tell() > size:
                 break
         for number in range(take("<I")):
-            skip_texts(file, 3)  # name, type, grid that it shares voxels with
+            skip_texts(file, 3)  # name, type, and grid with shared voxels
             file.seek(16, 1)
             end = take("<q")
             if not file.tell() <= end <= size:

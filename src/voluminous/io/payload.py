@@ -1,4 +1,4 @@
-"""The plain numbers in a file: mapped where they are, or unpacked to exactly what was announced."""
+"""Raw numbers in a file: memory-mapped, or decompressed to exactly the declared size."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ import numpy as np
 from ..errors import FileFormatError, InputError
 from ..memory import check_memory
 
-# How packed files start, and what opens them.
+# Magic bytes of compressed files, and the functions that open them.
 _PACKED: dict[bytes, Callable[[Path], Any]] = {
     b"\x1f\x8b": gzip.GzipFile,
     b"BZh": bz2.BZ2File,
     b"\xfd7zXZ\x00": lzma.LZMAFile,
 }
-# How ZIP files start: with a file in them, or empty.
+# Magic bytes of ZIP files, with content or empty.
 ZIP = (b"PK\x03\x04", b"PK\x05\x06")
 _PIECE = 1 << 24
 _LARGEST = 2**62
 
 
 def unpacked(path: Path) -> IO[bytes]:
-    """Return a file open for reading, unpacked on the way if gzip, bzip2 or xz packed it."""
+    """Open a file for reading, with decompression if it is a gzip, bzip2 or xz file."""
     with open(path, "rb") as file:
         start = file.read(8)
     for magic, opened in _PACKED.items():
@@ -40,12 +40,12 @@ def unpacked(path: Path) -> IO[bytes]:
 
 
 def is_packed(head: bytes) -> bool:
-    """Return True for the first bytes of a file that gzip, bzip2 or xz packed."""
+    """Return True for the first bytes of a gzip, bzip2 or xz file."""
     return head.startswith(tuple(_PACKED))
 
 
 def checked_shape(shape: Any, what: str = "the shape") -> tuple[int, ...]:
-    """Return a shape as integers."""
+    """Return a shape as integers after checks."""
     numbers = tuple(int(n) for n in shape)
     if any(n < 1 or float(n) != float(m) for n, m in zip(numbers, shape, strict=True)):
         raise FileFormatError(f"{what} must be positive whole numbers, got {tuple(shape)}")
@@ -55,7 +55,7 @@ def checked_shape(shape: Any, what: str = "the shape") -> tuple[int, ...]:
 
 
 def mapped(path: Path, offset: int, shape: Any, dtype: Any) -> np.ndarray:
-    """Return an array that stays in the file, in C order."""
+    """Return a memory-mapped array in C order."""
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     expected = offset + math.prod(shape) * dtype.itemsize
     found = path.stat().st_size
@@ -68,15 +68,15 @@ def mapped(path: Path, offset: int, shape: Any, dtype: Any) -> np.ndarray:
 
 
 def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data") -> np.ndarray:
-    """Return an array of the next bytes of a stream, such as a packed file.
+    """Return an array of the next bytes of a stream, such as a compressed file.
 
-    Memory is taken as announced by the shape, however much more the stream would unpack to.
+    Memory use is bounded by the declared shape, even if the stream contains more.
     """
     shape, dtype = checked_shape(shape), np.dtype(dtype)
     size = math.prod(shape) * dtype.itemsize
     check_memory(size, f"reading {what}", "read a coarser copy, or fewer fields")
     pieces = bytearray()
-    while len(pieces) < size:  # grows with what is there: a header may promise anything
+    while len(pieces) < size:  # grows with the data: the size in a header may be wrong
         piece = file.read(min(_PIECE, size - len(pieces)))
         if not piece:
             raise FileFormatError(
@@ -88,7 +88,7 @@ def read_exactly(file: IO[bytes], shape: Any, dtype: Any, what: str = "the data"
 
 
 def inside(directory: Path, name: str) -> Path:
-    """Return the path of a file that another names, which must lie in its directory or below."""
+    """Return the path of a file named by another; it must lie in the same directory or below."""
     path = (directory / name).resolve()
     if not path.is_relative_to(directory.resolve()):
         raise FileFormatError(f"it names {name!r}, which is outside of its directory")
@@ -102,9 +102,9 @@ def _times(shape: tuple[int, ...]) -> str:
 
 
 def zip_names(path: Path) -> frozenset[str]:
-    """Return the names in a ZIP file; none if it is no ZIP file, or too damaged to tell."""
+    """Return the names in a ZIP file; empty if it is not a ZIP file or too damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
             return frozenset(archive.namelist())
-    except Exception:  # of damaged ones it raises nearly anything, NotImplementedError too
+    except Exception:  # damaged files raise almost any exception, including NotImplementedError
         return frozenset()

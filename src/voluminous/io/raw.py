@@ -1,4 +1,4 @@
-"""Raw volumes: bare numbers, whose shape and type the user gives or the file's name."""
+"""Reader for raw volumes: numbers without a header; the user or the name gives shape and type."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .payload import checked_shape, is_packed, mapped, read_exactly, unpacked
 if TYPE_CHECKING:
     from ..volume import Volume
 
-# Suffixes of raw files whose names give shape and type.
+# Suffixes of raw files with shape and type in their names.
 _SUFFIXES = (".raw", ".bin", ".vol", ".dat", ".img")
 _PACKED = (".gz", ".bz2", ".xz")
 _ORDERS = {"little": "<", "big": ">", "<": "<", ">": ">"}
@@ -34,16 +34,16 @@ _TYPE = re.compile(
 
 @dataclass(frozen=True)
 class RawNumbers:
-    """The numbers in a file: where they begin, their type, and their order."""
+    """The numbers in a file: offset, type and order."""
 
     path: Path
     name: str
     cells: tuple[int, ...]  # along x, y and z
-    dtype: np.dtype  # with the byte order
+    dtype: np.dtype  # including the byte order
     axes: str  # from the slowest to the fastest
     offset: int  # bytes before the first value
     packed: bool  # by gzip, bzip2 or xz
-    source: str  # of the shape, for messages
+    source: str  # source of the shape, for messages
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -86,7 +86,7 @@ class RawNumbers:
 
 
 class RawReader(Reader):
-    """Bare numbers, packed or not; x varies fastest unless `axes` says otherwise."""
+    """Numbers without a header, compressed or not; x varies fastest unless `axes` is given."""
 
     name = "raw"
     description = "a raw file of numbers"
@@ -130,7 +130,7 @@ class RawReader(Reader):
 
 
 def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype | None, str]:
-    """Return shape and type given by a file's name (None if not), and the rest of the name.
+    """Return shape and type given by a file's name (None if absent), and the rest of the name.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def described_by_name(stem: str) -> tuple[tuple[int, ...] | None, np.dtype | Non
 
 
 def _split(path: Path) -> tuple[str, str]:
-    """Return suffix and stem of a file's name, without the suffix of a packer."""
+    """Return suffix and stem of a file name, ignoring the suffix of a compressor."""
     inner = path.with_suffix("") if path.suffix.lower() in _PACKED else path
     return inner.suffix.lower(), inner.stem
 
@@ -181,7 +181,7 @@ def _numbers(path: Path, options: Mapping[str, Any]) -> RawNumbers:
     with open(path, "rb") as file:
         packed = is_packed(file.read(8))
     axes = options.get("axes") or AXES[::-1]
-    axis_order(axes)  # raises if they are not x, y and z
+    axis_order(axes)  # raises an error if they are not x, y and z
     name = field_name(rest or stem)
     numbers = RawNumbers(path, name, shape, dtype, axes, int(offset), packed, source)
     if not packed:

@@ -1,4 +1,4 @@
-"""Volumes to files: whole or not at all, files and directories alike."""
+"""Saving of volumes to files and directories: complete or not at all."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def save(volume: Volume, path: str | Path, *, format: str | None = None, **optio
 
 
 def writer_for(path: Path, format: str | None = None) -> Reader:
-    """Return what writes files of this name, or of a format."""
+    """Return the writer for a file name, or for a format."""
     writers = [reader for reader in readers() if getattr(reader, "writes", False)]
     if format is not None:
         named = {reader.name: reader for reader in writers}
@@ -43,7 +43,7 @@ def writer_for(path: Path, format: str | None = None) -> Reader:
     known: dict[str, Reader] = {}
     for reader in writers:
         for suffix in getattr(reader, "write_suffixes", ()) or reader.suffixes:
-            known.setdefault(suffix, reader)  # the first that has it, as in reading
+            known.setdefault(suffix, reader)  # the first with this suffix, as for reading
     fitting = [suffix for suffix in known if path.name.lower().endswith(suffix)]
     if not fitting:
         raise unknown_name("volume format", path.suffix, known)

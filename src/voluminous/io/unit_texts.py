@@ -1,4 +1,4 @@
-"""Units as files write them: the many spellings that astropy does not know, or knows otherwise."""
+"""Unit spellings in files that astropy does not support or interprets differently."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from ..errors import UnitsError
 from ..units import parse_unit, unit_name
 from .contract import UnitLike
 
-# What udunits and CF write (https://cfconventions.org), where astropy needs another word. "mb" is a
-# millibit to astropy, and "C" a coulomb to both: what it is in an atmosphere cannot be known.
+# Spellings of udunits and CF (https://cfconventions.org) that differ from astropy's. "mb" is a
+# millibit in astropy, and "C" a coulomb in both: its meaning in an atmosphere is ambiguous.
 _SPELLINGS = {
     "mb": "mbar",
     "millibar": "mbar",
@@ -34,7 +34,7 @@ _PLURAL = re.compile(r"(?<=[a-z]{3})s\b")
 
 
 def known_unit(text: str) -> str:
-    """Return astropy's name of a unit, the empty string where it is none.
+    """Return astropy's name of a unit; an empty string if there is none.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def known_unit(text: str) -> str:
 
 
 def _is_function(unit: UnitLike) -> bool:
-    """Return True for decibels and magnitudes: no field can be converted with them."""
+    """Return True for decibels and magnitudes: fields cannot be converted with them."""
     from astropy import units as u
 
     return unit is not None and (

@@ -1,4 +1,4 @@
-"""The octree around particles: split where there are many, or small ones; no loop over cells."""
+"""Octree around particles, refined where they are many or small, without loops over cells."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..memory import check_memory
 from ..progress import reported_range
 from ..units import Unit
 
-# Base cells along the longest axis at most: kernels look at all base cells.
+# Most base cells along the longest axis: kernels search all base cells.
 _BASE_CELLS = 8
-# The volume of the domain may be larger by this factor, if base cells are fewer then.
+# The domain's volume may grow by this factor to reduce the number of base cells.
 _WASTE = 1.1
 _MARGIN = 1e-12
-# Below this, of which cubes are no numbers, all is in one place.
+# Particles within a smaller extent count as one place: its cube underflows.
 _LEAST = 1e-90
 
 
@@ -31,7 +31,7 @@ class Base:
     bounds : array, shape (3, 2)
     counts : array of int, shape (3,)
     periodic : bool
-        What is beyond a wall is what is at the opposite one.
+        Whether opposite walls are identified.
     """
 
     bounds: np.ndarray
@@ -40,8 +40,8 @@ class Base:
 
     @classmethod
     def around(cls, bounds: np.ndarray) -> Base:
-        """Return base cells that are cubes, few of them, around what is within bounds."""
-        # A little more: what is at the walls must not be lost by rounding.
+        """Return few cubic base cells that cover the bounds."""
+        # A margin, so that rounding does not lose particles at the walls.
         extent = np.ptp(bounds, axis=1) + _MARGIN * np.abs(bounds).max()
         longest = float(extent.max())
         longest = longest if longest > _LEAST else 1.0
@@ -54,7 +54,7 @@ class Base:
 
     @classmethod
     def within(cls, bounds: np.ndarray, periodic: bool = False) -> Base:
-        """Return base cells, as nearly cubes as can be, that fill bounds."""
+        """Return nearly cubic base cells that fill the bounds exactly."""
         extent = np.ptp(bounds, axis=1)
         width = max(extent.min(), extent.max() / _BASE_CELLS)
         counts = np.maximum(np.rint(extent / width), 1).astype(int)
@@ -62,37 +62,36 @@ class Base:
 
     @property
     def edges(self) -> list[np.ndarray]:
-        """Walls of the base cells along each axis."""
         pairs = zip(self.bounds, self.counts, strict=True)
         return [np.linspace(low, high, n + 1) for (low, high), n in pairs]
 
     @property
     def width(self) -> np.ndarray:
-        """Widths of the base cells."""
+        """Widths of the base cells along each axis, shape (3,)."""
         width: np.ndarray = np.ptp(self.bounds, axis=1) / self.counts
         return width
 
     def places(self, points: np.ndarray, level: int) -> np.ndarray:
-        """Return which cells of a level points (n, 3) inside are in: int64."""
+        """Return the cells (n, 3) of a level, int64, that contain points (n, 3)."""
         cells = self.counts << level
         place = np.floor((points - self.bounds[:, 0]) * (cells / np.ptp(self.bounds, axis=1)))
         clipped: np.ndarray = np.clip(place, 0, cells - 1).astype(np.int64)
         return clipped
 
     def numbers(self, cells: np.ndarray, level: int | np.ndarray) -> np.ndarray:
-        """Return one number, uint64, for each of some cells (n, 3) of a level."""
+        """Return the flat numbers, uint64, of cells (n, 3) of a level."""
         x, y, z = cells.astype(np.uint64).T
         nx, ny, _ = (np.uint64(n) << np.asarray(level, np.uint64) for n in self.counts)
         numbers: np.ndarray = x + nx * (y + ny * z)
         return numbers
 
     def inside(self, points: np.ndarray) -> np.ndarray:
-        """Return which points are within bounds."""
+        """Return whether points (n, 3) are within the bounds."""
         low, high = self.bounds.T
         return ((points >= low) & (points <= high)).all(axis=1)
 
     def wrapped(self, points: np.ndarray) -> np.ndarray:
-        """Return points, those of a periodic domain in it."""
+        """Return points, in a periodic domain mapped into it."""
         if not self.periodic:
             return points
         low, size = self.bounds[:, 0], np.ptp(self.bounds, axis=1)
@@ -103,7 +102,7 @@ def _cubes(extent: np.ndarray, width: float) -> np.ndarray:
     return np.maximum(np.ceil(extent / width - 1e-9), 1).astype(int)
 
 
-# Particles looked at at once: temporary arrays stay small.
+# Particles per chunk, which limits the temporary arrays.
 _CHUNK = 1 << 18
 
 
@@ -115,18 +114,18 @@ def claimed_cells(
     most: int,
     steps: int = 1,
 ) -> list[np.ndarray]:
-    """Return for each level the numbers of the cells that have to be split, ascending.
+    """Return for each level the ascending numbers of the cells to split.
 
     Parameters
     ----------
     base : Base
     points : array, shape (n, 3)
     reach, widest : array, shape (n,)
-        How far particles reach, and how wide cells may be there.
+        Radius of each particle, and the largest cell width allowed within it.
     most : int
-        Levels that there are at most.
+        Largest number of levels.
     steps : int
-        Into how many parts the cube in a particle's sphere is cut along each axis: its size counts
+        Divisions per axis of the cube inscribed in a particle's sphere: the cell width is limited
         at their corners.
     """
     offsets = _offsets(steps)
@@ -143,11 +142,11 @@ def claimed_cells(
 
 
 def _offsets(steps: int) -> np.ndarray:
-    """Return where a particle's size matters, in radii from its centre.
+    """Return the places where a particle limits the cell width, in radii from its centre.
 
-    At its centre, and at the corners of the cube in its sphere: without these, wide cells beside
-    fine ones are a part of many kernels, and interpolation smears them out (columns of an SPH disc:
-    11 % too much, with them 0.5 %). Where cells are much smaller, in between, too.
+    They are its centre and the corners of the inscribed cube. Without the corners, wide cells
+    beside fine ones lie in many kernels, and interpolation smears these out (columns of an SPH
+    disc: 11 % too much, with corners 0.5 %). With smaller cells, places in between are added.
     """
     ticks = np.linspace(-(3**-0.5), 3**-0.5, steps + 1)
     corners = np.array(list(itertools.product(ticks, repeat=3)))
@@ -180,31 +179,31 @@ def _parents(base: Base, numbers: np.ndarray, level: int) -> np.ndarray:
     return np.unique(base.numbers(np.stack([x, y, z], axis=1) >> np.uint64(1), level - 1))
 
 
-# The number of a cell of the deepest level but one must fit into 64 bits.
+# The numbers of cells of the last level but one must fit into 64 bits.
 DEEPEST = 20
-# Memory for a cell while it is made, and what is deposited in it.
+# Memory per cell during construction, deposited values included.
 _CELL_BYTES = 200
 _ADVICE = "give larger cell_width or lower max_level, or check the units of the particles' sizes"
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """When a cell is split.
+    """Criteria for splitting a cell.
 
     Attributes
     ----------
     count : int
-        If it holds more particles than this, and is wider than `finest` of one of them,
+        A cell is split if it holds more particles than this and is wider than `finest` of one.
     finest : array, shape (n,)
-        below which nothing is seen;
+        Resolution limit of each particle.
     widest : array or None, shape (n,)
-        or if it is wider than `widest` of a particle that reaches into it.
+        A cell is split if it is wider than `widest` of a particle that reaches into it.
     reach : array, shape (n,)
-        How far particles reach.
+        Radius of each particle.
     least, most : int
-        Levels that there are everywhere, and that there are at most.
+        Minimum level everywhere, and largest level.
     steps : int
-        At how many places within its reach a particle is looked at; see `claimed_cells`.
+        Divisions of each particle's inscribed cube; see `claimed_cells`.
     """
 
     count: int
@@ -219,13 +218,13 @@ class Refinement:
 def octree_around(
     base: Base, points: np.ndarray, rule: Refinement, unit: Unit = None
 ) -> OctreeGrid:
-    """Return an octree that is fine where particles are.
+    """Return an octree that is refined where particles are.
 
     Parameters
     ----------
     base : Base
     points : array, shape (n, 3)
-        Positions; those outside do not count.
+        Positions; particles outside are ignored.
     rule : Refinement
     unit : unit, optional
         Of lengths.
@@ -254,14 +253,14 @@ def octree_around(
 
 
 class _Crowd:
-    """Particles in the cells of one level after the other; those in leaves stay behind."""
+    """Assigns particles to the cells of one level after the other, and drops those in leaves."""
 
     def __init__(self, base: Base, points: np.ndarray, finest: np.ndarray, levels: int) -> None:
         self.place, self.finest, self.below = base.places(points, levels), finest, levels
         self.cell = base.numbers(self.place >> levels, 0).astype(np.int64)
 
     def crowded(self, cells: int, count: int, width: float) -> np.ndarray:
-        """Return which cells hold more than `count`, one of which is finer than they are wide."""
+        """Return which cells hold over `count` particles, one with `finest` below the width."""
         many = np.bincount(self.cell, minlength=cells) > count
         fine = np.zeros(cells, bool)
         fine[self.cell[self.finest < width]] = True
@@ -289,9 +288,10 @@ def _among(numbers: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _depth_first(splits: list[np.ndarray]) -> np.ndarray:
-    """Return the levels of the leaves in their order, from which nodes of each level are split.
+    """Return the levels of the leaves in depth-first order.
 
-    The nodes of a level are the children, eight by eight, of the split ones of the level above.
+    `splits` marks the split nodes of each level. The nodes of a level are the children, in groups
+    of eight, of the split nodes of the level above.
     """
     sizes = [np.ones(len(splits[-1]), np.int64)]
     for split in reversed(splits[:-1]):

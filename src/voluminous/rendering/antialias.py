@@ -1,4 +1,4 @@
-"""More than one ray per pixel: where the picture is not smooth, or RADMC-3D's recursion."""
+"""Antialiasing: more rays where the picture is not smooth, or RADMC-3D's recursion."""
 
 from __future__ import annotations
 
@@ -26,31 +26,32 @@ if TYPE_CHECKING:
 
 # Rays per pixel after each round.
 _ROUNDS = (8, 16, 32, 64, 128, 256)
-# A mean has settled when two rounds after one another changed it by less than the tolerance.
+# A mean has converged when each of two consecutive rounds changed it by less than the tolerance.
 _LEAST = 32
 # Roberts' sequence in two dimensions: the inverse plastic number, x³ = x + 1, and its square.
 _PLASTIC = 1.32471795724474602596
-# Second differences of neighbours below this many tolerances are smooth. A pixel's mean differs
-# from its centre by a twelfth of them where the picture is smooth indeed, and by up to a half, in
-# the mean over all places by a fourth, where it has small edges: that is counted.
+# Second differences of neighbours below this many tolerances are smooth. The difference between a
+# pixel's mean and its centre value is a twelfth of them where the picture is smooth, and up to a
+# half, a fourth on average over all positions, where it has small edges; this is included in the
+# error.
 _SMOOTH = 4.0
 
 
 @dataclass
 class Means:
-    """Sums over the rays of some pixels, what they show, and by how much that may be off.
+    """Sums over the rays of some pixels, with the resulting picture values and their errors.
 
-    Rows are what a picture shows, see `_seen`, in parts of what differences are compared with.
+    Rows are picture values, see `_seen`, in the unit in which differences are compared.
 
     Attributes
     ----------
     seen : array, shape (row, n)
         The mean over the rays so far.
     low, high : array, shape (row, n)
-        The least and the most that single rays show: own ones, and those through the centres of
-        the pixels around.
+        Minimum and maximum over single rays: the pixel's, and those through the centres of the
+        neighbouring pixels.
     off : array, shape (row, n)
-        By how much the last rays changed the mean.
+        Change of the mean by the last rays.
     """
 
     pixel: np.ndarray
@@ -62,9 +63,9 @@ class Means:
     off: np.ndarray
 
     def take(self, tracer: RayTracer, scale: np.ndarray, count: int) -> None:
-        """Take more rays, so that there are so many.
+        """Trace more rays, up to a number per pixel.
 
-        Each of them is reported: there may be many times as many as the picture has pixels.
+        Each is reported: there may be many times as many as the picture has pixels.
         """
         numbers = range(self.count, count)
         for done, number in enumerate(numbers):
@@ -84,11 +85,11 @@ class Means:
         return self.total.times(1.0 / self.count)
 
     def wrong(self) -> np.ndarray:
-        """Return by how much rows may be off."""
+        """Return the errors of rows."""
         return np.maximum(self.off, left_of_edges(self.high - self.low, self.count))
 
     def some(self, index: np.ndarray) -> Means:
-        """Return some of the pixels."""
+        """Return a subset of the pixels."""
         rows = (row[:, index] for row in (self.seen, self.low, self.high, self.off))
         return Means(self.pixel[index], self.total.some(index), self.count, *rows)
 
@@ -119,15 +120,15 @@ def refine(tracer: RayTracer, paths: Paths, tolerance: float) -> None:
 
 
 def left_of_edges(spread: np.ndarray, count: int) -> np.ndarray:
-    """Return what means over so many rays may be off by, of an edge of some height.
+    """Return the error of means over a number of rays, due to an edge of some height.
 
-    It was 0.3 of that for sequences like these, and three deviations are counted.
+    For sequences like these it was 0.3 of the returned value, which includes three deviations.
     """
     return np.asarray(spread * count**-0.75)
 
 
 def _offsets(pixel: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return a point of the sequence for each pixel, from its centre (-½ to ½)."""
+    """Return a point of the sequence for each pixel, relative to its centre (-½ to ½)."""
     shifts = (_hashed(pixel, salt) for salt in (0x9E3779B9, 0x85EBCA6B))
     steps = (1.0 / _PLASTIC, 1.0 / _PLASTIC**2)
     du, dv = (np.mod(s + number * step, 1.0) - 0.5 for s, step in zip(shifts, steps, strict=True))
@@ -135,7 +136,7 @@ def _offsets(pixel: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hashed(pixel: np.ndarray, salt: int) -> np.ndarray:
-    """Return random-looking numbers in [0, 1) that belong to pixels (Steele et al. 2014)."""
+    """Return pseudo-random numbers in [0, 1) for pixels (Steele et al. 2014)."""
     h = pixel.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(salt)
     h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -143,7 +144,7 @@ def _hashed(pixel: np.ndarray, salt: int) -> np.ndarray:
 
 
 def _seen(tracer: RayTracer, paths: Paths) -> np.ndarray:
-    """Return what a picture shows of paths, in rows: intensities, and transparencies."""
+    """Return the picture values of paths, in rows: intensities, then transparencies."""
     mixed = tracer.source.numbers.mix(paths.emission)
     return np.vstack([np.moveaxis(mixed, -1, 0), *(row[None] for row in paths.transparency)])
 
@@ -156,10 +157,10 @@ def _scale(seen: np.ndarray, extinctions: int) -> np.ndarray:
 
 
 def _bends(seen: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
-    """Return by how much rows bend at each pixel: the larger of the second differences.
+    """Return the second differences of rows at each pixel: the larger of both axes.
 
-    Pixels of the frame's edge bend as the next ones do. Of two pixels in a row the difference
-    tells, one does not tell anything.
+    Pixels at the frame's edge take the value of the next ones. Two pixels in a row give their
+    difference, a single one infinity.
     """
     nx, ny = pixels
     planes = seen.reshape(-1, ny, nx)
@@ -168,7 +169,7 @@ def _bends(seen: np.ndarray, pixels: tuple[int, int]) -> np.ndarray:
 
 
 def _bends_along(planes: np.ndarray, axis: int) -> np.ndarray:
-    """Return by how much planes bend along one axis, at each of their pixels."""
+    """Return the second differences of planes along one axis, at each of their pixels."""
     size = planes.shape[axis]
     if size == 1:
         return np.full_like(planes, np.inf)
@@ -179,14 +180,14 @@ def _bends_along(planes: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _rough(bends: np.ndarray, pixels: tuple[int, int], limit: float) -> np.ndarray:
-    """Return the flat numbers of pixels at or beside which rows bend by more than a limit."""
+    """Return the flat indices of pixels at or beside which second differences exceed a limit."""
     nx, ny = pixels
     bent = bends.max(axis=0) > limit
     return np.flatnonzero(_dilated(bent.reshape(ny, nx)))
 
 
 def _around(seen: np.ndarray, pixels: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the most that a pixel and its neighbours show, in the same rows."""
+    """Return the minimum and maximum over a pixel and its neighbours, in the same rows."""
     nx, ny = pixels
     planes = np.pad(seen.reshape(-1, ny, nx), ((0, 0), (1, 1), (1, 1)), mode="edge")
     shifts = [planes[:, a : a + ny, b : b + nx] for a in range(3) for b in range(3)]
@@ -204,10 +205,10 @@ def _dilated(mask: np.ndarray) -> np.ndarray:
 def _count(
     paths: Paths, pixel: np.ndarray, wrong: np.ndarray, scale: np.ndarray, unit: float
 ) -> None:
-    """Count what rows of some pixels may be off by.
+    """Add the errors of the rows of some pixels to their paths.
 
-    Errors of intensities are in the unit of kernels; those of transparencies count as much as there
-    is behind.
+    Errors of intensities are in the kernel's unit; those of transparencies are weighted by the
+    background.
     """
     if paths.error:
         extinctions = len(paths.transparency)
@@ -218,14 +219,14 @@ def _count(
 
 @dataclass
 class WidthState:
-    """What goes round the loop: where a ray is, and the least width so far."""
+    """Loop state: a ray's position, and the smallest width so far."""
 
     cursor: Any
     least: Any
 
 
 class MinCellWidth:
-    """Follows rays through a grid's cells."""
+    """Computes the width of the narrowest cell along rays."""
 
     def __init__(self, grid: Any, backend: Backend) -> None:
         self.grid, self.backend = grid, backend
@@ -255,11 +256,11 @@ class MinCellWidth:
     unit: float
 
     def sight(self, ray: Ray) -> Any:
-        """Return what is to be known of rays."""
+        """Return the geometry of rays that `width` needs."""
         return None
 
     def before(self, sight: Any, count: int) -> Any:
-        """Return the widths that rays begin with."""
+        """Return the initial widths of rays."""
         raise NotImplementedError
 
     def width(self, cursor: Any, segment: Segment, sight: Any) -> Any:
@@ -286,23 +287,23 @@ class TreeCellWidth(MinCellWidth):
         return dr.select(lookup.is_cell(cursor.cell), width, self.largest)
 
 
-# Relative and angular sizes that cells count as at least, and at most.
+# Minimum relative size, and minimum and maximum angular size, of a cell.
 _THINNEST = 0.003
 _LEAST_ANGLE, _MOST_ANGLE = 0.05, 0.3
-# Of the innermost radius: what a ray counts as meeting that passes through the cavity.
+# Width of the central cavity for rays through it, as a fraction of the innermost radius.
 _OF_CAVITY = 0.05
 
 
 @dataclass
 class RaySight:
-    """Rays as a centre sees them.
+    """Geometry of rays relative to the centre.
 
     Attributes
     ----------
     closest : array
-        How near they come.
+        Distance of closest approach.
     arrive : array
-        Where they enter the sphere around all, counted from there: negative.
+        Distance from the closest point at which they enter the outermost sphere: negative.
     polar : array
         Absolute z component of the direction.
     """
@@ -315,7 +316,7 @@ class RaySight:
 class SphericalCellWidth(MinCellWidth):
     """The rule for spherical grids; widths in units of the grid's scale.
 
-    RADMC-3D follows rays towards the camera, and cells look different from their other ends.
+    RADMC-3D traces rays towards the camera, and the rule depends on the direction.
 
     Parameters
     ----------
@@ -329,7 +330,7 @@ class SphericalCellWidth(MinCellWidth):
         self.unit = grid.scale
         r = grid.edges[0] / grid.scale
         self.inner, self.outer = backend.wide(r[0]), backend.wide(r[-1])
-        # Cells that differ in φ only are alike, of grids that are not refined.
+        # On grids without refinement, cells that differ in φ only have the same sizes.
         self.alike = dr.opaque(backend.UInt, grid.shape[2] if grid.is_structured else 1)
         low, high = _profile(grid)
         across = np.minimum(np.minimum(low[1] + high[1], 2 * np.pi - low[1] - high[1]) / 2, 1.0)
@@ -395,7 +396,7 @@ class CylindricalCellWidth(MinCellWidth):
 
 
 def _profile(grid: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return where cells begin and end along r and θ, (2, n): one of all that are alike."""
+    """Return the limits of cells along r and θ, (2, n); on unrefined grids once for all φ."""
     if not grid.is_structured:
         low, high = grid.spans()
         return low[:2], high[:2]
@@ -416,16 +417,16 @@ def _packets(backend: Backend, *columns: np.ndarray) -> Any:
     return from_host(backend.Float, np.stack(columns, axis=1).reshape(-1))
 
 
-# Parts of pixels looked at together: a stack of them never holds many more.
+# Maximum size of the stack of pixel parts processed at once, approximately.
 _TOGETHER = 1 << 18
-# How often a pixel may be halved along each side: beyond, it is a mistake.
+# How often a pixel may be halved along each side; a deeper recursion indicates a mistake.
 _DEEPEST = 12
 _QUARTERS = np.array([(-1, -1), (1, -1), (-1, 1), (1, 1)])
 
 
 @dataclass
 class PixelParts:
-    """Squares in pixels: which entry of a list of pixels, where the centre is, how often halved.
+    """Squares in pixels: index into a list of pixels, centre, and number of halvings.
 
     Attributes
     ----------
@@ -445,7 +446,7 @@ class PixelParts:
         return float(0.25**self.depth)
 
     def of(self, index: Int) -> PixelParts:
-        """Return some of them."""
+        """Return a subset."""
         return PixelParts(self.entry[index], self.center[:, index], self.depth)
 
     def quarters(self) -> PixelParts:
@@ -456,7 +457,7 @@ class PixelParts:
 
 
 class FluxConserving(RayTracer):
-    """A job's rays, in parts of pixels as small as the cells that they meet."""
+    """Traces a job's rays in parts of pixels no wider than the cells on their way."""
 
     def __init__(self, job: RenderJob, source: Source, brightest_background: float) -> None:
         super().__init__(job, source, brightest_background)
@@ -489,7 +490,7 @@ class FluxConserving(RayTracer):
         return means.paths()
 
     def _too_large(self, pixel: np.ndarray, parts: PixelParts) -> np.ndarray:
-        """Return which parts are wider than the narrowest cell on the way through their centres."""
+        """Return which parts are wider than the narrowest cell on the ray through the centre."""
         nx, (u, v) = self.job.frame.pixels[0], parts.center
         ray_pixel, width = pixel[parts.entry], self.width * 0.5**parts.depth
         large = np.empty(len(ray_pixel), bool)
@@ -533,7 +534,7 @@ class _PathMeans:
 
 
 def _narrowest(job: RenderJob) -> MinCellWidth:
-    """Return what finds the narrowest cells that a job's rays meet."""
+    """Return the rule for the narrowest cells that a job's rays cross."""
     grid, kind = job.volume.grid, tuple(job.volume.grid.coordinates)
     if kind == SPHERICAL:
         return SphericalCellWidth(grid, job.backend, job.backward)

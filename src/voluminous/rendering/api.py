@@ -58,54 +58,54 @@ def render(
     medium : Medium, optional
         From field values to emissivity and extinction. By default `suggest_medium` finds one.
     camera : Orthographic or Perspective, optional
-        Which rays. By default all is seen, from obliquely above (a patient from the front, a stack
-        of pictures as they are); without a medium, what that one shows
-        (`Orthographic.framing`).
+        Which rays. By default the whole volume, from obliquely above (a patient from the
+        front, a stack of pictures unrotated); without a medium, the visible part of the
+        suggested one (`Orthographic.framing`).
     view : {"anterior", "posterior", "left", "right", "superior", "inferior", "stack"}, optional
-        In place of a camera: what the medium shows, from a side of a patient, or as a stack of
-        pictures is leafed through; see `Orthographic.framing`.
+        In place of a camera: the visible part of the medium, from a side of a patient, or along
+        the stacking direction of pictures; see `Orthographic.framing`.
     scheme : {"post-classified", "pre-integrated", "second-order", "first-order", "olson-kunasz"}
         How one segment is solved; see the page on schemes. By default the first; label fields
         (media from `suggest_medium`) default to ``"first-order"``, because labels must not be
         interpolated.
     tolerance : float
         For ``"post-classified"``: the error allowed in a pixel, as a fraction of the brightest.
-        `Image.error` holds what was reached. None disables error control, which is the scheme
+        `Image.error` holds the error reached. None disables error control, which is the scheme
         ``"pre-integrated"``: 2 to 6 times faster.
     background : float, sequence of float, array (ny, nx[, channel]) or Image
         Intensity behind everything.
     precision : {"single", "double"}
-        Floating-point precision. Where single cannot tell the grid's cells apart, or cannot hold
-        what the medium is a function of (below 1e-30, above 1e30), or what rays gather (optical
-        depths above 1e12, less than 1e-22 of the colours), or the tolerance is below 1e-5, double
-        is taken.
+        Floating-point precision. Double precision is used anyway where single cannot resolve the
+        grid's cells, or cannot represent the medium's variables (below 1e-30, above 1e30) or the
+        sums along rays (optical depths above 1e12, less than 1e-22 of the colours), or where the
+        tolerance is below 1e-5.
     device : {"auto", "cpu", "cuda", "metal"}
         Where to compute.
     order : {"front-to-back", "back-to-front"}
-        The direction in which rays are folded; the result is the same to rounding.
+        The direction in which rays are integrated; the results agree to rounding.
     cutoff : float, optional
-        Transparency at which a ray stops; 0 turns it off. By default a ray stops where all that
-        may still come is below 1e-4 of what it has gathered, so the error is below 1e-4 of the
-        image's maximum.
+        Transparency at which a ray stops; 0 turns it off. By default a ray stops where the rest
+        can add less than 1e-4 of the intensity gathered so far, so the error is below 1e-4 of
+        the image's maximum.
     samples : int
         n for n × n rays per pixel, at the centres of equal parts.
     antialias : {None, "adaptive", "radmc3d"}
         ``"adaptive"``: more rays where the picture is not smooth, up to 256 a pixel, until its mean
-        has settled to the tolerance (to a tenth, if that is None). ``"radmc3d"``: RADMC-3D's
+        has converged to the tolerance (to a tenth, if that is None). ``"radmc3d"``: RADMC-3D's
         recursion over parts of pixels, which conserves flux.
     bounds : bool
-        Also give `Image.lower` and `Image.upper`: certain bounds of the intensity, per pixel and
-        channel; for media of expressions, and ``"post-classified"``.
+        Also compute `Image.lower` and `Image.upper`: guaranteed bounds of the intensity, per
+        pixel and channel; for media of expressions, and ``"post-classified"``.
     max_panels : int
-        Bounds are brought within the tolerance of each other unless that takes more panels on a
-        segment of a ray.
+        Maximum number of panels per segment of a ray that are used to bring the bounds within
+        the tolerance of each other.
     objects : sequence of SceneObject
         Stars, spheres, lines, boxes, axes: drawn at their true depth, or in the foreground. See
         `Stars`, `Spheres`, `Lines`, `Boxes`, `Axes`.
     progress : bool or callable, optional
-        True shows a bar, False none; by default one appears on a terminal and in a notebook when
-        it takes longer than two seconds. A function is called as ``progress(done, total)`` now and
-        then; it may raise to cancel.
+        True shows a bar, False none; by default a bar appears on a terminal and in a notebook if
+        the render takes longer than two seconds. A function is called repeatedly as
+        ``progress(done, total)``; it may raise to cancel.
 
     Returns
     -------
@@ -116,7 +116,8 @@ def render(
     Warns
     -----
     UserWarning
-        If the picture shows nothing of the medium; with the ranges of its expressions.
+        If the medium is not visible in the picture; the message gives the ranges of its
+        expressions.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def render(
     UnknownNameError
         For a field, scheme, order, … that does not exist; a KeyError.
     MemoryNeededError
-        If it does not fit into memory, before any is taken.
+        If it does not fit into memory; raised before any is allocated.
     """
     medium, camera = _chosen(volume, medium, camera, view)
     things = check_objects(objects, bounds)
@@ -210,7 +211,7 @@ def _intensity_unit(job: RenderJob) -> str:
 
 
 def _full_depth(job: RenderJob, planes: RenderResult) -> Callable[[], np.ndarray]:
-    """Return what computes the optical depth through everything, for rays that stopped early."""
+    """Return a function that computes the total optical depth, for rays that stopped early."""
     channels = planes.emission.shape[2]
 
     def compute() -> np.ndarray:

@@ -1,4 +1,4 @@
-"""VolumeStatistics of a volume's fields, and the cache of everything that was made from them."""
+"""Statistics of a volume's fields, and the cache of everything computed from them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
 Made = TypeVar("Made")
-# Bytes kept with a volume, besides what the current picture uses.
+# Maximum bytes of a volume's cache, besides the entries that the current picture uses.
 LIMIT = 512 << 20
-# The least that an entry counts: bounds how many small ones there are.
+# Minimum size counted for an entry; limits the number of small ones.
 _LEAST = 1 << 18
-# Memory that is left alone: temporary numbers while making the next thing.
+# Memory left free for temporary arrays while the next entry is computed.
 SLABS = 96 << 20
 
 
@@ -50,7 +50,7 @@ class VolumeStatistics:
         return self._digests[name]
 
     def digests(self, names: Iterable[str]) -> tuple[tuple[str, str, bytes], ...]:
-        """Return what identifies the fields among some names: units count too."""
+        """Return the key of the fields among some names; it includes their units."""
         return tuple(
             (name, str(self.volume.field_unit(name)), self.digest(name))
             for name in names
@@ -58,7 +58,7 @@ class VolumeStatistics:
         )
 
     def is_hashed(self, names: Iterable[str]) -> bool:
-        """Return whether hashing the fields among some names is free, or decided already.
+        """Return whether hashes of the fields among some names are free or needed anyway.
 
         Fields of a volume without any cache entries are not hashed: 1024³ values take a while.
         """
@@ -83,7 +83,7 @@ class VolumeStatistics:
         return float(array.min()), float(array.max())
 
     def range_of(self, name: str) -> Interval:
-        """Return the values of a field, or of a coordinate, in the whole volume."""
+        """Return the range of a field, or of a coordinate, in the whole volume."""
         if name in self.volume:
             ends = self.extremes(name)
         else:
@@ -94,8 +94,8 @@ class VolumeStatistics:
 class Cache:
     """Access to `Volume.tables` for one picture.
 
-    The oldest entries are dropped where the sum of all exceeds `LIMIT` bytes, or memory is short;
-    those that this picture uses stay.
+    The oldest entries are dropped where the total exceeds `LIMIT` bytes, or memory is short; those
+    that this picture uses stay.
     """
 
     def __init__(self, volume: Volume) -> None:
@@ -112,7 +112,7 @@ class Cache:
         return self.volume.tables[key][0]
 
     def put(self, key: Hashable, thing: Made) -> Made:
-        """Add an entry; drop the oldest ones if need be."""
+        """Add an entry; drop the oldest ones if necessary."""
         tables = self.volume.tables
         self._used.add(key)
         tables[key] = thing, max(size_of(thing), _LEAST)
@@ -126,21 +126,21 @@ class Cache:
         return thing
 
     def get_or_make(self, key: Hashable, make: Callable[[], Made]) -> Made:
-        """Return the entry of a key, made if there is none."""
+        """Return the entry of a key, computing it if necessary."""
         if key not in self.volume.tables:
             return self.put(key, make())
         made: Made = self.get(key)
         return made
 
     def measurements(self, *exprs: Expression) -> dict[Any, Any]:
-        """Return the mutable store of measurements of expressions of the present fields."""
+        """Return the mutable cache of measurements of expressions, for the current fields."""
         names = dict.fromkeys(name for expr in exprs for name in expr.names)
         texts = [expr.text for expr in exprs]
         return self.get_or_make(("measured", *texts, self.statistics.digests(names)), dict)
 
 
 def size_of(thing: Any, seen: set[int] | None = None) -> int:
-    """Return the bytes of all arrays in a thing: in containers, and in objects of this package."""
+    """Return the bytes of all arrays in a thing: in containers and objects of this package."""
     seen = set() if seen is None else seen
     if id(thing) in seen:
         return 0
@@ -161,7 +161,7 @@ def size_of(thing: Any, seen: set[int] | None = None) -> int:
     return 0
 
 
-# Objects of these may hold arrays of their own.
+# Objects of these packages may hold arrays.
 _ROOMS = ("voluminous.rendering", "voluminous.grids")
 
 

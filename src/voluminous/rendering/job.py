@@ -32,9 +32,9 @@ class RenderResult:
     Attributes
     ----------
     error : array, shape (ny, nx), or None
-        How far an intensity may be off in its worst channel.
+        Error of an intensity in its worst channel.
     tracer : RayTracer
-        What drew them, for rays still to come.
+        The tracer of the picture, for further rays.
     """
 
     emission: np.ndarray
@@ -56,25 +56,25 @@ class RenderResult:
 
     @functools.cached_property
     def finite(self) -> bool:
-        """Whether all that rays gathered is finite: its ends are, in a fifth of the time."""
+        """Whether all results are finite; testing only their extremes takes a fifth of the time."""
         ends = self.brightest, self.faintest, float(self.depth.max()), float(self.depth.min())
         return bool(np.all(np.isfinite(ends)))
 
     @property
     def nothing(self) -> bool:
-        """Whether nothing shines, or stands in front of anything."""
+        """Whether nothing emits or absorbs."""
         through = self.transparency
         return self.brightest == self.faintest == 0.0 and through.min() == 1.0 == through.max()
 
 
 @dataclass
 class RenderJob:
-    """Everything one render is made of.
+    """Everything that defines one render.
 
     Attributes
     ----------
     cache : Cache
-        What was made of the volume before.
+        Cache of results for the volume.
     hidden : HiddenCells, optional
         Cells that hold no value.
     """
@@ -98,7 +98,7 @@ class RenderJob:
     _numbers: Any = None
 
     def __post_init__(self) -> None:
-        """Turn the loop where steps are RADMC-3D's: its rays run towards the observer."""
+        """Reverse the loop with RADMC-3D's steps: its rays run towards the observer."""
         self.backward |= self.radmc3d_steps
 
     @property
@@ -108,44 +108,44 @@ class RenderJob:
 
     @property
     def walk_kind(self) -> str:
-        """Which walk through the grid the scheme needs."""
+        """The kind of walk through the grid that the scheme needs."""
         if self.scheme.coefficients_at == "field":
             return "dual"
         return "substeps" if self.radmc3d_steps else "cells"
 
     @property
     def early_error(self) -> float:
-        """What may be left out where a ray stops, as a fraction of what it has gathered."""
+        """Error allowed where a ray stops early, as a fraction of the intensity gathered."""
         return min(DEFAULT_ERROR, 0.1 * self.tolerance) if self.scheme.controlled else DEFAULT_ERROR
 
     def drawn(self, kind: type[RayTracer]) -> tuple[Paths, Any]:
-        """Return what rays of a kind of their own find, and the numbers of their source."""
+        """Trace with a custom ray tracer class; return its paths and the channel layout."""
         source = self._source()
         return kind(self, source, 0.0).frame(), source.numbers
 
     @property
     def steps(self) -> float:
-        """About how many cells the rays will cross in all."""
+        """Estimate of the number of cells that all rays cross."""
         nx, ny = self.frame.pixels
         return float(nx * ny) * self.samples**2 * self.volume.grid.cells_across
 
     def run(self, brightest_background: float) -> RenderResult:
         """Render all pixels.
 
-        In double precision where single is not enough: of a quotient of two fields that vanish in
-        one place, rounding makes the lower one zero before the other on one ray in some thousand.
+        Double precision is used where single is not enough: in a quotient of two fields that vanish
+        at the same place, rounding makes the denominator zero first on one ray in some thousand.
         """
         return exhausted(self._batches(brightest_background))
 
     def batches(
         self, seconds: float = 0.04, focus: tuple[float, float] | None = None
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Render in batches that take about so long each; to cancel stop asking.
+        """Render in batches of a given duration; to cancel, stop iterating.
 
         Yields
         ------
         pixel : array of int, shape (n,)
-            Flat numbers of the pixels that were traced; some may be traced again later.
+            Flat indices of the pixels that were traced; some may be traced again later.
         intensity : array, shape (n, channel)
         transparency : array, shape (n, channel or 1)
 
@@ -183,7 +183,7 @@ class RenderJob:
         if self.scheme.controlled:
             limits = self.tolerance, brightest_background, seconds, focus
             paths, enough = yield from render_to_tolerance(tracer, *limits)
-            if not enough:  # all there is to see is as faint as what was left out
+            if not enough:  # everything visible is as faint as the skipped places
                 tracer = self._drawing(brightest_background, faintest=True)
                 paths, _ = yield from render_to_tolerance(tracer, *limits)
         else:
@@ -201,7 +201,7 @@ class RenderJob:
         return tracer
 
     def _kernels(self, tracer: RayTracer, faintest: bool) -> KernelCache | None:
-        """Return where what is traced is kept: with the volume, if all that steers it is known."""
+        """Return the cache of traced batches: the volume's, if all its dependencies have keys."""
         if self.backend.device != "cpu" or self.backend.derivatives:
             return None
         parts = self.medium.key(), self.camera.key(), self.scheme.key()
@@ -249,7 +249,7 @@ class RenderJob:
         )
 
     def provenance(self) -> dict[str, Any]:
-        """Return what is drawn, and how, as plain values."""
+        """Return the settings of the render, as plain values."""
         return {
             "software": f"voluminous {VERSION}",
             "scheme": self.scheme.name,
@@ -260,7 +260,7 @@ class RenderJob:
         }
 
     def advance(self, rays: int, lanes: int) -> None:
-        """Wait for rays and report them; an interrupt is heard here."""
+        """Wait for rays and report them; interrupts take effect here."""
         dr.sync_thread()
         total = lanes * self.samples**2
         self.done = min(self.done + rays, total)

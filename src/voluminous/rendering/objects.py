@@ -1,7 +1,7 @@
-"""Stars and lines in a picture: more pairs (b, θ), each at its depth among those of the medium.
+"""Stars and lines in a picture: additional pairs (b, θ), placed at their depths in the medium.
 
-Rays of pixels that objects cover are followed again up to them, see `layered`. Points of light hide
-nothing: a ray to each tells how much of it comes through, and it is added.
+Rays of pixels that objects cover are traced again up to them, see `layered`. Points of light
+are added, each attenuated by the medium along a ray to it.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ _RISE = np.append(np.diff(_BELOW), 0.0)
 def spread(
     points: PointLights, flux: np.ndarray, pixels: tuple[int, int]
 ) -> tuple[np.ndarray, int]:
-    """Return what points of light add to some rows of a picture, and which is the first of them."""
+    """Return the light of points in some rows of a picture, and the index of the first row."""
     (nx, ny), (width, height) = pixels, points.sigma.tolist()
     x, share = _shares(points.x, width, nx)
     y, other = _shares(points.y, height, ny)
     first, last = int(y.min(initial=ny)), int(y.max(initial=0))
     count = max(last + 1 - first, 0)
-    # Points run fastest, and are many: NumPy is three times slower with the PSF in this place.
+    # The many points are the fastest axis: with the PSF there NumPy is three times slower.
     place = ((y - first) * nx)[:, None] + x
     light = [
         np.bincount(place.ravel(), ((f * other)[:, None] * share).ravel(), count * nx)
@@ -53,9 +53,9 @@ def spread(
 
 
 def _shares(place: np.ndarray, sigma: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return pixels in one dimension, and the part of each point's flux, shape (k, n) each.
+    """Return pixels in one dimension, and each point's share of flux in them, shape (k, n) each.
 
-    Outside of the picture these are pixels at its edge, with no part.
+    Pixels outside the picture are moved to its edge, with a share of zero.
     """
     nearest, reach = np.floor(place + 0.5), math.ceil(REACH * sigma)
     pixel = nearest.astype(np.int64) + np.arange(-reach, reach + 1)[:, None]
@@ -65,7 +65,7 @@ def _shares(place: np.ndarray, sigma: float, count: int) -> tuple[np.ndarray, np
 
 
 def _parts(offset: np.ndarray, sigma: float, reach: int) -> np.ndarray:
-    """Return the parts of Gaussians in pixels around the one of their middle, shape (k, n)."""
+    """Return the shares of Gaussians in the pixels around their central one, shape (k, n)."""
     edges = np.arange(-reach, reach + 2)[:, None] - 0.5 + offset
     step = np.clip((edges / sigma + REACH) * (0.5 * _STEPS / REACH), 0.0, _STEPS)
     number = step.astype(np.int64)
@@ -75,7 +75,7 @@ def _parts(offset: np.ndarray, sigma: float, reach: int) -> np.ndarray:
 def seen_through(
     points: PointLights, layers: Layers, tracer: Stretches
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return how much of each point of light comes through what is in front, and its error."""
+    """Return the transparency in front of each point of light, and its error."""
     nx, ny = tracer.job.frame.pixels
     x, y = (np.clip(np.floor(w + 0.5), 0, n - 1) for w, n in ((points.x, nx), (points.y, ny)))
     pixel = (y * nx + x).astype(np.int64)
@@ -86,14 +86,14 @@ def seen_through(
 
 
 def _in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarray:
-    """Return what layers in the pixels of points, in front of them, let through, shape (n, 1)."""
+    """Return the transparency of the layers in front of each point, in its pixel, shape (n, 1)."""
     if not len(layers.pixel):
         return np.ones((len(pixel), 1))
     order = np.lexsort((layers.depth, layers.pixel))
     sorted_pixel, sorted_depth = layers.pixel[order], layers.depth[order]
     theta = np.append(1.0 - layers.opacity[order], 1.0)
     first = np.searchsorted(sorted_pixel, pixel)
-    # Points and layers in one order: how many layers of all pixels come before each point.
+    # Points and layers in one order: how many layers of all pixels precede each point.
     everything = np.lexsort(
         (np.concatenate([sorted_depth, depth]), np.concatenate([sorted_pixel, pixel]))
     )
@@ -108,7 +108,7 @@ def _in_front(pixel: np.ndarray, depth: np.ndarray, layers: Layers) -> np.ndarra
 def shine(
     planes: RenderResult, points: PointLights, through: np.ndarray, unsure: np.ndarray
 ) -> None:
-    """Add points of light to the pixels that they are in, or are spread over; errors likewise."""
+    """Add the spread light of points, and its errors, to a picture."""
     ny, nx, _ = planes.emission.shape
     light, first = spread(points, points.flux * through, (nx, ny))
     rows = slice(first, first + light.shape[1])
@@ -137,7 +137,7 @@ def check_objects(objects: Any, bounds: Any) -> list[SceneObject]:
 
 
 def wide_background(background: np.ndarray, channels: int, total: int) -> np.ndarray:
-    """Return a background for all channels of a picture: those of objects have none."""
+    """Return a background with all channels of a picture: zero in those of objects."""
     if total == channels:
         return background
     own = np.broadcast_to(background, (*background.shape[:-1], channels))
@@ -145,7 +145,7 @@ def wide_background(background: np.ndarray, channels: int, total: int) -> np.nda
 
 
 def channel_count(objects: list[SceneObject], job: RenderJob) -> int:
-    """Return how many channels a picture has: the medium's, and those of objects."""
+    """Return the number of channels of a picture: the medium's, and those of objects."""
     own = int(job.medium.channels)
     beyond = {one.channel for one in objects if one.channel is not None and one.channel >= own}
     if beyond and max(beyond) >= own + len(beyond):
@@ -165,7 +165,7 @@ def channel_count(objects: list[SceneObject], job: RenderJob) -> int:
 
 @dataclass
 class ObjectLayers:
-    """What objects show: layers and points at their true depth, and those in the foreground."""
+    """The layers and points of objects at their true depth, and of those in the foreground."""
 
     layers: Layers
     points: list[PointLights]
@@ -174,7 +174,7 @@ class ObjectLayers:
 
     @classmethod
     def of(cls, objects: list[SceneObject], view: View) -> ObjectLayers:
-        """Return what is in view."""
+        """Return the layers and points in view."""
         parts: list[Any] = []
         for depth in ("true", "foreground"):
             some = [one for one in objects if one.depth == depth]
@@ -185,7 +185,7 @@ class ObjectLayers:
 
     @property
     def brightest(self) -> float:
-        """The most that something at its true depth adds to a pixel."""
+        """The maximum that an object at its true depth adds to a pixel."""
         shown = [self.layers.emission, *(points.flux for points in self.points)]
         return max(float(np.max(np.abs(values), initial=0.0)) for values in shown)
 

@@ -1,4 +1,4 @@
-"""What render() is asked: checked, and brought into one form."""
+"""Validation of the arguments of render(), and their conversion to one form."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from ..units import as_quantity, is_quantity
 
 ANTIALIAS = ("adaptive", "radmc3d")
 ORDERS = ("front-to-back", "back-to-front")
-# The default cut-off: what is left out is below this fraction of what the ray has gathered.
+# Error of the default cut-off, as a fraction of the intensity that the ray has gathered.
 DEFAULT_ERROR = 1e-4
-# The finest tolerance that single precision keeps: rounding is 3e-6 of the sum of all colours.
+# The finest tolerance that single precision reaches: rounding is 3e-6 of the sum of all colours.
 FINEST_SINGLE = 1e-5
 _MOST_SAMPLES = 4096
-# Pixels are counted in 32 bits, in blocks that may reach beyond the edge.
+# Pixels are counted in 32 bits, in blocks that may extend beyond the edge.
 _MOST_PIXELS = 1 << 31
-# Numbers per pixel that are kept besides those of channels: errors and order.
+# Numbers stored per pixel besides those of channels: errors and order.
 _OTHER_PLANES = 6
-# What counts as tolerance where none is asked for: faint places are left out accordingly.
+# Tolerance for skipping faint places where none is requested.
 _CARELESS = 0.1
-# Pictures that take less than this many seconds say nothing.
+# Pictures that take less than this many seconds log no warning.
 _LONG = 5.0
 # Measured on two shells of 100³ cells, 300² pixels, relative to the defaults.
 _SLOW = {
@@ -48,7 +48,7 @@ _named: set[str] = set()
 
 
 def check_pixels(pixels: tuple[int, int], channels: int, backend: Backend) -> None:
-    """Refuse a picture that cannot be held."""
+    """Refuse a picture that does not fit into memory."""
     count = int(pixels[0]) * int(pixels[1])
     size = f"a picture of {pixels[0]} x {pixels[1]} pixels"
     if count > _MOST_PIXELS:
@@ -78,7 +78,7 @@ def check_cutoff(cutoff: Any) -> float | None:
 
 
 def refuse_unusable(precision: str) -> None:
-    """Raise the error for what is not finite after all rays were followed."""
+    """Raise the error for results that are not finite."""
     raise InputError(
         "the picture is not finite: the medium gives coefficients that are not, or too large "
         f"for {precision} precision, or a negative extinction, in cells that rays "
@@ -101,7 +101,7 @@ def check_tolerance(tolerance: Any) -> float:
 
 
 def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
-    """Refuse numbers of rays and ways to choose them that there are not."""
+    """Refuse an invalid number of rays or antialiasing method."""
     renamed = {"adaptive": "adaptive", "flux-conserving": "radmc3d"}
     if isinstance(samples, str) and samples in renamed:
         raise InputError(f"samples={samples!r} is now antialias={renamed[samples]!r}")
@@ -126,9 +126,9 @@ def check_antialias(samples: Any, antialias: Any, camera: Camera) -> None:
 def sample_count(samples: int, antialias: str | None, frame: Frame, grid: Any) -> int:
     """Return n for n × n rays per pixel.
 
-    RADMC-3D quarters a pixel while its longer side exceeds the width of the narrowest cell that its
-    ray meets. Where all cells count as wide as the first one, every ray decides alike: it is a
-    regular division into 2^k × 2^k. Otherwise n is 1, and `antialias.FluxConserving` does the rest.
+    RADMC-3D quarters a pixel while its longer side exceeds the width of the narrowest cell on its
+    ray. Where all cells count as equally wide, every ray decides alike, and the result is a regular
+    division into 2^k × 2^k. Otherwise n is 1, and `antialias.FluxConserving` divides the pixels.
     """
     if antialias != "radmc3d" or not grid.is_rectilinear:
         return int(samples)
@@ -154,7 +154,7 @@ def check_walk(scheme: Scheme, grid: Grid) -> None:
 
 
 def check_coordinates(scheme: Scheme, grid: Grid, names: Iterable[str]) -> None:
-    """Refuse coordinates that differ within cells, for schemes that look at these as wholes.
+    """Refuse coordinates that vary within cells, for schemes that treat cells as wholes.
 
     A disc of cells all around the axis cannot be cut open by ``x > 0`` cell by cell.
     """

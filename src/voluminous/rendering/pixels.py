@@ -1,4 +1,4 @@
-"""Lanes and pixels: the order in which rays are put into vectors."""
+"""The order of rays in vector lanes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from ..backend import Backend, Float, dr, from_host
 
-# Side of a block of pixels: within one, lanes follow the Morton curve, so that the lanes of a
-# vector (16 of them) and the vectors after one another walk through the same cells.
+# Side of a block of pixels. Within a block lanes follow the Morton curve, so that the lanes of a
+# vector (16) and consecutive vectors cross the same cells.
 BLOCK = 16
 _BITS = 4
 _NOBODY = 0xFFFFFFFF
@@ -19,17 +19,17 @@ _NOBODY = 0xFFFFFFFF
 
 @dataclass
 class Lanes:
-    """Rays as kernels load them.
+    """Rays in the form that kernels load.
 
-    The lanes of a whole picture and of some rays look the same, so that one kernel serves both:
-    half of the time that compiling the first picture takes (0.23 of 0.46 s on a spherical grid).
+    The lanes of a whole picture and of some rays have the same form and share one kernel, which
+    saves half of the compile time of the first picture (0.23 of 0.46 s on a spherical grid).
 
     Attributes
     ----------
     u, v : double arrays
-        Where rays go through, in pixels from the middle of the picture.
+        Positions of rays, in pixels from the middle of the picture.
     target : uint32 array
-        The place of their results; the highest number where there is no ray.
+        Index of the results; the highest number where there is no ray.
     """
 
     u: Any
@@ -43,7 +43,7 @@ class Lanes:
 
     @property
     def pixels(self) -> np.ndarray:
-        """Flat numbers of the pixels, of lanes of a whole picture."""
+        """Flat indices of the pixels, for lanes of a whole picture."""
         target = np.asarray(self.target)
         return target[target != _NOBODY]
 
@@ -51,9 +51,9 @@ class Lanes:
 def some_lanes(
     pixel: np.ndarray, du: np.ndarray, dv: np.ndarray, pixels: tuple[int, int], backend: Backend
 ) -> Lanes:
-    """Return the lanes of rays: their pixels' flat numbers, and where they are in these.
+    """Return the lanes of rays, given their pixels' flat indices and their offsets in the pixels.
 
-    One ray has a second lane, which is none: kernels of one lane are others than those of many.
+    A single ray gets a second, inactive lane: kernels of one lane differ from those of many.
     """
     nx, lanes = pixels[0], max(len(pixel), 2)
     ways = zip((pixel % nx, pixel // nx), (du, dv), pixels, strict=True)
@@ -63,13 +63,13 @@ def some_lanes(
     return Lanes(u, v, from_host(backend.UInt, target))
 
 
-# Lanes of images up to this size are kept: 20 bytes each.
+# Lanes of images up to this size are cached: 20 bytes each.
 MOST_KEPT = 1 << 20
 
 
 @functools.lru_cache(maxsize=4)
 def whole_picture(pixels: tuple[int, int], backend: Backend) -> Lanes:
-    """Return all lanes of an image of (nx, ny) pixels, kept: nobody may write to them."""
+    """Return all lanes of an image of (nx, ny) pixels; cached, so they must not be modified."""
     order = PixelOrder(pixels)
     return order.lanes(0, order.count, backend)
 
@@ -85,10 +85,10 @@ class PixelOrder:
 
     @functools.cached_property
     def outwards(self) -> np.ndarray:
-        """The numbers of blocks, row by row, in rings around the middle of the picture.
+        """Block numbers, row by row, in rings around the middle of the picture.
 
-        Most of what is seen is there, and threads that take the last blocks are done early: 0.96 of
-        the time on two cores where two thirds of the rays meet nothing.
+        Most visible structure is there, and threads that take the last blocks finish early: 0.96 of
+        the time on two cores where two thirds of the rays miss the medium.
         """
         y, x = np.indices((self.rows, self.columns))
         if self.focus is None:
@@ -96,7 +96,7 @@ class PixelOrder:
         else:
             column, row = (int(c) // BLOCK for c in self.focus)
             across, up = 2 * (x - column), 2 * (y - row)
-        # Rings of blocks, whole numbers even where the picture is not square.
+        # Rings of blocks; integers even where the picture is not square.
         ring = np.maximum(np.abs(across), np.abs(up)) // 2
         order: np.ndarray = np.lexsort((np.arctan2(up, across).ravel(), ring.ravel()))
         return order.astype(np.uint32)
@@ -107,7 +107,7 @@ class PixelOrder:
         return self.columns * self.rows * BLOCK * BLOCK
 
     def lanes(self, first: int, count: int, backend: Backend) -> Lanes:
-        """Return consecutive lanes, whole blocks of them, through the middles of their pixels."""
+        """Return consecutive lanes, in whole blocks, through the centres of their pixels."""
         UInt, Wide = backend.UInt, backend.Wide
         lane = dr.arange(UInt, count)
         within = lane & (BLOCK * BLOCK - 1)

@@ -1,4 +1,4 @@
-"""Which precision a medium needs: single, or double where that loses too many digits."""
+"""The precision a medium needs: single, or double where single loses too many digits."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from ..volume import Volume
 
 Sample = dict[str, np.ndarray]
 
-# Cells of a sample, and how many of them are consecutive where coordinates are computed.
+# Number of sampled cells, and length of the runs of consecutive ones if coordinates are computed.
 _SAMPLE, _RUN = 4096, 64
-# Digits that may be lost: of the range of values, of the width of a structure, and of the range
+# Relative error allowed: of the range of values, of the width of a structure, and of the range
 # alone (fields of 500 ± 1 are still drawn in single precision).
 _LOST, _LOST_OF_WIDTH, _LOST_OF_SPAN = 1e-5, 0.01, 3e-5
 # Sizes that leave room in single precision for products with widths and lengths.
 _TINY, _HUGE = 1e-30, 1e30
 # Sums below 1e-27 count as zero: the relative error of sums this large is small.
 _TINY_SUM = 1e-22
-# The inverse and the square of such optical depths have room as well.
+# For optical depths up to this, the inverse and the square are in range as well.
 _DENSE = 1e12
-# The contrast of media that name no expressions.
+# Contrast of media without expressions.
 _UNKNOWN = 10.0
 _EPS = float(np.finfo(np.float32).eps)
 
 
 class Exactness(NamedTuple):
-    """How exactly the expressions of a medium must be evaluated.
+    """Precision needed by the expressions of a medium.
 
     Attributes
     ----------
     single : bool
         Single precision gives nearly the same values as double.
     contrast : float
-        Range of an expression over the width of the medium's structures: errors of fields, relative
-        to their range, are amplified by this.
+        Range of an expression over the width of the medium's structures: the factor by which it
+        amplifies errors of fields, relative to their range.
     """
 
     single: bool
@@ -50,10 +50,10 @@ class Exactness(NamedTuple):
 
 
 def exactness(volume: Volume, medium: Medium) -> Exactness:
-    """Return how exactly a medium's expressions must be evaluated, from a sample of cells.
+    """Return the precision needed by a medium's expressions, from a sample of cells.
 
-    Overflow, underflow (squares of lengths in cm), cancellation, and shells narrower than the
-    spacing of single-precision numbers all show there.
+    The sample reveals overflow, underflow (squares of lengths in cm), cancellation, and shells
+    narrower than the spacing of single-precision numbers.
     """
     expressions = plain_widths(volume, medium.features())
     if not expressions:
@@ -73,10 +73,10 @@ def exactness(volume: Volume, medium: Medium) -> Exactness:
 
 
 def needs_double(volume: Volume, medium: Medium) -> bool:
-    """Return whether the fields of a medium have too few digits in single precision.
+    """Return whether single precision has too few digits for the fields of a medium.
 
-    Too small or too large, or small differences of large numbers: fields are rounded before they
-    are interpolated, and no care taken afterwards brings digits back.
+    This is so for very small or large values, and small differences of large numbers. Fields are
+    rounded before they are interpolated, and the lost digits cannot be recovered afterwards.
     """
     sample = _sample(volume, medium.names)
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=len(next(iter(sample.values()), [])))
@@ -101,10 +101,11 @@ def _loses_digits(expr: Expression, sample: Sample, off: Sample, width: float) -
 
 
 def _loses_range(expr: Expression, sample: Sample, off: Sample) -> bool:
-    """Return whether an expression, or what is compared in it, loses too much of its range.
+    """Return whether an expression, or a compared quantity in it, loses too much of its range.
 
-    In the mean, since beside a pole some values are always off by much. Comparisons hold where they
-    do: labels may equal what they are compared with. Where they change must be known better.
+    The error is averaged, because beside a pole some values always have a large one. Comparisons
+    keep their exact outcome, since labels may equal the value they are compared with; the
+    quantities compared must be more accurate where the outcome changes.
     """
     (piece,), sides = on_one_side((expr,))
     held = {side.name: _values(side.condition, sample, np.float64) for side in sides}
@@ -118,17 +119,17 @@ def _loses_range(expr: Expression, sample: Sample, off: Sample) -> bool:
 
 
 def _lost(expr: Any, sample: Sample, off: Sample) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of an expression that are finite, and what disturbed fields change."""
+    """Return the finite values of an expression, and their change when fields are disturbed."""
     exact, disturbed = (_values(expr, fields, np.float64) for fields in (sample, off))
     defined = np.isfinite(exact) & np.isfinite(disturbed)
     return exact[defined], np.abs(exact - disturbed)[defined]
 
 
 def sums_need_double(numbers: Any, bounds: list[float]) -> bool:
-    """Return whether sums along rays exceed single precision.
+    """Return whether sums along rays exceed the range of single precision.
 
-    Optical depths, and emission compared with the colours: where path lengths are very short or
-    very long, or only the tails of shells are there.
+    These are optical depths, and emission relative to the colours; they are extreme where path
+    lengths are very short or very long, or where only the tails of shells are present.
     """
     emission = np.array(bounds[: numbers.emissions])
     return _tiny_or_huge(emission, _TINY_SUM) or bool(numbers.densest(bounds) > _DENSE)
@@ -172,7 +173,7 @@ def _sample(volume: Volume, names: Iterable[str]) -> Sample:
 def _same(exact: np.ndarray, rounded: np.ndarray, width: float) -> bool:
     lost = float(np.max(np.abs(exact - rounded), initial=0.0))
     size = float(np.max(np.abs(exact), initial=0.0))
-    # Rounding of the values themselves, which the sample may show none of.
+    # Include rounding of the values themselves, which the sample may not show.
     lost = max(lost, size * _EPS)
     few = lost <= _LOST * max(_span(exact), size)
     return not _tiny_or_huge(exact) and few and not 0 < width * _LOST_OF_WIDTH < lost

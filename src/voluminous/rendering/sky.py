@@ -1,4 +1,4 @@
-"""World coordinates of a picture: of the sky, or of a place and a velocity."""
+"""World coordinates of a picture: of the sky, or of a position and a velocity."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _ZERO = 1e-12
 def image_wcs(volume: Volume, camera: Camera, frame: Frame) -> Any:
     """Return the WCS of a picture; None where its plane has none.
 
-    Parallel rays along z show the sky. Where one side of the picture is along z, it shows a
-    position and what the third axis of the cube measures. Other planes mix both.
+    For parallel rays along z the WCS is that of the sky. Where one side of the picture is along z,
+    its axes are a position and the third axis of the cube. Other planes mix both.
     """
     grid, wcs = volume.grid, volume.wcs
     if not isinstance(camera, Orthographic) or not grid.is_rectilinear:
@@ -52,7 +52,7 @@ def _of_sky(grid: Grid, wcs: Any, first: np.ndarray, steps: np.ndarray, pixels: 
 def _of_slit(
     grid: Grid, wcs: Any, frame: Frame, steps: np.ndarray, first: np.ndarray, alone: list[bool]
 ) -> Any:
-    """Return the WCS of an offset and of the third axis, to which z is proportional."""
+    """Return the WCS of an offset and of the cube's third axis, which is linear in z."""
     from astropy.wcs import WCS
 
     if not wcs.has_celestial and wcs.wcs.spec < 0:
@@ -77,11 +77,11 @@ def _of_slit(
 
 
 def _third(grid: Grid, wcs: Any, z: float) -> tuple[tuple[str, Any, float], float]:
-    """Return kind, unit and value of the third coordinate at z, and how fast it grows with z."""
+    """Return type, unit and value of the third coordinate at z, and its slope along z."""
     single = wcs.sub([3])
     low, high = single.wcs_pix2world([[-0.5], [grid.shape[2] - 0.5]], 0)[:, 0]
     scale = float((high - low) / np.ptp(grid.edges[2]))
-    # In what z is proportional to: not in what channels are even in, which the rest tells.
+    # The type in which z is linear, not the one in which channels are equidistant.
     kind = wcs.wcs.ctype[2][:4] if wcs.wcs.spec == 2 else wcs.wcs.ctype[2]
     return (kind, single.wcs.cunit[0], float(low + scale * (z - grid.edges[2][0]))), scale
 

@@ -1,8 +1,8 @@
 """The contract of a scheme: how one segment of a ray is solved.
 
 The transfer equation over a segment gives an emission b and a transparency θ per channel. A scheme
-says what it needs of the volume beforehand, what it carries along a ray from one segment to the
-next, and how both give (b, θ).
+declares the coefficients it needs, the state it carries along a ray from one segment to the next,
+and how both give (b, θ).
 """
 
 from __future__ import annotations
@@ -66,11 +66,11 @@ class Scheme:
     controlled : bool
         It keeps to a tolerance and estimates its error (`Path.error`).
     coarseness : float
-        For ``"field"``: scalars may be off by this fraction of a structure's width.
+        For ``"field"``: allowed error of scalars, as a fraction of a structure's width.
     radmc3d_steps : bool
         Positions are rounded, and segments divided, as in RADMC-3D.
     complete : bool
-        Nothing is left out because it is faint.
+        Faint places are not skipped.
     everywhere : bool
         Empty cells are visited, too.
     """
@@ -86,19 +86,19 @@ class Scheme:
     everywhere: bool = False
 
     def start(self, position: Position, source: Source) -> list[Float]:
-        """Return what is carried along rays, where they enter."""
+        """Return the carried state of rays where they enter."""
         return []
 
     def after_skip(
         self, position: Position, source: Source, carried: list[Float], moved: Mask
     ) -> list[Float]:
-        """Return what rays carry, some of which (`moved`) crossed empty space to a position."""
+        """Return the carried state at a position, which rays in `moved` reached through a gap."""
         return carried
 
     def solve(
         self, segment: Segment, source: Source, carried: list[Float]
     ) -> tuple[Solution, list[Float]]:
-        """Return the solution of a segment, and what to carry on.
+        """Return the solution of a segment, and the new carried state.
 
         Parameters
         ----------
@@ -108,24 +108,24 @@ class Scheme:
         source : Source
             The coefficients.
         carried : list of arrays
-            As returned for the segment before, or by `start`.
+            As returned for the previous segment, or by `start`.
         """
         raise NotImplementedError
 
     def after_hidden(self, carried: list[Float], onward: list[Float]) -> list[Float]:
-        """Return what to carry on from a segment whose solution is left out.
+        """Return the carried state after a segment whose solution is discarded.
 
         Parameters
         ----------
         carried, onward : list of arrays
-            Carried to the segment, and carried on had it been seen.
+            The state before the segment, and the state `solve` returned.
         """
         return onward
 
     def key(self) -> Hashable:
-        """Return what identifies the scheme: equal keys share traced kernels.
+        """Return the identity of the scheme: equal keys share traced kernels.
 
-        None, for never, where a class is not of this package: its state may change unseen.
+        None disables sharing, for classes outside this package: their state may change unnoticed.
         """
         own = type(self).__module__.rpartition(".")[0] == __package__
         return (type(self).__name__, *sorted(vars(self).items())) if own else None
@@ -134,7 +134,7 @@ class Scheme:
 def interpolated_at(
     position: Position, source: Source, values: list[Float], moved: Mask
 ) -> list[Float]:
-    """Return the coefficients at a position: interpolated anew for rays that have moved."""
+    """Return the coefficients at a position, interpolated again for rays that have moved."""
 
     def anew(values: list[Float]) -> list[Float]:
         corners = position.walk.entry_corners(position.track, position.cursor)
@@ -147,7 +147,7 @@ def interpolated_at(
 
 
 class VertexScheme(Scheme):
-    """Coefficients are averaged to vertices, and bilinear on the walls that a ray crosses.
+    """Base of schemes with coefficients averaged to vertices and bilinear on cell walls.
 
     The values at one wall are carried along: each wall is interpolated once.
     """

@@ -17,7 +17,7 @@ class FirstOrder(Scheme):
     """Solve a homogeneous segment: θ = e^{-α s}, b = j (1 - e^{-α s}) / α.
 
     The formal solution of the transfer equation with constant coefficients (e.g. Rybicki &
-    Lightman 1979, equation 1.30), in a form that holds its digits for every optical depth and is
+    Lightman 1979, equation 1.30), in a form that is accurate for every optical depth and is
     b = j s for a pure emitter.
     """
 

@@ -1,4 +1,4 @@
-"""RADMC-3D's second-order rule, its branches and its cap included, for comparison.
+"""RADMC-3D's second-order rule, including its branches and its cap, for comparison.
 
 Olson & Kunasz (1987, JQSRT 38, 325) take the source function as linear in OPTICAL DEPTH, with the
 optical depth by the trapezoidal rule; RADMC-3D 2.0 adds that the emission never exceeds the
@@ -6,7 +6,7 @@ optically thin trapezoid. This is not the exact solution for coefficients linear
 (scheme ``second-order``): it differs by 2e-4 (smooth) to 1e-1 (white noise) of the image maximum.
 
 RADMC-3D computes ``τ - (1 - e^-τ)`` by subtraction: for τ just above 1e-6 the last bit of a path
-length is 1e-9 of the image maximum. By that much pictures differ from RADMC-3D's.
+length is 1e-9 of the image maximum. Pictures differ from RADMC-3D's by that amount.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SERIES_ENDS = 0.35
 class OlsonKunasz(VertexScheme):
     """Solve a segment as RADMC-3D's ``secondorder`` does.
 
-    On spherical grids rays go from behind to the camera, in RADMC-3D's sub-steps: `cutoff` and
+    On spherical grids rays run towards the camera, in RADMC-3D's sub-steps: `cutoff` and
     `order` have no effect.
     """
 
@@ -55,7 +55,7 @@ def _weights(tau: Float) -> tuple[Float, Float, Float]:
 
 
 def _stable_weights(tau: Float) -> tuple[Float, Float, Float]:
-    """Return them without subtractions of nearly equal numbers.
+    """Return the weights without subtractions of nearly equal numbers.
 
     In single precision RADMC-3D's arithmetic would lose all digits at τ = 1e-4.
     """
@@ -77,7 +77,7 @@ def _radmc_weights(tau: Float) -> tuple[Float, Float, Float]:
 
 
 def _subtracted_weights(tau: Float, thin: Float) -> tuple[Float, Float, Float]:
-    """Return e^-τ and the weights as RADMC-3D gets them: differences of nearly equal numbers."""
+    """Return e^-τ and RADMC-3D's weights: differences of nearly equal numbers."""
     e = dr.exp(-tau)
     e0 = 1.0 - e
     front = (tau - e0) / dr.select(thin, 1.0, tau)

@@ -1,4 +1,4 @@
-"""A stretch of ray is a pair (b, θ); two stretches compose: (b₁, θ₁) over (b₂, θ₂)."""
+"""Stretches of rays as pairs (b, θ), and their composition: (b₁, θ₁) over (b₂, θ₂)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..backend.types import Float
 
 @dataclass
 class Path:
-    """What a stretch of ray emits and lets through: of one segment, or gathered so far.
+    """Emission and transparency of a stretch of ray: of one segment, or accumulated so far.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Path:
     transparency, depth : list of arrays
         θ and τ per extinction.
     error : list of arrays
-        Nothing, or three: how far b may be off, how far θ may be off, and the brightness of b.
+        Empty, or three arrays: error of b, error of θ, and brightness of b.
     """
 
     emission: list[Float]
@@ -41,7 +41,7 @@ def empty_path(real: Float, channels: int, extinctions: int, errors: int = 0) ->
 
 
 def layer(emission: list[Float], depth: list[Float]) -> Path:
-    """Return a layer without width: what it emits if it is thin, and its optical depth."""
+    """Return a layer of zero width from its optically thin emission and its optical depth."""
     found = [any_attenuation(tau) for tau in depth]
     grey = len(found) == 1
     seen = [b * found[0 if grey else c][1] for c, b in enumerate(emission)]
@@ -51,7 +51,7 @@ def layer(emission: list[Float], depth: list[Float]) -> Path:
 def over(front: Path, back: Path) -> Path:
     """Return ``front over back``: (b₁ + θ₁ b₂, θ₁ θ₂).
 
-    Associative, so tiles, chunks and both directions of the loop fold it as they like.
+    It is associative, so tiles, chunks and both directions of the loop can compose in any grouping.
     """
     grey = len(front.transparency) == 1
     emission = [

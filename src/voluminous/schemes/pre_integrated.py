@@ -1,11 +1,11 @@
 """Pre-integrated: every segment is one panel, without error control.
 
-Only the value of each scalar where the ray leaves a cell is computed: the medium's integrals
-between that and the value where it entered are known in closed form (Engel, Kraus & Ertl 2001,
-*High-quality pre-integrated volume rendering*). Where the scalars are nearly linear over cubes of
-2, 4 or 8 cells, those are one segment. That takes a half to a sixth of the time of
-``"post-classified"``, but gives no error: it is of second order in the cell size, and does not see
-structures between the ends of a segment.
+Each scalar is evaluated only where the ray leaves a cell: the medium's integrals between that
+value and the value at entry have closed forms (Engel, Kraus & Ertl 2001, *High-quality
+pre-integrated volume rendering*). Cubes of 2, 4 or 8 cells over which the scalars are nearly linear
+are one segment. This takes a half to a sixth of the time of ``"post-classified"``, but gives no
+error estimate: it is second order in the cell size, and misses structures between the ends of a
+segment.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class PreIntegrated(Scheme):
     Parameters
     ----------
     coarseness : float
-        Segments may be wider than a cell where the medium's scalars are linear but for this
-        fraction of the width of its structures, and more where little of those shows.
+        Segments may be wider than a cell where the medium's scalars deviate from linear by at
+        most this fraction of the width of its structures, or more where these are faint.
     """
 
     name = "pre-integrated"
@@ -46,7 +46,7 @@ class PreIntegrated(Scheme):
         self.coarseness = coarseness
 
     def start(self, position: Position, source: Any) -> list[Float]:
-        """Carry the scalars where the ray is: not computed yet (NaN)."""
+        """Carry the scalars at the ray's position: not computed yet (NaN)."""
         return [source.context.real(math.nan) for _ in source.scalars]
 
     def after_skip(

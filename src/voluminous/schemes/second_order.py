@@ -8,8 +8,8 @@ With x running from the front (0) to the back (1) of a segment of length s,
 The two weights have closed forms in error functions and Dawson's integral, which lose all digits as
 α_f → α_b or τ → 0. The integrand is entire, though: where τ is small they are a short double power
 series in both extinctions, elsewhere Gauss-Legendre quadrature is exact to rounding with few nodes.
-Of the three branches most segments of most pictures take the first, which costs no exponential at
-all; the last integrates over the part of the segment that can be seen from its front.
+Most segments of most pictures take the first of the three branches, which needs no exponential; the
+last integrates over the part of the segment that is visible from its front.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from ..backend.functions import horner, precision_of
 from ..backend.types import Float
 from .base import Coefficients, Solution, VertexScheme
 
-# (order of the series, optical depth up to which it suffices): what is left out of θ is
+# (order of the series, optical depth up to which it suffices): the truncation error of θ is
 # τ^(n+1)/(n+1)!, 5e-9 and 1e-18.
 _FAINT = {"single": (2, 0.003), "double": (5, 0.003)}
 # (nodes, optical depth up to which they suffice), measured over all slopes of the extinction: 8e-8
 # and 2e-15 relative (and 7e-7 at 0.5 with 4 nodes, 3e-12 at 0.7 with 7).
 _THIN = {"single": (4, 0.3), "double": (8, 0.4)}
-# (nodes, optical depth beyond which nothing is seen): 2e-8 and 5e-13 relative.
+# (nodes, optical depth beyond which nothing is visible): 2e-8 and 5e-13 relative.
 _THICK = {"single": (18, 20.0), "double": (32, 40.0)}
 
 
@@ -55,7 +55,7 @@ class SecondOrder(VertexScheme):
 def visibility(
     a_front: list[Float], a_back: list[Float], depth: list[Float]
 ) -> tuple[list[tuple[Float, Float]], list[Float]]:
-    """Return (W_f, W_b), how much of each end's emission is seen, and θ, for each extinction."""
+    """Return the weights (W_f, W_b) of the ends' emissivities, and θ, for each extinction."""
     precision = precision_of(type(depth[0]))
     deepest = functools.reduce(lambda a, b: dr.select(a > b, a, b), depth)
     flat: list[Float] = dr.if_stmt(
@@ -135,7 +135,7 @@ def _weights(
 
 
 def _thick(a_front: list[Float], a_back: list[Float], depth: list[Float]) -> list[Float]:
-    """Integrate over the visible part, in a loop: this is the rare case, and code is not free."""
+    """Integrate over the visible part, in a loop, because this rare case should add little code."""
     real = type(a_front[0])
     count, deepest = _THICK[precision_of(real)]
     nodes, weights = (real(values) for values in gauss_legendre(count))

@@ -1,4 +1,4 @@
-"""Athena++ (.athdf) and PLUTO (.dbl.h5) output, read with h5py alone."""
+"""Readers for Athena++ (.athdf) and PLUTO (.dbl.h5) output; they only need h5py."""
 
 from .pluto import PlutoReader
 from .reader import AthenaReader

@@ -1,4 +1,4 @@
-"""PLUTO's HDF5 files of static grids (.dbl.h5, .flt.h5): http://plutocode.ph.unito.it."""
+"""Reader for PLUTO's HDF5 files of static grids (.dbl.h5, .flt.h5): http://plutocode.ph.unito.it."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from ...volume import Volume
 
 _NODES, _STEP = "node_coords", "Timestep_"
-# How far nodes may be off, in parts of the largest coordinate: they are in single precision.
+# Tolerance for nodes, relative to the largest coordinate: they are single precision.
 _ROUNDING = 1e-5
 
 
 class PlutoReader(Reader):
-    """Cartesian, polar and spherical grids of three dimensions; nothing is resampled."""
+    """Cartesian, polar and spherical grids of three dimensions, without resampling."""
 
     name = "pluto"
     description = "a PLUTO file of a static grid (.dbl.h5, .flt.h5)"
@@ -76,7 +76,7 @@ def _step(file: h5py.File) -> Any:
 def _variables(
     path: Path, file: h5py.File, kind: str, code: CodeUnits, edges: Sequence[np.ndarray]
 ) -> dict[str, tuple[FieldInfo, float]]:
-    """Return place → what is told of a variable in cells, and the factor to its unit."""
+    """Return {place: (field description, factor to its unit)} of the cell variables."""
     found = {}
     shape = tuple(len(e) - 1 for e in reversed(edges))
     for name, item in data_sets(path, _step(file)["vars"])[0].items():
@@ -94,7 +94,7 @@ def _grid(file: h5py.File) -> tuple[str, Sequence[np.ndarray]]:
     nodes = [file[_NODES][axis] for axis in "XYZ"]
     if any(item.shape != nodes[0].shape or item.ndim != 3 for item in nodes):
         raise InputError(f"its grid has {nodes[0].ndim} dimensions, expected 3")
-    # Lines along x1, x2 and x3 where angles are well determined: off the centre and the poles.
+    # Lines along x1, x2 and x3 with well-determined angles: off the centre and the poles.
     z, y, x = (n // 2 for n in nodes[0].shape)
     x, every = nodes[0].shape[2] - 1, slice(None)
     lines = ((z, y, every), (z, every, x), (every, y, x))
@@ -111,7 +111,7 @@ def _grid(file: h5py.File) -> tuple[str, Sequence[np.ndarray]]:
 
 
 def _tidy(walls: np.ndarray) -> np.ndarray:
-    """Return walls without the rounding of single precision: equal cells are equal."""
+    """Return walls without single-precision rounding: equally spaced walls become exactly so."""
     walls = np.where(np.abs(walls) < _ROUNDING * np.abs(walls).max(), 0.0, walls)
     return np.linspace(walls[0], walls[-1], len(walls)) if is_even(walls) else walls
 

@@ -1,4 +1,4 @@
-"""Athena++ files: blocks of cells with their values, each on the lattice of its level, in HDF5."""
+"""Reader for Athena++ HDF5 files: blocks of cells, each on the lattice of its level."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ...volume import Volume
 
 
-# How far a wall may be off its place, in cells: single precision, and uneven cells that are halved.
+# Tolerance for wall positions, in cells: single precision, and the halving of uneven cells.
 _ROUNDING, _UNEVEN = 1e-3, 0.3
 _DEEPEST = 30
 _KINDS = {
@@ -44,22 +44,22 @@ _KINDS = {
 
 @dataclass(frozen=True)
 class AthenaMesh:
-    """Blocks of cells."""
+    """The blocks of a mesh."""
 
     kind: str
     block: np.ndarray  # cells of a block along each axis
     level: np.ndarray
-    low: np.ndarray  # first cell of each block, counted in cells of its level across the domain
+    low: np.ndarray  # first cell of each block, as an index on its level in the whole domain
     edges: tuple[np.ndarray, ...]  # walls of the cells of level 0
 
     @property
     def counts(self) -> np.ndarray:
-        """Cells of level 0 along each axis."""
+        """Number of level-0 cells along each axis."""
         return np.array([len(e) - 1 for e in self.edges])
 
     @property
     def axes(self) -> tuple[int, ...]:
-        """The axes that refinement halves: those with more than one cell."""
+        """The refined axes: those with more than one cell."""
         return tuple(int(axis) for axis in np.flatnonzero(self.counts > 1))
 
 
@@ -135,12 +135,12 @@ def _edges(
 def _check_faces(
     name: str, faces: np.ndarray, edges: np.ndarray, place: np.ndarray, parts: np.ndarray
 ) -> None:
-    """Compare the walls of all cells with those that the root grid's make when they are halved."""
+    """Compare all cell walls with those that follow from halving the root grid."""
     expected = np.interp(place, np.arange(len(edges)), edges)
     width = np.diff(edges)[np.minimum(place.astype(np.int64), len(edges) - 2)] / parts
     rounding = 4 * np.finfo(np.float32).eps * np.abs(edges).max()
     off = (np.abs(faces - expected) - rounding) / width
-    if not off.max() < _UNEVEN:  # NaN too
+    if not off.max() < _UNEVEN:  # also true for NaN
         bad = int(np.argmax(~(off < _UNEVEN).all(axis=1)))
         raise FileFormatError(
             f"the walls {name} of block {bad} are not where its level and location put them. "
@@ -155,7 +155,7 @@ def _check_faces(
 
 
 def _whole_circles(kind: str, edges: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    """Return the edges; those of a single cell around an axis, or from pole to pole, go around."""
+    """Return the edges; a single cell in azimuth or from pole to pole gets the full exact range."""
     x1, x2, x3 = edges
     if kind == "spherical" and len(x3) == 2:
         x3 = np.array([0, 2 * np.pi])
@@ -176,10 +176,10 @@ REGULAR: dict[str, Any] = {
 def grid_of_mesh(
     mesh: AthenaMesh, edges: Sequence[np.ndarray], unit: UnitLike
 ) -> tuple[Any, Arrange]:
-    """Return the grid of a mesh, and what makes a field of values ``[block, ix, iy, iz]``.
+    """Return the grid of a mesh, and a function that makes fields of values [block, ix, iy, iz].
 
-    Blocks of one level that fill the domain make a regular grid; others patches, or in curvilinear
-    coordinates a tree.
+    Blocks of one level that fill the domain make a regular grid; other blocks make patches, or a
+    tree in curvilinear coordinates.
     """
     if not mesh.level.any() and len(mesh.level) * mesh.block.prod() == mesh.counts.prod():
         return REGULAR[mesh.kind](*edges, unit=unit), _Joined(mesh)
@@ -195,7 +195,7 @@ def grid_of_mesh(
 
 
 class _Joined:
-    """Puts blocks of one level side by side."""
+    """Joins blocks of one level to one array."""
 
     def __init__(self, mesh: AthenaMesh) -> None:
         self.shape, self.block, self.low = tuple(mesh.counts), mesh.block, mesh.low
@@ -221,7 +221,7 @@ _LENGTHS = {"cartesian": (0, 1, 2), "spherical": (0,), "cylindrical": (0, 2)}
 
 
 class AthenaReader(Reader):
-    """Blocks of any level, Cartesian, spherical or cylindrical; nothing is resampled."""
+    """Blocks of any level, Cartesian, spherical or cylindrical, without resampling."""
 
     name = "athena"
     description = "an Athena++ file (.athdf)"
@@ -302,7 +302,7 @@ def _native(dtype: Any) -> Any:
 def in_unit(
     kind: str, edges: Sequence[np.ndarray], units: CodeUnits, unit: UnitLike
 ) -> tuple[Sequence[np.ndarray], Any]:
-    """Return the edges of a grid in the unit that the volume shall have, and that."""
+    """Return the edges of a grid in the unit of the volume, and this unit."""
     if units.length is None:
         return edges, unit
     lengths = _LENGTHS[kind]

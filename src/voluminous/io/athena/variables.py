@@ -1,4 +1,4 @@
-"""What Athena++ and PLUTO call their variables, and what they are."""
+"""Variable names of Athena++ and PLUTO, and their physical quantities."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COMPONENTS = {
     "spherical": ("r", "theta", "phi"),
     "cylindrical": ("R", "phi", "z"),
 }
-# Name, powers of length, mass and time, and unit.
+# Common name, powers of length, mass and time, and unit.
 Kind = tuple[str, tuple[int, int, int], str]
 _SCALARS: dict[str, Kind] = {
     "rho": ("density", (-3, 1, 0), "g / cm3"),
@@ -39,9 +39,9 @@ _VECTORS: dict[str, Kind] = {
 
 @dataclass(frozen=True)
 class Variable:
-    """A variable: its name in the file, where it is, and what it is.
+    """A variable: its name and position in the file, and its quantity.
 
-    `kind` has its common name, powers of length, mass and time, and unit; None if it is not known.
+    `kind` has the common name, powers of length, mass and time, and the unit; None if unidentified.
     """
 
     place: str
@@ -52,7 +52,7 @@ class Variable:
 
 
 def variables(attrs: Any, kind: str) -> list[Variable]:
-    """Return all variables of a file, from its attributes."""
+    """Return all variables of a file, from the file attributes."""
     names = [_text(name) for name in np.ravel(attrs["VariableNames"])]
     datasets = [_text(name) for name in np.ravel(attrs["DatasetNames"])]
     counts = [int(n) for n in np.ravel(attrs["NumVariables"])]
@@ -67,7 +67,7 @@ def variables(attrs: Any, kind: str) -> list[Variable]:
 
 
 def described(place: str, kind: str) -> tuple[str, Kind | None]:
-    """Return the common name of a variable, and what it is."""
+    """Return the common name and the quantity of a variable."""
     if place in _SCALARS:
         return _SCALARS[place][0], _SCALARS[place]
     stem, number = place[:-1], place[-1:]
@@ -82,7 +82,7 @@ def _text(value: Any) -> str:
 
 
 class CodeUnits:
-    """Units of length, mass and time, from those that a user tells."""
+    """Code units of length, mass and time, from those that the user gives."""
 
     def __init__(self, **given: Any) -> None:
         units = {name: _unit(name, unit) for name, unit in given.items() if unit is not None}
@@ -100,9 +100,9 @@ class CodeUnits:
             self.mass = units["density_unit"] * length**3
 
     def of(self, kind: Kind | None) -> tuple[float, Any]:
-        """Return the factor to the unit of what a variable is, and that; 1 and None if unknown.
+        """Return (factor, unit) of a quantity; (1, None) if they are undetermined.
 
-        A field in these codes lacks the factor 4π of Gaussian units: B²/2 is its energy density.
+        Fields of these codes omit the factor 4π of Gaussian units: the energy density is B²/2.
         """
         base: Any = (self.length, self.mass, self.time)
         if kind is None or any(u is None for u, p in zip(base, kind[1], strict=True) if p):

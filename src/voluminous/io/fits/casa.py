@@ -1,4 +1,4 @@
-"""CASA images: directories of tables, read through python-casacore as the FITS they export to."""
+"""Reader for CASA images (directories of tables): python-casacore exports them to FITS."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TABLE, _TOLD = "table.dat", "table.info"
 
 
 class CASAReader(Reader):
-    """What CASA and casacore call an image: ``.image``, ``.residual``, ``.psf`` …"""
+    """Images of CASA and casacore: ``.image``, ``.residual``, ``.psf`` …"""
 
     name = "casa"
     description = "a CASA image"
@@ -37,7 +37,7 @@ class CASAReader(Reader):
     def read(self, path: Path, fields: FieldChoice = None, **options: Any) -> Volume:
         exported = _exported(path)
         volume = FITSReader().read(Path(exported.name) / "image.fits", fields, **options)
-        volume.load()  # the file goes away
+        volume.load()  # the file is temporary
         return volume
 
     def info(self, path: Path, **options: Any) -> tuple[FieldInfo, ...]:
@@ -45,7 +45,7 @@ class CASAReader(Reader):
 
 
 def _exported(path: Path) -> Any:
-    """Return a temporary directory with the image as FITS, which lasts as long as the object."""
+    """Return a temporary directory with the image as FITS; it is deleted with the object."""
     images = require(
         "casacore.images", "casa", "reading a CASA image (its exportfits makes it a FITS file)"
     )

@@ -1,4 +1,4 @@
-"""The cubes in a FITS file: images with three axes, others dropped or chosen."""
+"""The cubes in a FITS file: images with three axes after dropping or selecting the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..names import field_name
 from .hdus import HDU, Scaling, card, check_tiles, image_shape, is_compressed, is_image, scaling
 from .units import lenient_unit
 
-# What astropy calls a compressed image that has no name of its own.
+# astropy's name of a compressed image without a name.
 _NAMELESS = {"", "COMPRESSED_IMAGE", "PRIMARY"}
 _SKY = ("RA", "DEC", "GLON", "GLAT", "ELON", "ELAT", "SLON", "SLAT", "HLON", "HLAT")
 _SPECTRUM = ("VEL", "VRAD", "VOPT", "FELO", "FREQ", "WAV", "AWAV", "ZOPT", "BETA", "ENER", "LAMBDA")
@@ -25,32 +25,32 @@ _STOKES = "STOKES"
 
 @dataclass(frozen=True)
 class Cube:
-    """An image with three axes that count."""
+    """An image reduced to three axes."""
 
-    part: HDU  # where it is
-    name: str  # of the field
-    place: str  # what `fields=` calls it: the name or the number of its HDU
-    axes: tuple[int, ...]  # which axes of the image they are; 0 is NAXIS1
-    index: tuple[Any, ...]  # what picks the cube from the array, in the order of NumPy
+    part: HDU  # its HDU
+    name: str  # field name
+    place: str  # its identifier in `fields=`: name or number of the HDU
+    axes: tuple[int, ...]  # the three axes of the image; 0 is NAXIS1
+    index: tuple[Any, ...]  # index that selects the cube from the array, in NumPy's order
 
     @property
     def sides(self) -> tuple[int, ...]:
-        """Numbers of pixels along its axes."""
+        """Number of pixels along each axis."""
         sides = image_shape(self.part)
         return tuple(sides[axis] for axis in self.axes)
 
     @property
     def scaling(self) -> Scaling:
-        """How stored numbers become values."""
+        """Conversion from stored numbers to values."""
         return scaling(self.part)
 
     @property
     def unit(self) -> Any:
-        """The astropy unit of its values, or None."""
+        """The astropy unit of the values, or None."""
         return lenient_unit(str(card(self.part.header, "BUNIT", "")))
 
     def info(self) -> FieldInfo:
-        """Return what is known of it without its values."""
+        """Return the description of the field, without reading values."""
         sides = image_shape(self.part)[::-1]
         return FieldInfo(
             self.name, self.place, sides, str(self.scaling.dtype), unit_name(self.unit)
@@ -58,10 +58,10 @@ class Cube:
 
 
 def images(found: Iterable[HDU]) -> list[tuple[HDU, list[int]]]:
-    """Return all images with values in them, each with its axes that count.
+    """Return all non-empty images, each with its relevant axes.
 
-    These are the axes of more than one pixel, and those along x, y and z: of a thin slab, or of a
-    single cell, they are axes of space nevertheless.
+    Relevant axes have more than one pixel, or are x, y and z in space: a thin slab or a single cell
+    may have one pixel along these.
     """
     listed = []
     for part in found:
@@ -75,7 +75,7 @@ def _in_space(part: HDU, axis: int) -> bool:
 
 
 def cubes(found: Sequence[HDU], hdu: Any = None, plane: Any = None) -> list[Cube]:
-    """Return the cubes of a file, of one HDU if it is named."""
+    """Return the cubes of a file, or of one HDU if it is given."""
     parts = list(found) if hdu is None else [_named(found, hdu)]
     some = [(part, real) for part, real in images(parts) if len(real) >= 3]
     if not some:
@@ -105,7 +105,7 @@ def _named(found: Sequence[HDU], hdu: Any) -> HDU:
 
 
 def _names(parts: list[HDU]) -> list[str]:
-    """Return names of fields: EXTNAME, else BTYPE, else intensity; with numbers if alike."""
+    """Return field names: EXTNAME, else BTYPE, else "intensity"; numbered if equal."""
     names: list[str] = []
     for part in parts:
         name = _name(part)
@@ -117,7 +117,7 @@ def _names(parts: list[HDU]) -> list[str]:
 
 
 def _places(parts: list[HDU]) -> list[str]:
-    """Return titles of HDUs, or numbers where there is none or it is not the only one."""
+    """Return HDU names, or numbers for HDUs with a missing or ambiguous name."""
     titles = [_title(part) for part in parts]
     return [
         title if title and titles.count(title) == 1 else str(part.number)
@@ -134,7 +134,7 @@ def _name(part: HDU) -> str:
     kind = str(card(part.header, "BTYPE", "")).strip()
     title = _title(part)
     if title and kind.upper() == title.upper():
-        return field_name(kind)  # how we spelt a name that we wrote: astropy makes it capital
+        return field_name(kind)  # our original spelling: astropy capitalizes it
     title = title if title and not title.isupper() else (title or kind or "intensity").lower()
     return field_name(title)
 
@@ -152,7 +152,7 @@ def _cube(part: HDU, real: list[int], name: str, place: str, plane: Any) -> Cube
 
 
 def _three(part: HDU, real: list[int]) -> tuple[list[int], list[int]]:
-    """Return the axes of the cube (sky and spectrum before others), and the others."""
+    """Return the axes of the cube (sky and spectrum take precedence), and the other axes."""
     if len(real) == 3:
         return real, []
     kinds = {k: str(card(part.header, f"CTYPE{k + 1}", "")).strip().upper() for k in real}
@@ -173,7 +173,7 @@ def _planes(part: HDU, others: list[int], plane: Any) -> dict[int, int]:
             raise InputError(
                 f"{part.name} has {3 + len(others)} axes; choose with plane=0 … along {listed}"
             )
-        return dict.fromkeys(others, 0)  # the first Stokes parameter is the intensity
+        return dict.fromkeys(others, 0)  # the first Stokes parameter: the intensity
     chosen = [plane] if np.ndim(plane) == 0 else list(plane)
     if not others or len(chosen) != len(others):
         raise InputError(

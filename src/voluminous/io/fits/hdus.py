@@ -1,4 +1,4 @@
-"""The parts of a FITS file (HDUs): headers, where their data are, and the numbers in them.
+"""The parts of a FITS file (HDUs): headers, data offsets, and stored numbers.
 
 FITS Standard 4.0, sections 3 and 4: headers of 80-byte cards and data, in blocks of 2880 bytes.
 """
@@ -29,20 +29,20 @@ _MOST_AXES = 999
 class HDU:
     """A header and its data."""
 
-    number: int  # 0 is the primary one
+    number: int  # 0 is the primary HDU
     header: Header  # astropy.io.fits.Header
-    start: int  # where the data begin in the (unpacked) file
-    size: int  # bytes of data
+    start: int  # offset of the data in the (decompressed) file
+    size: int  # size of the data in bytes
     path: Path
 
     @property
     def name(self) -> str:
-        """What it is called in error messages."""
+        """Its name in error messages."""
         title = str(self.header.get("EXTNAME", "")).strip()
         return f"HDU {self.number}" + (f" ({title})" if title else "")
 
     def whole(self, key: str, default: int | None = None) -> int:
-        """Return a card that must be a whole number."""
+        """Return the value of a card that must be an integer."""
         value = card(self.header, key, default)
         if isinstance(value, bool) or not isinstance(value, int):
             raise FileFormatError(f"{self.name}: {key} is {value!r}, expected a whole number")
@@ -50,7 +50,7 @@ class HDU:
 
 
 def card(header: Header, key: str, default: Any = None) -> Any:
-    """Return the value of a card; the default if there is none, or it cannot be read."""
+    """Return the value of a card; the default if the card is missing or unreadable."""
     from astropy.io.fits import VerifyError
     from astropy.io.fits.card import Undefined
 
@@ -62,14 +62,14 @@ def card(header: Header, key: str, default: Any = None) -> Any:
 
 
 def parts(path: Path) -> list[HDU]:
-    """Return all parts of a file; no data are read."""
+    """Return all HDUs of a file, without reading data."""
     with unpacked(path) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # astropy's, of cards that nobody needs
+        warnings.simplefilter("ignore")  # astropy warns of irrelevant cards
         return list(_walk(file, path))
 
 
 def _walk(file: IO[bytes], path: Path) -> Iterator[HDU]:
-    # How long a packed file is shows only when all of it is unpacked.
+    # The length of a compressed file follows only from decompressing all of it.
     length = None if is_packed(start_of(path)) else path.stat().st_size
     at = 0
     for number in range(_MOST_PARTS):
@@ -79,7 +79,7 @@ def _walk(file: IO[bytes], path: Path) -> Iterator[HDU]:
         part = HDU(number, header, at, _data_size(HDU(number, header, at, 0, path)), path)
         end = at + part.size
         file.seek(end if length is None else min(end, length))
-        # Behind the end of a packed file nothing is found: it stays where that is.
+        # A seek beyond the end of a compressed file stops at the end.
         if file.tell() < end:
             raise FileFormatError(
                 f"{part.name} is cut short: its header promises {part.size} bytes of data "
@@ -91,19 +91,19 @@ def _walk(file: IO[bytes], path: Path) -> Iterator[HDU]:
 
 
 def start_of(path: Path) -> bytes:
-    """Return the first bytes of a file, as they are on the disk."""
+    """Return the first bytes of a file, as stored on disk."""
     with open(path, "rb") as file:
         return file.read(8)
 
 
 def _header(file: IO[bytes], number: int, at: int) -> tuple[Any, int]:
-    """Return the header that begins here and where it ends; None if no part follows."""
+    """Return the header at an offset and the offset of its end; None if no HDU follows."""
     from astropy.io import fits
 
     start = file.read(8)
     file.seek(at)
     if number and start != b"XTENSION":
-        return None, at  # the end, or what some programs leave behind the last part
+        return None, at  # the end, or padding that some programs append
     try:
         header = fits.Header.fromfile(file)
     except (EOFError, OSError, ValueError, fits.VerifyError) as error:
@@ -129,7 +129,7 @@ def _data_size(part: HDU) -> int:
 
 
 def shape(part: HDU, prefix: str = "") -> tuple[int, ...]:
-    """Return the sides of the data in the order of FITS: the first axis is fastest."""
+    """Return the data shape in FITS order: the first axis varies fastest."""
     axes = part.whole(f"{prefix}NAXIS")
     if not 0 <= axes <= _MOST_AXES:
         raise FileFormatError(f"{part.name}: NAXIS is {axes}, expected 0 to {_MOST_AXES}")
@@ -144,13 +144,13 @@ def _times(header: Header) -> str:
 
 
 _TYPES = {8: "u1", 16: "i2", 32: "i4", 64: "i8", -32: "f4", -64: "f8"}
-# No compressor of images makes more values of a byte; small images need not be looked at.
+# Upper limit of values per compressed byte; images smaller than `_SMALL` are not checked.
 _MOST_PACKED, _SMALL = 4096, 1 << 22
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """How stored numbers become values: ``bzero + bscale * stored``, and which one means nothing.
+    """Conversion of stored numbers: ``bzero + bscale * stored``, and the number that means NaN.
 
     FITS Standard 4.0, section 4.4.2 (BSCALE, BZERO, BLANK).
     """
@@ -162,35 +162,35 @@ class Scaling:
 
     @property
     def shifted(self) -> bool:
-        """True for integers with the other sign: FITS has but one kind of each width."""
+        """True for integers of the opposite signedness: FITS has one integer type of each width."""
         if self.stored.kind == "f" or self.bscale != 1:
             return False
         return self.bzero == (-128 if self.stored.kind == "u" else 2 ** (_bits(self.stored) - 1))
 
     @property
     def whole(self) -> bool:
-        """True for values that are integers of the stored width."""
+        """True if the values are integers of the stored width."""
         return self.stored.kind != "f" and ((self.bscale, self.bzero) == (1, 0) or self.shifted)
 
     @property
     def floating(self) -> np.dtype:
-        """The floats that hold the values."""
+        """The floating-point type of the values."""
         wide = self.stored.itemsize > (4 if self.stored.kind == "f" else 2)
         return np.dtype(np.float64 if wide else np.float32)
 
     @property
     def integral(self) -> np.dtype:
-        """The integers that hold the values, if these are `whole`."""
+        """The integer type of the values, if they are `whole`."""
         kind = {"u": "i", "i": "u"}[self.stored.kind] if self.shifted else self.stored.kind
         return np.dtype(f"{kind}{self.stored.itemsize}")
 
     @property
     def dtype(self) -> np.dtype:
-        """What the values are; whole numbers of which some may be missing are taken as floats."""
+        """The type of the values; integers with possible missing values become floats."""
         return self.integral if self.whole and self.blank is None else self.floating
 
     def apply(self, stored: np.ndarray) -> np.ndarray:
-        """Return the values, in C order; NaN where there is none."""
+        """Return the values in C order, NaN for missing ones."""
         missing = None if self.blank is None else stored == self.blank
         if missing is not None and not missing.any():
             missing = None
@@ -208,7 +208,7 @@ class Scaling:
     def _integers(self, stored: np.ndarray) -> np.ndarray:
         if not self.shifted:
             return stored
-        # Adding half of the range turns the highest bit.
+        # Adding half of the range flips the highest bit.
         unsigned = stored.astype(f"=u{self.stored.itemsize}", order="C", casting="unsafe")
         unsigned ^= unsigned.dtype.type(1 << (_bits(self.stored) - 1))
         return unsigned.view(self.integral)
@@ -219,24 +219,24 @@ def _bits(dtype: np.dtype) -> int:
 
 
 def is_compressed(part: HDU) -> bool:
-    """Return True for an image in compressed tiles, which FITS keeps in a table."""
+    """Return True for a tile-compressed image, which FITS stores in a table."""
     return card(part.header, "ZIMAGE") is True
 
 
 def is_image(part: HDU) -> bool:
-    """Return True for a part with an image, not a table."""
+    """Return True if the HDU has an image, not a table."""
     if part.number and not is_compressed(part):
         return str(card(part.header, "XTENSION", "")).strip() == "IMAGE"
     return card(part.header, "GROUPS") is not True
 
 
 def image_shape(part: HDU) -> tuple[int, ...]:
-    """Return the sides of an image in the order of FITS, compressed or not."""
+    """Return the shape of an image in FITS order, compressed or not."""
     return shape(part, "Z" if is_compressed(part) else "")
 
 
 def scaling(part: HDU) -> Scaling:
-    """Return how the numbers of an image are to be understood."""
+    """Return the conversion from the stored numbers of an image to values."""
     width = part.whole("ZBITPIX" if is_compressed(part) else "BITPIX")
     if width not in _TYPES:
         raise FileFormatError(f"{part.name}: BITPIX is {width}, expected one of {list(_TYPES)}")
@@ -249,7 +249,7 @@ def scaling(part: HDU) -> Scaling:
 
 
 def number(part: HDU, key: str, default: float) -> float:
-    """Return a card that must be a finite number."""
+    """Return the value of a card that must be a finite number."""
     value = card(part.header, key, default)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise FileFormatError(f"{part.name}: {key} is {value!r}, expected a number")
@@ -257,9 +257,9 @@ def number(part: HDU, key: str, default: float) -> float:
 
 
 def stored(path: Path, part: HDU) -> np.ndarray:
-    """Return the stored numbers of an image, index in the order of NumPy (last axis of FITS first).
+    """Return the stored numbers of an image, indexed in NumPy's order (last FITS axis first).
 
-    They stay in a plain file. Those of a compressed image are scaled already.
+    An uncompressed file is memory-mapped. The numbers of a compressed image are already scaled.
     """
     sides = image_shape(part)[::-1]
     if is_compressed(part):
@@ -273,7 +273,7 @@ def stored(path: Path, part: HDU) -> np.ndarray:
 
 
 def values(path: Path, part: HDU, index: tuple[Any, ...], arrange: Any) -> np.ndarray:
-    """Return the values of a part of an image, arranged by a function of the stored numbers."""
+    """Return the values of a part of an image, after the stored numbers pass through `arrange`."""
     picked = arrange(stored(path, part)[index])
     return np.asarray(picked if is_compressed(part) else scaling(part).apply(picked))
 
@@ -288,9 +288,9 @@ def _decompressed(path: Path, part: HDU) -> np.ndarray:
 
 
 def check_tiles(part: HDU) -> None:
-    """Refuse sizes of a compressed image that cannot be true.
+    """Refuse impossible sizes of a compressed image.
 
-    Those of plain images are checked against the file when that is looked through.
+    The sizes of uncompressed images are checked while the file is scanned.
     """
     sides = image_shape(part)
     tiles = [part.whole(f"ZTILE{k + 1}", n if k == 0 else 1) for k, n in enumerate(sides)]

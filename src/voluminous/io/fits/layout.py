@@ -1,4 +1,4 @@
-"""The grid of a cube: where its cells are, and what its third axis measures."""
+"""The grid of a cube: positions of its cells, and the quantity along its third axis."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _KINDS = {"speed": "velocity", "frequency": "frequency", "energy": "energy"}
 
 
 def third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Return edges and centres along the third axis in a unit that people read, and that unit.
+    """Return edges and centres along the third axis in a customary unit, and this unit.
 
-    Centres are in the middle of channels, in whatever these are even.
+    Centres are at mid-channel in the coordinate in which channels are evenly spaced.
     """
     edges, unit = edges_along(wcs, 2)
     centers = 0.5 * (edges[1:] + edges[:-1])
@@ -49,10 +49,10 @@ def third_axis(wcs: WCS, header: Header) -> tuple[np.ndarray, np.ndarray, Any]:
 
 
 def edges_along(wcs: WCS, axis: int) -> tuple[np.ndarray, Any]:
-    """Return the world coordinates of pixel edges along an axis of its own, and the unit."""
+    """Return the world coordinates of pixel edges along an independent axis, and their unit."""
     count = wcs.pixel_shape[axis]
     edges = _along(wcs, axis, np.arange(count + 1) - 0.5)
-    if _is_linear(wcs, axis):  # as even as can be
+    if _is_linear(wcs, axis):  # make them exactly even
         edges = np.linspace(edges[0], edges[-1], count + 1)
     if not np.all(np.isfinite(edges)) or not np.all(np.diff(edges) > 0):
         raise FileFormatError(
@@ -63,7 +63,7 @@ def edges_along(wcs: WCS, axis: int) -> tuple[np.ndarray, Any]:
 
 
 def _along(wcs: WCS, axis: int, places: np.ndarray) -> np.ndarray:
-    """Return the coordinates of pixels along an axis that no other has to do with."""
+    """Return the pixel coordinates along an axis that is independent of the others."""
     return np.asarray(wcs.sub([axis + 1]).wcs_pix2world(places[:, None], 0)[:, 0])
 
 
@@ -72,7 +72,7 @@ def _is_linear(wcs: WCS, axis: int) -> bool:
 
 
 def _shown(wcs: WCS, unit: Any, header: Header) -> Any:
-    """Return the unit that people read: km/s, GHz, and the header's own for wavelengths."""
+    """Return the customary unit: km/s, GHz, or the header's unit for wavelengths."""
     from astropy import units as u
 
     if unit.is_equivalent(u.m / u.s):
@@ -88,7 +88,7 @@ def _shown(wcs: WCS, unit: Any, header: Header) -> Any:
 
 
 def converted(value: Any, unit: UnitLike, other: Any) -> Any:
-    """Return numbers of a unit in another."""
+    """Convert numbers between units."""
     from astropy import units as u
 
     if unit is None or other is None:
@@ -97,7 +97,7 @@ def converted(value: Any, unit: UnitLike, other: Any) -> Any:
 
 
 def axis_name(wcs: WCS) -> str:
-    """Return the name of the field that tells the third coordinate of a WCS."""
+    """Return the name of the field that holds the third coordinate of a WCS."""
     kind, measure = str(wcs.wcs.ctype[2]), parse_unit(wcs.wcs.cunit[2])
     if kind[:4] in _NAMES and wcs.wcs.spec == 2:
         return _NAMES[kind[:4]]
@@ -107,22 +107,22 @@ def axis_name(wcs: WCS) -> str:
     return field_name(kind.lower().removesuffix("-tab") or "third")
 
 
-# Up to this width of the sky (degrees) lengths are in arcseconds.
+# Fields of view up to this width (degrees) are in arcseconds.
 _NARROW = 1.0
 
 
 @dataclass(frozen=True)
 class ThirdAxis:
-    """A third axis that is no length of the grid: what its cells measure."""
+    """A third axis that is not a length: the quantity that it measures."""
 
-    name: str  # of the field that holds it
+    name: str  # name of the field that holds it
     values: np.ndarray  # at the centres of the cells
-    unit: UnitLike  # theirs
+    unit: UnitLike  # their unit
 
 
 @dataclass(frozen=True)
 class CubeLayout:
-    """A grid, the meaning of its z, and the WCS behind (None if there is none)."""
+    """A grid, the meaning of its z axis, and the underlying WCS (None if there is none)."""
 
     grid: CartesianGrid
     axis: ThirdAxis | None = None
@@ -130,7 +130,7 @@ class CubeLayout:
 
 
 def unit_cells(sides: tuple[int, ...], bounds: Any, unit: UnitLike) -> CubeLayout:
-    """Return the layout of a cube of which no coordinates are known."""
+    """Return the layout of a cube without world coordinates."""
     from ...grids import CartesianGrid
 
     bounds = [(0, n) for n in sides] if bounds is None else bounds
@@ -140,7 +140,7 @@ def unit_cells(sides: tuple[int, ...], bounds: Any, unit: UnitLike) -> CubeLayou
 def layout(
     found: World, header: Header, unit: UnitLike, depth: Any, spectral_scale: Any
 ) -> CubeLayout:
-    """Return the grid for the world coordinates of a cube."""
+    """Return the layout for the world coordinates of a cube."""
     from ...grids import CartesianGrid
 
     wcs = found.wcs
@@ -169,7 +169,7 @@ def _plane(found: World, unit: UnitLike) -> tuple[list[np.ndarray], Any]:
                 "wcs=False for cells of unit length, or with bounds=…"
             )
         return [converted(e, k, own) for e, k in zip(edges, units, strict=True)], own
-    # In the plane of projection, from the middle of the cube.
+    # In the projection plane, relative to the centre of the cube.
     linear = np.diag(wcs.wcs.get_cdelt()) @ wcs.wcs.get_pc()
     steps = np.linalg.norm(linear[:2, :2], axis=0)
     counts = wcs.pixel_shape[:2]
@@ -180,14 +180,14 @@ def _plane(found: World, unit: UnitLike) -> tuple[list[np.ndarray], Any]:
 
 
 def _same_kind(one: Any, other: Any) -> bool:
-    """Return True if units can be converted into each other, or neither is known."""
+    """Return True if the units are convertible into each other, or if both are None."""
     if one is None or other is None:
         return one is other
     return bool(one.is_equivalent(other))
 
 
 def is_place(wcs: WCS) -> bool:
-    """Return True if the third axis of a WCS is in space, as the others are."""
+    """Return True if the third axis of a WCS is a spatial one."""
     if wcs.has_celestial or wcs.wcs.spec >= 0:
         return False
     return _same_kind(parse_unit(wcs.wcs.cunit[2]), parse_unit(wcs.wcs.cunit[0]))
@@ -196,7 +196,7 @@ def is_place(wcs: WCS) -> bool:
 def _scale(
     third: np.ndarray, first: Any, own: Any, depth: Any, spectral_scale: Any, measure: Any
 ) -> float:
-    """Return how much of the grid's unit stands for one unit of the third axis."""
+    """Return the grid length that represents one unit of the third axis."""
     if depth is not None and spectral_scale is not None:
         raise InputError("give depth or spectral_scale, not both")
     if spectral_scale is not None:
@@ -209,7 +209,7 @@ def _scale(
 
 def _depths(third: np.ndarray, scale: float) -> np.ndarray:
     half = 0.5 * scale * float(np.ptp(third))
-    if is_uniform(third):  # a difference of large numbers would not be
+    if is_uniform(third):  # a difference of large numbers would not be uniform
         return np.linspace(-half, half, len(third))
     return (third - 0.5 * (third[0] + third[-1])) * scale
 

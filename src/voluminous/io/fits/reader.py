@@ -1,4 +1,4 @@
-"""Read and write FITS cubes."""
+"""Reader and writer for FITS cubes."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from ...volume import Volume
 
 _MAGIC = b"SIMPLE  ="
-# What `Image.save` writes into the first header; volumes are not marked so.
+# Mark that `Image.save` writes into the first header; volumes lack it.
 _CREATOR, _TEXT = "CREATOR", "VOLMETA"
-# Cards about the observation; they go into `Volume.meta` under their names in small letters.
+# Cards about the observation, stored in `Volume.meta` under their lower-case names.
 _META_CARDS = (
     *("OBJECT", "TELESCOP", "INSTRUME", "OBSERVER", "DATE-OBS", "BUNIT", "BMAJ", "BMIN", "BPA"),
     *("SPECSYS", "RADESYS", "EQUINOX", "RESTFRQ", "RESTFREQ", "RESTWAV", "LINE"),
@@ -64,7 +64,7 @@ class FITSReader(Reader):
     def holds_image(self, path: Path) -> bool:
         try:
             hdus = parts(path)
-        except Exception:  # damaged: the error comes when it is read
+        except Exception:  # damaged: reading it raises the error
             return False
         return _is_picture(hdus) or not any(len(real) >= 3 for _, real in images(hdus))
 
@@ -120,7 +120,7 @@ def _cubes(path: Path, options: dict[str, Any]) -> list[Cube]:
 
 
 def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
-    """Return the world coordinates of a cube, if they are known and wanted, and its layout."""
+    """Return the world coordinates of a cube (None if missing or not wanted) and its layout."""
     bounds, unit = options.get("bounds"), options.get("unit")
     header = cube.part.header
     if bounds is not None or options.get("wcs") is False or not has_world(cube.part):
@@ -134,7 +134,7 @@ def _layout(cube: Cube, options: dict[str, Any]) -> tuple[World | None, CubeLayo
 
 
 def _common(chosen: list[Cube], options: dict[str, Any]) -> tuple[World | None, CubeLayout]:
-    """Return what all cubes share."""
+    """Return the world coordinates and layout that all cubes share."""
     first = chosen[0]
     sky, where = _layout(first, options)
     for cube in chosen[1:]:

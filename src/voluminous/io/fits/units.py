@@ -1,4 +1,4 @@
-"""Units as FITS headers spell them: by the standard, in capitals, or with remarks."""
+"""Unit spellings in FITS headers: standard, in capitals, or with remarks."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
-# What brightness temperature a kelvin is meant to be: (Ta*), [Tmb], T_B …
+# Remarks on the kind of brightness temperature: (Ta*), [Tmb], T_B …
 _REMARKS = re.compile(r"[(\[]\s*[A-Za-z][^)\]]*[)\]]|\bT_?(?:A|MB|B|R)\b\*?", re.I)
-# Characters of a text in a card.
+# Maximum length of a string in a card.
 _LONGEST = 68
 _WORD = re.compile(r"[A-Za-z]+")
-# Words in any case that stand for one unit only ("MJY" may be either).
+# Case-insensitive words with a unique meaning ("MJY" is ambiguous).
 _MEANT = {
     **{name.lower(): name for name in ("Jy", "K", "beam", "Hz", "kHz", "GHz", "sr", "erg", "deg")},
     **{name.lower(): name for name in ("arcsec", "arcmin", "km", "cm", "m", "s", "pc", "kpc")},
@@ -39,7 +39,7 @@ _MEANT = {
 
 @functools.lru_cache(maxsize=256)
 def lenient_unit(text: str) -> Any:
-    """Return the astropy unit that a text stands for; None if it is none or not understood.
+    """Return the astropy unit for a text; None if it is not a unit or cannot be parsed.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def lenient_unit(text: str) -> Any:
 
 
 def fits_name(unit: Any) -> str:
-    """Return the name FITS has for a unit; its usual name where FITS has none."""
+    """Return the FITS name of a unit, or its usual name if FITS has none."""
     if unit is None:
         return ""
     try:
@@ -71,10 +71,10 @@ def fits_name(unit: Any) -> str:
 
 
 def _spellings(text: str) -> Iterator[str]:
-    """Yield a unit as it is written, without remarks, and with the usual small letters."""
+    """Yield a unit text as written, without remarks, and with the usual lower-case letters."""
     if not text:
         return
-    # The sum over a spectrum as CASA spells it: by the standard all of it would be divided by.
+    # CASA's spelling of a spectral sum; the standard would put everything in the denominator.
     text = re.sub(r"/beam\.km/s\b", ".km/s/beam", text, flags=re.I)
     yield text
     bare = _REMARKS.sub("", text).strip()

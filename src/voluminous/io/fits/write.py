@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
     from ...volume import Volume
 
-# The grid's unit, and how deep the third axis is in it, where that measures something else.
+# The grid's unit, and the depth of the third axis in it if this axis is not a length.
 UNIT, DEPTH = "VOLUNIT", "VOLDEPTH"
-# Cards that the header of a WCS has of its own accord, or that would contradict it.
+# Cards that a WCS header sets itself, or that would contradict it.
 _OF_WCS = {"specsys", "radesys", "equinox", "restfrq", "restfreq", "restwav", "bunit"}
 _LONGEST = 68
 
 
 def write(volume: Volume, path: Path) -> None:
-    """Write each field into an HDU of its own, the first into the primary one."""
+    """Write one HDU per field, the first one as the primary HDU."""
     from astropy.io import fits
 
     cards = _world_cards(volume)
@@ -64,7 +64,7 @@ def _has_axis(volume: Volume) -> bool:
 
 
 def _world_cards(volume: Volume) -> Header:
-    """Return cards that say where cells are."""
+    """Return the cards with the cell positions."""
     from astropy.io import fits
 
     grid = cartesian(volume)

@@ -1,1 +1,1 @@
-"""The package's own files: every grid with all its fields, in HDF5 that explains itself."""
+"""The package's file format: every grid with all its fields, in self-describing HDF5."""

@@ -1,4 +1,4 @@
-"""Grids as plain arrays, from which they are made again bit for bit."""
+"""Conversion of grids to plain arrays and back, exact to the bit."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _CORNERS = "; a patch has 'shape' cells between the corners 'lower' and 'upper'"
 
 @dataclass
 class PlainGrid:
-    """What makes a grid: arrays and attributes."""
+    """The arrays and attributes that define a grid."""
 
     type: str
     order: str
@@ -75,7 +75,7 @@ def _curvilinear(kind: str, grid: Any, **attributes: Any) -> PlainGrid:
 
 def _patches(grid: Any) -> PlainGrid:
     patches = grid.patches
-    if (grid.divisions != patches.sizes[0]).any():  # walls of the coarsest cells are not known
+    if (grid.divisions != patches.sizes[0]).any():  # the walls of the coarsest cells are not stored
         lower, upper = (grid.position(corner.T).T for corner in patches.corners)
         corners = {"lower": lower, "upper": upper, "shape": patches.shape}
         return PlainGrid("patches", _PATCH_AFTER_PATCH + _CORNERS, corners)
@@ -86,7 +86,7 @@ def _patches(grid: Any) -> PlainGrid:
 
 
 def grid_of(plain: PlainGrid) -> Any:
-    """Return the grid that `plain_grid` made plain."""
+    """Return the grid of a `PlainGrid`; inverse of `plain_grid`."""
     makers = {
         "cartesian": _make_cartesian,
         "octree": _make_octree,
@@ -136,7 +136,7 @@ def _make_patches(plain: PlainGrid, unit: UnitLike) -> Any:
 
 
 def _check_patches(shape: np.ndarray, cells: int) -> None:
-    """Refuse patches that cannot be: every cell of one is seen, or holds a cell that is."""
+    """Refuse invalid patches: each of their cells must be a visible cell or contain one."""
     largest = np.prod(shape.astype(float), axis=-1).max(initial=0.0)
     if not largest <= cells:
         raise FileFormatError(
@@ -171,7 +171,7 @@ def _flags(arrays: Mapping[str, Any], attributes: dict[str, Any]) -> Any:
 
 
 def exact_name(unit: Any) -> str:
-    """Return a name that `parse_unit` turns into the same unit.
+    """Return a unit name that `parse_unit` converts back to the same unit.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Native files: what `Volume.save` writes, whatever the grid.
+"""Reader and writer for native files, the format of `Volume.save` for any grid.
 
-``/grid`` holds what makes the grid again, ``/fields`` one data set per field in the grid's order of
-cells, ``/meta`` (JSON) and ``/wcs`` (a FITS header) what a file tells besides. Attributes say in
-words what is what, so that h5py is all that anybody needs.
+``/grid`` defines the grid, ``/fields`` has one data set per field in the grid's cell order,
+``/meta`` (JSON) and ``/wcs`` (a FITS header) hold the remaining metadata. Attributes describe the
+contents in words, so that h5py suffices to read a file.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 MARK = "voluminous volume"
 VERSION = 1
 GRID, FIELDS, META, SKY = "grid", "fields", "meta", "wcs"
-TABLES = "wcs_tables"  # of a WCS with an axis in a table (-TAB)
+TABLES = "wcs_tables"  # for a WCS with a tabulated axis (-TAB)
 ABOUT = (
     "A volume: /grid says where the cells are (its attribute 'order' how they are counted), "
     "/fields/NAME holds one value per cell in 'units'. Read it with voluminous.open(path)."
 )
-# Fields start at multiples of this: mapped numbers are aligned.
+# Fields start at multiples of this, so that memory-mapped numbers are aligned.
 _ALIGNMENT = 64
 _PACKED: dict[str, Any] = {"chunks": True, "shuffle": True, "compression": "gzip"}
 
 
 class NativeReader(Reader):
-    """HDF5 with a mark: the grid, of any kind, the fields, and what else is known."""
+    """HDF5 with the package's mark: any grid, the fields, and metadata."""
 
     name = "voluminous"
     description = "a volume saved by voluminous (HDF5)"
@@ -87,7 +87,7 @@ class NativeReader(Reader):
             group = file.create_group(FIELDS, track_order=True)
             for name in volume.fields:
                 options = _PACKED if compress else {}
-                # Of a copy, which forgets what it has read: one field at a time is in memory.
+                # Use a copy that does not cache values: only one field at a time is in memory.
                 values = volume.with_arrays({}).array(name)
                 item = group.create_dataset(name, data=values, **options)
                 item.attrs["units"] = exact_name(volume.field_unit(name))
@@ -146,8 +146,8 @@ def _deferred(path: Path, group: h5py.Group, name: str, shape: tuple[int, ...]) 
 
 
 def _is_plain(item: h5py.Dataset) -> bool:
-    """Return True for an array that lies in the file as it does in memory."""
-    # HDF5 keeps booleans as an enumeration, which is for HDF5 to check.
+    """Return True if an array has the same layout in the file as in memory."""
+    # HDF5 stores booleans as an enumeration and must check them itself.
     plain = item.dtype.kind != "b" and item.dtype.isnative and item.chunks is None
     return bool(plain and item.id.get_offset() is not None)
 
@@ -161,7 +161,7 @@ def _field_values(path: Path, name: str) -> np.ndarray:
     return mapped(path, offset, shape, dtype)
 
 
-# What else a volume knows: plain values as JSON, the sky as a FITS header
+# Metadata of a volume: plain values as JSON, the sky as a FITS header
 
 
 def _write_extras(file: h5py.File, volume: Volume) -> None:
@@ -197,7 +197,7 @@ def _text(file: h5py.File, name: str) -> str:
 
 
 def _json_value(value: Any) -> Any:
-    """Return what JSON has no word for: NumPy's numbers as lists and numbers, others as text."""
+    """Return a JSON equivalent: lists and numbers for NumPy values, text for other objects."""
     plain = isinstance(value, (np.ndarray, np.generic)) and not hasattr(value, "unit")
     return value.tolist() if plain else str(value)
 
@@ -205,7 +205,7 @@ def _json_value(value: Any) -> Any:
 def _header(wcs: WCS) -> str:
     from astropy import wcs as astropy_wcs
 
-    # All digits of a double, and all keywords.
+    # Keep all digits of a double, and all keywords.
     header = wcs.to_header(relax=astropy_wcs.WCSHDO_all | astropy_wcs.WCSHDO_P17)
     for axis, count in enumerate(wcs.pixel_shape or (), start=1):
         header[f"NAXIS{axis}"] = count

@@ -1,4 +1,4 @@
-"""The file ``amr_grid``: a regular grid, an octree, or layers of finer cells over a base grid."""
+"""Parser for ``amr_grid``: a regular grid, an octree, or layers of finer cells over a base grid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class GridFile:
-    """The contents of the file."""
+    """The contents of a grid file."""
 
     style: int  # REGULAR, OCTREE or LAYERS
     coordinates: int  # below 100 Cartesian, below 200 spherical
@@ -31,7 +31,7 @@ class GridFile:
     layers: Ints | None = None  # (n, 7): parent; first cell from 1, number, in cells of the parent
 
     def __eq__(self, other: object) -> bool:
-        """Return True for the same cells."""
+        """Return True if both describe the same cells."""
         if not isinstance(other, GridFile):
             return NotImplemented
         mine, theirs = (
@@ -44,12 +44,12 @@ class GridFile:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of cells of the base grid."""
+        """Number of cells of the base grid along each axis."""
         return tuple(len(w) - 1 for w in self.walls)
 
     @property
     def spherical(self) -> bool:
-        """True for r, theta, phi."""
+        """True for coordinates r, theta, phi."""
         return self.coordinates >= SPHERICAL
 
     @property
@@ -59,12 +59,12 @@ class GridFile:
 
     @property
     def factors(self) -> Ints:
-        """Number of cells along each axis that a refined one is split into."""
+        """Number of cells along each axis that replace a refined one."""
         return np.where(self.active, 2, 1)
 
     @property
     def cells(self) -> int:
-        """Number of values per field in files: cells below finer layers are among them."""
+        """Number of values per field in files, including cells covered by finer layers."""
         if self.flags is not None:
             return len(self.flags) - int(np.count_nonzero(self.flags))
         cells = math.prod(self.shape)
@@ -79,7 +79,7 @@ def _bytes(array: np.ndarray | None) -> bytes:
 
 
 def read_grid(source: EncodedFile) -> GridFile:
-    """Return the contents of a grid file; a FileFormatError if RADMC-3D would not take it."""
+    """Return the contents of a grid file; raise FileFormatError if RADMC-3D would reject it."""
     _expect("the format number", source.format(False), 1, 2)
     (style,) = source.integers(1, "the grid style")
     (coordinates,) = source.integers(1, "the coordinate system")
@@ -160,24 +160,24 @@ def _read_flags(
 
 def _read_layers(source: EncodedFile, count: int, active: tuple[bool, ...]) -> Ints:
     rows = []
-    for k in range(count):  # ends with the file
+    for k in range(count):  # stops at the end of the file
         rows.append(source.integers(7, f"layer {k + 1}"))
     layers = np.array(rows, np.int64).reshape(-1, 7)
-    layers[:, 4:][:, ~np.array(active)] = 1  # whatever is said of dimensions that are not there
+    layers[:, 4:][:, ~np.array(active)] = 1  # ignore the entries of inactive dimensions
     return layers
 
 
 @dataclass(frozen=True)
 class LayerBoxes:
-    """The base grid and its layers, in cells of their own levels."""
+    """The base grid and its layers, in units of cells of their levels."""
 
     level: Ints  # (n + 1,)
-    low: Ints  # (n + 1, 3): first cell, counted across the domain
+    low: Ints  # (n + 1, 3): first cell, index in the whole domain
     shape: Ints  # (n + 1, 3): number of cells
 
 
 def boxes(grid: GridFile) -> LayerBoxes:
-    """Return where the layers of a grid are."""
+    """Return the positions of the layers of a grid."""
     layers = np.zeros((0, 7), np.int64) if grid.layers is None else grid.layers
     count = len(layers) + 1
     level = np.zeros(count, np.int64)
@@ -205,7 +205,7 @@ def boxes(grid: GridFile) -> LayerBoxes:
 
 
 def uncovered(grid: GridFile) -> list[NDArray[np.bool_]]:
-    """Return, for the base grid and each layer, which cells no finer layer covers."""
+    """Return masks of the cells not covered by a finer layer, for the base grid and each layer."""
     found = boxes(grid)
     seen = [np.ones(shape, bool) for shape in found.shape.tolist()]
     layers = () if grid.layers is None else grid.layers.tolist()
@@ -219,7 +219,7 @@ def uncovered(grid: GridFile) -> list[NDArray[np.bool_]]:
 
 
 def leaves(grid: GridFile) -> tuple[Ints, Ints, Ints]:
-    """Return levels of the cells that are seen, indices in their levels, and places in files."""
+    """Return level, index within the level, and position in the file of each leaf cell."""
     found, seen = boxes(grid), uncovered(grid)
     index, value, first = [], [], 0
     for low, mask in zip(found.low, seen, strict=True):

@@ -1,4 +1,4 @@
-"""Grids as RADMC-3D has them: what a grid file would say, and fields in a file's order."""
+"""Conversion of grids to RADMC-3D's form: the contents of a grid file, and fields in file order."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from .grid_file import DEEPEST, LAYERS, OCTREE, REGULAR, SPHERICAL, GridFile, In
 
 Flat = Callable[[np.ndarray], np.ndarray]
 CARTESIAN = 1
-# Parents are looked for among all patches of a level: of more than these an octree is made.
+# The parent search is over all patches of a level: above this number, write an octree.
 _MOST_LAYERS = 10_000
 _ALL = (True, True, True)
 _HALF, _WHOLE = 0.5 * np.pi, 2 * np.pi
-# RADMC-3D takes widths for equal, and walls for there, to this.
+# RADMC-3D's tolerance for equal widths and for wall positions.
 _NEAR = 1e-4
 
 
 @dataclass(frozen=True)
 class GridOut:
-    """A grid as files hold it."""
+    """A grid in the form of RADMC-3D's files."""
 
     file: GridFile
-    flat: Flat  # brings a field into the order of files
-    levels: int = 0  # how often cells are refined
+    flat: Flat  # converts a field to file order
+    levels: int = 0  # number of refinement levels
 
 
 def grid_out(grid: Any, coordinates: Any = None) -> GridOut:
-    """Return what files say of a grid; `coordinates` is its RADMC-3D number, if known."""
+    """Return the file form of a grid; `coordinates` is its RADMC-3D coordinate number, if given."""
     kinds: dict[str, Callable[[Any, int], GridOut]] = {
         "cartesian": _regular,
         "octree": _octree,
@@ -57,7 +57,7 @@ def grid_out(grid: Any, coordinates: Any = None) -> GridOut:
 
 
 def in_cm(edges: NDArray[np.float64], unit: UnitLike) -> NDArray[np.float64]:
-    """Return lengths in cm; without a unit they are in cm."""
+    """Return lengths in cm; lengths without a unit are assumed to be in cm."""
     from astropy import units as u
 
     if unit is None or unit == u.cm:
@@ -92,7 +92,7 @@ def _levels(grid: Any) -> int:
 
 
 def _patches(grid: Any, number: int) -> GridOut:
-    """Return patches as layers if that is what they are, or else as an octree."""
+    """Return patches as layers if possible, else as an octree."""
     walls = tuple(in_cm(e, grid.unit) for e in grid.base_edges)
     if layered := layers_of(grid, GridFile(REGULAR, number, _ALL, walls)):
         return GridOut(*layered, _levels(grid))
@@ -131,7 +131,7 @@ def _check_angles(theta: NDArray[np.float64], phi: NDArray[np.float64], mirror: 
 
 
 def _complaints(file: GridFile) -> list[str]:
-    """Return what RADMC-3D says of grids that it could describe, but does not take."""
+    """Return RADMC-3D's objections to a grid that the format can describe but the code rejects."""
     if file.spherical:
         theta = file.walls[1]
         across = file.active[1] and theta[0] < _HALF < theta[-1] and _HALF not in theta
@@ -143,9 +143,10 @@ def _complaints(file: GridFile) -> list[str]:
 
 
 def layers_of(grid: Any, base: GridFile) -> tuple[GridFile, Flat] | None:
-    """Return patches as layers, and what brings a field into their order; None if they are none.
+    """Return patches as layers, and the conversion of a field to their order; None if impossible.
 
-    Layers are halved along all axes, cover a part of one other layer each, and do not overlap.
+    Layers are refined by 2 along all axes, each covers a part of one other layer, and they do not
+    overlap.
     """
     patches = grid.patches
     if not _halved(patches) or not _one_base(patches) or len(patches.level) > _MOST_LAYERS:
@@ -164,7 +165,7 @@ def layers_of(grid: Any, base: GridFile) -> tuple[GridFile, Flat] | None:
 
 
 def _parents_first(patches: Any, parent: dict[int, int]) -> Ints:
-    """Return an order of patches in which all come after their parents; theirs if it is one."""
+    """Return an order of patches with parents before children; the present order if it has this."""
     if patches.level[0] == 0 and all(above < k for k, above in parent.items()):
         return np.arange(len(patches.level))
     order: Ints = np.argsort(patches.level, kind="stable")
@@ -187,7 +188,7 @@ def _halved(patches: Any) -> bool:
 
 
 def _one_base(patches: Any) -> bool:
-    """Return True if one patch of an even number of cells is all of the coarsest level."""
+    """Return True if the coarsest level is one patch with an even number of cells."""
     base = np.flatnonzero(patches.level == 0)
     whole = patches.extent // patches.sizes[0]
     return bool(
@@ -199,7 +200,7 @@ def _one_base(patches: Any) -> bool:
 
 
 def _parent(patches: Any, k: int) -> int | None:
-    """Return the patch of the level below that holds all of a patch; None if none does."""
+    """Return the patch of the next coarser level that contains a patch; None if there is none."""
     low, high = patches.low[k], patches.low[k] + patches.shape[k]
     if (low % 2).any() or (high % 2).any():
         return None
@@ -214,7 +215,7 @@ def _parent(patches: Any, k: int) -> int | None:
 def _layer_order(grid: Any, order: Ints) -> Flat:
     def flat(values: np.ndarray) -> np.ndarray:
         parts = grid.unpack(values)
-        seen = grid.unpack(np.ones(len(values), np.int8))  # cells below finer ones are 0
+        seen = grid.unpack(np.ones(len(values), np.int8))  # cells covered by finer ones are 0
         return np.concatenate(
             [np.where(seen[k], parts[k], 0).astype(values.dtype).ravel(order="F") for k in order]
         )
@@ -223,7 +224,7 @@ def _layer_order(grid: Any, order: Ints) -> Flat:
 
 
 def octree_of(grid: Any) -> tuple[Any, Ints]:
-    """Return patches as an octree, and where its leaves are among their cells."""
+    """Return patches as an octree, and the index of each leaf among their cells."""
     from ...grids import OctreeGrid
 
     low, size = grid.boxes(0, grid.size)

@@ -1,4 +1,4 @@
-"""Grids from what a grid file says, with the corrections that RADMC-3D makes."""
+"""Construction of grids from a grid file, with the corrections that RADMC-3D applies."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
     from ...grids import CartesianGrid, OctreeGrid, PatchGrid, SphericalGrid
 
 Walls = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-# Walls of slabs without end are here, and farther.
+# Walls of infinite slabs are at this distance or beyond.
 _ENDLESS = 1e89
 _HALF, _WHOLE = 0.5 * np.pi, 2 * np.pi
-# How near angles are to what they are meant to be: theta in cells, phi in radian. RADMC-3D's.
+# RADMC-3D's tolerances for the special angles: theta in cells, phi in radian.
 _NEAR_WALL, _NEAR_CIRCLE = 1e-4, 1e-2
-# Where theta ends so near to the midplane, as a part of its range, something is meant by it.
+# A theta range that ends this near to the midplane (fraction of the range) means to end there.
 _NEAR_MIDPLANE = 1e-2
 
 
 @dataclass(frozen=True)
 class ArrangedGrid:
-    """A grid, and how values in a file's order become a field."""
+    """A grid, and a function that converts values from file order to a field."""
 
     grid: CartesianGrid | OctreeGrid | PatchGrid | SphericalGrid
-    arranged: Callable[[np.ndarray], Any]  # returns what `Volume` takes
-    in_order: bool = False  # nothing need be moved
+    arranged: Callable[[np.ndarray], Any]  # returns an array that `Volume` accepts
+    in_order: bool = False  # the orders are equal
 
 
 def cartesian_grid(file: GridFile, unit: UnitLike = None) -> ArrangedGrid:
-    """Return the Cartesian grid, regular or refined; lengths are in `unit`, by default cm."""
+    """Return the Cartesian grid, regular or refined; lengths are in `unit` (default: cm)."""
     x, y, z = (converted(w, unit) for w in _finite(file))
     make = _octree if file.flags is not None else _regular if file.layers is None else _patches
     return make(file, (x, y, z), unit or "cm")
@@ -61,7 +61,7 @@ def _octree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
 
 
 def _flat_tree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
-    """Return a tree that is not refined along all axes: each leaf is a patch."""
+    """Return the grid of a tree that is not refined along all axes: each leaf becomes a patch."""
     from ...grids import PatchGrid
     from ...grids.trees.octree_order import Places, levels_from_flags
 
@@ -90,7 +90,7 @@ def _flat_tree(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
 def _patches(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
     from ...grids import PatchGrid
 
-    uncovered(file)  # refuses what overlaps
+    uncovered(file)  # refuses overlapping patches
     layers = boxes(file)
     grid = PatchGrid.from_boxes(
         *walls,
@@ -111,7 +111,7 @@ def _patches(file: GridFile, walls: Walls, unit: UnitLike) -> ArrangedGrid:
 
 
 def _finite(file: GridFile) -> Sequence[NDArray[np.float64]]:
-    """Return walls, those of dimensions without end (slabs) as far apart as the others are."""
+    """Return the walls; infinite slabs get the extent of the other dimensions."""
     endless = [bool(np.abs(w).max() >= _ENDLESS) for w in file.walls]
     if not any(endless):
         return file.walls
@@ -128,7 +128,7 @@ def _finite(file: GridFile) -> Sequence[NDArray[np.float64]]:
 
 
 def spherical_grid(file: GridFile, unit: UnitLike = None) -> ArrangedGrid:
-    """Return the spherical grid; one that ends at the midplane is mirrored."""
+    """Return the spherical grid; a grid that ends at the midplane is mirrored."""
     from ...grids import SphericalGrid
 
     theta, phi = _angles(file)
@@ -163,7 +163,7 @@ def _angles(file: GridFile) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _polar(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return walls in theta, those that are meant to be a pole or the midplane exactly there."""
+    """Return walls in theta; those within tolerance of a pole or the midplane are set exactly."""
     first, last = theta[1] - theta[0], theta[-1] - theta[-2]
     if abs(theta[0]) < _NEAR_WALL * first:
         theta[0] = 0.0
@@ -191,7 +191,7 @@ def _azimuth(phi: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def converted(lengths: NDArray[np.float64], unit: UnitLike) -> NDArray[np.float64]:
-    """Return lengths in cm in another unit; those in cm keep all their bits."""
+    """Convert lengths from cm to another unit; lengths that stay in cm keep all bits."""
     if unit is None or parse_unit(unit) == parse_unit("cm"):
         return lengths
     from astropy import units as u
@@ -203,12 +203,12 @@ def converted(lengths: NDArray[np.float64], unit: UnitLike) -> NDArray[np.float6
 
 
 def shaped(shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what makes an array [i1, i2, i3] of values of which the first index is fastest."""
+    """Return a function that reshapes values (first index fastest) to an array [i1, i2, i3]."""
 
     def arranged(values: np.ndarray) -> np.ndarray:
         flat = values.reshape(shape[::-1])
         array = np.empty(shape, values.dtype.newbyteorder("="))
-        for j in range(shape[1]):  # a third of the time of transposing the whole
+        for j in range(shape[1]):  # takes a third of the time of transposing the whole array
             array[:, j] = flat[:, j].T
         return array
 
@@ -216,5 +216,5 @@ def shaped(shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def as_they_are(values: np.ndarray) -> np.ndarray:
-    """Return values of which the order is that of the grid."""
+    """Return the values unchanged: their order is that of the grid."""
     return values

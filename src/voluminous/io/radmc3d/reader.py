@@ -95,7 +95,7 @@ def _cells(model: Model, unit: UnitLike) -> ArrangedGrid:
             return make(model.grid, unit)
     except FileFormatError:
         raise
-    except InputError as error:  # numbers in the file that no grid can have
+    except InputError as error:  # the file's numbers make no valid grid
         raise FileFormatError(str(error)) from error
 
 

@@ -1,4 +1,4 @@
-"""Volumes as models of RADMC-3D."""
+"""Writer for RADMC-3D models."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .grid_out import GridOut, grid_out
 if TYPE_CHECKING:
     from ...volume import Volume
 
-# What other codes call the quantities of a gas.
+# Other codes' names of gas quantities.
 _USUAL = {"density": "gas_density", "temperature": "gas_temperature", "velocity": "gas_velocity"}
 _STEM = re.compile(r"[A-Za-z0-9_+-]+")
 _NOT_WRITTEN = ("levels", "frequencies")
@@ -41,35 +41,35 @@ def write(
     binary: bool = False,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write a volume into a directory as a model of RADMC-3D: the grid, and a file per quantity.
+    """Write a volume into a directory as a RADMC-3D model: the grid, and one file per quantity.
 
-    `voluminous.open` gives back the same bits. RADMC-3D itself needs more than these: at least
+    `voluminous.open` reads it back bit for bit. RADMC-3D itself needs further files: at least
     ``wavelength_micron.inp``, and opacities or lines.
 
     Parameters
     ----------
     volume : Volume
         On a Cartesian grid, an octree, patches or a spherical grid. Patches are written as layers
-        if they are nested as RADMC-3D's are, or else as an octree.
+        if they are nested as RADMC-3D requires, else as an octree.
     directory : str or Path
-        It is made if its parent exists.
+        Created if it does not exist; its parent must exist.
     fields : dict, optional
-        From names of files, such as ``"gas_density"``, to what shall be in them: a field, an
-        expression, a number; a vector's name, or three of those; a list for several dust species.
-        By default all fields that are called like one of RADMC-3D's files, and ``density``,
-        ``temperature`` and ``velocity`` as the gas's; a warning names those that are left out.
-        Units are converted to RADMC-3D's (g, cm, s, K); what has none is taken to be in them.
+        Contents of the files by file name, such as ``"gas_density"``: a field, an expression or a
+        number; for vectors a vector's name or three components; for several dust species a list.
+        Default: all fields named like a RADMC-3D file, and ``density``, ``temperature`` and
+        ``velocity`` as those of the gas; a warning lists the omitted fields. Units are converted
+        to RADMC-3D's (g, cm, s, K); fields without a unit are assumed to be in these.
     binary : bool, optional
-        Write ``.binp`` and ``.bdat`` instead of text with 17 digits. Of RADMC-3D 2.0, which cannot
-        read ``gas_density.binp``, not that file.
+        Write ``.binp`` and ``.bdat`` instead of text with 17 digits. RADMC-3D 2.0 reads these
+        except for ``gas_density.binp``.
     overwrite : bool, optional
-        Replace files of these names, in whatever form they are there. A grid file that says the
-        same already is always left as it is.
+        Replace files of these names in any of their formats. A grid file with the same contents is
+        never rewritten.
 
     Returns
     -------
     list of Path
-        The files that were written.
+        The written files.
 
     Examples
     --------
@@ -124,9 +124,9 @@ def _check_place(paths: Iterable[Path], overwrite: bool) -> None:
 
 
 def _replace(work: dict[Path, Callable[[TextOut], None]], binary: bool) -> None:
-    """Write all files, then put them in their places: fields are of no use on another grid.
+    """Write all files, then move them into place, so that fields and grid always match.
 
-    Their other forms are removed: RADMC-3D stops where there are two.
+    Files of the same name in other formats are removed: RADMC-3D stops if there are two.
     """
     with ExitStack() as stack:
         for path, put in work.items():
@@ -171,7 +171,7 @@ def _write_field(volume: Volume, grid: GridOut, file: FileOut, out: TextOut) -> 
 
 @dataclass(frozen=True)
 class WrittenColumn:
-    """An expression, and what it is multiplied by to be in the unit of a file."""
+    """An expression, and the factor that converts it to the file's unit."""
 
     expression: Expression
     factor: float
@@ -186,7 +186,7 @@ class WrittenColumn:
 
 @dataclass(frozen=True)
 class FileOut:
-    """A file to write: its name without suffix, its kind, and one column, three, or several."""
+    """A file to write: name without suffix, kind, and one, three or several columns."""
 
     stem: str
     kind: FieldKind
@@ -280,7 +280,7 @@ def _column(volume: Volume, stem: str, kind: FieldKind, what: Any) -> WrittenCol
 
 
 def _factor(volume: Volume, stem: str, kind: FieldKind, expression: Expression) -> float:
-    """Return what brings an expression into the file's unit; one without unit is in it."""
+    """Return the factor from an expression to the file's unit; 1 if the expression has no unit."""
     own = volume.expression_unit(expression)
     if own is None or not kind.unit:
         return 1.0

@@ -1,4 +1,4 @@
-"""The numbers of a medium that a scheme integrates, and how they become intensities."""
+"""The numbers of a medium that a scheme integrates, and their conversion to intensities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fields at cell centres as rays gather them: the eight values around a dual cell."""
+"""Memory layouts of fields from which rays gather the eight values around a dual cell."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ from .channel_layout import unit_near
 if TYPE_CHECKING:
     from ...grids.contract import Grid
 
-# Bytes of quads up to which they pay: rays through 100³ cells take 0.75 of the time that they take
-# with nodes, through 512³ (where both wait for memory) 0.92, for 2 GB and 3 s of making them.
+# Maximum size of face packets (quads) in bytes. Rays through 100³ cells take 0.75 of the time they
+# take with nodes, through 512³ (where both are limited by memory) 0.92, for 2 GB and 3 s to create
+# them.
 _LARGEST_QUADS = 1 << 29
 
-# Fields at the corners of cells of trees that are computed at once: four take 0.4 of the time that
-# one after the other takes.
+# Number of fields whose values at tree corners are computed at once: four take 0.4 of the time of
+# four computed one by one.
 _FIELDS = 4
 
 # Corners of a dual cell: values[x][y][z].
@@ -37,12 +38,12 @@ Corners = list[list[list[Any]]]
 
 
 class FieldLattice:
-    """A field as rays gather it: what a grid's `lattice` returns for each array.
+    """A field in the layout that rays gather; a grid's `lattice` returns one for each array.
 
     Attributes
     ----------
     unit : float
-        What its values are divided by.
+        The values are divided by this.
     """
 
     unit: float
@@ -120,7 +121,7 @@ def faces_size(shape: Any) -> int:
 
 
 def _check_size(count: int, backend: Backend) -> None:
-    """Refuse a field that cannot be held beside the volume, as so many numbers."""
+    """Refuse a field that does not fit into memory beside the volume."""
     if count > LARGEST:
         raise InputError(
             f"scheme 'post-classified' can hold {LARGEST} values of a field, this one has {count}; "
@@ -142,7 +143,7 @@ def field_unit(array: np.ndarray, backend: Backend) -> float:
 def make_faces(array: np.ndarray, backend: Backend, unit: float) -> FacePackets:
     """Return the quads of a field, divided by a unit.
 
-    Faces are gathered from the array itself, some layers of it at a time.
+    They are gathered from the array itself, some layers at a time.
     """
     nx, ny, nz = array.shape
     plane = (ny + 1) * (nz + 1)
@@ -166,7 +167,7 @@ def _fill(
     backend: Backend,
     unit: float,
 ) -> None:
-    """Write the quads of some layers, from the layers of the field that are held."""
+    """Write the quads of some layers, given the layers of the field in memory."""
     Int, UInt = backend.Int, backend.UInt
     first, last = layers
     _, ny, nz = shape
@@ -208,7 +209,7 @@ def make_corner_packets(
 ) -> list[CornerPackets]:
     """Return the values of fields at the corners of a tree's cells, each divided by a unit.
 
-    Some at a time, where there is memory for them.
+    The number of fields computed at once depends on the memory.
     """
     from .vertex_values import CornerValues, corner_bytes
 
@@ -243,7 +244,7 @@ def curvilinear_lattices(
 def cartesian_lattices(
     arrays: Sequence[np.ndarray], backend: Backend
 ) -> list[FacePackets | NodalValues]:
-    """Return the `Grid.lattice` of Cartesian grids, each in the layout that pays."""
+    """Return the `Grid.lattice` of Cartesian grids, each in the faster layout."""
     return [_cartesian_lattice(array, backend) for array in arrays]
 
 
@@ -272,8 +273,8 @@ class Pyramid(FieldLattice):
     data : array
         The quads of the coarser levels: an eighth of all for each level, or less.
     levels : list of tuples
-        Per level, log2 of the cubes' size, where its quads begin, and how many there are along y
-        and z.
+        Per level: log2 of the cube size, index of its first quad, and number of quads along y and
+        z.
     """
 
     fine: FacePackets | NodalValues
@@ -319,7 +320,7 @@ def make_pyramid(
         levels.append(tuple(dr.opaque(backend.UInt, n) for n in numbers))
         parts.append(quads.reshape(-1))
         total += parts[-1].size // 4
-    # An array of Dr.Jit's own making: packets of one that NumPy made are not always aligned, and
+    # The array must be allocated by Dr.Jit: packets of NumPy arrays are not always aligned, and are
     # then gathered number by number (core, 100³: 17 ms instead of 10).
     data = from_host(backend.Float, np.concatenate(parts))
     dr.eval(data)
@@ -341,7 +342,7 @@ def _quads(array: np.ndarray, step: int, dtype: Any, unit: float) -> np.ndarray:
 
 
 def get_lattices(evaluator: CellEvaluator, cache: Cache, blocks: Any = None) -> dict[str, Any]:
-    """Return all fields as rays gather them; kept with the volume."""
+    """Return all fields in the layouts that rays gather; cached with the volume."""
     volume, backend = evaluator.volume, evaluator.backend
     steps = blocks.steps if blocks is not None else ()
     names = [name for name in evaluator.medium.names if name in volume]

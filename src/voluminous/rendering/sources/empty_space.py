@@ -1,4 +1,4 @@
-"""Empty space: blocks and leaves in which a medium shows nothing, which rays skip."""
+"""Empty space: blocks and leaves in which a medium is invisible, and which rays skip."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _WIDTH = 1 << BITS
 
 @dataclass(frozen=True)
 class Window:
-    """Which cells matter in a block of 2^bits steps of a walk, along each axis.
+    """The cells that affect a block of 2^bits steps of a walk, along each axis.
 
     Attributes
     ----------
     before, after : int
-        How many cells before the first and after the last of the block's own number.
+        Number of cells before the first and after the last of the block itself.
     extra : int
-        How many more steps than cells a walk may take.
+        Maximum number of steps of a walk minus the number of cells.
     worthwhile : float
-        The part of all blocks that may be filled for leaping to pay: it costs as much as crossing
-        some cells does (first and second order: nothing won at a third, 3 times as fast at 1/20).
+        Fraction of filled blocks above which skipping does not pay: it costs as much as crossing
+        some cells (first and second order: no gain at a third, 3 times as fast at 1/20).
     """
 
     before: int
@@ -45,7 +45,7 @@ class Window:
     worthwhile: float
 
     def count(self, cells: int) -> int:
-        """Return the number of blocks along an axis of so many cells."""
+        """Return the number of blocks along an axis with a number of cells."""
         return block_shape([cells + self.extra])[0]
 
     def shape(self, cells: Any) -> tuple[int, ...]:
@@ -60,7 +60,7 @@ CELLS = Window(before=1, after=1, extra=0, worthwhile=0.25)
 
 
 def field_ranges(array: np.ndarray, window: Window) -> Interval:
-    """Return the values that a field has in and around each block; all where there is NaN."""
+    """Return the range of a field in and around each block; all numbers where it has NaN."""
     low, high = (np.empty(window.shape(array.shape), np.float64) for _ in range(2))
     for b in range(len(low)):
         first = min(max(b * _WIDTH - window.before, 0), len(array) - 1)
@@ -84,7 +84,7 @@ def _windows(plane: np.ndarray, ufunc: np.ufunc, window: Window) -> np.ndarray:
 
 
 def coordinate_ranges(name: str, edges: Any, window: Window) -> Interval:
-    """Return the values of a coordinate in and around each block."""
+    """Return the range of a coordinate in and around each block."""
     if name == "r":
         squares = [_square(coordinate_ranges(axis, edges, window)) for axis in "xyz"]
         return Interval(*(np.sqrt(sum(getattr(s, end) for s in squares)) for end in ("lo", "hi")))
@@ -105,7 +105,7 @@ def _square(x: Interval) -> Interval:
 def visible_blocks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], faint: float, window: Window
 ) -> np.ndarray:
-    """Return which blocks may show something, given the ranges of all fields in each."""
+    """Return which blocks may be visible, given the ranges of all fields in each."""
     volume = evaluator.volume
     context = RangeContext(volume.unit, volume.expression_unit, faint)
     with np.errstate(all="ignore"):
@@ -116,35 +116,35 @@ def visible_blocks(
 def worthwhile_blocks(
     visible: np.ndarray, backend: Backend, window: Window, steps: np.ndarray | None = None
 ) -> Blocks | None:
-    """Return blocks for rays to leap over, or None if few are empty and steps are never wide."""
+    """Return blocks that rays can skip, or None if few are empty and steps are never wide."""
     if steps is None and np.count_nonzero(visible) > window.worthwhile * visible.size:
         return None
     return make_blocks(visible, backend, steps=steps)
 
 
-# The part of all leaves that may be visible for that to pay: where it is a tenth, the larger leaves
-# around are crossed as fast (half a million leaves, a thin shell: 39 instead of 44 ms).
+# Fraction of visible leaves above which pruning does not pay: at a tenth, crossing the larger
+# surrounding leaves is as fast (half a million leaves, a thin shell: 39 instead of 44 ms).
 _WORTHWHILE = 0.05
-# Leaves looked at at once.
+# Leaves processed at once.
 _CHUNK = 1 << 20
 
 
 def pruned_walk(grid: Grid, visible: np.ndarray, backend: Backend, kind: str) -> Any:
-    """Return a walk through the leaves that are visible, or None if most of them are."""
+    """Return a walk through the visible leaves, or None if most of them are visible."""
     if np.count_nonzero(visible) > _WORTHWHILE * len(visible):
         return None
     return grid.walk_through(grid.pruned(visible), backend, kind)
 
 
 def can_be_pruned(evaluator: CellEvaluator) -> bool:
-    """Return whether leaves can be left out, and their fields' ranges tell which."""
+    """Return whether leaves can be pruned, with visibility given by the ranges of their fields."""
     names = evaluator.medium.names
     fields = all(name in evaluator.volume for name in names)
     return bool(evaluator.grid.can_be_pruned) and fields
 
 
 def tabled(table: Any, faint: float) -> np.ndarray:
-    """Return which leaves have coefficients above a part of their peak, from a table of all."""
+    """Return which leaves have coefficients above a fraction of their peak, from a table of all."""
     visible: Any = False
     position = 0
     for data, width in zip(table.packets, table.widths, strict=True):
@@ -158,7 +158,7 @@ def tabled(table: Any, faint: float) -> np.ndarray:
 def interpolated(
     evaluator: CellEvaluator, octets: dict[str, CornerPackets], faint: float
 ) -> np.ndarray:
-    """Return which leaves may show something between the values at their corners."""
+    """Return which leaves may be visible, given the values at their corners."""
     volume = evaluator.volume
     context = RangeContext(volume.unit, volume.expression_unit, faint)
     visible = np.empty(volume.grid.size, bool)
@@ -180,15 +180,16 @@ def _range(corners: np.ndarray, unit: float) -> Interval:
     return Interval(low * unit, high * unit)
 
 
-# Coefficients below this part of what matters count as none; a bound of them is added in the end.
+# Coefficients below this fraction of the relevant size are neglected; the error includes a bound of
+# them.
 _FAINT = 1e-6
-# Below this part of their peak, shells are not looked for at all: less than any rounding.
+# Shells below this fraction of their peak are ignored: less than any rounding error.
 _NOTHING = 1e-300
 
 
 @dataclass
 class Neglected:
-    """What rays may miss in all, by leaping: emission per channel, and optical depth."""
+    """Bounds of the emission per channel and the optical depth that skipping neglects."""
 
     emission: np.ndarray
     depth: float
@@ -197,7 +198,7 @@ class Neglected:
 def empty_blocks(
     evaluator: CellEvaluator, ranges: dict[str, Interval], tolerance: float
 ) -> tuple[Any, Neglected]:
-    """Return blocks to leap over, None if there are few empty ones, and what is missed by that."""
+    """Return blocks to skip (None if few are empty), and bounds of the neglected coefficients."""
     volume, grid = evaluator.volume, evaluator.grid
     if not grid.has_blocks:
         return None, Neglected(np.zeros(evaluator.medium.channels), 0.0)
@@ -235,7 +236,7 @@ def _largest(
 def get_blocks(
     evaluator: CellEvaluator, cache: Cache, faint: float, window: Window, coarseness: float = 0.0
 ) -> Any:
-    """Return the blocks that rays may leap over, or None; kept with the volume."""
+    """Return the blocks that rays may skip, or None; cached with the volume."""
     medium, backend = evaluator.medium, evaluator.backend
     if not evaluator.grid.has_blocks:
         return None
@@ -264,9 +265,9 @@ def get_blocks(
 
 
 def get_ranges(evaluator: CellEvaluator, cache: Cache, window: Window) -> dict[str, Interval]:
-    """Return the values of all fields in and around every block; kept with the volume.
+    """Return the ranges of all fields in and around every block; cached with the volume.
 
-    Where there are no blocks, of the whole volume.
+    Without blocks, the ranges in the whole volume.
     """
     names = evaluator.medium.names
     if not evaluator.grid.has_blocks:

@@ -1,4 +1,4 @@
-"""Fields interpolated along rays, and a medium that classifies them there."""
+"""Fields interpolated along rays, and the medium evaluated on them."""
 
 from __future__ import annotations
 
@@ -243,8 +243,8 @@ _SOME_PATHS, _MOST_PATHS = 10.0, 1e12
 # Error due to the cubic fit on curvilinear grids, as a fraction of the tolerance; nearly all errors
 # are smaller.
 _LOST_BY_CUBICS = 0.1
-# Error due to rounded positions, in ε: seen for a shell with σ = 1e-4 dex in a field of 3 dex, and
-# its maximum.
+# Error due to rounded positions, in ε (for a shell with σ = 1e-4 dex in a field of 3 dex), and its
+# maximum.
 _LOST_PER_EPS, _MOST_LOST = 0.1, 1e-3
 
 
@@ -300,7 +300,7 @@ def _lost_by_places(backend: Backend, contrast: float) -> float:
 
 
 def _keep_walk(source: Interpolated, tolerance: float, contrast: float) -> None:
-    """Approximate fields along a segment by polynomials, where they are not polynomials already."""
+    """Use accurate polynomials where fields along a segment are not polynomials themselves."""
     walk = source.walk or source.evaluator.grid.walk(source.backend, source.walk_kind)
     if walk.approximate:
         source.walk = walk.kept_to(tolerance / contrast)
