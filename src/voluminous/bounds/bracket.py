@@ -1,14 +1,14 @@
-"""The transfer equation on one panel, between bounds of its coefficients.
+"""Bounds of the solution of the transfer equation on one panel, from bounds of its coefficients.
 
 With lengths scaled so that the panel's is one, τ the depth, w = e^{-τ(u)} the transparency in front
-of u, and m(τ) = (1 - e^{-τ})/τ, four statements about b = ∫ j w du; what they all allow is kept:
+of u, and m(τ) = (1 - e^{-τ})/τ, four bounds of b = ∫ j w du are intersected:
 
 * j and α are in their ranges: b is from j₋ m(α₊) to j₊ m(α₋).
-* Their means are better known. The mean of w differs from m by a factor of at most e^{±Δα/4}, since
-  the depth does from a straight line by Δα/4; and the mean of a product from that of means by at
-  most Δj Δw/4 (Grüss 1935). Both are of second order.
+* Their means have narrower bounds. The mean of w differs from m by a factor of at most e^{±Δα/4},
+  since the depth differs from a straight line by at most Δα/4; the mean of a product differs from
+  the product of the means by at most Δj Δw/4 (Grüss 1935). Both are of second order.
 * j/α is in its range: b is that times 1 - e^{-τ}. For one shell it is exact.
-* A sum's parts, each by itself, and dimmed by no more than all others.
+* The parts of a sum are bounded separately, each dimmed by at most all others.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Ends = tuple[Any, Any]
 
 
 def solve_parts(parts: list[PartBounds]) -> tuple[list[Ends], list[Ends]]:
-    """Return bounds of what is emitted per channel, and of the transparency per extinction."""
+    """Return bounds of the emission per channel, and of the transparency per extinction."""
     count = max(len(part.extinction) for part in parts)
     parts = [part.spread(count) for part in parts]
     whole = total_bounds(parts)
@@ -73,7 +73,7 @@ def _by_means(j: TracedInterval, total: TracedInterval, depth: Ends, change: Any
 
 
 def _one_by_one(parts: list[PartBounds], channel: int) -> Ends:
-    """Return the sum of what the parts emit, each dimmed by all others or by none."""
+    """Return the sum of the parts' emission, each dimmed by between none and all of the others."""
     e = channel if len(parts[0].extinction) > 1 else 0
     low, high = 0.0, 0.0
     for k, part in enumerate(parts):
@@ -85,9 +85,9 @@ def _one_by_one(parts: list[PartBounds], channel: int) -> Ends:
 
 
 def _dimmed(j: TracedInterval, emitted: Ends, dimmest: Any) -> Ends:
-    """Return bounds of what is seen of an emission through something that may cover parts of it.
+    """Return bounds of an emission behind an absorber that may cover parts of it.
 
-    Nothing is known where j has both signs: what is left may all be of one of them.
+    There is no bound where j has both signs: all that remains may have one sign.
     """
     one_sign = (j.lo >= 0.0) | (j.hi <= 0.0)
     low, high = _scaled(emitted, (dimmest, 1.0))
@@ -121,7 +121,7 @@ _SHARE = 0.25
 
 @dataclass
 class BracketState:
-    """How far a segment is: where, how wide the next panel is, panels tried, what is gathered."""
+    """Progress on a segment: place, width of the next panel, panels tried, accumulated bounds."""
 
     begin: Float
     width: Float
@@ -218,6 +218,6 @@ class Bracket(Scheme):
         if self.signed:
             found += [positive(-v) for v in (*lows, *highs)]
             theta += [*clears, *dims]
-        # In place of depths: how many panels there are, each of which rounds.
+        # Instead of depths: the number of panels, each of which adds a rounding error.
         one = type(found[0])(1)
         return Path(found, theta, [one for _ in found]), gaps

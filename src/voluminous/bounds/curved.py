@@ -1,8 +1,8 @@
-"""Fields that are multilinear in a curvilinear grid's own coordinates, enclosed along rays.
+"""Enclosures along rays of fields that are multilinear in curvilinear coordinates.
 
-x, y and z are linear along a ray, and own coordinates follow from them by roots and angles. With
-intervals of the values and of their derivatives (`TracedJet`) in place of numbers, the grid's own
-formulas tell between which values a field stays on a panel, and how far from straight it runs.
+x, y and z are linear along a ray; the curvilinear coordinates follow from them by roots and angles.
+The grid's formulas are evaluated with intervals of values and derivatives (`TracedJet`), which
+gives bounds of a field on a panel and of its distance from the chord.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..expressions.traced_interval import TracedInterval, extremes, lowered, rai
 from ..grids.curvilinear.edges import FULL_CIRCLE
 
 _EPS = float(np.finfo(np.float64).eps)
-# What a point of a ray, and the derivatives of fields, lose by rounding, in ε.
+# Rounding errors of a point of a ray, and of the derivatives of fields, in ε.
 _LOSS = 16.0
 # Rounding puts points above their wall below it by less (as `grids.curvilinear.arithmetic` has it).
 _BELOW = -1e-3

@@ -1,4 +1,4 @@
-"""What guaranteed bounds are computed from: fields between cell centres, enclosed on panels."""
+"""Input of the guaranteed bounds: enclosures of the interpolated fields on panels."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from ..grids.cartesian.dual_walk import Chord
 
 _EPS = float(np.finfo(np.float64).eps)
-# What a polynomial's coefficients lose until control points are made of them, in ε.
+# Rounding error of control points computed from the coefficients of a polynomial, in ε.
 _LOSS = 64.0
-# What the place of a ray in a cell may be off by, in ε of the number of cells.
+# Rounding error of the place of a ray in a cell, in ε times the number of cells.
 _LOSS_OF_PLACE = 16.0
 
 
@@ -47,7 +47,7 @@ class Numbers:
 
 @dataclass
 class Enclosed:
-    """A field along a segment: a cubic, how far off that may be, and what it never leaves."""
+    """A field along a segment: a cubic, the bound of its error, and the limits of its values."""
 
     cubic: list[Float]
     slack: Float
@@ -62,18 +62,18 @@ class Enclosed:
 
 
 class Bracketed:
-    """What the scheme of guaranteed bounds gets its coefficients from.
+    """Source of the coefficients for the scheme of guaranteed bounds.
 
     Attributes
     ----------
     numbers : Numbers
-        How many there are in a path.
+        Numbers of channels in a path.
     signed : bool
         Whether the emissivity may be negative.
     neglected : Neglected
-        What empty space may emit and absorb in all.
+        Bounds of the total emission and absorption of skipped space.
     tolerance : tuple of arrays
-        How wide brackets of emission and transparency may be, per panel.
+        Largest widths of the brackets of emission and transparency, per panel.
     """
 
     def __init__(self, volume: Any, medium: Medium, backend: Backend, tolerance: float) -> None:
@@ -135,7 +135,7 @@ class Bracketed:
         return [self.backend.Float(math.nan) for _ in range(count)]
 
     def ends(self, cubics: dict[str, Any]) -> list[Float]:
-        """Return between what the fields are at a segment's end, if they may jump there."""
+        """Return bounds of the fields at the end of a segment, if they may jump there."""
         found = [field.end(1.0) for field in _curved(cubics)]
         return [end for value in found for end in (value.lo, value.hi)]
 
@@ -166,7 +166,7 @@ class Bracketed:
         return Courses(pieces, length * width * self.scale, self.context)
 
     def parts(self, courses: Courses) -> list[PartBounds]:
-        """Return what is certain of the medium's parts on a panel."""
+        """Return guaranteed bounds of the medium's parts on a panel."""
         self.context.courses = courses
         return bounds_on_panel(self.medium, courses, self.context)
 

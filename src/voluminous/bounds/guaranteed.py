@@ -16,9 +16,9 @@ from .bracket import Bracket
 from .fields import Bracketed
 from .media import is_bounded
 
-# How wide the bracket of one panel may be, of what a pixel's may; lower in every round.
+# Largest bracket width of one panel, relative to that of a pixel; lowered in every round.
 _SHARES = (0.03, 0.004, 0.0005)
-# What one panel loses by rounding, in ε of what has been gathered.
+# Rounding error of one panel, in ε of the accumulated value.
 _ROUNDING = 256 * float(np.finfo(np.float64).eps)
 # Sums that are smaller count as zero in kernels.
 _TINY = 1e-290
@@ -55,11 +55,11 @@ def bracket(
     Parameters
     ----------
     job : RenderJob
-        What has been drawn; here in double precision, front to back, and without a cut-off.
+        The rendered job; repeated in double precision, front to back, and without a cut-off.
     budget : int
         Panels tried per segment, at most.
     intensity : array
-        The picture: to its brightest pixel the tolerance refers.
+        The picture; the tolerance is relative to its brightest pixel.
     background : array
         Intensities behind everything, which broadcast to the picture's.
     """
@@ -98,7 +98,7 @@ def _narrowed(job: RenderJob, source: Any, brightest: float, behind: float) -> P
 def _intensities(
     job: RenderJob, paths: Paths, source: Bracketed, background: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds of the intensities, moved out by rounding and by what was leapt over."""
+    """Return bounds of the intensities, widened by rounding errors and by the skipped space."""
     neglected, (nx, ny) = source.neglected, job.frame.pixels
     lower, upper = _ends(paths, job.medium.channels)
     panels = paths.depth[0] * job.samples**2

@@ -1,7 +1,8 @@
-"""Guaranteed bounds of means over a panel: what they are on the chord, and what the bow can change.
+"""Guaranteed bounds of means over a panel: closed forms on the chord, and a curvature correction.
 
 A scalar is within u(1-u)/2 sup|x''| of its chord, so within sup|x''|/12 in the mean: the mean of a
-function of it is that on the chord, in closed form, up to as much times the function's slope.
+function of it is that on the chord, in closed form, up to this distance times the largest slope of
+the function.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class PartBounds:
     emitted, depth : list of TracedInterval
         Their integrals over the panel.
     source : list of (low, high) or None, per channel
-        Values of j/α, where they are known by themselves.
+        Bounds of j/α, where they are known independently.
     """
 
     emissivity: list[TracedInterval]
@@ -74,7 +75,7 @@ class PartBounds:
         return PartBounds(self.emissivity, alike[0], self.emitted, alike[1], self.source)
 
     def source_of(self, channel: int) -> tuple[Float, Float]:
-        """Return between which values j/α is; infinite where nothing is known."""
+        """Return bounds of j/α; infinite where there are none."""
         if self.source and self.source[channel] is not None:
             return self.source[channel]
         alpha = self.extinction[channel if len(self.extinction) > 1 else 0]
@@ -85,7 +86,7 @@ class PartBounds:
 def part_bounds(
     found: MediumSample, means: MediumSample, length: TracedInterval, source: Sequence[Any] = ()
 ) -> PartBounds:
-    """Return bounds from ranges and from means of the coefficients over a panel of a length."""
+    """Return bounds from the ranges and the means of the coefficients over a panel."""
 
     def whole(values: list[Float]) -> list[TracedInterval]:
         return [length * v for v in values]
@@ -103,7 +104,7 @@ Sums = tuple[list[TracedInterval], list[TracedInterval], list[TracedInterval], l
 
 
 def total_bounds(parts: list[PartBounds]) -> PartBounds:
-    """Return the bounds of a sum; its j/α is among those of the parts that are there."""
+    """Return the bounds of a sum; its j/α lies in the hull of j/α of the parts present."""
     if len(parts) == 1:
         return parts[0]
     sums = (
@@ -121,7 +122,7 @@ def _added(rows: list[list[TracedInterval]]) -> list[TracedInterval]:
 
 
 def _source(parts: list[PartBounds], channel: int, sums: Sums) -> tuple[Float, Float]:
-    """Return the hull of j/α over the parts that may absorb or emit, met with that of the sums."""
+    """Return the hull of j/α over all parts that may absorb or emit, intersected with the sums'."""
     own = PartBounds(*sums).source_of(channel)
     low, high = dr.inf, -dr.inf
     for part in parts:
@@ -134,23 +135,23 @@ def _source(parts: list[PartBounds], channel: int, sums: Sums) -> tuple[Float, F
 
 
 def meet(a: TracedInterval, b: TracedInterval) -> TracedInterval:
-    """Return what is in both of two intervals that hold the same number."""
+    """Return the intersection of two intervals that hold the same number."""
     return TracedInterval(larger(a.lo, b.lo), smaller(a.hi, b.hi), a.nan & b.nan)
 
 
-# What the closed forms lose in double precision, of the peak, and several times as much for safety.
+# Rounding errors of the closed forms in double precision, relative to the peak, with safety factor.
 _SHAPE_LOSS = 1e-14
 _TABLE_LOSS = 1e-12
-# In place of the slope of a jump: what it is multiplied with stays finite.
+# Replaces the slope of a jump, so that products with it stay finite.
 _STEEPEST = 1e150
 
 
 @functools.singledispatch
 def bounds_on_panel(medium: Medium, courses: Courses, context: CourseContext) -> list[PartBounds]:
-    """Return bounds on a panel of a ray, for every part whose sum the medium is.
+    """Return bounds on a panel of a ray for each part of a medium that is a sum.
 
-    Media of other types: the ranges of their coefficients. Those registered here have narrower
-    bounds, from their means.
+    The default is the ranges of the coefficients. The types registered here have narrower bounds,
+    from their means.
     """
     found = medium.ranges(courses.fields, context)
     return [part_bounds(found, found, courses.length)]
@@ -162,22 +163,22 @@ def _of_sum(medium: Sum, courses: Courses, context: CourseContext) -> list[PartB
 
 
 def is_bounded(medium: Medium) -> bool:
-    """Return whether anything is known of the ranges of a medium's coefficients."""
+    """Return whether the coefficients of a medium have bounds."""
     own, base = bounds_on_panel.dispatch(type(medium)), bounds_on_panel.dispatch(Medium)
     return own is not base or type(medium).ranges is not Medium.ranges
 
 
 def mean_of(course: Course) -> TracedInterval:
-    """Return the mean of a scalar: half its ends' sum, and what the bow may change."""
+    """Return the mean of a scalar: half the sum of its ends, ± sup|x''|/12."""
     middle = 0.5 * (course.first + course.last)
     off = raised(course.bow * (1.0 / 12.0))
     return TracedInterval(lowered(middle.lo - off), raised(middle.hi + off), middle.nan)
 
 
 def in_widths(course: Course, center: Float, width: Float) -> tuple[Any, Any, Any, Any]:
-    """Return the ends' distances from a centre, and how far off the chord is in the mean, at most.
+    """Return the distances of both ends from a centre, and the mean and largest chord error.
 
-    Plain numbers; the rounding of the first two is counted with the others.
+    In units of the width. The errors include the rounding of the distances.
     """
     middles = [0.5 * (end.lo + end.hi) for end in (course.first, course.last)]
     first, last = ((x - center) / width for x in middles)
@@ -189,7 +190,7 @@ def in_widths(course: Course, center: Float, width: Float) -> tuple[Any, Any, An
 def _mean_of_profile(
     medium: Shaped, course: Course, center: float, width: float, context: CourseContext
 ) -> TracedInterval:
-    """Return the mean of a profile; of an unknown one the range of its values."""
+    """Return the mean of a profile; without a closed form, the range of its values."""
     offset = course.values - context.number(center)
     if isinstance(medium, (Gaussian, Rectangle)):
         c, w = context.plain(center), context.plain(width)
@@ -203,9 +204,9 @@ def _mean_of_profile(
 
 
 def gaussian_bounds(mean: Float, off: Float, z: TracedInterval) -> TracedInterval:
-    """Return the mean of exp(-z²/2), given that on the chord.
+    """Return bounds of the mean of exp(-z²/2), given the mean on the chord.
 
-    Its slope z exp(-z²/2) is largest at 1 and falls to both sides.
+    The slope z exp(-z²/2) is largest at 1 and falls to both sides.
     """
     near, far = z.smallest, z.size
     steepest = dr.select(far < 1.0, far, dr.select(near > 1.0, near, 1.0))
@@ -214,7 +215,7 @@ def gaussian_bounds(mean: Float, off: Float, z: TracedInterval) -> TracedInterva
 
 
 def box_bounds(first: Float, last: Float, farthest: Float) -> TracedInterval:
-    """Return the part of a panel with z from -1 to 1: between those with limits moved both ways."""
+    """Return bounds of the part of a panel with |z| < 1, from limits moved in and out."""
     inner, outer = 1.0 - farthest, 1.0 + farthest
     some = dr.select(inner > 0.0, inner, 1.0)
     least = dr.select(inner > 0.0, box_mean(first / some, last / some), 0.0)
@@ -225,7 +226,7 @@ def box_bounds(first: Float, last: Float, farthest: Float) -> TracedInterval:
 def table_bounds(
     course: Course, nodes: np.ndarray, columns: np.ndarray, context: CourseContext, table: Any
 ) -> list[TracedInterval]:
-    """Return the means of piecewise-linear columns of the order of one."""
+    """Return bounds of the means of piecewise-linear columns, scaled to the order of one."""
     first, last = (0.5 * (end.lo + end.hi) for end in (course.first, course.last))
     means = table.means(table.at(first), table.at(last))
     rounding = 8.0 * float(float_info(type(first)).eps)
@@ -321,7 +322,7 @@ def _modulated(
     courses: Courses,
     context: CourseContext,
 ) -> PartBounds:
-    """Return bounds of a medium with gates and colours, from values and means without them."""
+    """Return bounds of a medium with gates and colours, from its values and means without them."""
     found = medium.ranges(courses.fields, context)
     modulation: Modulation = medium.modulation
     if modulation.shade is not None:
@@ -360,7 +361,7 @@ def _paint(
 def _mean_product(
     f: TracedInterval, mean_f: TracedInterval, g: TracedInterval, mean_g: TracedInterval
 ) -> TracedInterval:
-    """Return the mean of a product: that of the means, up to Δf Δg / 4 (Grüss 1935)."""
+    """Return bounds of the mean of a product: the product of the means ± Δf Δg / 4 (Grüss 1935)."""
     product = mean_f * mean_g
     apart = raised(0.25 * (f.hi - f.lo) * (g.hi - g.lo))
     bounds = TracedInterval(lowered(product.lo - apart), raised(product.hi + apart), product.nan)
@@ -368,7 +369,7 @@ def _mean_product(
 
 
 def _mean_times(gate: TracedInterval, f: TracedInterval, mean: TracedInterval) -> TracedInterval:
-    """Return the mean of a gate, from 0 to 1, times what may change its sign."""
+    """Return bounds of the mean of a gate, from 0 to 1, times f; unbounded if f changes sign."""
     one_sign = (f.lo >= 0.0) | (f.hi <= 0.0)
     found = gate * mean
     return TracedInterval(
@@ -381,7 +382,7 @@ def _around(middle: Float, off: Float) -> TracedInterval:
 
 
 def _unit(value: Float) -> Float:
-    """Return a number between 0 and 1; NaN, of which nothing is known, as it is."""
+    """Return a number clipped to [0, 1]; NaN stays NaN."""
     return dr.select(value < 0.0, 0.0, dr.select(value > 1.0, 1.0, value))
 
 
@@ -418,7 +419,7 @@ def _part(
     light: list[TracedInterval],
     context: CourseContext,
 ) -> PartBounds:
-    """Return bounds from how much is crossed, and how much there is at most anywhere."""
+    """Return bounds from the crossings of a surface and its largest density."""
     anywhere = TracedInterval(type(densest)(0), densest)
     extinction = [_times(context, d, anywhere) for d in depths]
     depth = [_times(context, d, crossed) for d in depths]
@@ -436,18 +437,18 @@ def _part(
 def _gated(
     gate: TracedInterval, crossed: TracedInterval, densest: Any
 ) -> tuple[TracedInterval, Any]:
-    """Return the same where a gate lets them through; what is closed, holds nothing."""
+    """Return crossings and largest density behind a gate; both are zero where it is closed."""
     most = dr.select(gate.hi > 0.0, crossed.hi, 0.0)
     return TracedInterval(gate.lo * crossed.lo, most), dr.select(gate.hi > 0.0, densest, 0.0)
 
 
 def _times(context: CourseContext, depth: float, amount: TracedInterval) -> TracedInterval:
-    """Return a depth times an amount that may be infinite: nothing, if the depth is none."""
+    """Return a depth times an amount that may be infinite; zero if the depth is zero."""
     return context.number(0.0) if depth == 0.0 else context.number(depth) * amount
 
 
 def _crossings(course: Course, level: Int) -> tuple[TracedInterval, Any]:
-    """Return how often a level is passed, and how dense that is: without limit, or nothing."""
+    """Return bounds of the number of crossings of a level, and the density: infinite or zero."""
     first, last, x = course.first, course.last, course.values
     apart = ((first.hi < level) & (last.lo >= level)) | ((last.hi < level) & (first.lo >= level))
     never = (x.hi < level) | (x.lo >= level)
@@ -457,7 +458,7 @@ def _crossings(course: Course, level: Int) -> tuple[TracedInterval, Any]:
 
 
 def _shell(course: Course, level: Int, width: Float) -> tuple[TracedInterval, Any]:
-    """Return how much of a shell is passed, up and down, and how dense it is at most."""
+    """Return bounds of the total variation within a shell, in widths, and its largest density."""
     first, last, x = (_place(v, level, width) for v in (course.first, course.last, course.values))
     never = (x.hi <= 0.0) | (x.lo >= 1.0)
     densest = dr.select(never, 0.0, raised(course.slope.size / width))
@@ -477,11 +478,11 @@ def _monotonic(course: Course) -> Mask:
 
 
 def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> TracedInterval:
-    """Return the same for a sheet of equal thickness everywhere, by the whole gradient of x."""
+    """Return crossings weighted by |∇x|/|∂x/∂s|, for a sheet of constant thickness."""
     ratio = steep / abs(course.slope)
     one = type(course.bow)(1)
     found = crossed * TracedInterval(larger(ratio.lo, one), larger(ratio.hi, one))
-    # Where nothing is crossed, a ratio without limit does not matter.
+    # Without a crossing an infinite ratio does not matter.
     none = crossed.hi <= 0.0
     return TracedInterval(dr.select(none, 0.0, positive(found.lo)), dr.select(none, 0.0, found.hi))
 
@@ -489,9 +490,9 @@ def _oblique(course: Course, steep: TracedInterval, crossed: TracedInterval) -> 
 def _sheet(
     course: Course, level: Int, width: Float, steep: TracedInterval, oblique: TracedInterval
 ) -> tuple[TracedInterval, Any]:
-    """Return how much there is of a sheet of some thickness, and how dense it is at most.
+    """Return bounds of the amount of a sheet of finite thickness, and its largest density.
 
-    A panel along it crosses nothing, and is in it all the same.
+    A panel parallel to the sheet may be inside it without a crossing.
     """
     first, x = (_place(v, level, width) for v in (course.first, course.values))
     never = (x.hi <= 0.0) | (x.lo >= 1.0)
@@ -499,14 +500,14 @@ def _sheet(
     densest = dr.select(never, 0.0, raised(larger(dense.hi, course.slope.size / width)))
     always = (x.lo > 0.0) & (x.hi < 1.0)
     least = dr.select(always, larger(oblique.lo, positive(dense.lo)), oblique.lo)
-    # Nothing is crossed outside, or along it.
+    # A panel outside the sheet or parallel to it has no crossing.
     along = (oblique.hi <= 0.0) & (first.hi > 0.0) & (first.lo < 1.0)
     most = dr.select(along, densest, smaller(oblique.hi, densest))
     return TracedInterval(dr.select(never, 0.0, least), most), densest
 
 
 def _lit(medium: Isosurface, courses: Courses, context: CourseContext) -> list[TracedInterval]:
-    """Return what multiplies each channel's colour: light, and the colours of another field."""
+    """Return the factor of each channel's colour: light times the colour of another field."""
     lit = [_shade(medium, courses, context)] * medium.channels
     if medium.modulation.color is None:
         return lit
@@ -515,7 +516,7 @@ def _lit(medium: Isosurface, courses: Courses, context: CourseContext) -> list[T
 
 
 def _shade(medium: Isosurface, courses: Courses, context: CourseContext) -> TracedInterval:
-    """Return how bright the surface may look by the light of a lamp at the camera."""
+    """Return bounds of the light factor of a surface for a headlight."""
     one = context.number(1.0)
     if medium.shading == 0:
         return one

@@ -1,4 +1,4 @@
-"""Between which values scalars stay on a panel of a ray, and how straight they run there."""
+"""Enclosures of scalars on a panel of a ray, and bounds of their distance from the chord."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _AXES = ("x", "y", "z")
 
 
 class Piece(Protocol):
-    """What is certain of a field on a panel."""
+    """Guaranteed bounds of a field on a panel."""
 
     def end(self, number: int) -> TracedInterval:
         """Return the value where the panel begins (0) or ends (1)."""
@@ -139,7 +139,7 @@ class Course:
     Attributes
     ----------
     first, last, values : TracedInterval
-        What it is at both ends, and anywhere.
+        Its values at both ends, and on the whole panel.
     slope : TracedInterval
         Its derivative by u.
     bow : array
@@ -168,7 +168,7 @@ class Course:
 
 
 class CourseContext(TracedRangeContext):
-    """Evaluation by what is known of the courses of scalars: tighter than by ranges of fields."""
+    """Evaluation with the enclosures (`Course`) of scalars: tighter than with ranges of fields."""
 
     def __init__(
         self,
@@ -237,5 +237,5 @@ class Courses:
     def _interval(self, derivative: Derivative) -> TracedInterval:
         if derivative is None:
             return TracedInterval.constant(self.real(0))
-        # Ends of what is undefined may be anything.
+        # Undefined values have no bounds.
         return derivative.unknown_where(derivative.nan, False)

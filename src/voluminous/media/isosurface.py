@@ -1,4 +1,4 @@
-"""Isosurfaces: one crossing shows one colour, however steep the field is there.
+"""Isosurfaces: a crossing shows the same colour for every gradient of the field.
 
 A shell of fixed extent in the scalar x is thick where x varies slowly, and so brighter there.
 Weighted by how fast x varies, emissivity and extinction are
@@ -55,7 +55,7 @@ DENSITIES = ("crossing", "gradient")
 
 @dataclass
 class SurfaceNumbers:
-    """Numbers of a kernel: per surface its level, its optical depths and its colour; the width."""
+    """Kernel constants: level, optical depths and colour of each surface, and the common width."""
 
     levels: list[Float]
     width: Any
@@ -64,24 +64,24 @@ class SurfaceNumbers:
 
     @property
     def ranges(self) -> list[tuple[Any, Any]]:
-        """Between which values each surface is."""
+        """(low, high) of the scalar in each surface."""
         return [(level - 0.5 * self.width, level + 0.5 * self.width) for level in self.levels]
 
 
-# Turns within a surface of some width that nodes do not show: what may be lost, in crossings and in
-# optical depth, of the tolerance. A panel and its halves agree about them, so that no error tells.
+# Allowed unresolved extrema of the scalar inside a surface of finite width, in crossings and in
+# optical depth, as a fraction of the tolerance; step doubling cannot detect them.
 _FOLD = 0.1
 _MOST_FOLDED = 1e-4
-# How many times the third difference of a function of the fields at their control points its cubic
-# part is: on a line these are evenly spaced, and it is 27/6 of that; 1 for sums of fields.
+# Ratio of the cubic part of a function of the fields to its third difference at their control
+# points: 27/6 on a line, where these are evenly spaced; 1 for sums of fields.
 _OF_FUNCTIONS = 4.5
-# One over the width of what is thinner than all panels.
+# One over the width of a structure thinner than all panels.
 _THIN = 1e18
-# Values at the five places to the slopes of their polynomial there.
+# Matrix from values at the five nodes to the slopes of the interpolating polynomial there.
 _POWERS = np.vander(FIVE, increasing=True)
 _SLOPES = (np.arange(len(FIVE)) * np.roll(_POWERS, 1, axis=1)) @ np.linalg.inv(_POWERS)
 _WEIGHTS = np.array(WEIGHTS_OF_FIVE)
-# A panel in which a scalar goes back by more than this part of a surface must be narrower.
+# A panel in which a scalar reverses by more than this part of a surface must be narrower.
 _BACK = {"single": 1e-4, "double": 1e-9}
 # With a change of less than this, in widths, a panel is in a surface if its middle is.
 _LEVEL = 1e-5
@@ -97,9 +97,9 @@ class Isosurface(Medium):
     level : float, Quantity or sequence of them
         The value of x on the surface, or one for each of several surfaces.
     color : sequence of float, sequence of sequences, str or ColorBy
-        What one crossing shows if it is opaque: one value per channel; for several levels one such
-        row for each (or its name), or the name of a matplotlib colormap. Where a name is both, it
-        is a colour for one level, and a colormap for several.
+        Colour of one crossing if it is opaque: one value per channel; for several levels one such
+        row for each (or its name), or the name of a matplotlib colormap. A name that is both means
+        a colour for one level, and a colormap for several.
     opacity : float, sequence of float or sequence of sequences
         Part of the light from behind that a crossing takes away: one number (grey) or one per
         channel; for several levels one number for all of them, or one for each, or one row of
@@ -110,8 +110,8 @@ class Isosurface(Medium):
         Extinction proportional to ``|∂x/∂s|`` along the ray, so that a crossing is equally dense
         at every angle; or to ``|∇x|``, a sheet of the same thickness everywhere, denser edge-on.
     shading : float
-        0: none, which is what radiative transfer gives. 1: emission proportional to the cosine
-        between the ray and the normal (Lambert's law for a lamp at the camera); between them a mix.
+        0: none, as in radiative transfer. 1: emission proportional to the cosine between the ray
+        and the normal (Lambert's law for a headlight); in between, a mixture.
     lights : list, optional
         As in `Gaussian`: a light at the camera by default.
     where : str, optional
@@ -164,12 +164,12 @@ class Isosurface(Medium):
 
     @property
     def color(self) -> tuple[float, ...]:
-        """All numbers of the colours: the largest is as bright as a crossing gets."""
+        """All values of the colours; the largest is the brightest that a crossing can be."""
         return tuple(h for row in self.colors for h in row)
 
     @property
     def opacity(self) -> tuple[float, ...]:
-        """All numbers of the opacities: the largest is what one crossing takes away at most."""
+        """All values of the opacities; the largest is the most that one crossing absorbs."""
         return tuple(o for row in self.opacities for o in row)
 
     @property
@@ -189,9 +189,10 @@ class Isosurface(Medium):
         return max(map(abs, self.color)), max(self.opacity)
 
     def discontinuities(self, context: Context) -> list[Level]:
-        """Return the surfaces, if they have no width; else what the gate has.
+        """Return the surfaces if they have no width, else the discontinuities of the gate.
 
-        And the sides of those in which something varies: how much there is of others is known.
+        These include the sides of surfaces in which colour or density varies; the amounts of the
+        others are exact.
         """
         own = self.numbers(context)
         if not self.thick:
@@ -247,7 +248,7 @@ class Isosurface(Medium):
         return self.in_colors(found, stretch.length * 0.0, context)
 
     def in_colors(self, shown: list[Factors], zero: Any, context: Context) -> MediumSample:
-        """Return emission and extinction of surfaces, of each of which so much is shown."""
+        """Return the emission and extinction of surfaces, weighted by the factors `shown`."""
         own = self.numbers(context)
         emission, extinction = [zero] * self.channels, [zero] * len(own.depths[0])
         for found, color, depths in zip(shown, own.colors, own.depths, strict=False):
@@ -269,7 +270,7 @@ class Isosurface(Medium):
         return ("Isosurface", self.expr.text, *numbers, self.modulation.gate_key())
 
     def coefficients(self, fields: dict[str, Any], context: Context) -> MediumSample:
-        """Return j and α per unit length with |∇x| for the slope: that along a ray is not known.
+        """Return j and α per unit length with |∇x| instead of the unknown slope along the ray.
 
         Raises
         ------
@@ -327,7 +328,7 @@ class Isosurface(Medium):
 
     @property
     def lamp(self) -> Lamp:
-        """The light that surfaces are seen in."""
+        """The light on the surfaces."""
         return Lamp(self.normal, self.shading, self.lights)
 
     @property
@@ -354,7 +355,7 @@ class Isosurface(Medium):
         return levels, float(plain(self.width, unit, "width"))
 
     def numbers(self, context: Context) -> SurfaceNumbers:
-        """Return levels, width, optical depths and colours as numbers of a kernel."""
+        """Return levels, width, optical depths and colours as kernel constants."""
 
         def make() -> SurfaceNumbers:
             levels, width = self.plain_numbers(context)
@@ -369,7 +370,7 @@ class Isosurface(Medium):
         return context.keep(id(self), make)
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        """Return where a level may be crossed, and where more often than a panel's ends show."""
+        """Return where a level may be crossed, and where more often than the nodes show."""
         if self._is_outside(stretch):
             nowhere = stretch.length < 0.0
             return nowhere, nowhere
@@ -386,7 +387,7 @@ class Isosurface(Medium):
             for level in own.levels:
                 seen |= dr.abs(nodes[0] - level) <= 0.5 * own.width
                 hidden |= self._folded(stretch, context, level)
-        if not self.thick:  # looked at where it is crossed, whatever is beside it
+        if not self.thick:  # evaluated only where the ray crosses it
             return self.modulation.open(stretch, seen), hidden
         hidden |= seen & self.lamp.turns(stretch, context)
         if not self.modulation.fixed:
@@ -394,10 +395,11 @@ class Isosurface(Medium):
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return one: surfaces are thinner than all panels; crossings are counted exactly.
+        """Return 1 as surfaces are thinner than all panels, and the hidden error.
 
-        In a surface with a width little is known of a density that goes with the gradient where
-        the slope bends, and of light where the normal turns.
+        Crossings are counted exactly. In a surface of finite width the hidden error comes from a
+        density proportional to the gradient where the slope varies, and from light where the normal
+        turns.
         """
         zero = stretch.length * 0.0
         if self._is_outside(stretch):
@@ -416,7 +418,7 @@ class Isosurface(Medium):
         return zero + 1.0, off
 
     def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        """Return how many surfaces are crossed in each half."""
+        """Return the number of surfaces crossed in each half."""
         if self._is_outside(stretch):
             return [stretch.length * 0.0] * 2
         own = self.numbers(context)
@@ -433,11 +435,11 @@ class Isosurface(Medium):
         return counts
 
     def _is_outside(self, stretch: Stretch) -> bool:
-        """Return whether surfaces without width are at the ends of a stretch, and none is in it."""
+        """Return whether no surface without width is inside the stretch (only at its ends)."""
         return self.surface_only and stretch.edgeless
 
     def _folded(self, stretch: Stretch, context: Context, level: Any) -> Mask:
-        """Return where it may go further up and down within a thick surface than nodes show."""
+        """Return where the total variation within a thick surface may exceed that of the nodes."""
         expr, width = self.expr, self.numbers(context).width
         found = stretch.turning(expr)
         near = (found.low <= level + 0.5 * width) & (found.high >= level - 0.5 * width)
@@ -476,7 +478,7 @@ class Isosurface(Medium):
         ]
 
     def _looked_up(self, stretch: Stretch, context: Context) -> LookedUp:
-        """Return surfaces of some width as shells: a colour varies within one, where it ends."""
+        """Return surfaces of finite width as shells, in which a colour may vary."""
         own = self.numbers(context)
         nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
         low, high = stretch.hull(self.expr)
@@ -492,9 +494,9 @@ class Isosurface(Medium):
         )
 
     def _part_at_crossing(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return what a panel has of a surface, per length: seen through its gate, and lit.
+        """Return the amount of a surface in a panel, per length, gated and lit.
 
-        All of it where a line through the panel's ends passes the level.
+        It is a full crossing where the chord of the panel crosses the level.
         """
         stretch = panel.stretch
         crossed = dr.select(_between(panel.ends(self.expr), level), panel.per_length, 0.0)
@@ -509,7 +511,7 @@ class Isosurface(Medium):
         return _times(crossed, kept(stretch, (id(self), id(level)), make))
 
     def _layers(self, stretch: Stretch, context: Context, place: Float) -> list[Factors]:
-        """Return what is seen of each surface that is crossed on a stretch, which is at a place."""
+        """Return the factors of each surface crossed on a stretch, evaluated at one place."""
         one = type(stretch.length)(1.0)
         ends = [stretch.scalar(self.expr, s) for s in (0.0, 1.0)]
         levels = self.numbers(context).levels
@@ -523,9 +525,9 @@ class Isosurface(Medium):
     def _seen_at(
         self, stretch: Stretch, fields: dict[str, Any], slope: Any, context: Context
     ) -> list[Float]:
-        """Return how dense a surface is at a place with these fields, and how bright each channel.
+        """Return the density of a surface at a place with these fields, then each channel's light.
 
-        `slope` is what the scalar grows by there, per length of the stretch.
+        `slope` is the derivative of the scalar there, per length of the stretch.
         """
         dense = type(stretch.length)(1.0)
         if self.density == "gradient":
@@ -537,14 +539,14 @@ class Isosurface(Medium):
     def _obliquity(
         self, fields: dict[str, Any], length: Float, slope: Any, context: Context
     ) -> Float:
-        """Return |∇x| over |∂x/∂s|, at least one; `slope` is what x grows by per `length`."""
+        """Return |∇x| over |∂x/∂s|, at least one; `slope` is the change of x per `length`."""
         steepest = length * self.steepness(fields, context)
         along = dr.abs(slope)
         ratio = context.narrow(steepest / dr.select(along > 0.0, along, 1.0))
         return dr.select(ratio > 1.0, ratio, 1.0)
 
     def _part_of_shell(self, panel: Panel, context: Context, level: Any) -> Factors:
-        """Return what a panel has of a surface, per length: seen through its gate, and lit."""
+        """Return the amount of a finite-width surface in a panel, per length, gated and lit."""
         width = self.numbers(context).width
         ends = [x - level for x in panel.ends(self.expr)]
         in_halves = [context.narrow(2.0 * x / width) for x in ends]
@@ -562,23 +564,23 @@ class Isosurface(Medium):
     def _in_sheet(
         self, panel: Panel, context: Context, dense: Any, inside: Any, middle: Middle
     ) -> Float:
-        """Return how much of a sheet of the same thickness everywhere a panel has, per length.
+        """Return the amount of a sheet of constant thickness in a panel, per length.
 
-        By the part of the panel that is `inside`: along the sheet nothing is crossed.
+        It uses the part of the panel `inside`, since a panel parallel to the sheet has no crossing.
         """
         slope = self.steepness(panel.fields(middle.place), context)
-        # Not over the mean slope of the panel, but over that at the place.
+        # Relative to the slope at the place, not to the mean slope of the panel.
         turned = slope_factor(panel, self.expr, middle.place, context.narrow)
         found = inside * turned * context.narrow(slope / self.numbers(context).width)
         return dr.select(found > dense, found, dense)
 
     def _finely_sampled(self, stretch: Stretch, context: Context) -> Sampled:
-        """Return the means of j and α over a stretch without edges; see `Medium.sampled`."""
+        """Return the means of j and α over a stretch without discontinuities."""
         x = [stretch.scalar(self.expr, s) for s in FIVE]
         ways = [context.narrow((v - x[0]) / self.numbers(context).width) for v in x]
         dense, unsure = self._density(stretch, ways, context)
         shares = self._shares(x, ways, context)
-        unsure &= extremes(shares)[1] > 0.0  # outside of all it may turn as it likes
+        unsure &= extremes(shares)[1] > 0.0  # extrema outside all surfaces do not matter
         total, doubt = dot(_WEIGHTS, dense), unseen(dense)
         columns = []
         for values in self._factors(stretch, context):
@@ -601,10 +603,10 @@ class Isosurface(Medium):
         return result
 
     def _shares(self, x: list[Float], ways: list[Any], context: Context) -> list[Float]:
-        """Return what part of a stretch is in each surface.
+        """Return the fraction of a stretch that is in each surface.
 
-        By how far its ends are in it: so what panels have of one adds up to all of it, though
-        these end somewhat behind its sides.
+        It follows from the values at both ends, so that the panels' parts of a surface add up to
+        the whole although panels end slightly behind its sides.
         """
         own = self.numbers(context)
         rise = dr.abs(ways[-1])
