@@ -1,4 +1,4 @@
-"""Peaks and steps of expressions that places on a stretch do not show: what derivatives allow."""
+"""Media given by expressions for j and α, and bounds of their hidden peaks from derivatives."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ if TYPE_CHECKING:
     from .stretch import Stretch
 
 
-# By so much more than at both ends and in the middle a peak counts as hidden.
+# A peak counts as hidden if it exceeds the values at the nodes by this factor.
 _MORE = 0.25
-# A stretch is too wide for places on it to tell what is between, where the second derivative, with
-# its length as unit, may be so many times the size of what is seen, and the first so many. Before
-# that was asked, 3 to 18 % of the pixels of noise were beyond their error behind peaks and steps a
-# hundredth of the noise wide, by up to 0.06 of the maximum; now 0 to 0.5 %, by less than the
-# tolerance, in 1 to 1.4 of the time.
+# A stretch is too wide for samples if the bounds of the second and the first derivative, with its
+# length as unit, exceed these multiples of the sampled values. Without this test 3 to 18 % of the
+# pixels of noise exceeded their error estimate behind peaks and steps a hundredth of the noise
+# wide, by up to 0.06 of the maximum; now 0 to 0.5 %, by less than the tolerance, in 1 to 1.4 of
+# the time.
 _BENT, _STEEP = 64.0, 4.0
 _FAR = 0.5
-# Halves of a panel have no order from such a second derivative on.
+# From this second derivative on step doubling has no order of convergence.
 _SHARP = 16.0
-# What a mean loses by a kink at which a slope of one turns round, where it is as far from an end of
-# a panel as the nearest place in one of its halves (Gauss-Legendre): no place is beyond.
+# Error of the mean by a kink at which a slope of 1 changes sign, as far from an end of a panel as
+# the nearest Gauss-Legendre node of its halves: no node lies beyond the kink.
 _BLIND = (0.5 * (0.5 - math.sqrt(0.15))) ** 2
 
 
 def sharpness(stretch: Stretch, expr: Expression) -> Float:
-    """Return how sharply an expression may bend, over how large it is: 0 (hardly) to 1 (a kink)."""
+    """Return the relative curvature of an expression, from 0 (straight) to 1 (a kink)."""
     _, _, bow = stretch.spread(expr)
     size = _SHARP * _size(stretch, expr)
     return dr.select(bow < size, bow / size, dr.select(bow > 0.0, 1.0, 0.0))
 
 
 def unseen_kink(stretch: Stretch, expr: Expression) -> Float:
-    """Return the relative error of means that a kink beside an end of a stretch may make.
+    """Return the relative error of means by a kink beside an end of a stretch.
 
-    A panel and its halves agree about it. What is too steep for them is a matter of `may_peak`.
+    Step doubling does not detect it. `may_peak` covers steeper changes.
     """
     _, slope, bow = stretch.spread(expr)
     size = _size(stretch, expr)
@@ -65,12 +65,12 @@ def _size(stretch: Stretch, expr: Expression) -> Float:
 
 
 def may_peak(stretch: Stretch, expr: Expression, least: Float) -> Mask:
-    """Return where there may be peaks or steps that places on a stretch do not show.
+    """Return where an expression may have peaks or steps that samples do not show.
 
     Parameters
     ----------
     least : array
-        What goes less far than that is no matter.
+        Changes smaller than this are ignored.
     """
     if stretch.rough:
         found, width = _may_exceed(stretch, expr, least)
@@ -78,17 +78,14 @@ def may_peak(stretch: Stretch, expr: Expression, least: Float) -> Mask:
         width, slope, bow = stretch.spread(expr)
         size = larger(_size(stretch, expr), least)
         calm = (bow <= _BENT * size) | (slope <= _STEEP * size)
-        # Where nothing is known of derivatives, as of ``n % 0.3``, it must not go far.
+        # Without bounds of derivatives, as of ``n % 0.3``, its range must be small.
         calm |= ~(slope < dr.inf) & (width <= _FAR * size)
         found = ~(calm | (width <= least))
     return found & ~undecided(stretch, expr, width)
 
 
 def _may_exceed(stretch: Stretch, expr: Expression, least: Float) -> tuple[Float, Float]:
-    """Return where an expression may exceed what is seen of it by a quarter, and by what shows.
-
-    And how far it may go.
-    """
+    """Return where an expression may exceed its samples by a quarter and noticeably; its range."""
     low, high = _range(stretch, expr)
     below, above = extremes(stretch.nodes(expr))
     size = dr.fma(_MORE, extremes([dr.abs(below), dr.abs(above)])[1], least)
@@ -96,16 +93,16 @@ def _may_exceed(stretch: Stretch, expr: Expression, least: Float) -> tuple[Float
 
 
 def _range(stretch: Stretch, expr: Expression) -> tuple[Float, Float]:
-    """Return between which values an expression stays: quickly, if not closely."""
+    """Return bounds of an expression that are fast to compute, but wide."""
     if not may_turn(expr, stretch.context):
         return stretch.hull(expr)
     found = within(stretch, expr)
     return found.lo, found.hi
 
 
-# Of a coefficient that is one over the scale of length; peaks below that are left alone.
+# Relative to one over the scale of length; smaller peaks of a coefficient are ignored.
 _FAINT = 1e-4
-# So many comparisons are searched for on rays: each takes its part of every kernel.
+# Most comparisons for which crossings are searched: each adds to every kernel.
 _MOST_EDGES = 8
 
 
@@ -195,21 +192,21 @@ class Coefficients(Medium):
         return Sampled(*(self.split(list(own)) for own in zip(*found, strict=True)))
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        """Return everywhere, and where an expression may jump: panels must be narrow there.
+        """Return True everywhere, and where an expression may jump: panels must be narrow there.
 
-        Samples on either side of a jump tell nothing of where it is.
+        Samples on both sides of a jump do not show its place.
         """
         seen, hidden = super().visible(stretch, context)
         for margin in () if self._decided(stretch) else self._margins:
             low, high = stretch.hull(margin)
-            # Where it is zero throughout, as of ``density > 0`` in a vacuum, nothing changes.
+            # It is constant where the scalar is zero throughout, as ``density > 0`` in a vacuum.
             hidden = hidden | ((low <= 0.0) & (high >= 0.0) & (low < high))
         return seen, hidden | self._peaks(stretch, context)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return how sharply coefficients may bend, and what kinks beside ends of panels may do.
+        """Return the relative curvature of the coefficients, and the error by unseen kinks.
 
-        Halves of panels have no order where there is a kink.
+        At a kink step doubling has no order of convergence.
         """
         sharp = off = stretch.length * 0.0
         stretch, (emissivity, extinction) = self._on_one_side(stretch, context)
@@ -219,7 +216,7 @@ class Coefficients(Medium):
         return sharp, off
 
     def _peaks(self, stretch: Stretch, context: Context) -> Float:
-        """Return where a coefficient may have peaks or steps that places do not show."""
+        """Return where a coefficient may have peaks or steps that samples do not show."""
         units = (context.radiance / context.scale, 1.0 / context.scale)
         found = stretch.length < 0.0
         stretch, coefficients = self._on_one_side(stretch, context)
@@ -229,13 +226,13 @@ class Coefficients(Medium):
         return found
 
     def _decided(self, stretch: Stretch) -> bool:
-        """Return whether all comparisons are on a stretch what they are in the middle."""
+        """Return whether all comparisons have the same result as in the middle of the stretch."""
         return stretch.edgeless and bool(self._sides)
 
     def _on_one_side(self, stretch: Stretch, context: Context) -> tuple[Stretch, tuple[Any, Any]]:
-        """Return a stretch, and emissivity and extinction there: no comparison changes on it.
+        """Return a stretch, with emissivity and extinction for the comparisons fixed on it.
 
-        Where any may, as they are.
+        The original expressions if there are no fixed ones.
         """
         if not self._decided(stretch):
             return stretch, (self.emissivity, self.extinction)
@@ -287,9 +284,9 @@ def _expressions(value: Float, what: str) -> tuple[Expression, ...]:
 def _on_one_side(
     expressions: tuple[Expression, ...],
 ) -> tuple[tuple[Expression, ...], tuple[ComparisonField, ...]]:
-    """Return expressions on one side of what they compare, and that, unless it is too much.
+    """Return expressions with fixed comparisons, and the comparisons, unless these are too many.
 
-    Not kept with a medium: what has no text cannot be pickled.
+    They are not stored in the medium: expressions without text cannot be pickled.
     """
     pieces, sides = on_one_side(expressions)
     count = sum(len(side.condition.margins()) for side in sides)
@@ -301,7 +298,7 @@ def _restless(expr: Expression) -> bool:
 
 
 def _per_length(context: Context, expression: Expression) -> float:
-    """Return what turns the expression's unit into an inverse length of the volume."""
+    """Return the factor from the expression's unit to an inverse length of the volume."""
     unit = context.unit_of(expression)
     if unit is None:
         return 1.0

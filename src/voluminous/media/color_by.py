@@ -1,4 +1,4 @@
-"""Colours of a medium by another expression than the one that shapes it."""
+"""Colours of a medium by a second expression, other than the one that shapes it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def values_at(position: np.ndarray, norm: Any, vmin: float, vmax: float) -> np.ndarray:
-    """Return the values that a norm over a range maps to positions from 0 to 1, ends exact."""
+    """Return the values that a norm maps to positions from 0 to 1, with exact ends."""
     fitted = get_norm(norm, vmin, vmax)
     try:
         values = np.array(fitted.inverse(position), dtype=np.float64)
@@ -80,13 +80,13 @@ def _named_norm(name: str, vmin: float, vmax: float) -> Any:
     return named[name]()
 
 
-# Entries that are taken from a map unless told otherwise.
+# Default number of entries taken from a colormap.
 SAMPLES = 256
 _MOST_SAMPLES = 1 << 16
 
 
 class ColorScale:
-    """Colours of a matplotlib colormap at increasing values; those of the ends go on beyond.
+    """Colours of a matplotlib colormap at increasing values; constant beyond both ends.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class ColorScale:
 
 
 class OpenRange:
-    """What makes a `ColorScale`, of which an end of the range may be left to what is measured.
+    """Arguments of a `ColorScale` whose range may have open ends, to be measured later.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class OpenRange:
     Raises
     ------
     UnknownNameError, InputError
-        As `ColorScale`, as far as can be told.
+        As `ColorScale`, as far as it can be checked.
     """
 
     def __init__(self, cmap: Any, vmin: Any, vmax: Any, norm: Any, samples: int) -> None:
@@ -165,7 +165,7 @@ class OpenRange:
 
     @property
     def is_open(self) -> bool:
-        """Whether something is to be measured."""
+        """Whether an end of the range has to be measured."""
         return self.vmin is None or self.vmax is None
 
     @property
@@ -184,7 +184,7 @@ class OpenRange:
         return self._scale
 
     def closed(self, low: float, high: float, unit: Any) -> OpenRange:
-        """Return it with numbers in a unit for the ends that are not given."""
+        """Return it with measured numbers, in a unit, for the open ends."""
         first, last = (value if unit is None else value * unit for value in (low, high))
         vmin = first if self.vmin is None else self.vmin
         vmax = last if self.vmax is None else self.vmax
@@ -215,13 +215,13 @@ class ColorBy(Value):
     Parameters
     ----------
     expr : str
-        Expression of the fields that tells the place in the colormap.
+        Expression of the fields that gives the position in the colormap.
     cmap : str or matplotlib.colors.Colormap
         Name or object.
     vmin, vmax : float or Quantity, optional
-        Range of `expr`; beyond it the colours of the ends go on. Where it has no value (NaN),
-        nothing is emitted. What is not given is measured when a volume is drawn, as in
-        `Medium.calibrated`: so that 99 % of what the medium shows is between.
+        Range of `expr`; colours are constant beyond it. Where `expr` is NaN, nothing is emitted.
+        A missing end is measured when a volume is drawn, as in `Medium.calibrated`, so that the
+        range holds 99 % of what the medium shows.
     norm : str or matplotlib.colors.Normalize, optional
         How `expr` maps to the position: ``"linear"``, ``"log"``, ``"symlog"`` … or an object.
     brightness : float
@@ -280,7 +280,7 @@ class ColorBy(Value):
         return self.range.scale
 
     def within(self, low: float, high: float, unit: Any) -> ColorBy:
-        """Return it with what is not given of the range, in the unit of the expression."""
+        """Return it with numbers for the open ends, in the unit of the expression."""
         closed = self.range.closed(low, high, unit)
         return self.replace(vmin=closed.vmin, vmax=closed.vmax)
 
@@ -300,7 +300,7 @@ class ColorBy(Value):
         return [_or_black(value) for value in table.values(x)]
 
     def turns(self, stretch: Stretch, context: Context, least: float) -> Mask:
-        """Return where it may go back and forth by more than a part of its range."""
+        """Return where its expression may reverse by more than a part of its range."""
         nodes = self.nodes(context)
         most = context.keep(
             (id(self), "range"), lambda: context.number(least * float(nodes[-1] - nodes[0]))
@@ -313,7 +313,7 @@ class ColorBy(Value):
         return ("ColorBy", self.expr.text, *data, str(self.scale.unit), self.brightness)
 
     def describe(self) -> dict[str, Any]:
-        """Return it as plain values: what a scene file says of it."""
+        """Return it as plain values, as in a scene file."""
         told = {"expr": self.expr.text, **self.range.describe()}
         if self.brightness != 1.0:
             told["brightness"] = self.brightness

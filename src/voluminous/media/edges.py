@@ -1,8 +1,8 @@
-"""Edges: places on a ray where a medium jumps, or where a surface without width is.
+"""Discontinuities on a ray: jumps of the medium, and surfaces without width.
 
-Where a gate opens inside of a panel no samples tell how much of it is on which side. Panels that
-end at the place where the ray passes the edge (`passing`) have one medium each. Before, they were
-halved down to 2^-14 of a segment: a shell behind a hard gate took five times the time.
+If a gate opens inside a panel, samples do not show which part of the panel is on which side.
+Panels therefore end where the ray crosses the discontinuity (`passing`). Before, they were halved
+down to 2^-14 of a segment: a shell behind a hard gate took five times the time.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from .stretch import Cubic, Stretch
 
 
-# What rounding may do to a value near a level, as a fraction of it.
+# Relative rounding error of a value near a level.
 NOISE = {"single": 2e-6, "double": 1e-14}
 
 
 def passes(stretch: Stretch, expr: Expression | Margin, level: Int) -> tuple[Float, Float]:
-    """Return how often an expression may pass a level on a stretch, and how often nodes show it.
+    """Return the possible number of crossings of a level on a stretch, and the number at nodes.
 
-    Once more than that where it may turn: smaller panels tell.
+    The first is larger by one where the expression may have an extremum: smaller panels decide.
     """
     found, shown = stretch.turning(expr), _sign_changes(stretch.nodes(expr), level)
     possible = shown
@@ -43,16 +43,16 @@ def passes(stretch: Stretch, expr: Expression | Margin, level: Int) -> tuple[Flo
 
 
 def way_within(values: list[Float], level: Int, width: Float) -> Float:
-    """Return how far a sequence goes up and down within a surface, in its widths."""
+    """Return the total variation of a sequence within a surface, in units of its width."""
     ends = [unit_interval((x - level) / width + 0.5) for x in values]
     return sum((dr.abs(b - a) for a, b in pairwise(ends)), 0.0 * width)
 
 
 def _sign_changes(values: list[Float], level: Int) -> Float:
-    """Return how often a sequence passes a level.
+    """Return the number of times a sequence crosses a level.
 
-    Bézier control points do at least as often as their curve, and more by an even number (Farin
-    2002, section 5.3). Those between the ends count only if rounding cannot have put them there.
+    Bézier control points cross it at least as often as their curve, and the excess is even (Farin
+    2002, section 5.3). Inner control points count only if they differ by more than rounding.
     """
     first, *inner, last = values
     size = dr.select(dr.isfinite(last), dr.abs(last), dr.select(dr.isfinite(first), first, 0.0))
@@ -65,24 +65,24 @@ def _sign_changes(values: list[Float], level: Int) -> Float:
     return count + dr.select(below ^ (last < level), 1, 0)
 
 
-# Steps of the search at most: cubics take three or four, a tenth root that begins at its pole six.
+# Most steps of the root search: cubics take three or four, a tenth root from its pole six.
 _STEPS = 24
-# After so many steps that moved the same end the next one halves: behind one edge, where a scalar
-# hardly rises before it falls, twelve steps missed the next by a hundredth of the way.
+# After this many steps that moved the same end the next one bisects: behind an edge where a scalar
+# hardly rises before it falls, twelve steps missed the next edge by a hundredth of the interval.
 _ONE_SIDED = 2.0
-# It ends where the scalar is so near, as a part of what it changes by: Newton's step leaves about
-# the square of that.
+# The search ends at this distance from the level, relative to the change of the scalar: a Newton
+# step leaves about the square of that.
 _NEAR = {"single": 2e-5, "double": 1e-7}
 
 
 @dataclass
 class _Search:
-    """Two places between which a level is passed, and how far the scalar is from it there.
+    """A bracket of a crossing, and the distances of the scalar from the level at its ends.
 
-    `here` is the latest of them, and `value` what there is; `side` tells whether that has become
-    the lower (> 0) or the upper end (< 0), and for how many steps that has been so. `leaving` and
-    `arriving` are where the lower or the upper end is on the level itself, as behind one passage or
-    before the next: what is near that is not the one between.
+    `here` is the latest place, and `value` the distance there. The sign of `side` says whether it
+    became the lower (> 0) or the upper end (< 0), its size for how many steps. `leaving` and
+    `arriving` are masks: the lower or the upper end lies on the level itself, behind one crossing
+    or before the next, and is not the root that is searched for.
     """
 
     low: Float
@@ -98,14 +98,14 @@ class _Search:
 
 
 def on_chord(stretch: Stretch, expr: Expression, level: Int) -> Float:
-    """Return where a line through both ends passes a level, from 0 to 1."""
+    """Return the place s where the chord crosses a level, from 0 to 1."""
     return _root(*(stretch.scalar(expr, s) - level for s in (0.0, 1.0)))
 
 
 def passing(stretch: Stretch, expr: Expression | Margin, level: Int) -> Float:
-    """Return where the first half of a stretch that shows it passes a level, from 0 to 1.
+    """Return the place s of the crossing of a level, in the first half that shows one.
 
-    Anywhere in it where neither half does.
+    An arbitrary place from 0 to 1 if neither half shows one.
     """
     end = _searched(stretch, expr, level)
     value, slope = _with_slope(stretch, expr, end.here)
@@ -116,9 +116,9 @@ def passing(stretch: Stretch, expr: Expression | Margin, level: Int) -> Float:
 
 
 def slope_at(stretch: Stretch, expr: Expression | Margin, place: Float) -> Float:
-    """Return the derivative of an expression by the place, at one.
+    """Return the derivative of an expression by s at one place.
 
-    Kinks and jumps have none: there it is that of a line through both ends.
+    At kinks and jumps it is the slope of the chord.
     """
     _, slope = _with_slope(stretch, expr, stretch.context.real(place))
     chord = stretch.scalar(expr, 1.0) - stretch.scalar(expr, 0.0)
@@ -126,9 +126,9 @@ def slope_at(stretch: Stretch, expr: Expression | Margin, place: Float) -> Float
 
 
 def _searched(stretch: Stretch, expr: Expression | Margin, level: Int) -> _Search:
-    """Return the search for a place near that at which a level is passed, at its end.
+    """Return the final state of the search for a crossing, near an initial place.
 
-    Secants; an end that stays while the other comes nearer counts the less, the nearer that comes
+    Secant steps; the value at an end that stays is reduced as the other end approaches the root
     (Anderson & Björck 1973, *BIT* 13, 253).
     """
     first, middle, last = (x - level for x in stretch.nodes(expr))
@@ -186,7 +186,7 @@ def _searched(stretch: Stretch, expr: Expression | Margin, level: Int) -> _Searc
 
 
 def _root(first: Float, last: Float) -> Float:
-    """Return where a line passes zero that has these values at 0 and 1; between these."""
+    """Return the root, limited to [0, 1], of a line with these values at 0 and 1."""
     way = first - last
     f = first / dr.select(way == 0.0, 1.0, way)
     f = dr.select(dr.isfinite(f), f, 0.5)
@@ -194,7 +194,7 @@ def _root(first: Float, last: Float) -> Float:
 
 
 def _with_slope(stretch: Stretch, expr: Expression | Margin, place: Float) -> tuple[Float, Float]:
-    """Return an expression and its derivative by the place, where there is one."""
+    """Return an expression and its derivative by s, where it exists."""
     context = stretch.context
     ops = TracedJetOps(context.real, context.kept_number)
     jets = {name: _jet(cubic, place) for name, cubic in stretch.cubics.items()}
@@ -209,23 +209,23 @@ def _jet(cubic: Cubic, place: Float) -> TracedJet:
     return TracedJet(*(TracedInterval.constant(horner(place, own)) for own in (cubic, slope)))
 
 
-# By how much more closely fields are to be known where media jump, or look something up where they
-# cross a level (`Medium.sensitivity`). On curvilinear grids 2.5 to 7 % of the pixels of white noise
-# were beyond their error behind conditions and for densities that go with the slope; with 10 0.5 %,
+# Factor on the accuracy of the fields where media jump, or evaluate something where they cross a
+# level (`Medium.sensitivity`). On curvilinear grids 2.5 to 7 % of white-noise pixels exceeded their
+# error estimate behind conditions and for densities proportional to the slope; with 10, 0.5 % do,
 # in 1 to 1.2 of the time.
 SENSITIVITY = 10.0
 
 
 @dataclass
 class Level:
-    """Where an expression passes a level, and the medium jumps or has a surface.
+    """A level of an expression at which the medium jumps or has a surface.
 
     Attributes
     ----------
     expr : Expression or Margin
         The expression.
     level : array
-        The level, a number of a kernel.
+        The level, a kernel constant.
     """
 
     expr: Expression | Margin
@@ -233,10 +233,7 @@ class Level:
 
 
 def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:
-    """Return how many edges are passed on a stretch, and where there may be more.
-
-    As many as its ends and its middle show.
-    """
+    """Return the number of edges crossed, as nodes show it, and where there may be more."""
     count, hidden = None, stretch.length < 0.0
     for edge in edges:
         possible, shown = passes(stretch, edge.expr, edge.level)
@@ -246,7 +243,7 @@ def edges_ahead(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]
 
 
 def first_edge(stretch: Stretch, edges: Sequence[Level]) -> Float:
-    """Return where the first of those edges is passed, from 0 to 1; 1 where none is."""
+    """Return the place s of the first edge crossed; 1 where there is none."""
     found = type(stretch.length)(1.0)
     for own in _by_expression(edges):
         level, passed = _first_level(stretch, own)
@@ -263,10 +260,10 @@ def _by_expression(edges: Sequence[Level]) -> list[list[Level]]:
 
 
 def _first_level(stretch: Stretch, edges: Sequence[Level]) -> tuple[Float, Float]:
-    """Return which level of one expression is passed first, and where one is.
+    """Return the level of one expression that is crossed first, and a mask: where there is one.
 
-    Between nodes that show all there is the scalar goes one way: the first level is the nearest. So
-    there is one search, however many levels there are.
+    Between nodes that show all crossings the scalar is monotonic, so the first level is the
+    nearest. One search is sufficient for any number of levels.
     """
     expr, level = edges[0].expr, edges[0].level
     first, middle, last = stretch.nodes(expr)

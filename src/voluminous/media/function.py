@@ -1,4 +1,4 @@
-"""What a function of the fields computes, read as formulas: known as expressions are."""
+"""Media given by Python functions of the fields, and their translation to expressions."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .sum import with_each
 
 
 class Formulas(Coefficients):
-    """A function as expressions: where it jumps, how smooth it is and what bounds it is known.
+    """A function as expressions, with known jumps, smoothness and bounds.
 
     Parameters
     ----------
     function : Function
-        Whose they are.
+        The function.
     emissivity, extinction : sequence of Expression
-        What it returns, per unit length of the volume: its fields are plain numbers.
+        Its results, per unit length of the volume; its fields are plain numbers.
     """
 
     def __init__(
@@ -58,9 +58,9 @@ class Formulas(Coefficients):
 
 
 def with_formulas(medium: Medium) -> Medium:
-    """Return a medium with the formulas of functions in place of these, where they can be read.
+    """Return a medium with its functions replaced by formulas, where these can be read.
 
-    They are read for each picture: what a function closes over may have changed.
+    Functions are read for each picture, because variables in their closures may have changed.
     """
     return with_each(medium, lambda part: part.formulas() or part)
 
@@ -85,8 +85,8 @@ class Function(Medium):
     grey : bool
         True if the function returns one extinction.
     parameters : dict of float, optional
-        Numbers given to the function as keyword arguments. Turning one never compiles again, while
-        a number written in the function does.
+        Numbers passed to the function as keyword arguments. Changing one never recompiles, while
+        changing a number in the function's source does.
     units : (unit, unit), optional
         Of the emissivity and the extinction that it returns for plain numbers in the fields' own
         units, such as ``("erg/(s cm3)", "1/cm")``; None is a plain number, of the extinction per
@@ -100,10 +100,10 @@ class Function(Medium):
 
     Notes
     -----
-    A function that computes with nothing but arithmetic, comparisons, and functions of NumPy or
-    `voluminous.math` that expressions have as well is read as formulas (`formulas`): then it is
-    known where it jumps, and between which bounds it stays. Any other is a black box: errors are
-    estimated from its values at the places where a ray looks, and jumps between them are missed.
+    A function that only uses arithmetic, comparisons, and functions of NumPy or `voluminous.math`
+    that expressions also have is read as formulas (`formulas`), which gives its jumps and bounds.
+    Any other function is a black box: errors are estimated from its values at the samples of a ray,
+    and jumps between them are missed.
     """
 
     def __init__(
@@ -129,9 +129,9 @@ class Function(Medium):
         self.names = tuple(dict.fromkeys(n for e in self.inputs for n in e.names))
 
     def formulas(self) -> Formulas | None:
-        """Return what the function computes as expressions; None where it cannot be read.
+        """Return the function as expressions; None if it cannot be read.
 
-        Then it does what only arrays can: whatever it raised for symbols, it raises for them again.
+        It then uses operations that only arrays have; an exception for symbols recurs for arrays.
         """
         try:
             result, expression = read(self.function, self.inputs, self.parameters)
@@ -154,7 +154,7 @@ class Function(Medium):
         return MediumSample(*(list(map(context.real, v)) for v in self._listed(result)))
 
     def _listed(self, result: Any) -> tuple[list[Any], list[Any]]:
-        """Return what the function returned as lists of the emissivities and the extinctions."""
+        """Return the function's result as lists of emissivities and extinctions."""
         if not isinstance(result, tuple) or len(result) != 2:
             raise InputError(
                 f"{self.title} must return (emissivity, extinction), got {type(result).__name__}"
@@ -175,7 +175,7 @@ class Function(Medium):
 
     @property
     def title(self) -> str:
-        """What it is called in messages."""
+        """Its name in messages."""
         return f"the function {getattr(self.function, '__name__', 'given')!r} of the medium"
 
     def intensity_unit(self, context: Context) -> Any:

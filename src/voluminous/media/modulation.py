@@ -1,7 +1,7 @@
-"""What varies a medium by other expressions than its own: gates, and colours of another field.
+"""Modulation of a medium by other expressions: gates, and colours of another field.
 
-Over a panel of a ray the mean of shape times modulation is taken with three values of the latter:
-at both ends, and where the shape has its centre of mass. With the weights that follow from the
+The mean of shape times modulation over a panel uses three values of the modulation: at both ends,
+and at the centre of mass of the shape. With the weights that follow from the
 shape's width this is exact for modulations that are quadratic along the panel, for shells much
 thinner than the panel, and Simpson's rule where the shape is constant.
 """
@@ -37,13 +37,13 @@ _DOUBT = 0.25
 
 @dataclass
 class Factors:
-    """What multiplies the emissivity of each channel, and the extinction."""
+    """Factors of the emissivity per channel, and of the extinction."""
 
     emission: list[Float]
     gate: Float
 
     def times(self, found: MediumSample) -> MediumSample:
-        """Return modulated coefficients; zero where the factor is, whatever the coefficient."""
+        """Return modulated coefficients; zero where the factor is zero, even if they are NaN."""
         return MediumSample(
             [_product(f, j) for f, j in zip(self.emission, found.emissivity, strict=True)],
             [_product(self.gate, a) for a in found.extinction],
@@ -53,12 +53,12 @@ class Factors:
 def modulated(
     color: Any, where: Any, shade: Shade | None = None
 ) -> tuple[tuple[float, ...], Modulation]:
-    """Return the numbers to multiply with per channel, and what varies.
+    """Return the constant factors per channel, and the modulation.
 
     Parameters
     ----------
     color : float, sequence, str or ColorBy
-        What the user gave.
+        The user's argument.
     where : str, float, Expression or None
         As for `Modulation`.
     """
@@ -71,7 +71,7 @@ def modulated(
 def modulated_colors(
     color: Any, where: Any, count: int
 ) -> tuple[tuple[tuple[float, ...], ...], Modulation]:
-    """Return one colour per level, and what varies them."""
+    """Return one colour per level, and the modulation."""
     if isinstance(color, ColorBy):
         row, modulation = modulated(color, where)
         return (row,) * count, modulation
@@ -97,7 +97,7 @@ class Modulation:
     Attributes
     ----------
     fixed : bool
-        True if there is neither: everything is multiplied with one.
+        True if there is no modulation: all factors are one.
     names : tuple of str
         The fields it depends on.
     """
@@ -113,31 +113,31 @@ class Modulation:
 
     @property
     def painted(self) -> bool:
-        """Whether emission is multiplied with other numbers than extinction."""
+        """Whether emission and extinction have different factors."""
         return self.color is not None or self.shade is not None
 
     @property
     def stepped(self) -> bool:
-        """Whether the gate is open or closed, and nothing between."""
+        """Whether the gate is a step, either open or closed."""
         return self.where is not None and self.where.stepped
 
     @property
     def sensitivity(self) -> float:
-        """How much more closely fields are to be known than without it; see `Medium`."""
+        """Factor on the error of fields; see `Medium.sensitivity`."""
         return SENSITIVITY if self.stepped else 1.0
 
     @property
     def even(self) -> bool:
-        """Whether there is nothing but a gate that is open or closed, if that."""
+        """Whether there is no modulation except possibly a step gate."""
         return not self.painted and (self.where is None or self.stepped)
 
     @property
     def soft(self) -> bool:
-        """Whether the gate has no kinks but where it is open or closed."""
+        """Whether the gate has kinks only where it becomes open or closed."""
         return self.where is not None and self.where.smooth and not self.where.partial
 
     def discontinuities(self, context: Context) -> list[Level]:
-        """Return where the gate opens and closes; of a soft one where it begins and ends to."""
+        """Return the levels where the gate opens and closes, or a soft gate begins or ends to."""
         if self.where is None:
             return []
         zero, one = (context.kept_number(v) for v in (0.0, 1.0))
@@ -176,11 +176,11 @@ class Modulation:
     def means(
         self, found: MediumSample, panel: Panel, context: Context, middle: Middle
     ) -> MediumSample:
-        """Return mean coefficients over a panel, modulated where their mass is."""
+        """Return mean coefficients over a panel, modulated at their centre of mass."""
         return found if self.fixed else self.factors(panel, context, middle).times(found)
 
     def factors(self, panel: Panel, context: Context, middle: Middle) -> Factors:
-        """Return the mean factors over a panel for a shape with its mass at a place."""
+        """Return the mean factors over a panel for a shape with this centre of mass."""
         first, last = (self.at_node(panel.stretch, s, context) for s in (panel.first, panel.last))
         here = self._there(panel.stretch, panel.fields(middle.place), context)
         spread, place = middle.spread, middle.place
@@ -206,7 +206,7 @@ class Modulation:
             seen = seen & (self._middle(stretch, context) > 0.0)
             return seen, seen & hidden
         possible = _possible(self.where, stretch)
-        # Also where ends show the change: two panels may agree on the wrong side of an edge.
+        # Also where ends show the change: step doubling may place an edge on the wrong side.
         doubtful = possible.hi - possible.lo > _DOUBT
         if self.where.partial:
             doubtful &= ~self._undecided(stretch)
@@ -214,13 +214,13 @@ class Modulation:
         return seen, seen & (hidden | doubtful)
 
     def open(self, stretch: Stretch, seen: Mask) -> Mask:
-        """Return where something is seen for which the gate may be open."""
+        """Return where the medium is seen and the gate may be open."""
         return seen if self.where is None else seen & (_possible(self.where, stretch).hi > 0.0)
 
     def _undecided(self, stretch: Stretch) -> Mask:
-        """Return where single places are as doubtful, as of ``1/density > 3`` in a vacuum.
+        """Return where even single places are undecided, such as ``1/density > 3`` in a vacuum.
 
-        Narrower panels tell no more: a picture of 64 x 64 pixels took two minutes.
+        Narrower panels do not help: a picture of 64 x 64 pixels took two minutes.
         """
         assert self.where is not None
         here = [_defined_unit(found) for found in at_places(stretch, self.where)]
@@ -231,16 +231,16 @@ class Modulation:
         return True if self.where is None else self.gate(fields, context).hi > 0.0
 
     def key(self) -> tuple[Any, ...]:
-        """Return what identifies it."""
+        """Return a hashable value that identifies it."""
         color = self.color.key() if self.color else None
         return (self.gate_key(), color, self.shade.key() if self.shade else None)
 
     def gate_key(self) -> str | None:
-        """Return what `visible_in` depends on."""
+        """Return a key of all that `visible_in` depends on."""
         return self.where.text if self.where else None
 
     def described(self) -> dict[str, Any]:
-        """Return what a medium says of itself besides its own: plain values."""
+        """Return the modulation's part of `Medium.describe`: plain values."""
         color = {"color": self.color.describe()} if self.color else {}
         shade = self.shade.describe() if self.shade else {}
         return {**color, **shade, **({"where": self.where.text} if self.where else {})}
@@ -266,7 +266,7 @@ class Modulation:
         return [gate, *(gate * c for c in paint)]
 
     def at_place(self, fields: dict[str, Any], context: Context) -> list[Float]:
-        """Return the gate, then what multiplies each channel, at a place with these fields."""
+        """Return the gate, then the factor of each channel, at a place with these fields."""
         if self.fixed:
             return [context.narrow(context.real(1.0))] * (self.channels + 1)
         gate, *paint = self._factors(fields, context)
@@ -279,7 +279,7 @@ class Modulation:
         )
 
     def switched(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return one where the gate is open on a stretch, else zero; and where it may be both."""
+        """Return 1 where the gate is open on a stretch, else 0; and where it may be both."""
         if self.where is None:
             return type(stretch.length)(1.0), stretch.length < 0.0
         if self._decided(stretch):
@@ -288,7 +288,7 @@ class Modulation:
         return context.narrow(possible.hi), possible.lo < possible.hi
 
     def _decided(self, stretch: Stretch) -> bool:
-        """Return whether the gate is everywhere on a stretch what it is in the middle."""
+        """Return where the gate has the same state on the whole stretch as in the middle."""
         return self.stepped and stretch.edgeless
 
     def _there(self, stretch: Stretch, fields: dict[str, Any], context: Context) -> list[Float]:

@@ -1,9 +1,9 @@
 """Piecewise-linear tables inside kernels: values, and exact means between two places.
 
 The mean of a column c between x₀ and x₁ is ∫ c dx / (x₁ - x₀). Integrals between nodes are
-differences of a cumulative table. So that no digits are lost, it is kept as sums of two numbers,
-of which the large ones are subtracted first, and what lies between an end and the next node is
-added to it, never a difference of such pieces.
+differences of a cumulative table. To avoid cancellation its entries are sums of two numbers, the
+larger of which are subtracted first; the pieces between an end and the next node are added, never
+subtracted from each other.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..backend.functions import first_true, precision_of
 from ..backend.types import Float, Mask
 from .stretch import Middle
 
-# Nodes this near to evenly spaced ones, in spacings, are found by arithmetic and one correction.
+# Nodes this close to evenly spaced ones, in spacings, are located by arithmetic and one correction.
 _EVEN = 0.4
 # In units of the range of the nodes; beyond, x is as good as infinite.
 _FAR = {"single": 1e37, "double": 1e300}
@@ -76,7 +76,7 @@ class PiecewiseLinear:
         self.last = dr.opaque(self.UInt, len(nodes))
         rounded = nodes.astype(dtype)
         self.pieces = Rows(real, _pieces(nodes, rounded))
-        # Per interval: what the columns begin and end with.
+        # Per interval: the columns' values at both ends.
         self.before = Rows(real, np.concatenate([columns[:1], columns]))
         self.after = Rows(real, np.concatenate([columns, columns[-1:]]))
         areas = np.diff(nodes)[:, None] * 0.5 * (columns[1:] + columns[:-1])
@@ -189,14 +189,14 @@ class Rows:
 
 
 class Sums:
-    """Sums of what lies between nodes, from any node to any later one.
+    """Sums of integrals between nodes, from any node to any later one.
 
     Parameters
     ----------
     real : type
         Dr.Jit float type.
     steps : array, shape (n - 1, m)
-        What lies between neighbouring nodes.
+        Integrals between neighbouring nodes.
     """
 
     def __init__(self, real: Any, steps: np.ndarray) -> None:
@@ -226,7 +226,7 @@ def _packet(real: Any, width: int) -> Any:
 def _pieces(nodes: np.ndarray, rounded: np.ndarray) -> np.ndarray:
     """Return per interval its ends, 1/width, and its true width over that of the rounded ends.
 
-    The last keeps the integral over a spike what it is, though its ends cannot be told apart well.
+    The last preserves the integral over a spike whose ends are nearly equal after rounding.
     """
     low = np.concatenate([rounded[:1], rounded])
     high = np.concatenate([rounded, rounded[-1:]])

@@ -1,12 +1,12 @@
-"""Means over a stretch on which a medium is smooth, from a few samples: how far they are off.
+"""Means over a stretch on which a medium is smooth, from a few samples, with error estimates.
 
 Shapes whose sixth derivative is known take four nodes, both ends among them, which are exact for
 polynomials of degree five (Lobatto's rule; Abramowitz & Stegun 1964, 25.4.32); where that is not
 enough, eight of Gauss and Legendre, the error of which follows from how large the shape is in the
 complex plane around the stretch (Trefethen 2008, SIAM Review 50, 67). Piecewise-linear tables take
-two nodes of Gauss and Legendre (`table_bends`). Of other smooth functions
-nothing is known: five nodes of Lobatto's rule (degree seven) are compared with the three of
-Simpson's (degree three) among them.
+two Gauss-Legendre nodes (`table_bends`). Other smooth functions have no bounds: five
+nodes of Lobatto's rule (degree seven) are compared with the three of Simpson's rule (degree
+three) among them.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ class Sampled:
     mean : array or MediumSample
         The mean.
     first, last : array or MediumSample
-        What it begins and ends with, or a line through the samples does.
+        Values at both ends, of the function or of a line through the samples.
     off : array or MediumSample
-        How far the mean may be off; infinite where nothing is known.
+        Error of the mean; infinite where it is unknown.
     """
 
     mean: Float
@@ -72,8 +72,8 @@ class Sampled:
 def compared(values: list[Float]) -> Sampled:
     """Return the mean of a function with these values at five nodes, its ends, and the error.
 
-    The latter is the difference of two rules, of which the better is used: in truth it is off by
-    far less, unless both agree by accident, as they do about a step at some places.
+    The error is the difference of two rules, the better of which gives the mean. The true error is
+    far smaller, unless both agree by accident, as they do for a step at some places.
     """
     first, second, middle, fourth, last = values
     ends, inner = first + last, second + fourth

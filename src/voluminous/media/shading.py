@@ -1,4 +1,4 @@
-"""Shading of media: emission modulated by how the gradient lies in the light.
+"""Shading of media: emission modulated by the angle between gradient and light.
 
 Not radiative transfer but an illustration, as in direct volume rendering (Levoy 1988): the emission
 is multiplied with ``1 - s + s Σ w |n·l|``, n the direction of the gradient, l the lights, Σ w = 1.
@@ -193,9 +193,9 @@ class Shade:
         return {"shading": self.share, **described_lights(self.lights)}
 
 
-# What the cosine of ray and normal may change by within a panel.
+# Largest change of the cosine between ray and normal within a panel.
 _TURN = 0.1
-# What a curve may be off by between two places of Gauss and Legendre, of its second difference.
+# Error of two Gauss-Legendre nodes, as a fraction of the second difference.
 _CURVED = 0.125
 
 
@@ -218,10 +218,10 @@ class Lamp:
     lights: tuple[Light, ...] = ((HEADLIGHT, 1.0),)
 
     def shade(self, panel: Panel, context: Context, middle: Middle) -> Any:
-        """Return how bright a surface of some width looks on a panel.
+        """Return the light factor of a surface of finite width on a panel.
 
-        The mean of two places (Gauss-Legendre) in what the panel has of it: the normal turns in it,
-        whether that is a small part of the panel or all of it.
+        It is the mean of two Gauss-Legendre nodes within the surface, in which the normal turns
+        even if the surface fills only a small part of the panel.
         """
         if self.shading == 0:
             return 1.0
@@ -234,16 +234,16 @@ class Lamp:
         return 1.0 - share + 0.5 * share * (first + last)
 
     def light(self, fields: dict[str, Any], stretch: Stretch, context: Context) -> Float:
-        """Return how bright the surface looks at a place of a stretch, with these fields."""
+        """Return the light factor of the surface at a place of a stretch, with these fields."""
         if self.shading == 0:
             return 1.0
         share = self._share(context)
         return 1.0 - share + share * self._cosine(fields, stretch, context)
 
     def off(self, stretch: Stretch, context: Context) -> Float:
-        """Return the relative error of the light in a surface with a width.
+        """Return the relative error of the light in a surface of finite width.
 
-        A panel and its halves look at the same places where the surface is all in one of them.
+        Step doubling misses it: if the surface is inside one half, the nodes are the same.
         """
         if self.shading == 0:
             return stretch.length * 0.0

@@ -1,4 +1,4 @@
-"""Tables on a stretch of ray: where they show, and what panels may not show of them."""
+"""Media given by tables: visibility on a ray segment, means, and errors that panels do not show."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ if TYPE_CHECKING:
     from .stretch import Panel, Stretch
 
 
-# Emission and extinction that differ by less, as parts of their peaks, vary alike.
+# Emission and extinction are proportional if they differ by less than this, relative to the peaks.
 _EVEN = 1e-9
-# Half of how far apart the ends of a stretch are, over the distance of two samples.
+# Half the distance of the ends of a stretch, over the distance of two samples.
 _TO_ENDS = 0.5 / (PAIR[1] - PAIR[0])
 
 
-# Structures are looked at in classes of width, each so much wider than the one before.
+# Structures are grouped in classes of width; ratio of one class to the next.
 _CLASS, _CLASSES = 8.0, 3
-# So many jumps are looked for exactly, the largest: each takes its part of every kernel.
+# Most jumps for which crossings are searched, the largest first: each adds to every kernel.
 _JUMPS = 4
-# Control points that stick out by this part of a structure's width call for smaller panels.
+# Control points that exceed the nodes by this part of a structure's width need smaller panels.
 _DOUBT = 0.25
-# What is left of that where x only just reaches what shows.
+# Factor on that where x only just reaches a visible entry.
 _REACHED = 2.0**-8
 # A structure is a ramp up and one down.
 _RAMPS = 2.0
@@ -61,18 +61,18 @@ _RAMPS = 2.0
 
 @dataclass
 class _Parts:
-    """What a table shows, as numbers of a kernel.
+    """Visible ranges of a table as kernel constants.
 
     Attributes
     ----------
     first, last : array
-        Between which x it may be noticeable.
+        Range of x in which it may be noticeable.
     begin, end : array
-        Between which x it varies.
+        Range of x in which it varies.
     structures : list of three arrays
-        Of each: by how much x may go unseen, and between which x it is; the narrowest first.
+        For each: the allowed unseen change of x, and its range of x; the narrowest first.
     jumps : list of arrays
-        Where entries jump.
+        The x at which entries jump.
     """
 
     first: Float
@@ -98,13 +98,14 @@ class Table(Medium):
     opacities : array_like, shape (n,), (n, channel) or a number
         Extinction h_α at these values.
     path_length : float, Quantity or "auto", default "auto"
-        Length to which colours and opacities refer; ``"auto"`` as in `Gaussian`, for the width of
-        all that is opaque (or, where nothing is, bright) in the volume's range of x.
+        Length to which colours and opacities refer; ``"auto"`` as in `Gaussian`, for the total
+        width of the opaque (or, if there are none, bright) entries in the volume's range of x.
     where : str, optional
         As in `Gaussian`.
     shading : float
-        0 (default): none, as radiative transfer has it. Up to 1: that part of the emission goes
-        with the cosine between a light and the gradient of x; the rest is ambient. An illustration.
+        0 (default): none, as in radiative transfer. Up to 1: that part of the emission is
+        proportional to the cosine between a light and the gradient of x; the rest is ambient. An
+        illustration.
     lights : list, optional
         Of ``"headlight"`` (the default, a light at the camera), directions (x, y, z) towards a
         light, or pairs of one of these and its relative intensity.
@@ -179,7 +180,7 @@ class Table(Medium):
 
     def features(self) -> tuple[Feature, ...]:
         steps = np.diff(self.values)
-        # None if there is nothing but a jump: 0, no difference is too small.
+        # Without structures there are only jumps: the width is 0.
         least = float(steps[steps > 0].min()) if np.any(steps > 0) else 0.0
         width = least if self.unit is None else least * self.unit
         return (Feature(self.expr, width, scalar=True), *self.modulation.features())
@@ -212,10 +213,7 @@ class Table(Medium):
         return self.modulation.even and self.expr.smooth and not jumps
 
     def sampled(self, stretch: Stretch, context: Context, *, fine: bool = False) -> Sampled:
-        """Return the means of j and α over a stretch from samples; see `Medium.sampled`.
-
-        Two of them are exact for the lines between nodes; see `table_bends`.
-        """
+        """Return the means of j and α from two samples, exact between nodes; see `table_bends`."""
         if not self._smooth:
             return super().sampled(stretch, context)
         low, high = (context.narrow(x) for x in stretch.hull(self.expr))
@@ -232,7 +230,7 @@ class Table(Medium):
         heights = [h * gate for h in self.heights(context)]
         columns = (table.values(x)[: len(heights)] for x in samples)
         a, b = ([h * v for h, v in zip(heights, own, strict=True)] for own in columns)
-        # The line through both samples: √3 of their difference is that of its ends.
+        # The line through both samples: its ends differ by √3 times their difference.
         middle = [0.5 * (p + q) for p, q in zip(a, b, strict=True)]
         lean = [_TO_ENDS * (q - p) for p, q in zip(a, b, strict=True)]
         start, end = (
@@ -276,7 +274,7 @@ class Table(Medium):
 
     @property
     def even(self) -> bool:
-        """Whether what is in front of what makes no difference."""
+        """Whether the depth order does not matter."""
         shown = np.flatnonzero(np.abs(self.rows).max(axis=0))
         absorbs = bool((shown >= self.channels).any())
         return not absorbs or bool(np.ptp(self.shape[:, shown], axis=1).max() < _EVEN)
@@ -303,7 +301,7 @@ class Table(Medium):
         return TableMiddles(real, self.nodes(context), self._weight)
 
     def _place(self, stretch: Stretch, s: float, context: Context) -> Place:
-        """Return where x lies in the table at an end or in the middle of a stretch."""
+        """Return the place of x in the table at an end or in the middle of a stretch."""
 
         def make() -> Place:
             x = context.narrow(stretch.scalar(self.expr, s))
@@ -315,7 +313,7 @@ class Table(Medium):
         return length_in(self.path_length, context.unit)
 
     def heights(self, context: Context) -> list[Float]:
-        """Return the peak of each column in the units of `means`, as numbers of a kernel."""
+        """Return the peak of each column in the units of `means`, as kernel constants."""
 
         def make() -> list[Float]:
             length = self._length(context)
@@ -369,7 +367,7 @@ class Table(Medium):
         }
 
     def _described_values(self) -> list[Float]:
-        """Return the values of x as plain ones: with a unit, if they have one, as texts."""
+        """Return the values of x as plain numbers, or as texts if they have a unit."""
         numbers: list[float] = self.values.tolist()
         return numbers if self.unit is None else [named(n * self.unit) for n in numbers]
 
@@ -379,7 +377,7 @@ class Table(Medium):
         return {"colors" if key == "color" else key: value for key, value in told.items()}
 
     def visible(self, stretch: Stretch, context: Context) -> tuple[Mask, Mask]:
-        """Return where an entry may be noticeable, and where a panel's ends may not show that."""
+        """Return where an entry may be noticeable, and where a panel's ends may miss that."""
         low, high = (context.narrow(x) for x in stretch.hull(self.expr))
         below, above = extremes([context.narrow(x) for x in stretch.nodes(self.expr)])
         parts = self._kernel_numbers(context, type(low))
@@ -397,13 +395,13 @@ class Table(Medium):
                 found = self._looked_up(parts, stretch, context)
                 hidden |= seen & found.lost(self.modulation, stretch, context)
         for edge in parts.jumps:
-            # However little it goes beyond a jump, what is there counts.
+            # Any excess beyond a jump counts, however small.
             possible, shown = passes(stretch, self.expr, edge)
             hidden |= seen & (possible > shown)
         return self.modulation.visible(stretch, context, seen, hidden)
 
     def sharpness(self, stretch: Stretch, context: Context) -> tuple[Float, Float]:
-        """Return how thin the narrowest structure is, and what bends of x may do to it."""
+        """Return how unresolved the narrowest structure is, and its error by curvature of x."""
         real = type(context.narrow(stretch.scalar(self.expr, 0.0)))
         parts = self._kernel_numbers(context, real)
         if not parts.structures:  # the same everywhere
@@ -416,7 +414,7 @@ class Table(Medium):
         return thinness(stretch, self.expr, narrowness, context.narrow), off
 
     def cores(self, stretch: Stretch, context: Context) -> list[Float]:
-        """Return how many structures are in each half; of several classes of width the most."""
+        """Return the number of structures in each half, the largest over all classes of width."""
         nodes = [context.narrow(x) for x in stretch.nodes(self.expr)]
         parts = self._kernel_numbers(context, type(nodes[0]))
         counts = []
@@ -446,7 +444,10 @@ class Table(Medium):
         return context.keep((id(self), "parts"), make)
 
     def _entered(self, parts: _Parts, stretch: Stretch) -> Mask:
-        """Return where x reaches what shows, and no end does: of an opaque table little is much."""
+        """Return where x reaches visible entries, but neither end does.
+
+        In an opaque table even a small excess matters.
+        """
         low, high = stretch.hull(self.expr)
         below, above = extremes(stretch.nodes(self.expr))
         noise = NOISE[precision_of(type(low))] * extremes([dr.abs(low), dr.abs(high)])[1]
@@ -456,7 +457,7 @@ class Table(Medium):
         )
 
     def _looked_up(self, parts: _Parts, stretch: Stretch, context: Context) -> LookedUp:
-        """Return the narrowest structure as a shell in which colours and a gate are looked up."""
+        """Return the narrowest structure as a shell in which colours and a gate are evaluated."""
         doubt, low, high = parts.structures[0]
         narrowness = _DOUBT / doubt
         extent = extent_of(
@@ -473,7 +474,7 @@ class Table(Medium):
 
 
 def visible_range(nodes: np.ndarray, columns: np.ndarray, faint: float) -> tuple[float, float]:
-    """Return between which x an entry may exceed `faint`; (∞, -∞) if none does.
+    """Return the range of x in which an entry may exceed `faint`; (∞, -∞) if none does.
 
     Parameters
     ----------
@@ -482,7 +483,7 @@ def visible_range(nodes: np.ndarray, columns: np.ndarray, faint: float) -> tuple
     columns : array, shape (n, m)
         The entries, at most one.
     faint : float
-        What may be neglected.
+        The largest negligible magnitude.
     """
     seen = np.flatnonzero((np.abs(columns) > faint).any(axis=1))
     if not len(seen):
@@ -497,9 +498,9 @@ def visible_range(nodes: np.ndarray, columns: np.ndarray, faint: float) -> tuple
 def structures(nodes: np.ndarray, columns: np.ndarray) -> list[tuple[float, float, float]]:
     """Return width, least and greatest x of the table's structures, the narrowest first.
 
-    The width of a piece between two nodes is how far x goes, at its rate, for a change of one; a
-    jump at an end counts as change. Pieces of similar width are one structure, whose ends are those
-    of its pieces.
+    The width of a piece between two nodes is the change of x, at its rate, per unit change of the
+    entries; a jump at an end counts as change. Pieces of similar width form one structure, from the
+    first to the last of them.
     """
     steps = np.diff(nodes)
     jumps = np.abs(np.diff(columns, axis=0)).max(axis=1)
@@ -518,7 +519,7 @@ def structures(nodes: np.ndarray, columns: np.ndarray) -> list[tuple[float, floa
 
 
 def jumps(nodes: np.ndarray, columns: np.ndarray) -> list[float]:
-    """Return where entries jump, at two equal nodes: the largest of these jumps first."""
+    """Return the x at which entries jump (two equal nodes), the largest jump first."""
     change = np.where(np.diff(nodes) > 0, 0.0, np.abs(np.diff(columns, axis=0)).max(axis=1))
     largest = np.argsort(-change, kind="stable")[:_JUMPS]
     return [float(nodes[k]) for k in largest if change[k] > 0]

@@ -1,12 +1,12 @@
-"""How far two samples are from the mean of a piecewise-linear table along a stretch of ray.
+"""Error bounds of two-sample means of a piecewise-linear table along a ray segment.
 
-Two bounds, of which the smaller counts. Where few nodes are passed: how much the table bends at
-each, as if no other were near. Where many are: how far the table is from a cubic polynomial P over
-a window of its intervals. With R for the largest distance, the samples are off by 2 R at most, and
-by what they are off for P(x(s)): two nodes of Gauss and Legendre are exact for cubics, and the
-fourth derivative follows from those of P and x (chain rule, Faà di Bruno's formula).
+The smaller of two bounds is used. For few nodes passed: the change of slope of the table at each
+node, treated separately. For many: the distance of the table from a cubic polynomial P over a
+window of its intervals. With R the largest distance, the error is at most 2 R plus the error for
+P(x(s)): two Gauss-Legendre nodes are exact for cubics, and the fourth derivative follows from those
+of P and x (chain rule, Faà di Bruno's formula).
 
-Where x is no cubic, what two samples of x itself miss counts with the steepest slope.
+If x is not a cubic, the error of two samples of x itself is added, times the steepest slope.
 
 Bends of colormaps are even: in turbulent fields pictures take 0.45 of the time. Polynomials of
 higher degree are nearer, but their derivatives are larger: bounds were, too.
@@ -21,9 +21,9 @@ from ..backend.types import Float
 from .piecewise_linear import PiecewiseLinear, Rows
 from .sampled import PAIR
 
-# What is off for a bend of one: half the square of the first place (Peano's kernel).
+# Error for a change of slope of 1: half the square of the first place (Peano kernel).
 BEND = 0.5 * PAIR[0] ** 2
-# What is off for a fourth derivative of one.
+# Error for a fourth derivative of 1.
 _FOURTH = 1 / 4320
 # Tables of more entries have no polynomials: half a second for as many.
 _MOST = 2**16

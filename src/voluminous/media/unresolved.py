@@ -1,8 +1,8 @@
-"""The colour of thin shells that absorb: more of their front is seen than of their back.
+"""Errors of unresolved shells: curvature of the scalar, and colour varying across an opaque shell.
 
-A panel takes the colour in the middle of a shell. Where the colour varies across the shell, and the
-shell is opaque, that is off; a panel and its halves do not show it while the shell lies within one
-of them, and agree about where its middle is.
+A panel uses the colour in the middle of a shell, but the front of an absorbing shell is seen better
+than its back. If the colour varies across an opaque shell, this is an error that step doubling does
+not detect while the shell lies within one half.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def slope_factor(panel: Panel, expr: Expression, place: Float, narrow: Any) -> F
 
 
 def _kinked(stretch: Stretch, expr: Expression) -> Mask:
-    """Return where a scalar may have a kink, which is no parabola.
+    """Return where a scalar may have a kink, which a parabola cannot represent.
 
-    A panel and its halves would agree about one beside an end, all of them wrong.
+    Step doubling does not detect a kink beside an end.
     """
     _, _, bow = stretch.spread(expr)
     return ~(bow < dr.inf)
@@ -68,23 +68,22 @@ def _kinked(stretch: Stretch, expr: Expression) -> Mask:
 def bend(
     stretch: Stretch, expr: Expression, narrowness: Any, offset: Float, low: Float, high: Float
 ) -> Float:
-    """Return the relative error that the bends of a scalar may make in a thin shell on a stretch.
+    """Return the relative error by curvature of a scalar for a thin shell on a stretch.
 
-    From the cubic part of the scalar (the third difference of its control points), which two halves
-    and the whole may agree about by accident: a quadratic through the nodes misses half of it in
-    slope; eight times that, since where a ray grazes a shell little is known of the slope there
-    (of 1600 rays through a thin shell of a smooth field 0.8 % are then off by more than is said,
-    1.3 % with a quarter of it).
-    Zero for shells much wider than the change of the scalar.
+    It follows from the cubic part of the scalar (the third difference of its control points), which
+    step doubling may miss by accident: a quadratic through the nodes misses half of it in slope.
+    The result is eight times that, since the slope is uncertain where a ray grazes a shell (of 1600
+    rays through a thin shell of a smooth field 0.8 % then exceed the estimate, 1.3 % with a quarter
+    of it). It is zero for shells much wider than the change of the scalar.
 
     Parameters
     ----------
     narrowness : array
         One over the width of the shell.
     offset : callable
-        Returns how far values of the scalar are from the shell's centre.
+        Returns the distance of a value of the scalar from the shell's centre.
     low, high : array
-        Between which offsets the shell is seen.
+        Range of offsets in which the shell is seen.
     """
     controls = stretch.controls(expr)
     b0, b1, b2, b3 = (offset(x) for x in controls)
@@ -108,7 +107,7 @@ def bend(
 
 
 def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -> Float:
-    """Return how thin a shell is compared with the halves of a stretch: 0 (wide) to 1."""
+    """Return the thinness of a shell relative to the halves of a stretch: 0 (wide) to 1."""
     nodes = stretch.nodes(expr)
     first, last = (dr.abs(narrow(b - a)) for a, b in ((nodes[0], nodes[1]), (nodes[1], nodes[2])))
     wide = dr.select(first > last, first, last) * narrowness
@@ -116,14 +115,14 @@ def thinness(stretch: Stretch, expr: Expression, narrowness: Any, narrow: Any) -
     return dr.select(thin < 1.0, thin, 1.0)
 
 
-# What is seen of a slab of optical depth τ comes from τ/12 of its thickness before its middle on
-# average, and from half of it at most.
+# On average the visible emission of a slab of optical depth τ comes from τ/12 of its thickness in
+# front of its middle, and from at most half of it.
 _PER_DEPTH = 1.0 / 12.0
 _MOST = 0.5
 
 
 def extent_of(values: list[Float], thickness: Any) -> Float:
-    """Return what part of the steeper half of a stretch a shell takes, from a scalar at nodes."""
+    """Return the part of the steeper half of a stretch that a shell fills."""
     a, b, c = values
     rise = extremes([dr.abs(b - a), dr.abs(c - b)])[1]
     return dr.select(rise > 0.0, thickness / dr.select(rise > 0.0, rise, 1.0), dr.inf)
@@ -132,12 +131,12 @@ def extent_of(values: list[Float], thickness: Any) -> Float:
 def unseen_change(
     modulation: Modulation, stretch: Stretch, context: Context, extent: Float, depth: Float
 ) -> Float:
-    """Return the relative error of a shell's emission that its own absorption may make.
+    """Return the relative error of a shell's emission by self-absorption.
 
     Parameters
     ----------
     extent : array
-        What part of a half of the stretch the shell takes. More than all of it counts as all.
+        The part of a half of the stretch that the shell fills, limited to 1.
     depth : array
         Its optical depth in a half.
     """
@@ -168,8 +167,8 @@ def change_across(nodes: list[list[Any]], extent: Float, depth: Float) -> Float:
     return dr.select(off < 1.0, off, 1.0)
 
 
-# How far a parabola is from the line through two of its points, of the second difference of these
-# and a third, as far away; and what u³ has of that more in the second half of a stretch.
+# Distance of a parabola from its chord, as a fraction of the second difference; and the excess of
+# u³ over that in the second half of a stretch.
 _SAG, _CUBIC = 0.125, 0.1
 # Second differences below this fraction of a scalar may be nothing but rounding.
 _UNSEEN_PLACE_NOISE = {"single": 2e-6, "double": 4e-15}
@@ -186,23 +185,23 @@ def misplaced_change(
     ranges: Any,
     thin: Any,
 ) -> tuple[Float, Float]:
-    """Return the relative error of what shells show that lie elsewhere than a line says.
+    """Return the relative error of factors evaluated where the chord, not the curve, meets a shell.
 
     Parameters
     ----------
     expr : Expression
-        What the shells are shells of.
+        The scalar of the shells.
     ranges : sequence of pairs of arrays
-        Between which of its values shells are seen.
+        Ranges of the scalar in which shells are seen.
     thin : array or float
-        How thin they are: the middle of a wide shell is where it is, whatever bends do.
+        Their thinness, from 0 to 1: curvature does not move the middle of a wide shell.
 
     Returns
     -------
     error : array
-        Of emission and extinction, as a part of them.
+        Relative error of emission and extinction.
     lost : array of bool
-        Where that says nothing, since hardly anything is found, and panels must be narrower.
+        Where the factors are too small for a relative error, so that panels must be narrower.
     """
     total, lost = stretch.length * 0.0, stretch.length < 0.0
     if modulation.fixed or isinstance(stretch, Straight):
@@ -256,13 +255,13 @@ class LookedUp:
     expr : Expression
         The scalar.
     ranges : list of pairs of arrays
-        Between which of its values they are seen.
+        Ranges of the scalar in which they are seen.
     thin : array or float
-        How thin they are, from 0 to 1: where the middle of a wide one is, bends do not matter.
+        Their thinness, from 0 to 1: curvature does not move the middle of a wide shell.
     extent : array
-        What part of the steeper half of the stretch one takes.
+        The part of the steeper half of the stretch that a shell fills.
     depth : array
-        Its optical depth in a half; zero where its colour cannot vary unseen.
+        Optical depth of a shell in a half; zero where its colour cannot vary unseen.
     """
 
     expr: Expression
@@ -272,12 +271,12 @@ class LookedUp:
     depth: Float
 
     def error(self, modulation: Modulation, stretch: Stretch, context: Context) -> Float:
-        """Return the relative error of emission and extinction that panels do not show."""
+        """Return the hidden relative error of emission and extinction."""
         misplaced, _ = self._misplaced(modulation, stretch, context)
         return misplaced + unseen_change(modulation, stretch, context, self.extent, self.depth)
 
     def lost(self, modulation: Modulation, stretch: Stretch, context: Context) -> Mask:
-        """Return where that says nothing, and panels must be narrower."""
+        """Return where the error estimate is invalid, so that panels must be narrower."""
         return self._misplaced(modulation, stretch, context)[1]
 
     def _misplaced(
@@ -286,22 +285,22 @@ class LookedUp:
         return misplaced_change(modulation, stretch, context, self.expr, self.ranges, self.thin)
 
 
-# What a structure wider than a panel counts, among those narrower.
+# The count of a structure wider than a panel, relative to a narrower one.
 WIDE = 0.75
 
 
 def core(there: Mask, narrow: Any, varies: bool, like: Any) -> Float:
-    """Return what a structure counts in a half of a stretch, see `Medium.cores`.
+    """Return the count of a structure in a half of a stretch, see `Medium.cores`.
 
     Parameters
     ----------
     there, narrow : arrays of bool
         Whether it is in the half, and narrower than that.
     varies : bool
-        Whether its colour does: a narrow one counts as two then, of which one is in front of the
-        other, and panels may agree about a mixture of both.
+        Whether its colour varies: a narrow one then counts as two, one in front of the other, whose
+        mixture step doubling may not detect.
     like : array
-        Of the type of the result.
+        An array of the type of the result.
     """
     own = dr.select(narrow, like * 0.0 + (2.0 if varies else 1.0), WIDE)
     return dr.select(there, own, 0.0)
